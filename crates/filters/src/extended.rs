@@ -1,0 +1,39 @@
+//! The extended Kalman filter: models linearised at the mean (Thrun et al. 2005, table 3.3).
+
+use nalgebra::SMatrix;
+use nalgebra::SVector;
+
+use crate::gaussian::symmetrised;
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
+
+/// `x <- f(x)`, `P <- F P F' + Q`.
+pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) {
+    let jacobian = process.jacobian(&belief.mean);
+    let noise = process.noise(&belief.mean);
+    belief.mean = process.predict(&belief.mean);
+    belief.covariance = symmetrised(jacobian * belief.covariance * jacobian.transpose() + noise);
+}
+
+/// Conditions the belief on a reading; the gain comes from a Cholesky solve and the covariance from Joseph's form
+/// `(I - K H) P (I - K H)' + K R K'`, which stays positive definite (Bucy and Joseph 1968).
+///
+/// # Errors
+/// [`Skipped`] leaves the belief as it was: no prediction at the mean, or a degenerate covariance.
+pub fn update<const N: usize, const M: usize>(
+    belief: &mut Gaussian<N>,
+    measurement: &impl Measurement<N, M>,
+    z: &SVector<f64, M>,
+) -> Result<Innovation<M>, Skipped> {
+    let expected = measurement.predict(&belief.mean).ok_or(Skipped::NoPrediction)?;
+    let h = measurement.jacobian(&belief.mean).ok_or(Skipped::NoPrediction)?;
+    let r = measurement.noise(&belief.mean);
+    let residual = measurement.residual(z, &expected);
+    let cross = h * belief.covariance;
+    let covariance = symmetrised(cross * h.transpose() + r);
+    let factor = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let gain = factor.solve(&cross).transpose();
+    belief.mean += gain * residual;
+    let keep = SMatrix::<f64, N, N>::identity() - gain * h;
+    belief.covariance = symmetrised(keep * belief.covariance * keep.transpose() + gain * r * gain.transpose());
+    Ok(Innovation::new(residual, covariance, &factor))
+}

@@ -1,0 +1,63 @@
+//! The Gaussian belief and what an update returns.
+
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
+
+/// A belief about a state: mean and covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gaussian<const N: usize> {
+    /// Mean `x`.
+    pub mean: SVector<f64, N>,
+    /// Covariance `P`, symmetric.
+    pub covariance: SMatrix<f64, N, N>,
+}
+
+impl<const N: usize> Gaussian<N> {
+    /// A belief with this mean and covariance.
+    pub fn new(mean: SVector<f64, N>, covariance: SMatrix<f64, N, N>) -> Self {
+        Self { mean, covariance }
+    }
+
+    /// Fading memory: old knowledge is trusted less by scaling the covariance by `alpha` >= 1 once a step
+    /// (Simon, *Optimal State Estimation*, 2006, section 7.4). The memory lasts `1 / (alpha - 1)` steps.
+    pub fn fade(&mut self, alpha: f64) {
+        self.covariance *= alpha;
+    }
+}
+
+/// What an update learnt: how far the reading lay from what was expected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Innovation<const M: usize> {
+    /// `y = z - h(x)`.
+    pub residual: SVector<f64, M>,
+    /// Covariance `S` of the residual.
+    pub covariance: SMatrix<f64, M, M>,
+    /// Normalised innovation squared, `y' S^-1 y`: chi-square with `M` degrees of freedom if the filter is consistent.
+    pub nis: f64,
+}
+
+impl<const M: usize> Innovation<M> {
+    pub(crate) fn new(
+        residual: SVector<f64, M>,
+        covariance: SMatrix<f64, M, M>,
+        factor: &Cholesky<f64, Const<M>>,
+    ) -> Self {
+        let nis = residual.dot(&factor.solve(&residual));
+        Self { residual, covariance, nis }
+    }
+}
+
+/// Why an update left the belief as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Skipped {
+    /// The measurement model has no prediction at the belief.
+    #[error("the measurement model has no prediction at the belief")]
+    NoPrediction,
+    /// A covariance is not positive definite.
+    #[error("a covariance is not positive definite")]
+    NotPositiveDefinite,
+}
+
+/// Rounding makes covariances unsymmetric, which grows from step to step; the mean of both halves stops it.
+pub(crate) fn symmetrised<const N: usize>(p: SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    (p + p.transpose()) * 0.5
+}

@@ -1,0 +1,58 @@
+//! What a filter needs to know of the world: how the state moves and what a reading says about it.
+
+use nalgebra::{SMatrix, SVector};
+
+/// Step of the central differences, relative to the larger of 1 and the component: the cube root of the machine's
+/// precision balances truncation against rounding.
+const RELATIVE_STEP: f64 = 6.055e-6;
+
+/// How the state moves from one instant to the next: `x' = f(x) + w`, `w ~ N(0, Q)`.
+pub trait Process<const N: usize> {
+    /// The state one step later, `f(x)`.
+    fn predict(&self, x: &SVector<f64, N>) -> SVector<f64, N>;
+
+    /// Covariance `Q` that the step adds.
+    fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N>;
+
+    /// `F = df/dx`; by central differences unless given.
+    fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let mut jacobian = SMatrix::<f64, N, N>::zeros();
+        for i in 0..N {
+            let (low, high, span) = bracket(x, i);
+            jacobian.set_column(i, &((self.predict(&high) - self.predict(&low)) / span));
+        }
+        jacobian
+    }
+}
+
+/// What a reading says about the state: `z = h(x) + v`, `v ~ N(0, R)`.
+pub trait Measurement<const N: usize, const M: usize> {
+    /// The reading expected at `x`, or nothing where the model does not know.
+    fn predict(&self, x: &SVector<f64, N>) -> Option<SVector<f64, M>>;
+
+    /// Covariance `R` of the reading at `x`.
+    fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, M, M>;
+
+    /// `H = dh/dx`; by central differences unless given.
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, M, N>> {
+        let mut jacobian = SMatrix::<f64, M, N>::zeros();
+        for i in 0..N {
+            let (low, high, span) = bracket(x, i);
+            jacobian.set_column(i, &((self.predict(&high)? - self.predict(&low)?) / span));
+        }
+        Some(jacobian)
+    }
+
+    /// Difference between a reading and the expected one; angles override it to wrap.
+    fn residual(&self, z: &SVector<f64, M>, expected: &SVector<f64, M>) -> SVector<f64, M> {
+        z - expected
+    }
+}
+
+fn bracket<const N: usize>(x: &SVector<f64, N>, i: usize) -> (SVector<f64, N>, SVector<f64, N>, f64) {
+    let step = RELATIVE_STEP * x[i].abs().max(1.0);
+    let (mut low, mut high) = (*x, *x);
+    low[i] -= step;
+    high[i] += step;
+    (low, high, high[i] - low[i])
+}

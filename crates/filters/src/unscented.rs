@@ -1,0 +1,124 @@
+//! The unscented Kalman filter: models evaluated at sigma points (Julier and Uhlmann 2004; scaled form of
+//! Wan and van der Merwe 2000).
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::gaussian::symmetrised;
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
+
+/// How far sigma points lie from the mean and how they are weighed.
+///
+/// With `lambda = alpha^2 (N + kappa) - N` the points lie `sqrt(N + lambda)` standard deviations out; the mean weighs
+/// `lambda / (N + lambda)`, in the covariance `1 - alpha^2 + beta` more, each other point `1 / (2 (N + lambda))`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Scale of the spread.
+    pub alpha: f64,
+    /// Prior knowledge of the distribution; 2 is best for a Gaussian.
+    pub beta: f64,
+    /// Secondary scale; `N + kappa` is the kurtosis that is matched, 3 for a Gaussian.
+    pub kappa: f64,
+}
+
+struct Weights {
+    reach: f64,
+    centre_mean: f64,
+    centre_covariance: f64,
+    other: f64,
+}
+
+impl Spread {
+    fn weights<const N: usize>(&self) -> Weights {
+        let n = N as f64;
+        let total = self.alpha * self.alpha * (n + self.kappa);
+        let centre_mean = (total - n) / total;
+        Weights {
+            reach: total.sqrt(),
+            centre_mean,
+            centre_covariance: centre_mean + 1.0 - self.alpha * self.alpha + self.beta,
+            other: 0.5 / total,
+        }
+    }
+}
+
+/// Columns of `sqrt((N + lambda) P)`: the sigma points are the mean and the mean plus and minus each.
+fn offsets<const N: usize>(belief: &Gaussian<N>, reach: f64) -> Result<SMatrix<f64, N, N>, Skipped> {
+    Ok(belief.covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?.l() * reach)
+}
+
+/// Carries the sigma points through the process.
+///
+/// # Errors
+/// [`Skipped::NotPositiveDefinite`] leaves the belief as it was.
+pub fn predict<const N: usize>(
+    belief: &mut Gaussian<N>,
+    process: &impl Process<N>,
+    spread: &Spread,
+) -> Result<(), Skipped> {
+    let weights = spread.weights::<N>();
+    let offsets = offsets(belief, weights.reach)?;
+    let noise = process.noise(&belief.mean);
+    let centre = process.predict(&belief.mean);
+    let high: [SVector<f64, N>; N] = std::array::from_fn(|i| process.predict(&(belief.mean + offsets.column(i))));
+    let low: [SVector<f64, N>; N] = std::array::from_fn(|i| process.predict(&(belief.mean - offsets.column(i))));
+
+    let mut mean = centre * weights.centre_mean;
+    for point in high.iter().chain(&low) {
+        mean += point * weights.other;
+    }
+    let deviation = centre - mean;
+    let mut covariance = deviation * deviation.transpose() * weights.centre_covariance + noise;
+    for point in high.iter().chain(&low) {
+        let deviation = point - mean;
+        covariance += deviation * deviation.transpose() * weights.other;
+    }
+    *belief = Gaussian::new(mean, symmetrised(covariance));
+    Ok(())
+}
+
+/// Conditions the belief on a reading, with sigma points drawn anew from the belief.
+///
+/// # Errors
+/// [`Skipped`] leaves the belief as it was: a sigma point without prediction, or a degenerate covariance.
+pub fn update<const N: usize, const M: usize>(
+    belief: &mut Gaussian<N>,
+    measurement: &impl Measurement<N, M>,
+    spread: &Spread,
+    z: &SVector<f64, M>,
+) -> Result<Innovation<M>, Skipped> {
+    let weights = spread.weights::<N>();
+    let offsets = offsets(belief, weights.reach)?;
+    let expect = |x: SVector<f64, N>| measurement.predict(&x).ok_or(Skipped::NoPrediction);
+    let centre = expect(belief.mean)?;
+    let mut high = [SVector::zeros(); N];
+    let mut low = [SVector::zeros(); N];
+    for i in 0..N {
+        high[i] = expect(belief.mean + offsets.column(i))?;
+        low[i] = expect(belief.mean - offsets.column(i))?;
+    }
+
+    // Deviations are taken from the centre's prediction through `residual`, so that wrapped readings average correctly.
+    let mut shift = SVector::<f64, M>::zeros();
+    for point in high.iter().chain(&low) {
+        shift += measurement.residual(point, &centre) * weights.other;
+    }
+    let deviation = -shift;
+    let mut covariance =
+        deviation * deviation.transpose() * weights.centre_covariance + measurement.noise(&belief.mean);
+    let mut cross = SMatrix::<f64, N, M>::zeros();
+    for i in 0..N {
+        let above = measurement.residual(&high[i], &centre) - shift;
+        let below = measurement.residual(&low[i], &centre) - shift;
+        covariance += (above * above.transpose() + below * below.transpose()) * weights.other;
+        cross += offsets.column(i) * (above - below).transpose() * weights.other;
+    }
+    let covariance = symmetrised(covariance);
+    let factor = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let gain = factor.solve(&cross.transpose()).transpose();
+    let residual = measurement.residual(z, &centre) - shift;
+    let posterior = symmetrised(belief.covariance - gain * covariance * gain.transpose());
+    // Unlike Joseph's form this difference can lose definiteness; then the reading is not worth the belief.
+    posterior.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    *belief = Gaussian::new(belief.mean + gain * residual, posterior);
+    Ok(Innovation::new(residual, covariance, &factor))
+}

@@ -1,0 +1,47 @@
+//! The same inputs give the same bytes, on one thread and on two.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use indicatif::ProgressBar;
+
+use super::{Claim, Context, Relation};
+use crate::evaluate::{EvaluateSettings, evaluate, read_rows};
+use crate::results::{SummaryRow, csv_bytes};
+
+pub(super) fn claims() -> Vec<Claim> {
+    vec![Claim {
+        id: "determinism".into(),
+        claim: "trials.csv and summary.csv (but for its timing column) of two runs, one thread and two: files that differ".into(),
+        unit: "files",
+        relation: Relation::AtMost,
+        bound: 0.0,
+        measure: Box::new(|context| {
+            let folder = tempfile::tempdir()?;
+            let one = tables(context, folder.path(), 1)?;
+            let two = tables(context, folder.path(), 2)?;
+            Ok(Some(one.iter().zip(&two).filter(|(one, two)| one != two).count() as f64))
+        }),
+    }]
+}
+
+/// The bytes of `trials.csv` and of `summary.csv` without timing, on this many threads.
+fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[Vec<u8>; 2]> {
+    let settings = EvaluateSettings {
+        name: format!("threads-{threads}"),
+        estimators: context.run.estimators.iter().map(|estimator| estimator.name.clone()).collect(),
+        config: Default::default(),
+        noise: context.run.noise.clone(),
+        seeds: context.run.seeds.iter().take(2).copied().collect(),
+        calibrations: context.dataset.calibrations(),
+        results: results.into(),
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let evaluated = pool.install(|| evaluate(&context.dataset, &settings, &ProgressBar::hidden()))?;
+    let trials = evaluated.folder.join("trials.csv");
+    let mut summary: Vec<SummaryRow> = read_rows(&evaluated.folder.join("summary.csv"))?;
+    for row in &mut summary {
+        row.step_ns = 0.0;
+    }
+    Ok([std::fs::read(&trials).with_context(|| trials.display().to_string())?, csv_bytes(&summary)?])
+}

@@ -1,0 +1,124 @@
+//! `whisker check`: whether a file is what it claims to be.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::bail;
+use serde_json::Value;
+use trace::{CalibrationFile, Outline, Suite, Trace, read_json};
+
+use super::python;
+use crate::results::Run;
+
+/// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Files, or folders of traces
+    #[arg(required = true)]
+    paths: Vec<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let mut failed = false;
+    for path in expanded(&arguments.paths)? {
+        match check(&path) {
+            Ok(what) => println!("{}: {what}", path.display()),
+            Err(error) => {
+                failed = true;
+                eprintln!("error: {error:#}");
+            }
+        }
+    }
+    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// The files themselves, and for a folder its CSV and JSON files; a trace and its sidecar count once.
+fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let mut inside = Vec::new();
+        for entry in std::fs::read_dir(path)? {
+            let file = entry?.path();
+            let is_json = file.extension().is_some_and(|extension| extension == "json");
+            let is_csv = file.extension().is_some_and(|extension| extension == "csv");
+            if is_csv || (is_json && !file.with_extension("csv").is_file()) {
+                inside.push(file);
+            }
+        }
+        if inside.is_empty() {
+            bail!("{}: no CSV or JSON files", path.display());
+        }
+        inside.sort();
+        files.extend(inside);
+    }
+    Ok(files)
+}
+
+fn check(path: &Path) -> anyhow::Result<String> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    if name.ends_with(".contour.csv") {
+        return Ok(format!("outline with {} vertices", Outline::read(path)?.vertices().len()));
+    }
+    if name.ends_with(".csv") {
+        return check_trace(path);
+    }
+    let value: Value = read_json(path)?;
+    match value.get("kind").and_then(Value::as_str) {
+        Some("trace") => check_trace(path),
+        Some("calibration") => {
+            let calibration = CalibrationFile::read(path)?;
+            let faces: Vec<String> = calibration
+                .faces
+                .iter()
+                .map(|face| {
+                    let share = 100.0 * face.heldout_rms_n_m / face.largest_reading_n_m;
+                    format!("{} (held-out RMS {share:.3} % of the largest reading)", face.face.name())
+                })
+                .collect();
+            Ok(format!("calibration of `{}`: {}", calibration.whisker.name, faces.join(", ")))
+        }
+        Some("run") => {
+            let run: Run = read_json(path)?;
+            Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
+        }
+        Some(other) => bail!("{}: kind: found `{other}`, expected trace, calibration or run", path.display()),
+        None if value.get("scenes").is_some() => {
+            let suite = Suite::read(path)?;
+            let traces = suite.trace_names(path)?.len();
+            check_scene(path)?;
+            Ok(format!("suite `{}` of {traces} traces", suite.name))
+        }
+        None => {
+            check_scene(path)?;
+            Ok("scene".into())
+        }
+    }
+}
+
+fn check_trace(path: &Path) -> anyhow::Result<String> {
+    let trace = Trace::read(path)?;
+    let sidecar = &trace.sidecar;
+    trace.outline(path.parent().unwrap_or(Path::new(".")))?;
+    let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
+    let touching = trace.truth.instants.iter().filter(|truth| truth.touching == Some(true)).count();
+    Ok(format!(
+        "trace `{}`, {} rows, {last:.2} s, touching {:.0} %",
+        sidecar.name,
+        sidecar.rows,
+        100.0 * touching as f64 / sidecar.rows as f64
+    ))
+}
+
+/// Shapes and motions are known to the generator alone, so it judges scenes.
+fn check_scene(path: &Path) -> anyhow::Result<()> {
+    let output = python::generator(["check".as_ref(), path.as_os_str()])?.output()?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let text = String::from_utf8_lossy(&output.stderr);
+    bail!("{}", text.trim().trim_start_matches("error: "));
+}

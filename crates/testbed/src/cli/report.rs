@@ -1,0 +1,20 @@
+//! `whisker report`: figures and page of a run.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Draw the figures and the page of an evaluated run
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Folder of the run, for example results/standard
+    run: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let paths = crate::report::report(&arguments.run)?;
+    println!("{}", paths.page.display());
+    for figure in &paths.figures {
+        println!("{}", figure.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}

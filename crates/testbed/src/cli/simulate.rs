@@ -1,0 +1,19 @@
+//! `whisker simulate`: the generator, reached from here.
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use super::python;
+
+/// Simulate scenes or suites in MuJoCo and write traces (`python -m whisker_sim simulate`)
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Scenes, suites and options of the generator; `-- --help` lists them
+    #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<OsString>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let all = std::iter::once(OsString::from("simulate")).chain(arguments.arguments.iter().cloned());
+    python::run(python::generator(all)?)
+}

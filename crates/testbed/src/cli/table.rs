@@ -1,0 +1,34 @@
+//! Tables for people.
+
+/// Lines of a table with aligned columns: the first `left` columns to the left, the others to the right.
+pub(super) fn render(header: &[&str], rows: &[Vec<String>], left: usize) -> String {
+    let width = |column: usize| {
+        let cells = rows.iter().map(|row| row[column].chars().count());
+        cells.chain([header[column].chars().count()]).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..header.len()).map(width).collect();
+    let line = |cells: &mut dyn Iterator<Item = &str>| {
+        let cells: Vec<String> = cells
+            .zip(&widths)
+            .enumerate()
+            .map(|(i, (cell, &width))| if i < left { format!("{cell:<width$}") } else { format!("{cell:>width$}") })
+            .collect();
+        format!("{}\n", cells.join("  ").trim_end())
+    };
+    let mut text = line(&mut header.iter().copied());
+    text.push_str(&line(&mut widths.iter().map(|&width| "-".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str)));
+    for row in rows {
+        text.push_str(&line(&mut row.iter().map(String::as_str)));
+    }
+    text
+}
+
+/// A length in millimetres, for people; a dash where there is none.
+pub(super) fn millimetres(length_m: Option<f64>) -> String {
+    length_m.map_or("-".into(), |length| format!("{:.3}", length * 1e3))
+}
+
+/// A time in seconds, for people; a dash where there is none.
+pub(super) fn seconds(time_s: Option<f64>) -> String {
+    time_s.map_or("-".into(), |time| format!("{time:.2}"))
+}

@@ -1,0 +1,83 @@
+//! Which traces a command is to work on.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use trace::{Role, Suite, Trace};
+
+/// Traces to work on and the name under which their results go.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// Name of the suite or folder.
+    pub name: String,
+    /// Folder of the traces, in which the calibrations stand too.
+    pub folder: PathBuf,
+    /// Paths of the traces' CSV files, in order.
+    pub paths: Vec<PathBuf>,
+}
+
+impl Dataset {
+    /// The traces of a suite (a JSON file; the traces are looked for in `datasets/<suite>`, or in `folder` where given) or of a folder.
+    ///
+    /// # Errors
+    /// If the suite does not parse, or a trace is missing.
+    pub fn open(input: &Path, folder: Option<&Path>) -> anyhow::Result<Self> {
+        if input.is_dir() {
+            return Self::of_folder(input);
+        }
+        let suite = Suite::read(input)?;
+        let folder = folder.map_or_else(|| Path::new("datasets").join(&suite.name), Into::into);
+        let mut paths = Vec::new();
+        for name in suite.trace_names(input)? {
+            let path = folder.join(format!("{name}.csv"));
+            if !path.with_extension("json").is_file() {
+                bail!("{}: no such trace; `whisker simulate {}` makes it", path.display(), input.display());
+            }
+            paths.push(path);
+        }
+        Ok(Self { name: suite.name, folder, paths })
+    }
+
+    fn of_folder(folder: &Path) -> anyhow::Result<Self> {
+        let listed = fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+        let mut paths = Vec::new();
+        for entry in listed {
+            let path = entry.with_context(|| folder.display().to_string())?.path();
+            if path.extension().is_some_and(|extension| extension == "csv") && path.with_extension("json").is_file() {
+                paths.push(path);
+            }
+        }
+        if paths.is_empty() {
+            bail!("{}: no traces, expected pairs of .csv and .json", folder.display());
+        }
+        paths.sort();
+        let folder = folder.to_path_buf();
+        let absolute = folder.canonicalize().with_context(|| folder.display().to_string())?;
+        let name = absolute.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy().into_owned());
+        Ok(Self { name, folder, paths })
+    }
+
+    /// Reads the traces of one role.
+    ///
+    /// # Errors
+    /// The first that cannot be read, or that there are none.
+    pub fn read(&self, role: Role) -> anyhow::Result<Vec<Trace>> {
+        let mut traces = Vec::new();
+        for path in &self.paths {
+            let trace = Trace::read(path)?;
+            if trace.sidecar.role == role {
+                traces.push(trace);
+            }
+        }
+        if traces.is_empty() {
+            bail!("{}: no trace with the role {role:?}", self.folder.display());
+        }
+        Ok(traces)
+    }
+
+    /// Where the calibrations of these traces stand.
+    pub fn calibrations(&self) -> PathBuf {
+        self.folder.join("calibrations")
+    }
+}

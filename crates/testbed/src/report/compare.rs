@@ -1,0 +1,64 @@
+//! Filters against the baseline.
+
+use crate::results::{RunSet, TrialRow};
+
+use super::run_data::{RunData, is_baseline, median};
+use super::style::two_digits;
+
+/// Part of a contact that is scored by itself.
+#[derive(Clone, Copy)]
+pub(super) enum Phase {
+    /// The first two seconds of contact.
+    Start,
+    /// What follows them.
+    Steady,
+}
+
+impl Phase {
+    /// In the order of time.
+    pub(super) const ALL: [Self; 2] = [Self::Start, Self::Steady];
+
+    /// Its name in figures and tables.
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            Self::Start => "first 2 s of contact",
+            Self::Steady => "steady state",
+        }
+    }
+
+    fn rmse_m(self, trial: &TrialRow) -> Option<f64> {
+        match self {
+            Self::Start => trial.start_rmse_m,
+            Self::Steady => trial.rmse_m,
+        }
+    }
+}
+
+/// Root mean square error of each trial in metres.
+pub(super) fn phase_errors<'a>(
+    data: &'a RunData,
+    set: &RunSet,
+    estimator: &str,
+    phase: Phase,
+) -> impl Iterator<Item = f64> + use<'a> {
+    data.trials_of(set, estimator).into_iter().filter_map(move |trial| phase.rmse_m(trial))
+}
+
+/// Median error of the better baseline over the median error of an estimator; absent for baselines and where one of
+/// them has no errors.
+pub(super) fn factor_over_baseline(data: &RunData, set: &RunSet, estimator: &str, phase: Phase) -> Option<f64> {
+    if is_baseline(estimator) {
+        return None;
+    }
+    let baseline = data
+        .estimators()
+        .filter(|name| is_baseline(name))
+        .filter_map(|name| median(phase_errors(data, set, name, phase)))
+        .min_by(f64::total_cmp)?;
+    Some(baseline / median(phase_errors(data, set, estimator, phase))?)
+}
+
+/// A factor as figures and tables print it.
+pub(super) fn format_factor(factor: f64) -> String {
+    format!("{} ×", two_digits(factor))
+}

@@ -1,0 +1,99 @@
+//! Contact error and distance to the outline of every estimator on every object.
+
+use anyhow::Result;
+
+use crate::report::axes::{Axis, Panel, Rect, equal};
+use crate::report::canvas::{Align, Canvas, Picture};
+use crate::report::run_data::{RunData, median};
+use crate::report::style::{LABEL, LegendEntry, Look, MARKER_PX, legend};
+use crate::results::RunSet;
+
+/// One panel: a metric with one whisker.
+struct Cell {
+    title: String,
+    groups: Vec<String>,
+    /// (place of the group, place of the estimator, value in millimetres).
+    dots: Vec<(usize, usize, f64)>,
+}
+
+/// A metric's value for an estimator on a set, in metres.
+type Metric = fn(&RunData, &RunSet, &str) -> Option<f64>;
+
+const METRICS: [(&str, &str, Metric); 2] = [
+    ("contact", "RMS contact error (mm)", |data, set, estimator| data.summary_of(set, estimator)?.rmse_m),
+    ("outline", "distance to outline (mm)", |data, set, estimator| {
+        median(data.trials_of(set, estimator).into_iter().filter_map(|trial| trial.outline_median_m))
+    }),
+];
+
+/// Lays the figure out.
+pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    let mut whiskers: Vec<&str> = Vec::new();
+    for set in &data.run.sets {
+        if !whiskers.contains(&set.whisker.as_str()) {
+            whiskers.push(&set.whisker);
+        }
+    }
+    let rows: Vec<(&str, Vec<Cell>)> = METRICS
+        .into_iter()
+        .map(|(name, label, metric)| {
+            let cells = whiskers.iter().map(|whisker| cell(data, whisker, name, metric));
+            (label, cells.collect())
+        })
+        .collect();
+    if rows.iter().any(|(_, cells)| cells.iter().all(|cell| cell.dots.is_empty())) {
+        return Ok(None);
+    }
+    let names: Vec<String> = data.estimators().map(str::to_owned).collect();
+
+    let paint = move |canvas: &Canvas| {
+        let entries: Vec<_> =
+            names.iter().enumerate().map(|(index, name)| LegendEntry::marker(name, Look::of(index), true)).collect();
+        legend(canvas, (60.0, 18.0), &entries)?;
+        let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 34.0]);
+        for ((label, cells), frame) in rows.iter().zip(plot.rows(&equal(rows.len()), 66.0)) {
+            let values = cells.iter().flat_map(|cell| cell.dots.iter().map(|dot| dot.2));
+            let axis = Axis::logarithmic(label, values);
+            for (column, (cell, frame)) in cells.iter().zip(frame.columns(&equal(cells.len()), 26.0)).enumerate() {
+                let axis = if column == 0 { axis.clone() } else { axis.clone().bare() };
+                cell.paint(canvas, frame, axis, names.len())?;
+            }
+        }
+        Ok(())
+    };
+    Ok(Some(Picture { width_px: 1200, height_px: 680, paint: Box::new(paint) }))
+}
+
+fn cell(data: &RunData, whisker: &str, name: &str, metric: Metric) -> Cell {
+    let sets: Vec<&RunSet> = data.run.sets.iter().filter(|set| set.whisker == whisker).collect();
+    let mut dots = Vec::new();
+    for (place, set) in sets.iter().enumerate() {
+        for (index, estimator) in data.estimators().enumerate() {
+            dots.extend(metric(data, set, estimator).map(|value| (place, index, 1e3 * value)));
+        }
+    }
+    Cell {
+        title: format!("{whisker} whisker: {name}"),
+        groups: sets.iter().map(|set| set.group.clone()).collect(),
+        dots,
+    }
+}
+
+impl Cell {
+    fn paint(&self, canvas: &Canvas, frame: Rect, error: Axis, estimators: usize) -> Result<()> {
+        let panel = Panel::new(canvas, frame, &self.title, Axis::places(self.groups.len()), error)?;
+        for (place, group) in self.groups.iter().enumerate() {
+            let (x, _) = panel.at((place as f64, 1.0));
+            canvas.text(group, (x, frame.bottom + 15.0), LABEL.aligned(Align::Center))?;
+            if place > 0 {
+                panel.rule(place as f64 - 0.5)?;
+            }
+        }
+        for &(place, index, value) in &self.dots {
+            let shift = 0.7 * ((index as f64 + 0.5) / estimators as f64 - 0.5);
+            let at = panel.at((place as f64 + shift, value));
+            Look::of(index).mark(canvas, at, MARKER_PX + 1.0, true)?;
+        }
+        Ok(())
+    }
+}

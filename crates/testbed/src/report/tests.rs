@@ -1,0 +1,227 @@
+//! The report of a small run that is built in memory.
+
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::json;
+
+use super::{FIGURES, report};
+use crate::results::{ErrorBandRow, EstimateRow, ResidualRow, SummaryRow, SurfaceRow, TrialRow};
+
+const ESTIMATORS: [&str; 2] = ["ekf", "euler-bernoulli"];
+
+fn write_table<T: Serialize>(path: &Path, rows: &[T]) {
+    fs::create_dir_all(path.parent().expect("a folder")).expect("created");
+    let mut writer = csv::Writer::from_path(path).expect("opened");
+    for row in rows {
+        writer.serialize(row).expect("written");
+    }
+    writer.flush().expect("written");
+}
+
+/// Writes a run with one trial on a pin and, if wanted, one on a circle, its estimates and a sensor model.
+fn write_run(folder: &Path, whole: bool) {
+    let objects: &[&str] = if whole { &["pin", "circle"] } else { &["pin"] };
+    let names = |object: &&str| {
+        json!({
+            "group": object, "whisker": "straight", "object": object,
+            "traces": [format!("{object}_straight")], "largest_reading_n_m": 1e-4,
+        })
+    };
+    let calibration = json!({
+        "whisker": "straight", "face": "left", "model": "polynomial <5>", "sha256": "cd",
+        "heldout_rms_n_m": 1e-7, "heldout_worst_n_m": 5e-7, "largest_reading_n_m": 1e-4,
+    });
+    let run = json!({
+        "format": 1, "kind": "run", "name": "small",
+        "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
+        "noise": [0.01], "seeds": [1],
+        "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "config": {"fading": 1.004}})),
+        "sets": objects.iter().map(names).collect::<Vec<_>>(),
+        "calibrations": if whole { vec![calibration] } else { Vec::new() },
+    });
+    fs::write(folder.join("run.json"), run.to_string()).expect("written");
+
+    let (mut trials, mut summary, mut bands) = (Vec::new(), Vec::new(), Vec::new());
+    for object in objects {
+        for (index, estimator) in ESTIMATORS.iter().enumerate() {
+            let error_m = if index == 0 { 2e-4 } else { 5e-3 };
+            trials.push(trial(object, estimator, error_m));
+            summary.push(scores(object, estimator, error_m));
+            bands.extend((0..50).map(|step| ErrorBandRow {
+                group: (*object).to_owned(),
+                whisker: "straight".to_owned(),
+                estimator: (*estimator).to_owned(),
+                noise: 0.01,
+                t_contact_s: f64::from(step) * 0.1,
+                trials: 1,
+                p10_m: 0.5 * error_m,
+                median_m: error_m,
+                p90_m: 2.0 * error_m,
+            }));
+            if whole {
+                let rows: Vec<_> = (0..1000).map(|step| estimate(step, error_m)).collect();
+                write_table(&folder.join(format!("estimates/{object}_straight.{estimator}.csv")), &rows);
+            }
+        }
+        fs::create_dir_all(folder.join("outlines")).expect("created");
+        let outline = "x_m,y_m\n0.05,0\n0.06,0.01\n0.05,0.02\n0.04,0.01\n0.05,0\n";
+        fs::write(folder.join(format!("outlines/{object}_straight.csv")), outline).expect("written");
+    }
+    write_table(&folder.join("trials.csv"), &trials);
+    write_table(&folder.join("summary.csv"), &summary);
+    write_table(&folder.join("error_over_time.csv"), &bands);
+    if whole {
+        write_model(folder);
+    }
+}
+
+fn trial(object: &str, estimator: &str, error_m: f64) -> TrialRow {
+    TrialRow {
+        trace: format!("{object}_straight"),
+        group: object.to_owned(),
+        whisker: "straight".to_owned(),
+        object: object.to_owned(),
+        estimator: estimator.to_owned(),
+        noise: 0.01,
+        seed: 1,
+        touch_s: 0.4,
+        samples: 900,
+        missing: 0,
+        rmse_m: Some(error_m),
+        median_m: Some(error_m),
+        p95_m: Some(2.0 * error_m),
+        worst_m: Some(3.0 * error_m),
+        start_rmse_m: Some(4.0 * error_m),
+        time_to_1mm_s: None,
+        time_to_0p3mm_s: None,
+        outline_median_m: Some(0.5 * error_m),
+        outline_p95_m: Some(error_m),
+    }
+}
+
+fn scores(object: &str, estimator: &str, error_m: f64) -> SummaryRow {
+    SummaryRow {
+        group: object.to_owned(),
+        whisker: "straight".to_owned(),
+        object: object.to_owned(),
+        estimator: estimator.to_owned(),
+        noise: 0.01,
+        trials: 1,
+        rmse_m: Some(error_m),
+        median_m: Some(error_m),
+        p95_m: Some(2.0 * error_m),
+        worst_m: Some(3.0 * error_m),
+        time_to_1mm_s: None,
+        time_to_0p3mm_s: None,
+        never_1mm: 1.0,
+        step_ns: 500.0,
+    }
+}
+
+fn estimate(step: u32, error_m: f64) -> EstimateRow {
+    let t_s = f64::from(step) * 0.004;
+    let touching = t_s >= 0.4;
+    let at = |value: f64| touching.then_some(value);
+    EstimateRow {
+        t_s,
+        base_x_m: 1e-3 * t_s.sin(),
+        base_y_m: 1e-3 * t_s.cos(),
+        base_yaw_rad: 0.01 * t_s,
+        reading_n_m: -1e-5 * t_s,
+        contact_x_m: at(0.05 + error_m),
+        contact_y_m: at(0.0),
+        surface_x_m: at(0.05 + error_m),
+        surface_y_m: at(0.0),
+        cov_xx_m2: at(error_m * error_m),
+        cov_xy_m2: at(0.0),
+        cov_yy_m2: at(error_m * error_m),
+        calibrated: touching.then_some(true),
+        truth_contact_x_m: at(0.05),
+        truth_contact_y_m: at(0.0),
+        truth_surface_x_m: at(0.05),
+        truth_surface_y_m: at(0.0),
+    }
+}
+
+fn write_model(folder: &Path) {
+    let nodes = (0..6).flat_map(|along| (0..5).map(move |across| (f64::from(along), f64::from(across))));
+    let surface: Vec<_> = nodes
+        .map(|(along, across)| SurfaceRow {
+            arc_m: 0.02 + 0.01 * along,
+            distance_m: 0.002 * across,
+            x_m: 0.02 + 0.01 * along,
+            y_m: -0.002 * across,
+            reading_n_m: -2e-5 * across,
+        })
+        .collect();
+    write_table(&folder.join("models/straight_left.surface.csv"), &surface);
+    let residuals: Vec<_> = (0..20)
+        .map(|index| ResidualRow {
+            trace: "grid".to_owned(),
+            x_m: 0.03,
+            y_m: -0.002,
+            reading_n_m: -1e-6 * f64::from(index),
+            residual_n_m: 1e-8 * f64::from(index % 3),
+        })
+        .collect();
+    write_table(&folder.join("models/straight_left.residuals.csv"), &residuals);
+}
+
+#[test]
+fn verif_every_figure_is_drawn_and_stands_on_the_page() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let paths = report(folder.path()).expect("drawn");
+    assert_eq!(paths.figures.len(), 2 * FIGURES.len());
+    for path in &paths.figures {
+        assert!(fs::metadata(path).expect("exists").len() > 1000, "{}", path.display());
+    }
+    let page = fs::read_to_string(&paths.page).expect("page");
+    assert_eq!(page.matches("<svg").count(), FIGURES.len());
+    for figure in FIGURES {
+        assert!(page.contains(&format!("id=\"{}\"", figure.name)), "{}", figure.name);
+    }
+    assert!(page.contains("polynomial &lt;5&gt;"), "text is escaped");
+    assert!(!page.contains("Left out"));
+    // The median error of the baseline is 25 times that of the filter.
+    assert!(page.contains("25 ×"));
+}
+
+#[test]
+fn verif_the_same_run_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let read_all = || -> Vec<Vec<u8>> {
+        let paths = report(folder.path()).expect("drawn");
+        let files = paths.figures.iter().chain([&paths.page]);
+        files.map(|path| fs::read(path).expect("exists")).collect()
+    };
+    assert!(read_all() == read_all());
+}
+
+#[test]
+fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    report(folder.path()).expect("drawn");
+    for part in ["estimates", "models"] {
+        fs::remove_dir_all(folder.path().join(part)).expect("removed");
+    }
+    write_run(folder.path(), false);
+    let paths = report(folder.path()).expect("drawn");
+    assert!(!folder.path().join("figures/contours.svg").exists(), "a picture of the earlier run");
+    let page = fs::read_to_string(&paths.page).expect("page");
+    assert_eq!(page.matches("Left out").count(), 3, "contours, sample trace, sensor model");
+    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 3));
+}
+
+#[test]
+fn robust_a_run_without_scores_gives_one_error() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), false);
+    fs::write(folder.path().join("summary.csv"), "group\n").expect("written");
+    let message = format!("{:#}", report(folder.path()).expect_err("nothing to show"));
+    assert!(message.contains("summary.csv: found no rows, expected at least one"), "{message}");
+}

@@ -1,0 +1,44 @@
+//! Order statistics.
+
+/// The `q`-quantile of some values, linear between order statistics; nothing of nothing. Values that are missing come in as
+/// infinite and sort last.
+pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let last = sorted.len().checked_sub(1)?;
+    let position = q * last as f64;
+    let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
+    // Without the case apart, infinity less infinity would be no number.
+    Some(if low == high { low } else { low + (high - low) * position.fract() })
+}
+
+/// The median over trials of a score that some lack: lacking counts as worse than any, and where the median itself is lacking there is none.
+pub(crate) fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let values: Vec<f64> = scores.map(|score| score.unwrap_or(f64::INFINITY)).collect();
+    quantile(&values, 0.5).filter(|median| median.is_finite())
+}
+
+/// Root mean square, nothing of nothing.
+pub(crate) fn rms(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_quantiles() {
+        assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), Some(2.0));
+        assert_eq!(quantile(&[1.0, 2.0], 0.25), Some(1.25));
+        assert_eq!(quantile(&[], 0.5), None);
+        assert_eq!(rms(&[3.0, -4.0]), Some(12.5f64.sqrt()));
+    }
+
+    #[test]
+    fn verif_lacking_scores_are_the_worst() {
+        assert_eq!(median_of_scores([Some(1.0), None, Some(2.0)].into_iter()), Some(2.0));
+        assert_eq!(median_of_scores([Some(1.0), None, None].into_iter()), None);
+        assert_eq!(median_of_scores([Some(1.0), None].into_iter()), None);
+    }
+}

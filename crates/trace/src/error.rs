@@ -1,0 +1,79 @@
+//! What can be wrong with a file: always which file, where in it, what was found and what was expected.
+
+use std::path::{Path, PathBuf};
+
+/// Why a file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// A cell or a line of a table is wrong.
+    #[error("{}:{line}: {place}: found {found}, expected {expected}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// Column by name, or `header`, or `row`.
+        place: String,
+        /// What stands there.
+        found: String,
+        /// What should.
+        expected: String,
+    },
+    /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
+    #[error("{}:{line}:{column}: {message}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column in that line, from 1.
+        column: usize,
+        /// What the parser says.
+        message: String,
+    },
+    /// A value that parses is wrong.
+    #[error("{}: {key}: found {found}, expected {expected}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Key of the value.
+        key: String,
+        /// What stands there.
+        found: String,
+        /// What should.
+        expected: String,
+    },
+}
+
+impl Error {
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |source| Self::Io { path: path.into(), source }
+    }
+
+    pub(crate) fn json(path: &Path) -> impl FnOnce(serde_json::Error) -> Self + '_ {
+        move |error| {
+            // serde_json appends the place, which stands in front here.
+            let text = error.to_string();
+            let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
+            Self::Json { path: path.into(), line: error.line(), column: error.column(), message }
+        }
+    }
+
+    /// A value that parses is wrong.
+    pub fn value(
+        path: &Path,
+        key: impl Into<String>,
+        found: impl std::fmt::Display,
+        expected: impl std::fmt::Display,
+    ) -> Self {
+        Self::Value { path: path.into(), key: key.into(), found: found.to_string(), expected: expected.to_string() }
+    }
+}

@@ -1,0 +1,26 @@
+//! Traces, suites, calibration files and where they come from.
+//!
+//! `datasets/FORMAT.md` specifies the files. A [`Trace`] is read whole, checked, and comes apart into what the robot knows, the
+//! [`Recording`], and what only the simulator knows, the [`Truth`]. Estimators live upstream of this crate, so they cannot
+//! name the second.
+
+mod calibration;
+mod error;
+mod files;
+mod outline;
+mod sidecar;
+mod suite;
+mod table;
+mod watermark;
+
+pub use calibration::{CalibrationFile, FaceFile};
+pub use error::Error;
+pub use files::{Digest, read_json, sha256, write_atomically, write_json};
+pub use outline::Outline;
+pub use sidecar::{Contour, Generator, Role, Sidecar};
+pub use suite::{Suite, SuiteScene};
+pub use table::{COLUMNS, Instant, Recording, Trace, Truth, TruthInstant};
+pub use watermark::Watermark;
+
+/// Version of every format that this crate reads and writes.
+pub const FORMAT: u32 = 1;

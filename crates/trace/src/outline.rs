@@ -1,0 +1,85 @@
+//! Outlines of objects: closed polylines.
+
+use std::fs;
+use std::path::Path;
+
+use nalgebra::Vector2;
+use whisker::frames::{Point, World};
+
+use crate::Error;
+use crate::table::{number, reader};
+
+const COLUMNS: [&str; 2] = ["x_m", "y_m"];
+
+/// The outline of an object in World: counter-clockwise, the first vertex repeated at the end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outline {
+    vertices: Vec<Point<World>>,
+}
+
+impl Outline {
+    /// The closed outline through these vertices, of which there must be at least three and the last equal to the first.
+    pub fn new(vertices: Vec<Point<World>>) -> Option<Self> {
+        (vertices.len() >= 4 && vertices.first() == vertices.last()).then_some(Self { vertices })
+    }
+
+    /// Reads an outline's file.
+    ///
+    /// # Errors
+    /// [`Error`] names file, line and column.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        Self::parse(path, &fs::read(path).map_err(Error::io(path))?)
+    }
+
+    /// Parses the bytes of an outline's file; `path` is for errors.
+    ///
+    /// # Errors
+    /// [`Error`] names file, line and column.
+    pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
+        let mut vertices = Vec::new();
+        for row in reader(path, bytes, &COLUMNS)? {
+            let (line, record) = row?;
+            let x = number(path, line, &record, &COLUMNS, 0)?;
+            let y = number(path, line, &record, &COLUMNS, 1)?;
+            vertices.push(Point::new(x, y));
+        }
+        let found = vertices.len();
+        Self::new(vertices).ok_or_else(|| {
+            Error::value(path, "vertices", format!("{found}"), "a closed outline: at least three, the first repeated at the end")
+        })
+    }
+
+    /// The vertices, the first repeated at the end.
+    pub fn vertices(&self) -> &[Point<World>] {
+        &self.vertices
+    }
+
+    /// Distance from a point to the outline, inside or outside.
+    pub fn distance_m(&self, point: Point<World>) -> f64 {
+        self.vertices
+            .windows(2)
+            .map(|edge| distance_to_segment(point.vector(), edge[0].vector(), edge[1].vector()))
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+fn distance_to_segment(p: Vector2<f64>, a: Vector2<f64>, b: Vector2<f64>) -> f64 {
+    let edge = b - a;
+    let length2 = edge.norm_squared();
+    let part = if length2 > 0.0 { ((p - a).dot(&edge) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    (p - a - edge * part).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_distance_to_a_square() {
+        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
+        let square = Outline::new(corners.iter().map(|&(x, y)| Point::new(x, y)).collect()).unwrap();
+        assert_eq!(square.distance_m(Point::new(0.5, 0.2)), 0.2);
+        assert_eq!(square.distance_m(Point::new(4.0, 5.0)), 5.0);
+        assert_eq!(square.distance_m(Point::new(1.0, 0.5)), 0.0);
+    }
+}

@@ -1,0 +1,111 @@
+//! The sidecar of a trace.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use whisker::Whisker;
+use whisker::sensor::Face;
+
+use crate::{Error, FORMAT};
+
+/// What a trace is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Estimators are tried on it.
+    Trial,
+    /// Sensor models are fitted to it.
+    Calibration,
+}
+
+/// What made a trace.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Generator {
+    /// The program.
+    pub name: String,
+    /// Its version.
+    pub version: String,
+    /// Version of MuJoCo.
+    pub mujoco: String,
+    /// Commit of the program, where known.
+    pub git_commit: Option<String>,
+    /// Hash of the program's sources.
+    pub source_sha256: String,
+}
+
+/// The object's outline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Contour {
+    /// Its file, beside the trace.
+    pub file: String,
+    /// Hash of that file.
+    pub sha256: String,
+    /// The polyline's largest distance from the true outline.
+    pub chord_error_m: f64,
+}
+
+/// The sidecar of a trace: what it is, what made it, from what.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sidecar {
+    /// Version of the format.
+    pub format: u32,
+    /// `"trace"`.
+    pub kind: String,
+    /// Name of the trace.
+    pub name: String,
+    /// What it is for.
+    pub role: Role,
+    /// Group of trials that are scored together.
+    pub group: String,
+    /// Shape of the object.
+    pub object: String,
+    /// Side of the whisker on which the object lies.
+    pub face: Face,
+    /// Seed of the motion.
+    pub seed: u64,
+    /// Rows a second.
+    pub rate_hz: f64,
+    /// Number of rows.
+    pub rows: usize,
+    /// The whisker.
+    pub whisker: Whisker,
+    /// The scene as it was run. It belongs to the generator, which alone knows all shapes and motions.
+    pub scene: Value,
+    /// What made the trace.
+    pub generator: Generator,
+    /// Hash over all that determines the data.
+    pub inputs_sha256: String,
+    /// Hash of the CSV.
+    pub csv_sha256: String,
+    /// The object's outline, where there is one.
+    pub contour: Option<Contour>,
+}
+
+impl Sidecar {
+    pub(crate) fn validate(&self, path: &Path) -> Result<(), Error> {
+        if self.format != FORMAT {
+            return Err(Error::value(path, "format", self.format, FORMAT));
+        }
+        if self.kind != "trace" {
+            return Err(Error::value(path, "kind", &self.kind, "trace"));
+        }
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return Err(Error::value(path, "rate_hz", self.rate_hz, "a positive number"));
+        }
+        if self.name.is_empty() || self.name.contains(['/', '\\']) || self.name.starts_with('.') {
+            return Err(Error::value(path, "name", format!("`{}`", self.name), "a plain file name"));
+        }
+        if let Some(contour) = &self.contour
+            && (contour.file.contains(['/', '\\']) || contour.file.starts_with('.'))
+        {
+            return Err(Error::value(path, "contour.file", format!("`{}`", contour.file), "a plain file name"));
+        }
+        self.whisker.validate().map_err(|error| {
+            Error::value(path, format!("whisker.{}", error.key), error.found, error.expected)
+        })
+    }
+}

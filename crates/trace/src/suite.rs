@@ -1,0 +1,71 @@
+//! Suites: which scenes belong together.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, FORMAT, read_json};
+
+/// A suite's file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Suite {
+    /// Version of the format.
+    pub format: u32,
+    /// Name: of the folder under `datasets/` and of the run under `results/`.
+    pub name: String,
+    /// Its scenes.
+    pub scenes: Vec<SuiteScene>,
+}
+
+/// One scene of a suite.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SuiteScene {
+    /// The scene's file, relative to the suite's.
+    pub scene: PathBuf,
+    /// Seeds with which it is run; without them once, with its own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub seeds: Vec<u64>,
+}
+
+/// The part of a scene that names its trace; the rest is the generator's business.
+#[derive(Deserialize)]
+struct SceneName {
+    name: String,
+}
+
+impl Suite {
+    /// Reads a suite's file.
+    ///
+    /// # Errors
+    /// [`Error`] names the file and the place.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let suite: Self = read_json(path)?;
+        if suite.format != FORMAT {
+            return Err(Error::value(path, "format", suite.format, FORMAT));
+        }
+        if suite.name.is_empty() || suite.name.contains(['/', '\\']) || suite.name.starts_with('.') {
+            return Err(Error::value(path, "name", format!("`{}`", suite.name), "a plain name"));
+        }
+        Ok(suite)
+    }
+
+    /// Names of the suite's traces, in its order. `path` is the suite's own.
+    ///
+    /// # Errors
+    /// [`Error`] where a scene's file does not tell its name.
+    pub fn trace_names(&self, path: &Path) -> Result<Vec<String>, Error> {
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let mut names = Vec::new();
+        for entry in &self.scenes {
+            let SceneName { name } = read_json(&folder.join(&entry.scene))?;
+            if entry.seeds.is_empty() {
+                names.push(name);
+            } else {
+                names.extend(entry.seeds.iter().map(|seed| format!("{name}_{seed:02}")));
+            }
+        }
+        Ok(names)
+    }
+}

@@ -1,0 +1,340 @@
+//! The table of a trace: columns, rows, reading and writing.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use csv::ByteRecord;
+use whisker::frames::{Base, Point, Pose, Twist, World};
+
+use crate::{Error, Outline, Sidecar, read_json, sha256, write_atomically, write_json};
+
+/// Names of the columns and the decimals with which each is written.
+pub const COLUMNS: [(&str, usize); 18] = [
+    ("t_s", 6),
+    ("base_x_m", 10),
+    ("base_y_m", 10),
+    ("base_yaw_rad", 10),
+    ("base_vx_m_s", 10),
+    ("base_vy_m_s", 10),
+    ("base_wz_rad_s", 10),
+    ("moment_z_n_m", 15),
+    ("rotation_z_rad", 10),
+    ("truth_touching", 0),
+    ("truth_tip", 0),
+    ("truth_contact_x_m", 10),
+    ("truth_contact_y_m", 10),
+    ("truth_surface_x_m", 10),
+    ("truth_surface_y_m", 10),
+    ("truth_arc_m", 10),
+    ("truth_force_n", 12),
+    ("truth_tangent_rad", 10),
+];
+
+/// What the robot knows at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant {
+    /// Time since the start.
+    pub t_s: f64,
+    /// Pose of the base.
+    pub base: Pose<Base, World>,
+    /// Twist of the base, where recorded.
+    pub twist: Option<Twist>,
+    /// Bending moment at the root, without measurement noise.
+    pub moment_z_n_m: f64,
+    /// Rotation of the root against the base, where recorded.
+    pub rotation_z_rad: Option<f64>,
+}
+
+/// What only the simulator knows at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TruthInstant {
+    /// Whether the whisker touches, where known.
+    pub touching: Option<bool>,
+    /// Whether it touches with its tip.
+    pub tip: Option<bool>,
+    /// Contact on the centre line.
+    pub contact: Option<Point<World>>,
+    /// Contact on the object's surface.
+    pub surface: Option<Point<World>>,
+    /// Arc length of the contact.
+    pub arc_m: Option<f64>,
+    /// Magnitude of the contact force.
+    pub force_n: Option<f64>,
+    /// Tangent angle of the centre line at the contact, in World.
+    pub tangent_rad: Option<f64>,
+}
+
+/// What the robot knows of a trace.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// The instants, in order of time.
+    pub instants: Vec<Instant>,
+}
+
+/// What only the simulator knows of a trace, instant by instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// One entry an instant of the recording.
+    pub instants: Vec<TruthInstant>,
+}
+
+/// A trace: sidecar, recording and truth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trace {
+    /// What it is and what made it.
+    pub sidecar: Sidecar,
+    /// What the robot knows.
+    pub recording: Recording,
+    /// What only the simulator knows.
+    pub truth: Truth,
+}
+
+impl Trace {
+    /// Reads the trace whose CSV or sidecar this is, and checks it against its sidecar.
+    ///
+    /// # Errors
+    /// [`Error`] names file, line and column, what was found and what was expected.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let sidecar_path = path.with_extension("json");
+        let sidecar: Sidecar = read_json(&sidecar_path)?;
+        sidecar.validate(&sidecar_path)?;
+        let path = path.with_extension("csv");
+        let bytes = fs::read(&path).map_err(Error::io(&path))?;
+        let (recording, truth) = parse(&path, &bytes)?;
+        let rows = recording.instants.len();
+        if rows != sidecar.rows {
+            return Err(Error::Table {
+                path,
+                line: rows as u64 + 2,
+                place: "row".into(),
+                found: format!("the end after {rows} rows"),
+                expected: format!("{} rows, as its sidecar says", sidecar.rows),
+            });
+        }
+        let found = sha256(&bytes);
+        if found != sidecar.csv_sha256 {
+            return Err(Error::value(&path, "sha256", found, format!("{}, as its sidecar says", sidecar.csv_sha256)));
+        }
+        Ok(Self { sidecar, recording, truth })
+    }
+
+    /// Reads the object's outline, where the trace has one; `folder` is the trace's own.
+    ///
+    /// # Errors
+    /// [`Error`] names file and place; a file that is not the one the sidecar means is an error too.
+    pub fn outline(&self, folder: &Path) -> Result<Option<Outline>, Error> {
+        let Some(contour) = &self.sidecar.contour else { return Ok(None) };
+        let path = folder.join(&contour.file);
+        let bytes = fs::read(&path).map_err(Error::io(&path))?;
+        let outline = Outline::parse(&path, &bytes)?;
+        let found = sha256(&bytes);
+        if found != contour.sha256 {
+            return Err(Error::value(&path, "sha256", found, format!("{}, as the sidecar says", contour.sha256)));
+        }
+        Ok(Some(outline))
+    }
+
+    /// The table as it stands in the CSV.
+    pub fn to_csv(&self) -> String {
+        let mut text = header();
+        for (known, truth) in self.recording.instants.iter().zip(&self.truth.instants) {
+            push_row(&mut text, known, truth);
+        }
+        text
+    }
+
+    /// Writes CSV and sidecar into a folder; the sidecar, which makes the trace complete, last. Returns the path of the CSV.
+    ///
+    /// # Errors
+    /// [`Error::Io`] names the file.
+    pub fn write(&self, folder: &Path) -> Result<PathBuf, Error> {
+        let path = folder.join(format!("{}.csv", self.sidecar.name));
+        write_atomically(&path, self.to_csv().as_bytes())?;
+        write_json(&path.with_extension("json"), &self.sidecar)?;
+        Ok(path)
+    }
+}
+
+fn header() -> String {
+    let mut text = COLUMNS.map(|(name, _)| name).join(",");
+    text.push('\n');
+    text
+}
+
+fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
+    let flag = |value: Option<bool>| value.map(|v| f64::from(u8::from(v)));
+    let origin = known.base.origin();
+    let cells: [Option<f64>; COLUMNS.len()] = [
+        Some(known.t_s),
+        Some(origin.x()),
+        Some(origin.y()),
+        Some(known.base.yaw_rad()),
+        known.twist.map(|twist| twist.vx_m_s),
+        known.twist.map(|twist| twist.vy_m_s),
+        known.twist.map(|twist| twist.wz_rad_s),
+        Some(known.moment_z_n_m),
+        known.rotation_z_rad,
+        flag(truth.touching),
+        flag(truth.tip),
+        truth.contact.map(|p| p.x()),
+        truth.contact.map(|p| p.y()),
+        truth.surface.map(|p| p.x()),
+        truth.surface.map(|p| p.y()),
+        truth.arc_m,
+        truth.force_n,
+        truth.tangent_rad,
+    ];
+    for (i, (cell, (_, decimals))) in cells.iter().zip(COLUMNS).enumerate() {
+        if i > 0 {
+            text.push(',');
+        }
+        if let Some(value) = cell {
+            text.push_str(&fixed(*value, decimals));
+        }
+    }
+    text.push('\n');
+}
+
+/// A number with this many decimals; what rounds to zero has no sign.
+fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.bytes().all(|byte| byte == b'0' || byte == b'.') => digits.to_owned(),
+        _ => text,
+    }
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Recording, Truth), Error> {
+    let names = COLUMNS.map(|(name, _)| name);
+    let mut instants: Vec<Instant> = Vec::new();
+    let mut truth = Vec::new();
+    for row in reader(path, bytes, &names)? {
+        let (line, record) = row?;
+        let required = |i| number(path, line, &record, &names, i);
+        let optional = |i| optional(path, line, &record, &names, i);
+        let flag = |i: usize| match optional(i)? {
+            None => Ok(None),
+            Some(0.0) => Ok(Some(false)),
+            Some(1.0) => Ok(Some(true)),
+            Some(_) => Err(cell_error(path, line, &record, &names, i, "0, 1 or an empty field")),
+        };
+        let point = |i: usize| {
+            Ok::<_, Error>(match (optional(i)?, optional(i + 1)?) {
+                (Some(x), Some(y)) => Some(Point::new(x, y)),
+                (None, None) => None,
+                _ => return Err(cell_error(path, line, &record, &names, i, "both coordinates or neither")),
+            })
+        };
+        let t_s = required(0)?;
+        if let Some(last) = instants.last()
+            && t_s <= last.t_s
+        {
+            let expected = format!("a time after {} (rows in order of time)", last.t_s);
+            return Err(cell_error(path, line, &record, &names, 0, &expected));
+        }
+        let twist = match (optional(4)?, optional(5)?, optional(6)?) {
+            (Some(vx_m_s), Some(vy_m_s), Some(wz_rad_s)) => Some(Twist { vx_m_s, vy_m_s, wz_rad_s }),
+            (None, None, None) => None,
+            _ => return Err(cell_error(path, line, &record, &names, 4, "all of the twist or none of it")),
+        };
+        instants.push(Instant {
+            t_s,
+            base: Pose::new(required(1)?, required(2)?, required(3)?),
+            twist,
+            moment_z_n_m: required(7)?,
+            rotation_z_rad: optional(8)?,
+        });
+        truth.push(TruthInstant {
+            touching: flag(9)?,
+            tip: flag(10)?,
+            contact: point(11)?,
+            surface: point(13)?,
+            arc_m: optional(15)?,
+            force_n: optional(16)?,
+            tangent_rad: optional(17)?,
+        });
+    }
+    if instants.is_empty() {
+        return Err(Error::Table {
+            path: path.into(),
+            line: 2,
+            place: "row".into(),
+            found: "the end of the file".into(),
+            expected: "at least one row".into(),
+        });
+    }
+    Ok((Recording { instants }, Truth { instants: truth }))
+}
+
+/// Rows of a CSV with exactly these columns, each with its line.
+pub(crate) fn reader<'a>(
+    path: &'a Path,
+    bytes: &'a [u8],
+    names: &'a [&'static str],
+) -> Result<impl Iterator<Item = Result<(u64, ByteRecord), Error>> + 'a, Error> {
+    let table_error = move |line, place: &str, found: String, expected: String| Error::Table {
+        path: path.into(),
+        line,
+        place: place.into(),
+        found,
+        expected,
+    };
+    let mut rows = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(bytes).into_byte_records();
+    let header = match rows.next() {
+        None => return Err(table_error(1, "header", "an empty file".into(), names.join(","))),
+        Some(row) => row.map_err(|error| table_error(1, "header", error.to_string(), names.join(",")))?,
+    };
+    for i in 0..header.len().max(names.len()) {
+        let found = header.get(i).map_or("no more columns".into(), |cell| format!("`{}`", String::from_utf8_lossy(cell)));
+        let expected = names.get(i).map_or("no more columns".into(), |name| format!("`{name}`"));
+        if found != expected {
+            return Err(table_error(1, &format!("header, column {}", i + 1), found, expected));
+        }
+    }
+    Ok(rows.enumerate().map(move |(i, row)| {
+        let fallback = i as u64 + 2;
+        let record = row.map_err(|error| table_error(fallback, "row", error.to_string(), "a row of the table".into()))?;
+        let line = record.position().map_or(fallback, csv::Position::line);
+        if record.len() != names.len() {
+            let found = format!("{} fields", record.len());
+            return Err(table_error(line, "row", found, format!("{} fields", names.len())));
+        }
+        Ok((line, record))
+    }))
+}
+
+/// The number in column `i`.
+pub(crate) fn number(
+    path: &Path,
+    line: u64,
+    record: &ByteRecord,
+    names: &[&str],
+    i: usize,
+) -> Result<f64, Error> {
+    optional(path, line, record, names, i)?
+        .ok_or_else(|| cell_error(path, line, record, names, i, "a number"))
+}
+
+fn optional(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize) -> Result<Option<f64>, Error> {
+    let cell = &record[i];
+    if cell.is_empty() {
+        return Ok(None);
+    }
+    std::str::from_utf8(cell)
+        .ok()
+        .and_then(|text| text.parse::<f64>().ok())
+        .filter(|value| value.is_finite())
+        .map(Some)
+        .ok_or_else(|| cell_error(path, line, record, names, i, "a finite number"))
+}
+
+fn cell_error(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize, expected: &str) -> Error {
+    let cell = String::from_utf8_lossy(&record[i]);
+    Error::Table {
+        path: path.into(),
+        line,
+        place: format!("column {}", names[i]),
+        found: if cell.is_empty() { "an empty field".into() } else { format!("`{cell}`") },
+        expected: expected.into(),
+    }
+}

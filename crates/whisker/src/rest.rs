@@ -1,0 +1,209 @@
+//! The undeflected centre line: a chain of circular arcs and straight pieces, tangent to +x at the root.
+
+use nalgebra::Vector2;
+
+use crate::Curvature;
+use crate::frames::{Base, Point};
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Piece {
+    start_m: f64,
+    length_m: f64,
+    curvature_per_m: f64,
+    origin: Vector2<f64>,
+    angle_rad: f64,
+    /// Direction of the tangent at the piece's start.
+    tangent: Vector2<f64>,
+}
+
+/// The undeflected centre line of a whisker, in Base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RestShape {
+    pieces: Vec<Piece>,
+}
+
+/// The point of the undeflected whisker nearest to a point of the plane, and how far away it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foot {
+    /// Arc length of the nearest point.
+    pub arc_m: f64,
+    /// Signed distance, positive to the left of the whisker. Beyond an end the sign is that of the side.
+    pub left_m: f64,
+}
+
+impl Piece {
+    fn angle_rad(&self, along_m: f64) -> f64 {
+        self.angle_rad + self.curvature_per_m * along_m
+    }
+
+    /// A vector written along and to the left of the tangent at the piece's start, in Base.
+    fn turned(&self, along: f64, left: f64) -> Vector2<f64> {
+        let t = self.tangent;
+        Vector2::new(t.x * along - t.y * left, t.y * along + t.x * left)
+    }
+
+    /// Point and direction of the tangent at `along_m` from the piece's start.
+    fn frame(&self, along_m: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let curvature = self.curvature_per_m;
+        if curvature == 0.0 {
+            return (self.origin + self.tangent * along_m, self.tangent);
+        }
+        // The half angle keeps the digits of a slight curvature, which 1 - cos would lose.
+        let (sin, cos) = (0.5 * curvature * along_m).sin_cos();
+        let point = self.origin + self.turned(2.0 * sin * cos / curvature, 2.0 * sin * sin / curvature);
+        (point, self.turned(1.0 - 2.0 * sin * sin, 2.0 * sin * cos))
+    }
+
+    /// The nearest point of the piece.
+    fn foot(&self, p: Vector2<f64>) -> Foot {
+        let offset = p - self.origin;
+        let along = self.tangent.dot(&offset);
+        let left = self.tangent.x * offset.y - self.tangent.y * offset.x;
+        let curvature = self.curvature_per_m;
+        // In units of the radius, seen from the centre of curvature; written so that a straight piece is no special case for the distance.
+        let (ahead, inwards) = (curvature * along, 1.0 - curvature * left);
+        let arc_m = if curvature == 0.0 { along } else { ahead.atan2(inwards) / curvature };
+        if (0.0..=self.length_m).contains(&arc_m) {
+            let radii = ahead.hypot(inwards);
+            let left_m = (2.0 * left - curvature * (along * along + left * left)) / (1.0 + radii);
+            return Foot { arc_m: self.start_m + arc_m, left_m };
+        }
+        let end = arc_m.clamp(0.0, self.length_m);
+        let (point, tangent) = self.frame(end);
+        let offset = p - point;
+        let left = tangent.x * offset.y - tangent.y * offset.x;
+        Foot { arc_m: self.start_m + end, left_m: offset.norm().copysign(left) }
+    }
+}
+
+impl RestShape {
+    /// The centre line with these pieces, from root to tip.
+    pub fn new(curvature: &[Curvature]) -> Self {
+        let mut pieces: Vec<Piece> = Vec::with_capacity(curvature.len());
+        let (mut start_m, mut origin, mut angle_rad) = (0.0, Vector2::zeros(), 0.0);
+        for &Curvature { length_m, curvature_per_m } in curvature {
+            let tangent = direction(angle_rad);
+            let piece = Piece { start_m, length_m, curvature_per_m, origin, angle_rad, tangent };
+            (start_m, origin, angle_rad) = (start_m + length_m, piece.frame(length_m).0, piece.angle_rad(length_m));
+            pieces.push(piece);
+        }
+        Self { pieces }
+    }
+
+    fn piece(&self, arc_m: f64) -> &Piece {
+        let index = self.pieces.partition_point(|piece| piece.start_m <= arc_m);
+        &self.pieces[index.saturating_sub(1)]
+    }
+
+    /// Length from root to tip.
+    pub fn length_m(&self) -> f64 {
+        self.pieces.last().map_or(0.0, |last| last.start_m + last.length_m)
+    }
+
+    /// The point at arc length `arc_m`; beyond the ends the line is continued.
+    pub fn point(&self, arc_m: f64) -> Point<Base> {
+        let piece = self.piece(arc_m);
+        Point::from_vector(piece.frame(arc_m - piece.start_m).0)
+    }
+
+    /// Direction of the tangent at arc length `arc_m`, a unit vector.
+    pub fn tangent(&self, arc_m: f64) -> Vector2<f64> {
+        let piece = self.piece(arc_m);
+        piece.frame(arc_m - piece.start_m).1
+    }
+
+    /// Angle of the tangent at arc length `arc_m`.
+    pub fn tangent_rad(&self, arc_m: f64) -> f64 {
+        let piece = self.piece(arc_m);
+        piece.angle_rad(arc_m - piece.start_m)
+    }
+
+    /// Curvature at arc length `arc_m`, positive where the whisker bends to the left.
+    pub fn curvature_per_m(&self, arc_m: f64) -> f64 {
+        self.piece(arc_m).curvature_per_m
+    }
+
+    /// The nearest point of the undeflected whisker. `point(foot.arc_m)` plus `foot.left_m` along the left normal is `p`
+    /// again, unless the foot is an end.
+    pub fn foot(&self, p: Point<Base>) -> Foot {
+        let mut best = Foot { arc_m: 0.0, left_m: f64::INFINITY };
+        for piece in &self.pieces {
+            let foot = piece.foot(p.vector());
+            if foot.left_m.abs() < best.left_m.abs() {
+                best = foot;
+            }
+        }
+        best
+    }
+
+    /// The point that lies `left_m` to the left of the whisker at arc length `arc_m`.
+    pub fn beside(&self, arc_m: f64, left_m: f64) -> Point<Base> {
+        let piece = self.piece(arc_m);
+        let (point, tangent) = piece.frame(arc_m - piece.start_m);
+        Point::from_vector(point + Vector2::new(-tangent.y, tangent.x) * left_m)
+    }
+
+    /// Arc length of the point at distance `radius_m` from the root, the first one from the root outwards; the tip where
+    /// the whisker does not reach so far.
+    pub fn arc_at_radius(&self, radius_m: f64) -> f64 {
+        let (mut low, mut high) = (0.0, self.length_m());
+        if self.point(high).vector().norm() <= radius_m {
+            return high;
+        }
+        // The distance from the root grows along a whisker that turns by less than half a circle.
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if self.point(middle).vector().norm() < radius_m {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        0.5 * (low + high)
+    }
+}
+
+pub(crate) fn direction(angle_rad: f64) -> Vector2<f64> {
+    let (sin, cos) = angle_rad.sin_cos();
+    Vector2::new(cos, sin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hook() -> RestShape {
+        RestShape::new(&[
+            Curvature { length_m: 0.02, curvature_per_m: 0.0 },
+            Curvature { length_m: 0.03, curvature_per_m: 1.0 / 0.018 },
+        ])
+    }
+
+    #[test]
+    fn val_arc_of_known_radius() {
+        let shape = RestShape::new(&[Curvature { length_m: 0.08, curvature_per_m: 1.0 / 0.08 }]);
+        let tip = shape.point(0.08);
+        assert!((tip.x() - 0.08 * 1.0_f64.sin()).abs() < 1e-15);
+        assert!((tip.y() - 0.08 * (1.0 - 1.0_f64.cos())).abs() < 1e-15);
+        assert!((shape.tangent_rad(0.04) - 0.5).abs() < 1e-15);
+    }
+
+    #[test]
+    fn verif_foot_finds_what_beside_placed() {
+        let shape = hook();
+        for arc_m in [0.001, 0.012, 0.02, 0.021, 0.035, 0.049] {
+            for left_m in [-0.02, -0.003, 0.0, 0.004, 0.01] {
+                let foot = shape.foot(shape.beside(arc_m, left_m));
+                assert!((foot.arc_m - arc_m).abs() < 1e-12, "{arc_m} {left_m} {foot:?}");
+                assert!((foot.left_m - left_m).abs() < 1e-12, "{arc_m} {left_m} {foot:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn verif_radius_is_inverted() {
+        let shape = hook();
+        let arc_m = shape.arc_at_radius(shape.point(0.033).vector().norm());
+        assert!((arc_m - 0.033).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,106 @@
+//! The region that was calibrated, in coordinates along and away from the undeflected whisker.
+
+use serde::{Deserialize, Serialize};
+
+/// Largest number of nodes along the whisker; fewer where the calibration is sparse.
+const MOST_NODES: usize = 32;
+
+/// Calibrated range of the distance from the undeflected whisker, as a function of arc length, linear between nodes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Domain {
+    /// Evenly spaced nodes along the undeflected whisker.
+    pub arc_m: Vec<f64>,
+    /// Smallest calibrated distance at each node, at most 0: the undeflected whisker itself reads zero.
+    pub lower_m: Vec<f64>,
+    /// Largest calibrated distance at each node.
+    pub upper_m: Vec<f64>,
+}
+
+impl Domain {
+    /// The region covered by samples given as (arc length, distance away): around each node the extremes of the samples that
+    /// are nearest to it, with as many nodes as leave none without samples. Nothing where the samples do not spread along the whisker.
+    pub fn covering(samples: &[(f64, f64)]) -> Option<Self> {
+        let low = samples.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
+        let high = samples.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
+        (high > low).then(|| (2..=MOST_NODES).rev().find_map(|nodes| Self::with_nodes(samples, low, high, nodes)))?
+    }
+
+    fn with_nodes(samples: &[(f64, f64)], low: f64, high: f64, nodes: usize) -> Option<Self> {
+        let pitch = (high - low) / (nodes - 1) as f64;
+        let mut lower_m = vec![0.0; nodes];
+        let mut upper_m = vec![f64::NEG_INFINITY; nodes];
+        for &(arc_m, away_m) in samples {
+            let node = ((arc_m - low) / pitch).round() as usize;
+            lower_m[node] = away_m.min(lower_m[node]);
+            upper_m[node] = away_m.max(upper_m[node]);
+        }
+        let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
+        upper_m.iter().all(|upper| upper.is_finite()).then_some(Self { arc_m, lower_m, upper_m })
+    }
+
+    /// Whether the lists describe a region.
+    pub fn is_valid(&self) -> bool {
+        let nodes = self.arc_m.len();
+        nodes >= 2
+            && self.lower_m.len() == nodes
+            && self.upper_m.len() == nodes
+            && self.arc_m.windows(2).all(|pair| pair[0] < pair[1])
+            && self.lower_m.iter().zip(&self.upper_m).all(|(lower, upper)| lower <= upper)
+    }
+
+    /// First and last calibrated arc length.
+    pub fn arc_range_m(&self) -> (f64, f64) {
+        (self.arc_m[0], self.arc_m[self.arc_m.len() - 1])
+    }
+
+    /// Calibrated range of the distance at an arc length within [`Self::arc_range_m`].
+    pub fn away_range_m(&self, arc_m: f64) -> (f64, f64) {
+        let (low, high) = self.arc_range_m();
+        let last = self.arc_m.len() - 1;
+        let position = ((arc_m - low) / (high - low)).clamp(0.0, 1.0) * last as f64;
+        let node = (position as usize).min(last - 1);
+        let part = position - node as f64;
+        let between = |values: &[f64]| values[node] + part * (values[node + 1] - values[node]);
+        (between(&self.lower_m), between(&self.upper_m))
+    }
+
+    /// Whether a contact with these coordinates was calibrated.
+    pub fn contains(&self, arc_m: f64, away_m: f64) -> bool {
+        let (low, high) = self.arc_range_m();
+        let (lower, upper) = self.away_range_m(arc_m);
+        low <= arc_m && arc_m <= high && lower <= away_m && away_m <= upper
+    }
+
+    /// The coordinates moved into the region: first along, then away.
+    pub fn clamp(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
+        let (low, high) = self.arc_range_m();
+        let arc_m = arc_m.clamp(low, high);
+        let (lower, upper) = self.away_range_m(arc_m);
+        (arc_m, away_m.clamp(lower, upper))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_covers_its_samples_and_not_more() {
+        let samples: Vec<(f64, f64)> = (0..=60)
+            .flat_map(|i| (0..=20).map(move |j| (0.02 + 1e-3 * f64::from(i), 2e-2 * f64::from(j) / 20.0)))
+            .collect();
+        let domain = Domain::covering(&samples).unwrap();
+        assert!(domain.is_valid());
+        assert!(samples.iter().all(|&(arc_m, away_m)| domain.contains(arc_m, away_m)));
+        assert!(!domain.contains(0.05, 0.021) && !domain.contains(0.019, 0.01) && !domain.contains(0.081, 0.01));
+        assert_eq!(domain.clamp(0.1, -1.0), (0.08, 0.0));
+    }
+
+    #[test]
+    fn robust_sparse_samples_get_fewer_nodes() {
+        let domain = Domain::covering(&[(0.02, 0.0), (0.05, 0.01), (0.08, 0.002)]).unwrap();
+        assert_eq!(domain.arc_m.len(), 3);
+        assert!(Domain::covering(&[(0.02, 0.0)]).is_none());
+    }
+}

@@ -1,0 +1,218 @@
+//! Sensor models: from a contact to the reading it is expected to give.
+//!
+//! A calibration presses a pin against one [`Face`] of the whisker at known places. A [`SensorModel`] is a formula fitted to
+//! these samples; a [`CalibratedFace`] is that formula together with the [`Domain`] that was really calibrated. Outside it the answer is
+//! "no prediction": a formula that is good inside can be anything outside.
+//!
+//! To add a model: one file beside `polynomial.rs`, and one row in [`MODELS`].
+
+mod domain;
+mod fit;
+mod polynomial;
+
+use std::fmt::Debug;
+
+use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::RestShape;
+use crate::frames::{Base, Point};
+
+pub use domain::Domain;
+pub use fit::{Fit, fit};
+pub use polynomial::{Polynomial, PolynomialConfig};
+
+/// The side of the whisker on which the object lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Face {
+    /// The object lies on the left (+y) and pushes the whisker to the right: the reading is negative.
+    Left,
+    /// The object lies on the right and pushes the whisker to the left: the reading is positive.
+    Right,
+}
+
+impl Face {
+    /// The face that a reading of this sign belongs to.
+    pub fn of_reading(reading_n_m: f64) -> Self {
+        if reading_n_m < 0.0 { Self::Left } else { Self::Right }
+    }
+
+    /// +1 where "away from the object" is to the left of the whisker, -1 where it is to the right. It is also the sign of
+    /// the reading.
+    pub fn away_sign(self) -> f64 {
+        match self {
+            Self::Left => -1.0,
+            Self::Right => 1.0,
+        }
+    }
+
+    /// Lower-case name, as in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
+/// One calibration sample: a known contact and its reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Contact on the centre line.
+    pub contact: Point<Base>,
+    /// Reading.
+    pub reading_n_m: f64,
+}
+
+/// What a model expects of a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prediction {
+    /// Expected reading.
+    pub reading_n_m: f64,
+    /// Its gradient with respect to the contact in Base, in N m per m.
+    pub gradient_n: Vector2<f64>,
+}
+
+/// Why a model could not be fitted or loaded.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// No model of this name.
+    #[error("unknown sensor model `{found}`, expected one of: {known}")]
+    Unknown {
+        /// The name.
+        found: String,
+        /// Names in the registry.
+        known: String,
+    },
+    /// The settings or the stored model do not parse.
+    #[error("sensor model `{kind}`: {source}")]
+    Settings {
+        /// Name of the model.
+        kind: &'static str,
+        /// What the parser says.
+        source: serde_json::Error,
+    },
+    /// The data do not determine the model.
+    #[error("{0}")]
+    Data(String),
+}
+
+/// A formula from contact to reading. It answers everywhere; that it is asked only where it was calibrated is the duty of
+/// [`CalibratedFace`].
+pub trait SensorModel: Debug + Send + Sync {
+    /// Name in the registry.
+    fn kind(&self) -> &'static str;
+
+    /// Expected reading of a contact.
+    fn reading_n_m(&self, contact: Point<Base>) -> f64;
+
+    /// Everything needed to load it again.
+    fn to_json(&self) -> Value;
+
+    /// One line for people.
+    fn about(&self) -> String;
+
+    /// Expected reading and gradient; by central differences over 2 micrometres unless given.
+    fn predict(&self, contact: Point<Base>) -> Prediction {
+        const STEP_M: f64 = 1e-6;
+        let slope = |step: Vector2<f64>| {
+            (self.reading_n_m(contact.shifted(step)) - self.reading_n_m(contact.shifted(-step))) / (2.0 * STEP_M)
+        };
+        Prediction {
+            reading_n_m: self.reading_n_m(contact),
+            gradient_n: Vector2::new(slope(Vector2::x() * STEP_M), slope(Vector2::y() * STEP_M)),
+        }
+    }
+}
+
+/// A row of the registry of sensor models.
+pub struct ModelRow {
+    /// Name.
+    pub kind: &'static str,
+    /// One line about it.
+    pub about: &'static str,
+    /// Default settings.
+    pub defaults: fn() -> Value,
+    /// Fits the model to samples of one face.
+    pub fit: fn(&[Sample], &Value) -> Result<Box<dyn SensorModel>, ModelError>,
+    /// Loads what [`SensorModel::to_json`] wrote.
+    pub load: fn(&Value) -> Result<Box<dyn SensorModel>, ModelError>,
+}
+
+/// The registry of sensor models.
+pub const MODELS: &[ModelRow] = &[ModelRow {
+    kind: polynomial::KIND,
+    about: "bivariate polynomial of any total degree in the contact's coordinates (Lin et al. 2022, degree 5)",
+    defaults: polynomial::defaults,
+    fit: polynomial::fit,
+    load: polynomial::load,
+}];
+
+/// The registry's row of this name.
+///
+/// # Errors
+/// [`ModelError::Unknown`] lists the known names.
+pub fn model(kind: &str) -> Result<&'static ModelRow, ModelError> {
+    MODELS.iter().find(|row| row.kind == kind).ok_or_else(|| ModelError::Unknown {
+        found: kind.into(),
+        known: MODELS.iter().map(|row| row.kind).collect::<Vec<_>>().join(", "),
+    })
+}
+
+/// A sensor model of one face and the region for which it was calibrated.
+#[derive(Debug)]
+pub struct CalibratedFace {
+    /// The face.
+    pub face: Face,
+    /// The undeflected whisker, to which the domain refers.
+    pub rest: RestShape,
+    /// The calibrated region.
+    pub domain: Domain,
+    /// The formula.
+    pub model: Box<dyn SensorModel>,
+    /// Root mean square residual on data that the fit did not see: the model's own error.
+    pub heldout_rms_n_m: f64,
+    /// Largest absolute reading of the calibration.
+    pub largest_reading_n_m: f64,
+}
+
+impl CalibratedFace {
+    /// Coordinates of a contact along and away from the undeflected whisker: arc length of the nearest point, and distance from it,
+    /// positive away from the object.
+    pub fn along_and_away(&self, contact: Point<Base>) -> (f64, f64) {
+        let foot = self.rest.foot(contact);
+        (foot.arc_m, foot.left_m * self.face.away_sign())
+    }
+
+    /// The contact with these coordinates.
+    pub fn contact_at(&self, arc_m: f64, away_m: f64) -> Point<Base> {
+        self.rest.beside(arc_m, away_m * self.face.away_sign())
+    }
+
+    /// Derivative of [`Self::contact_at`]: its columns are where the contact goes along and away. They are orthogonal; the
+    /// first is shorter than one on the inside of a curved whisker and longer outside.
+    pub fn contact_jacobian(&self, arc_m: f64, away_m: f64) -> Matrix2<f64> {
+        let sign = self.face.away_sign();
+        let tangent = self.rest.tangent(arc_m);
+        let stretch = 1.0 - self.rest.curvature_per_m(arc_m) * away_m * sign;
+        Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign])
+    }
+
+    /// Expected reading and gradient, or nothing outside the calibrated region.
+    pub fn predict(&self, contact: Point<Base>) -> Option<Prediction> {
+        let (arc_m, away_m) = self.along_and_away(contact);
+        self.domain.contains(arc_m, away_m).then(|| self.model.predict(contact))
+    }
+
+    /// The contact itself where it is calibrated, else a near one at the border of the calibrated region.
+    pub fn nearest_calibrated(&self, contact: Point<Base>) -> Point<Base> {
+        let (arc_m, away_m) = self.along_and_away(contact);
+        if self.domain.contains(arc_m, away_m) {
+            return contact;
+        }
+        let (arc_m, away_m) = self.domain.clamp(arc_m, away_m);
+        self.contact_at(arc_m, away_m)
+    }
+}

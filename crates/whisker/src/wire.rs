@@ -1,0 +1,110 @@
+//! The parameters of a whisker.
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use crate::RestShape;
+
+/// A piece of constant pre-curvature.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Curvature {
+    /// Length of the piece.
+    pub length_m: f64,
+    /// Its curvature; positive bends to the left.
+    pub curvature_per_m: f64,
+}
+
+/// A thin, tapered, pre-curved elastic wire on a compliant root, and the chain that stands for it in the simulator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Whisker {
+    /// Name of the preset or of the sensor.
+    pub name: String,
+    /// Length from root to tip.
+    pub length_m: f64,
+    /// Diameter at the root.
+    pub root_diameter_m: f64,
+    /// Diameter at the tip; linear in between.
+    pub tip_diameter_m: f64,
+    /// Young's modulus.
+    pub youngs_modulus_pa: f64,
+    /// Density.
+    pub density_kg_m3: f64,
+    /// Pre-curvature from root to tip.
+    pub curvature: Vec<Curvature>,
+    /// Stiffness of the suspension at the root.
+    pub root_stiffness_n_m_rad: f64,
+    /// Segments of the simulated chain.
+    pub segments: u32,
+    /// Ratio of joint damping to joint stiffness of the simulated chain.
+    pub damping_s: f64,
+}
+
+/// Why parameters do not describe a whisker.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("whisker.{key}: found {found}, expected {expected}")]
+pub struct Invalid {
+    /// Key of the parameter.
+    pub key: &'static str,
+    /// What stands there.
+    pub found: f64,
+    /// What should.
+    pub expected: String,
+}
+
+impl Whisker {
+    /// Checks that the parameters describe a whisker.
+    ///
+    /// # Errors
+    /// [`Invalid`] names the first that does not.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        let positive = [
+            ("length_m", self.length_m),
+            ("root_diameter_m", self.root_diameter_m),
+            ("tip_diameter_m", self.tip_diameter_m),
+            ("youngs_modulus_pa", self.youngs_modulus_pa),
+            ("density_kg_m3", self.density_kg_m3),
+            ("root_stiffness_n_m_rad", self.root_stiffness_n_m_rad),
+        ];
+        for (key, found) in positive {
+            if !(found.is_finite() && found > 0.0) {
+                return Err(Invalid { key, found, expected: "a positive number".into() });
+            }
+        }
+        for piece in &self.curvature {
+            if !(piece.length_m.is_finite() && piece.length_m > 0.0 && piece.curvature_per_m.is_finite()) {
+                return Err(Invalid {
+                    key: "curvature",
+                    found: piece.length_m,
+                    expected: "pieces of positive length and finite curvature".into(),
+                });
+            }
+        }
+        let total: f64 = self.curvature.iter().map(|piece| piece.length_m).sum();
+        if (total - self.length_m).abs() > 1e-9 * self.length_m {
+            return Err(Invalid {
+                key: "curvature",
+                found: total,
+                expected: format!("lengths that add up to length_m = {}", self.length_m),
+            });
+        }
+        Ok(())
+    }
+
+    /// Diameter at arc length `s_m`.
+    pub fn diameter_m(&self, s_m: f64) -> f64 {
+        self.root_diameter_m + (self.tip_diameter_m - self.root_diameter_m) * s_m / self.length_m
+    }
+
+    /// Bending stiffness `E pi d^4 / 64` at arc length `s_m`, in N m2.
+    pub fn bending_stiffness_n_m2(&self, s_m: f64) -> f64 {
+        self.youngs_modulus_pa * PI * self.diameter_m(s_m).powi(4) / 64.0
+    }
+
+    /// The undeflected centre line.
+    pub fn rest_shape(&self) -> RestShape {
+        RestShape::new(&self.curvature)
+    }
+}
