@@ -159,6 +159,20 @@ impl Bench {
         if settings.noise.is_empty() || settings.seeds.is_empty() {
             bail!("an evaluation needs at least one noise level and one seed");
         }
+        let mut methods = Vec::new();
+        for name in &settings.estimators {
+            let row = estimators::estimator(name).with_context(|| {
+                let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
+                format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
+            })?;
+            methods.push((row, merged((row.defaults)(), settings.config.get(name))));
+        }
+        if let Some(name) = settings.config.keys().find(|name| !settings.estimators.contains(name)) {
+            bail!(
+                "settings are given for `{name}`, which is not among the estimators: {}",
+                settings.estimators.join(", ")
+            );
+        }
         let traces = dataset.read(Role::Trial)?;
         let mut outlines = Vec::new();
         for trace in &traces {
@@ -185,17 +199,6 @@ impl Bench {
                 *largest = largest.max(instant.moment_z_n_m.abs());
             }
         }
-        let mut methods = Vec::new();
-        for name in &settings.estimators {
-            let row = estimators::estimator(name).with_context(|| {
-                let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
-                format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
-            })?;
-            methods.push((row, merged((row.defaults)(), settings.config.get(name))));
-        }
-        if let Some(name) = settings.config.keys().find(|name| !settings.estimators.contains(name)) {
-            bail!("settings are given for `{name}`, which is not among the estimators: {}", settings.estimators.join(", "));
-        }
         Ok(Self { traces, outlines, calibrations, largest_readings, methods })
     }
 
@@ -207,6 +210,7 @@ impl Bench {
             .map(|(row, config)| RunEstimator {
                 name: row.name.into(),
                 about: row.about.into(),
+                is_baseline: row.is_baseline,
                 config: config.clone(),
             })
             .collect();

@@ -57,17 +57,14 @@ pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Res
     whiskers.values().map(|traces| fit_whisker(row, traces, settings, out)).collect()
 }
 
-fn fit_whisker(
-    row: &sensor::ModelRow,
-    traces: &[Trace],
-    settings: &FitSettings,
-    out: &Path,
-) -> anyhow::Result<Fitted> {
+fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings, out: &Path) -> anyhow::Result<Fitted> {
     let whisker = &traces[0].sidecar.whisker;
     if let Some(other) = traces.iter().find(|trace| trace.sidecar.whisker != *whisker) {
         bail!(
             "{}: its whisker `{}` has other parameters than that of {}",
-            other.sidecar.name, whisker.name, traces[0].sidecar.name
+            other.sidecar.name,
+            whisker.name,
+            traces[0].sidecar.name
         );
     }
     let mut data = Digest::default();

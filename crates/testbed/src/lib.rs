@@ -7,6 +7,7 @@
 //! [`fit`] learns sensor models from calibration traces, [`evaluate`] runs every estimator over every trial and writes a run, and
 //! [`report`] draws it. [`claims`] checks what the documentation promises. The command `whisker` ([`cli`]) is a face to these.
 
+pub mod baseline;
 pub mod claims;
 pub mod cli;
 pub mod dataset;

@@ -115,11 +115,7 @@ mod tests {
     use super::*;
 
     fn errors(values: &[Option<f64>]) -> Vec<ContactError> {
-        values
-            .iter()
-            .enumerate()
-            .map(|(i, &error_m)| ContactError { t_contact_s: i as f64, error_m })
-            .collect()
+        values.iter().enumerate().map(|(i, &error_m)| ContactError { t_contact_s: i as f64, error_m }).collect()
     }
 
     #[test]

@@ -221,6 +221,8 @@ pub struct RunEstimator {
     pub name: String,
     /// One line about it.
     pub about: String,
+    /// Whether it is a baseline, there to be beaten.
+    pub is_baseline: bool,
     /// Its settings.
     pub config: serde_json::Value,
 }

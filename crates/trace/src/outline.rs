@@ -45,7 +45,12 @@ impl Outline {
         }
         let found = vertices.len();
         Self::new(vertices).ok_or_else(|| {
-            Error::value(path, "vertices", format!("{found}"), "a closed outline: at least three, the first repeated at the end")
+            Error::value(
+                path,
+                "vertices",
+                format!("{found}"),
+                "a closed outline: at least three, the first repeated at the end",
+            )
         })
     }
 

@@ -104,8 +104,8 @@ impl Sidecar {
         {
             return Err(Error::value(path, "contour.file", format!("`{}`", contour.file), "a plain file name"));
         }
-        self.whisker.validate().map_err(|error| {
-            Error::value(path, format!("whisker.{}", error.key), error.found, error.expected)
-        })
+        self.whisker
+            .validate()
+            .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))
     }
 }

@@ -285,7 +285,8 @@ pub(crate) fn reader<'a>(
         Some(row) => row.map_err(|error| table_error(1, "header", error.to_string(), names.join(",")))?,
     };
     for i in 0..header.len().max(names.len()) {
-        let found = header.get(i).map_or("no more columns".into(), |cell| format!("`{}`", String::from_utf8_lossy(cell)));
+        let found =
+            header.get(i).map_or("no more columns".into(), |cell| format!("`{}`", String::from_utf8_lossy(cell)));
         let expected = names.get(i).map_or("no more columns".into(), |name| format!("`{name}`"));
         if found != expected {
             return Err(table_error(1, &format!("header, column {}", i + 1), found, expected));
@@ -293,7 +294,8 @@ pub(crate) fn reader<'a>(
     }
     Ok(rows.enumerate().map(move |(i, row)| {
         let fallback = i as u64 + 2;
-        let record = row.map_err(|error| table_error(fallback, "row", error.to_string(), "a row of the table".into()))?;
+        let record =
+            row.map_err(|error| table_error(fallback, "row", error.to_string(), "a row of the table".into()))?;
         let line = record.position().map_or(fallback, csv::Position::line);
         if record.len() != names.len() {
             let found = format!("{} fields", record.len());
@@ -304,15 +306,8 @@ pub(crate) fn reader<'a>(
 }
 
 /// The number in column `i`.
-pub(crate) fn number(
-    path: &Path,
-    line: u64,
-    record: &ByteRecord,
-    names: &[&str],
-    i: usize,
-) -> Result<f64, Error> {
-    optional(path, line, record, names, i)?
-        .ok_or_else(|| cell_error(path, line, record, names, i, "a number"))
+pub(crate) fn number(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize) -> Result<f64, Error> {
+    optional(path, line, record, names, i)?.ok_or_else(|| cell_error(path, line, record, names, i, "a number"))
 }
 
 fn optional(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize) -> Result<Option<f64>, Error> {

@@ -44,8 +44,7 @@ impl TouchDetector {
     /// A detector for a sensor with measurement noise of standard deviation `noise_sd_n_m` that was calibrated up to
     /// `largest_reading_n_m`.
     pub fn new(config: TouchConfig, noise_sd_n_m: f64, largest_reading_n_m: f64) -> Self {
-        let threshold_n_m =
-            (config.threshold_sds * noise_sd_n_m).max(config.threshold_share * largest_reading_n_m);
+        let threshold_n_m = (config.threshold_sds * noise_sd_n_m).max(config.threshold_share * largest_reading_n_m);
         Self { config, threshold_n_m, above: 0, smoothed: None }
     }
 

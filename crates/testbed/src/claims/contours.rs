@@ -11,7 +11,9 @@ pub(super) fn claims() -> Vec<Claim> {
         for whisker in WHISKERS {
             claims.push(Claim {
                 id: format!("contour_{group}_{whisker}"),
-                claim: format!("{group}, {whisker} whisker, best filter: median distance of surface points to the outline"),
+                claim: format!(
+                    "{group}, {whisker} whisker, best filter: median distance of surface points to the outline"
+                ),
                 unit: "mm",
                 relation: Relation::AtMost,
                 bound: 1.0,

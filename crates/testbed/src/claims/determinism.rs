@@ -12,7 +12,9 @@ use crate::results::{SummaryRow, csv_bytes};
 pub(super) fn claims() -> Vec<Claim> {
     vec![Claim {
         id: "determinism".into(),
-        claim: "trials.csv and summary.csv (but for its timing column) of two runs, one thread and two: files that differ".into(),
+        claim:
+            "trials.csv and summary.csv (but for its timing column) of two runs, one thread and two: files that differ"
+                .into(),
         unit: "files",
         relation: Relation::AtMost,
         bound: 0.0,

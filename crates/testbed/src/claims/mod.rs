@@ -110,7 +110,12 @@ impl Context {
     }
 
     /// Trials of one set at the run's first noise level.
-    fn trials<'a>(&'a self, group: &'a str, whisker: &'a str, estimator: &'a str) -> impl Iterator<Item = &'a TrialRow> {
+    fn trials<'a>(
+        &'a self,
+        group: &'a str,
+        whisker: &'a str,
+        estimator: &'a str,
+    ) -> impl Iterator<Item = &'a TrialRow> {
         self.trials.iter().filter(move |row| {
             row.group == group && row.whisker == whisker && row.estimator == estimator && row.noise == self.run.noise[0]
         })
@@ -138,7 +143,5 @@ pub fn measure(context: &Context, out: &Path) -> anyhow::Result<Vec<MeasuredClai
 
 /// The filters under test, as opposed to the baselines.
 const FILTERS: [&str; 3] = ["ekf", "ukf", "particle"];
-/// The beam-theory baselines.
-const BASELINES: [&str; 2] = ["euler-bernoulli", "euler-bernoulli-calibrated"];
 /// The whiskers of the standard suite.
 const WHISKERS: [&str; 2] = ["straight", "curved"];

@@ -78,8 +78,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 /// The summary for people, in millimetres.
 fn summary_table(summary: &[SummaryRow]) -> String {
     let header = [
-        "group", "whisker", "estimator", "noise", "trials", "RMSE, mm", "median, mm", "95 %, mm", "worst, mm",
-        "< 1 mm, s", "< 0.3 mm, s", "never < 1 mm", "step, ns",
+        "group",
+        "whisker",
+        "estimator",
+        "noise",
+        "trials",
+        "RMSE, mm",
+        "median, mm",
+        "95 %, mm",
+        "worst, mm",
+        "< 1 mm, s",
+        "< 0.3 mm, s",
+        "never < 1 mm",
+        "step, ns",
     ];
     let rows: Vec<Vec<String>> = summary
         .iter()

@@ -42,9 +42,10 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let trace = Trace::read(&arguments.trace)?;
     let whisker = &trace.sidecar.whisker;
-    let path = arguments.calibration.clone().unwrap_or_else(|| {
-        arguments.trace.with_file_name("calibrations").join(format!("{}.json", whisker.name))
-    });
+    let path = arguments
+        .calibration
+        .clone()
+        .unwrap_or_else(|| arguments.trace.with_file_name("calibrations").join(format!("{}.json", whisker.name)));
     let calibration = CalibrationFile::read(&path)?;
     if calibration.whisker != *whisker {
         bail!("{}: calibrates a whisker with other parameters than the trace's", path.display());

@@ -16,7 +16,9 @@ pub(super) fn render(header: &[&str], rows: &[Vec<String>], left: usize) -> Stri
         format!("{}\n", cells.join("  ").trim_end())
     };
     let mut text = line(&mut header.iter().copied());
-    text.push_str(&line(&mut widths.iter().map(|&width| "-".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str)));
+    text.push_str(&line(
+        &mut widths.iter().map(|&width| "-".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str),
+    ));
     for row in rows {
         text.push_str(&line(&mut row.iter().map(String::as_str)));
     }

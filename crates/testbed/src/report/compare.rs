@@ -2,8 +2,9 @@
 
 use crate::results::{RunSet, TrialRow};
 
-use super::run_data::{RunData, is_baseline, median};
+use super::run_data::RunData;
 use super::style::two_digits;
+use crate::baseline::{self, START_UP, STEADY};
 
 /// Part of a contact that is scored by itself.
 #[derive(Clone, Copy)]
@@ -44,18 +45,13 @@ pub(super) fn phase_errors<'a>(
     data.trials_of(set, estimator).into_iter().filter_map(move |trial| phase.rmse_m(trial))
 }
 
-/// Median error of the better baseline over the median error of an estimator; absent for baselines and where one of
-/// them has no errors.
+/// Error of the better baseline over that of an estimator; absent for baselines and where one of them has no errors.
 pub(super) fn factor_over_baseline(data: &RunData, set: &RunSet, estimator: &str, phase: Phase) -> Option<f64> {
-    if is_baseline(estimator) {
-        return None;
-    }
-    let baseline = data
-        .estimators()
-        .filter(|name| is_baseline(name))
-        .filter_map(|name| median(phase_errors(data, set, name, phase)))
-        .min_by(f64::total_cmp)?;
-    Some(baseline / median(phase_errors(data, set, estimator, phase))?)
+    let when_s = match phase {
+        Phase::Start => START_UP,
+        Phase::Steady => STEADY,
+    };
+    baseline::factor(&data.run, &data.bands, (&set.group, &set.whisker), estimator, &when_s)
 }
 
 /// A factor as figures and tables print it.

@@ -8,7 +8,7 @@ use crate::results::{RunCalibration, SummaryRow};
 use super::Drawn;
 use super::canvas::font_face_css;
 use super::compare::{Phase, factor_over_baseline, format_factor};
-use super::run_data::{RunData, is_baseline};
+use super::run_data::RunData;
 use super::style::two_digits;
 
 /// Data files that the page links to.
@@ -161,7 +161,7 @@ fn round_significant(value: f64) -> f64 {
 /// By which factor each filter beats the better baseline, start and steady state apart.
 fn factor_table(data: &RunData) -> Markup {
     let sets = data.leading_sets();
-    let filters: Vec<&str> = data.estimators().filter(|name| !is_baseline(name)).collect();
+    let filters: Vec<&str> = data.filters().collect();
     let cell = |estimator: &str, phase: Phase, index: usize| {
         factor_over_baseline(data, sets[index], estimator, phase).map_or_else(|| "–".to_owned(), format_factor)
     };
@@ -169,9 +169,9 @@ fn factor_table(data: &RunData) -> Markup {
         section #baseline {
             h2 { "Filters against the baseline" }
             p {
-                "Median error of the better Euler-Bernoulli baseline over the median error of the filter"
+                "Error of the better Euler-Bernoulli baseline over that of the filter"
                 @if let Some(set) = sets.first() { ", group " b { (set.group) } }
-                ": above 1, the filter is the more exact one."
+                ", at the times at which every trial has an estimate of both: above 1, the filter is the more exact one."
             }
             div.scroll tabindex="0" aria-label="Table: filters against the baseline" {
                 table {

@@ -24,7 +24,7 @@ pub(super) struct RunData {
     pub(super) trials: Vec<TrialRow>,
     /// One row a group, whisker, estimator and noise level.
     pub(super) summary: Vec<SummaryRow>,
-    bands: Vec<ErrorBandRow>,
+    pub(super) bands: Vec<ErrorBandRow>,
 }
 
 impl RunData {
@@ -63,6 +63,11 @@ impl RunData {
     /// Names of the estimators, in the order that gives each its look.
     pub(super) fn estimators(&self) -> impl Iterator<Item = &str> {
         self.run.estimators.iter().map(|estimator| estimator.name.as_str())
+    }
+
+    /// Names of the estimators that are no baselines.
+    pub(super) fn filters(&self) -> impl Iterator<Item = &str> {
+        self.run.estimators.iter().filter(|estimator| !estimator.is_baseline).map(|estimator| estimator.name.as_str())
     }
 
     /// The sets on which the error is followed over time, one a whisker: those on the pin, whose contact stands still,
@@ -114,8 +119,7 @@ impl RunData {
 
     /// The filter with the smallest steady error on a set.
     pub(super) fn best_filter(&self, set: &RunSet) -> Option<&SummaryRow> {
-        self.estimators()
-            .filter(|name| !is_baseline(name))
+        self.filters()
             .filter_map(|name| self.summary_of(set, name))
             .filter(|row| row.rmse_m.is_some())
             .min_by(|a, b| a.rmse_m.partial_cmp(&b.rmse_m).expect("finite, checked on reading"))
@@ -172,11 +176,6 @@ impl RunData {
         let rows = read_table(&path)?;
         Ok((!rows.is_empty()).then_some(rows))
     }
-}
-
-/// Whether an estimator of this name is a baseline, against which the filters are compared.
-pub(super) fn is_baseline(estimator: &str) -> bool {
-    estimator.starts_with("euler-bernoulli")
 }
 
 /// The middle value, or the mean of the two in the middle; values must be finite.

@@ -37,7 +37,7 @@ fn write_run(folder: &Path, whole: bool) {
         "format": 1, "kind": "run", "name": "small",
         "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
         "noise": [0.01], "seeds": [1],
-        "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "config": {"fading": 1.004}})),
+        "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "is_baseline": name != "ekf", "config": {"fading": 1.004}})),
         "sets": objects.iter().map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
     });

@@ -63,10 +63,7 @@ struct EulerBernoulli {
     knowledge: Arc<Knowledge>,
 }
 
-pub(super) fn build_analytic(
-    config: &Value,
-    knowledge: &Arc<Knowledge>,
-) -> Result<Box<dyn Method>, serde_json::Error> {
+pub(super) fn build_analytic(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error> {
     build(config, knowledge, Source::Cantilever)
 }
 
@@ -77,11 +74,7 @@ pub(super) fn build_calibrated(
     build(config, knowledge, Source::CalibratedMap)
 }
 
-fn build(
-    config: &Value,
-    knowledge: &Arc<Knowledge>,
-    source: Source,
-) -> Result<Box<dyn Method>, serde_json::Error> {
+fn build(config: &Value, knowledge: &Arc<Knowledge>, source: Source) -> Result<Box<dyn Method>, serde_json::Error> {
     Ok(Box::new(EulerBernoulli { config: Config::deserialize(config)?, source, knowledge: knowledge.clone() }))
 }
 

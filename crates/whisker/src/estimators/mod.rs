@@ -143,41 +143,51 @@ pub struct EstimatorRow {
     pub name: &'static str,
     /// One line about it.
     pub about: &'static str,
+    /// Whether it is a baseline, there to be beaten.
+    pub is_baseline: bool,
     /// Default settings.
     pub defaults: fn() -> Value,
     /// Makes the method from its settings and what the robot knows.
-    pub build: fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error>,
+    pub build: Build,
 }
+
+/// Makes a method from its settings and what the robot knows.
+pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error>;
 
 /// The registry of estimators.
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "ekf",
         about: "extended Kalman filter with fading memory (Lin et al. 2022)",
+        is_baseline: false,
         defaults: defaults::<extended::Config>,
         build: extended::build,
     },
     EstimatorRow {
         name: "ukf",
         about: "unscented Kalman filter with fading memory (Lin et al. 2022)",
+        is_baseline: false,
         defaults: defaults::<unscented::Config>,
         build: unscented::build,
     },
     EstimatorRow {
         name: "particle",
         about: "particle filter with fading memory (Lin et al. 2022)",
+        is_baseline: false,
         defaults: defaults::<particle::Config>,
         build: particle::build,
     },
     EstimatorRow {
         name: "euler-bernoulli",
         about: "slip along an analytic cantilever (Solomon and Hartmann 2010), on the compliant root",
+        is_baseline: true,
         defaults: defaults::<euler_bernoulli::Config>,
         build: euler_bernoulli::build_analytic,
     },
     EstimatorRow {
         name: "euler-bernoulli-calibrated",
         about: "the same with moment and its slope from the calibrated map (as in Lin et al. 2022)",
+        is_baseline: true,
         defaults: defaults::<euler_bernoulli::Config>,
         build: euler_bernoulli::build_calibrated,
     },

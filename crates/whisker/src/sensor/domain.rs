@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Largest number of nodes along the whisker; fewer where the calibration is sparse.
 const MOST_NODES: usize = 32;
 
+/// Nodes that the gap between two lines of a calibration may span.
+const GAP: usize = 2;
+
 /// Calibrated range of the distance from the undeflected whisker, as a function of arc length, linear between nodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,7 +22,8 @@ pub struct Domain {
 
 impl Domain {
     /// The region covered by samples given as (arc length, distance away): around each node the extremes of the samples that
-    /// are nearest to it, with as many nodes as leave none without samples. Nothing where the samples do not spread along the whisker.
+    /// are nearest to it, with as many nodes as leave none without samples; a calibration goes along lines, and what lies
+    /// between two of them counts as calibrated. Nothing where the samples do not spread along the whisker.
     pub fn covering(samples: &[(f64, f64)]) -> Option<Self> {
         let low = samples.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
         let high = samples.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
@@ -36,7 +40,7 @@ impl Domain {
             upper_m[node] = away_m.max(upper_m[node]);
         }
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
-        upper_m.iter().all(|upper| upper.is_finite()).then_some(Self { arc_m, lower_m, upper_m })
+        upper_m.iter().all(|upper| upper.is_finite()).then(|| Self { arc_m, lower_m, upper_m: closed(&upper_m) })
     }
 
     /// Whether the lists describe a region.
@@ -81,6 +85,19 @@ impl Domain {
     }
 }
 
+/// Fills notches of up to [`GAP`] nodes: each value is raised to the lower of what stands within that reach on either side (a morphological
+/// closing).
+fn closed(values: &[f64]) -> Vec<f64> {
+    let highest = |range: &[f64]| range.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (0..values.len())
+        .map(|i| {
+            let before = highest(&values[i.saturating_sub(GAP)..i]);
+            let after = highest(&values[i + 1..(i + 1 + GAP).min(values.len())]);
+            values[i].max(before.min(after))
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -95,6 +112,11 @@ mod tests {
         assert!(samples.iter().all(|&(arc_m, away_m)| domain.contains(arc_m, away_m)));
         assert!(!domain.contains(0.05, 0.021) && !domain.contains(0.019, 0.01) && !domain.contains(0.081, 0.01));
         assert_eq!(domain.clamp(0.1, -1.0), (0.08, 0.0));
+    }
+
+    #[test]
+    fn verif_gaps_between_lines_are_closed_and_slopes_stay() {
+        assert_eq!(closed(&[1.0, 2.0, 0.5, 3.0, 1.0, 1.0, 2.5, 0.0]), [1.0, 2.0, 2.0, 3.0, 2.5, 2.5, 2.5, 0.0]);
     }
 
     #[test]

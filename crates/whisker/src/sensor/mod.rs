@@ -136,10 +136,13 @@ pub struct ModelRow {
     /// Default settings.
     pub defaults: fn() -> Value,
     /// Fits the model to samples of one face.
-    pub fit: fn(&[Sample], &Value) -> Result<Box<dyn SensorModel>, ModelError>,
+    pub fit: fn(&[Sample], &Value) -> Made,
     /// Loads what [`SensorModel::to_json`] wrote.
-    pub load: fn(&Value) -> Result<Box<dyn SensorModel>, ModelError>,
+    pub load: fn(&Value) -> Made,
 }
+
+/// A model that was fitted or loaded.
+pub type Made = Result<Box<dyn SensorModel>, ModelError>;
 
 /// The registry of sensor models.
 pub const MODELS: &[ModelRow] = &[ModelRow {

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{ModelError, Prediction, Sample, SensorModel};
+use super::{Made, ModelError, Prediction, Sample, SensorModel};
 use crate::frames::{Base, Point};
 
 pub(super) const KIND: &str = "polynomial";
@@ -80,8 +80,9 @@ impl Polynomial {
         let qr = design.qr();
         let r = qr.r();
         let diagonal = r.diagonal().abs();
-        // NaN fails the comparison too: it stands for samples without extent, whose scale is zero.
-        if !(diagonal.min() > 1e-12 * diagonal.max()) {
+        let is_determined = diagonal.min() > 1e-12 * diagonal.max();
+        // Samples without extent have no scale, and NaN for a diagonal, which is not greater either.
+        if !is_determined {
             return Err(ModelError::Data(format!(
                 "the calibration's contacts do not determine a polynomial of degree {degree}: they must spread in both directions"
             )));
@@ -127,10 +128,7 @@ impl SensorModel for Polynomial {
             value = value * u + row;
             end = start;
         }
-        Prediction {
-            reading_n_m: value,
-            gradient_n: Vector2::new(by_u / self.scale_m[0], by_v / self.scale_m[1]),
-        }
+        Prediction { reading_n_m: value, gradient_n: Vector2::new(by_u / self.scale_m[0], by_v / self.scale_m[1]) }
     }
 
     fn to_json(&self) -> Value {
@@ -146,12 +144,12 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(PolynomialConfig::default()).expect("a struct of numbers serialises")
 }
 
-pub(super) fn fit(samples: &[Sample], config: &Value) -> Result<Box<dyn SensorModel>, ModelError> {
+pub(super) fn fit(samples: &[Sample], config: &Value) -> Made {
     let config = PolynomialConfig::deserialize(config).map_err(|source| ModelError::Settings { kind: KIND, source })?;
     Ok(Box::new(Polynomial::fit(samples, config)?))
 }
 
-pub(super) fn load(value: &Value) -> Result<Box<dyn SensorModel>, ModelError> {
+pub(super) fn load(value: &Value) -> Made {
     let model = Polynomial::deserialize(value).map_err(|source| ModelError::Settings { kind: KIND, source })?;
     let expected = terms(model.degree);
     let found = model.coefficients_n_m.len();

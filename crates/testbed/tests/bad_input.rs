@@ -1,0 +1,181 @@
+//! Wrong input of each kind gives one clear line on stderr, exit code 1 or 2, and no result.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn whisker(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).current_dir(root()).output().unwrap()
+}
+
+/// Asserts that the command fails with a single line that contains every one of `words`.
+fn fails(arguments: &[&str], words: &[&str]) {
+    let output = whisker(arguments);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?} ended with {:?}: {text}", output.status);
+    assert_eq!(text.trim_end().lines().count(), 1, "{arguments:?} said:\n{text}");
+    assert!(text.starts_with("error: ") && !text.contains("panicked"), "{arguments:?} said: {text}");
+    for word in words {
+        assert!(text.contains(word), "{arguments:?} does not say `{word}`: {text}");
+    }
+}
+
+/// A copy of a golden trace of which one file was changed.
+fn damaged(file: &str, change: impl FnOnce(String) -> String) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["golden_pin.csv", "golden_pin.json", "golden_pin.contour.csv"] {
+        fs::copy(root().join("datasets/golden").join(name), folder.path().join(name)).unwrap();
+    }
+    let path = folder.path().join(file);
+    fs::write(&path, change(fs::read_to_string(&path).unwrap())).unwrap();
+    folder
+}
+
+/// Asserts what `whisker check` says of a golden trace of which one file was changed.
+fn check_fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]) {
+    let folder = damaged(file, change);
+    fails(&["check", folder.path().join("golden_pin.csv").to_str().unwrap()], words);
+}
+
+/// The CSV with its `line`-th line (from 1) replaced.
+fn with_line(text: &str, line: usize, change: impl FnOnce(&str) -> String) -> String {
+    let mut lines: Vec<String> = text.lines().map(Into::into).collect();
+    lines[line - 1] = change(&lines[line - 1]);
+    lines.join("\n") + "\n"
+}
+
+const CSV: &str = "golden_pin.csv";
+const SIDECAR: &str = "golden_pin.json";
+
+#[test]
+fn robust_missing_column() {
+    let change = |text: String| text.replacen(",base_yaw_rad", "", 1);
+    check_fails(CSV, change, &["golden_pin.csv:1", "column 4", "`base_vx_m_s`", "`base_yaw_rad`"]);
+}
+
+#[test]
+fn robust_extra_column() {
+    let change = |text: String| text.replacen("truth_tangent_rad", "truth_tangent_rad,colour", 1);
+    check_fails(CSV, change, &["golden_pin.csv:1", "column 19", "`colour`", "no more columns"]);
+}
+
+#[test]
+fn robust_not_a_number() {
+    let change = |text: String| with_line(&text, 20, |line| line.replacen(',', ",NaN", 1));
+    check_fails(CSV, change, &["golden_pin.csv:20", "base_x_m", "NaN", "a finite number"]);
+}
+
+#[test]
+fn robust_empty_required_field() {
+    let change = |text: String| with_line(&text, 9, |line| format!(",{}", line.split_once(',').unwrap().1));
+    check_fails(CSV, change, &["golden_pin.csv:9", "t_s", "an empty field", "a number"]);
+}
+
+#[test]
+fn robust_unsorted_time() {
+    let change = |text: String| with_line(&text, 30, |line| format!("0.000000,{}", line.split_once(',').unwrap().1));
+    check_fails(CSV, change, &["golden_pin.csv:30", "t_s", "order of time"]);
+}
+
+#[test]
+fn robust_row_cut_short() {
+    let change = |text: String| text[..text.len() - 40].to_owned();
+    check_fails(CSV, change, &["golden_pin.csv:", "fields", "18 fields"]);
+}
+
+#[test]
+fn robust_rows_lost_at_the_end() {
+    let change = |text: String| text.lines().take(100).map(|line| format!("{line}\n")).collect();
+    check_fails(CSV, change, &["the end after 99 rows", "as its sidecar says"]);
+}
+
+#[test]
+fn robust_empty_file() {
+    check_fails(CSV, |_| String::new(), &["golden_pin.csv:1", "header", "an empty file"]);
+}
+
+#[test]
+fn robust_value_changed_behind_the_hash() {
+    let change = |text: String| with_line(&text, 50, |line| line.replacen("0.0", "0.1", 1));
+    check_fails(CSV, change, &["golden_pin.csv", "sha256"]);
+}
+
+#[test]
+fn robust_outline_changed_behind_the_hash() {
+    let change = |text: String| with_line(&text, 5, |_| "0.5,0.5".into());
+    check_fails("golden_pin.contour.csv", change, &["golden_pin.contour.csv", "sha256"]);
+}
+
+#[test]
+fn robust_unknown_version() {
+    let change = |text: String| text.replacen("\"format\": 1", "\"format\": 9", 1);
+    check_fails(SIDECAR, change, &["golden_pin.json", "format", "found 9", "expected 1"]);
+}
+
+#[test]
+fn robust_unknown_key() {
+    let change = |text: String| text.replacen("\"kind\"", "\"colour\": 3, \"kind\"", 1);
+    check_fails(SIDECAR, change, &["golden_pin.json:3", "`colour`"]);
+}
+
+#[test]
+fn robust_wrong_unit() {
+    let change = |text: String| text.replacen("length_m\"", "length_mm\"", 1);
+    check_fails(SIDECAR, change, &["golden_pin.json", "`length_mm`", "`length_m`"]);
+}
+
+#[test]
+fn robust_impossible_parameter() {
+    let change = |text: String| text.replacen("\"root_diameter_m\": ", "\"root_diameter_m\": -", 1);
+    check_fails(SIDECAR, change, &["golden_pin.json", "root_diameter_m", "a positive number"]);
+}
+
+#[test]
+fn robust_truncated_sidecar() {
+    check_fails(SIDECAR, |text| text[..200].to_owned(), &["golden_pin.json", "EOF"]);
+}
+
+#[test]
+fn robust_name_that_leaves_the_folder() {
+    let change = |text: String| text.replacen("\"golden_pin\"", "\"../golden_pin\"", 1);
+    check_fails(SIDECAR, change, &["golden_pin.json", "name", "a plain file name"]);
+}
+
+#[test]
+fn robust_missing_files() {
+    fails(&["check", "datasets/nowhere.csv"], &["datasets/nowhere.json"]);
+    fails(&["report", "results/nowhere"], &["results/nowhere"]);
+    fails(&["evaluate", "scenes/suites/nowhere.json"], &["scenes/suites/nowhere.json"]);
+}
+
+#[test]
+fn robust_no_calibration() {
+    let results = tempfile::tempdir().unwrap();
+    let out = results.path().to_str().unwrap();
+    fails(&["evaluate", "datasets/golden", "--results", out], &["calibrations/straight.json", "whisker fit"]);
+    assert_eq!(fs::read_dir(results.path()).unwrap().count(), 0, "a failed evaluation leaves nothing behind");
+}
+
+#[test]
+fn robust_nothing_to_fit() {
+    fails(&["fit", "datasets/golden"], &["datasets/golden", "Calibration"]);
+}
+
+#[test]
+fn robust_unknown_names_list_the_known() {
+    fails(&["evaluate", "datasets/golden", "--estimators", "ekv"], &["ekv"]);
+    fails(&["fit", "datasets/golden", "--model", "spline"], &["spline", "polynomial"]);
+}
+
+#[test]
+fn robust_wrong_usage_exits_with_two() {
+    for arguments in
+        [&["evaluate"][..], &["fly"], &["evaluate", "x.json", "--noise", "-1"], &["fit", "x", "--config", "{"]]
+    {
+        assert_eq!(whisker(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+}

@@ -1,0 +1,58 @@
+//! Python writes traces, this crate reads them and writes them again: the same bytes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use trace::{Trace, sha256};
+
+fn golden() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden")
+}
+
+const NAMES: [&str; 2] = ["golden_pin", "golden_circle"];
+
+#[test]
+fn regress_rewrites_the_golden_traces_byte_for_byte() {
+    for name in NAMES {
+        let trace = Trace::read(&golden().join(format!("{name}.csv"))).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let written = trace.write(folder.path()).unwrap();
+        for extension in ["csv", "json"] {
+            let old = fs::read(golden().join(name).with_extension(extension)).unwrap();
+            let new = fs::read(written.with_extension(extension)).unwrap();
+            assert!(old == new, "{name}.{extension} changes when it is rewritten");
+        }
+    }
+}
+
+#[test]
+fn val_golden_traces_hold_together() {
+    for name in NAMES {
+        let trace = Trace::read(&golden().join(format!("{name}.json"))).unwrap();
+        let outline = trace.outline(&golden()).unwrap().expect("an outline");
+        let whisker = &trace.sidecar.whisker;
+        let mut touching = 0;
+        for pair in trace.recording.instants.windows(2) {
+            // The recorded twist carries the pose from one instant to the next, up to the acceleration in between.
+            let dt_s = pair[1].t_s - pair[0].t_s;
+            let twist = pair[1].twist.expect("a twist");
+            let moved = twist.motion(dt_s).origin();
+            let recorded = pair[0].base.then(&pair[1].base.inverse()).origin();
+            assert!(moved.distance(&recorded) < 5e-6, "{name} at {} s", pair[1].t_s);
+        }
+        for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
+            let rotation = known.rotation_z_rad.expect("a rotation");
+            assert!((known.moment_z_n_m - whisker.root_stiffness_n_m_rad * rotation).abs() < 1e-13);
+            let (Some(contact), Some(surface)) = (truth.contact, truth.surface) else { continue };
+            touching += 1;
+            assert!(outline.distance_m(surface) < 2e-6);
+            assert!((contact.distance(&surface) - 0.5 * whisker.root_diameter_m).abs() < 1e-5);
+        }
+        assert!(touching > 100, "{name} touches {touching} times");
+    }
+}
+
+#[test]
+fn verif_hash_is_that_of_the_standard() {
+    assert_eq!(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}

@@ -1,0 +1,37 @@
+//! Format, lints and documentation of Rust and Python.
+
+use crate::failure::Outcome;
+use crate::parts::{self, Part};
+use crate::python::{self, Progress, Requirements};
+use crate::tools::{cargo, python as python_command, run as run_command};
+
+#[rustfmt::skip]
+pub(super) const PARTS: &[Part] = &[
+    Part { name: "rust format", run: || run_command(cargo(&["fmt", "--all", "--check"])) },
+    Part { name: "rust lints", run: rust_lints },
+    Part { name: "rust documentation", run: rust_documentation },
+    Part { name: "python format", run: || ruff(&["format", "--check"]) },
+    Part { name: "python lints", run: || ruff(&["check"]) },
+];
+
+pub(crate) fn run() -> Outcome {
+    parts::run_all(PARTS)
+}
+
+fn rust_lints() -> Outcome {
+    run_command(cargo(&["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))
+}
+
+fn rust_documentation() -> Outcome {
+    let mut command = cargo(&["doc", "--workspace", "--no-deps"]);
+    command.env("RUSTDOCFLAGS", "--deny warnings");
+    run_command(command)
+}
+
+/// Ruff over all Python: the tests at the root keep to the generator's settings.
+fn ruff(arguments: &[&str]) -> Outcome {
+    python::install(Requirements::Development, Progress::Counter)?;
+    let run_ruff = |more: &[&str]| run_command(python_command(&[&["-m", "ruff"], arguments, more].concat()));
+    run_ruff(&["sim"])?;
+    run_ruff(&["--config", "sim/pyproject.toml", "tests"])
+}

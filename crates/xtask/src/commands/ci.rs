@@ -1,0 +1,9 @@
+//! What must hold before a change lands: checks and tests.
+
+use super::{check, test};
+use crate::failure::Outcome;
+use crate::parts;
+
+pub(crate) fn run() -> Outcome {
+    parts::run_all(&[check::PARTS, test::PARTS].concat())
+}

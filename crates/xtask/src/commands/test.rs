@@ -1,0 +1,62 @@
+//! Every test: Rust, Python, end to end.
+
+use std::process::Stdio;
+use std::{fs, io};
+
+use crate::failure::{Failure, Outcome};
+use crate::parts::{self, Part};
+use crate::pipeline;
+use crate::python::{self, Progress, Requirements};
+use crate::tools::{cargo, python as python_command, root, run as run_command};
+
+/// Suite of the end-to-end test, small enough for every test run.
+const SUITE: &str = "smoke";
+
+#[rustfmt::skip]
+pub(super) const PARTS: &[Part] = &[
+    Part { name: "python packages", run: || python::install(Requirements::Development, Progress::Counter) },
+    Part { name: "rust tests", run: rust_tests },
+    Part { name: "rust examples", run: || run_command(cargo(&["test", "--workspace", "--doc"])) },
+    Part { name: "python tests", run: || run_command(python_command(&["-m", "pytest", "sim/tests"])) },
+    Part { name: "end to end", run: end_to_end },
+];
+
+pub(crate) fn run() -> Outcome {
+    parts::run_all(PARTS)
+}
+
+fn rust_tests() -> Outcome {
+    if has_nextest() {
+        run_command(cargo(&["nextest", "run", "--workspace", "--no-fail-fast"]))
+    } else {
+        run_command(cargo(&["test", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"]))
+    }
+}
+
+fn has_nextest() -> bool {
+    let mut command = cargo(&["nextest", "--version"]);
+    command.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+}
+
+/// The main job from scenes to page, with nothing left of an earlier run, then the tests that look at the page.
+fn end_to_end() -> Outcome {
+    forget(&format!("datasets/{SUITE}"))?;
+    forget(&format!("results/{SUITE}"))?;
+    pipeline::prepare()?;
+    pipeline::simulate(SUITE)?;
+    pipeline::fit(SUITE)?;
+    pipeline::evaluate(SUITE)?;
+    pipeline::report(SUITE)?;
+    let mut command = python_command(&["-m", "pytest", "tests"]);
+    command.env("WHISKER_REPORT", root().join("results").join(SUITE).join("index.html"));
+    run_command(command)
+}
+
+fn forget(folder: &str) -> Outcome {
+    match fs::remove_dir_all(root().join(folder)) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(Failure::new(format!("{folder}: cannot be removed: {error}")))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,36 @@
+//! `cargo xtask <command>`: the project's chores.
+//!
+//! Exit codes: 0 good, 1 failed, 2 usage.
+
+mod commands;
+mod failure;
+mod parts;
+mod pipeline;
+mod python;
+mod tools;
+
+use std::env;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> =
+        env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
+    if arguments.iter().any(|argument| matches!(argument.as_str(), "help" | "--help" | "-h")) {
+        print!("{}", commands::help());
+        return ExitCode::SUCCESS;
+    }
+    let run = match commands::find(&arguments) {
+        Ok(command) => command.run,
+        Err(usage) => {
+            eprintln!("error: {usage}\n\n{}", commands::help());
+            return ExitCode::from(2);
+        }
+    };
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! The programs that the chores call, each set up to run in the repository.
+
+use std::env;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
+
+use crate::failure::{Failure, Outcome};
+use crate::python;
+
+/// Root folder of the repository, absolute.
+pub(crate) fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.ancestors().nth(2).unwrap_or(here).to_path_buf()
+}
+
+/// A cargo command, for example `["build", "--release"]`.
+pub(crate) fn cargo(arguments: &[&str]) -> Command {
+    in_repository(Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into())), arguments)
+}
+
+/// A command of the binary `whisker`, built for release where its sources changed.
+pub(crate) fn whisker(arguments: &[&str]) -> Command {
+    let mut command = cargo(&["run", "--quiet", "--release", "--package", "testbed", "--bin", "whisker", "--"]);
+    command.args(arguments);
+    command
+}
+
+/// A command of the Python interpreter in the repository's environment, for example `["-m", "pytest"]`.
+pub(crate) fn python(arguments: &[&str]) -> Command {
+    in_repository(Command::new(python::interpreter()), arguments)
+}
+
+fn in_repository(mut command: Command, arguments: &[&str]) -> Command {
+    command
+        .args(arguments)
+        .current_dir(root())
+        .env("PYTHONPATH", root().join("sim"))
+        .env("WHISKER_PYTHON", python::interpreter());
+    command
+}
+
+/// Runs a command to its end; its output goes to the terminal as it is.
+pub(crate) fn run(command: Command) -> Outcome {
+    start(command)?.finish()
+}
+
+/// Starts a command beside what comes next; its output goes to the terminal as it is.
+pub(crate) fn start(mut command: Command) -> Result<Running, Failure> {
+    let words = words(&command);
+    match command.spawn() {
+        Ok(child) => Ok(Running { words, child }),
+        Err(error) => Err(Failure::new(format!("`{words}` does not start: {error}"))),
+    }
+}
+
+/// A command that was started.
+pub(crate) struct Running {
+    words: String,
+    child: Child,
+}
+
+impl Running {
+    /// Waits for the command's end; fails where the command did.
+    pub(crate) fn finish(mut self) -> Outcome {
+        let words = &self.words;
+        match self.child.wait() {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => Err(Failure::new(format!("`{words}` ended with {status}"))),
+            Err(error) => Err(Failure::new(format!("`{words}` cannot be waited for: {error}"))),
+        }
+    }
+
+    /// Ends the command because its result is of no use any more.
+    pub(crate) fn abandon(mut self) {
+        // The command may have ended by itself, which is as good.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The command as a person would type it in the root folder.
+pub(crate) fn words(command: &Command) -> String {
+    let program = Path::new(command.get_program());
+    let program = program.strip_prefix(root()).unwrap_or(program);
+    // cargo passes the full path of itself on, which says nothing to a reader.
+    let program = if program.is_absolute() { program.file_name().map_or(program, Path::new) } else { program };
+    std::iter::once(program.as_os_str())
+        .chain(command.get_args())
+        .map(|word| word.to_string_lossy())
+        .collect::<Vec<_>>()
+        .join(" ")
+}

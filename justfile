@@ -1,0 +1,60 @@
+# The thin face of the project: every recipe is one cargo command. Without just installed: ./just <recipe>
+
+set positional-arguments
+
+whisker := "cargo run --release --package testbed --bin whisker --"
+
+# List the recipes
+_default:
+    @{{ quote(just_executable()) }} --justfile {{ quote(justfile()) }} --list --unsorted
+
+# Simulate, fit, evaluate and report the standard suite: results/standard/index.html
+demo:
+    @cargo xtask demo
+
+# Run every test: Rust, Python, end to end
+test:
+    @cargo xtask test
+
+# Simulate a suite or scenes with MuJoCo: just simulate scenes/suites/standard.json --out datasets/standard
+simulate *arguments: _setup
+    @{{ whisker }} simulate "$@"
+
+# Fit the sensor models of a suite's calibration traces: just fit scenes/suites/standard.json
+fit *arguments:
+    @{{ whisker }} fit "$@"
+
+# Run one estimator over one trace: just replay --help
+replay *arguments:
+    @{{ whisker }} replay "$@"
+
+# Score every estimator on a suite or on folders of traces: just evaluate scenes/suites/standard.json
+evaluate *arguments:
+    @{{ whisker }} evaluate "$@"
+
+# Draw figures and page of a run: just report results/standard
+report *arguments:
+    @{{ whisker }} report "$@"
+
+# Run the benchmarks
+bench:
+    @cargo xtask bench
+
+# Simulate the golden traces of the tests: datasets/golden/
+golden:
+    @cargo xtask golden
+
+# Measure every published figure again: results/reference/claims.csv
+reproduce:
+    @cargo xtask reproduce
+
+# Check format, lints and documentation of Rust and Python
+check:
+    @cargo xtask check
+
+# Run check and test
+ci:
+    @cargo xtask ci
+
+_setup:
+    @cargo xtask setup

@@ -1,0 +1,52 @@
+"""What the tests share."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from whisker_sim.scene import Run, load_runs
+
+# MuJoCo chooses its rendering back end when it is first imported, by whichever test comes first.
+if sys.platform == "linux":
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SCENES = REPOSITORY / "scenes"
+
+SWEEP = {
+    "format": 1,
+    "name": "sweep",
+    "role": "trial",
+    "group": "test",
+    "face": "left",
+    "whisker": "straight",
+    "object": {"shape": "circle", "radius_m": 0.015},
+    "motion": {"kind": "lateral_sweep", "contact_arc_m": 0.05, "stroke_m": 0.006, "strokes": 1},
+}
+"""A short scene that the tests vary."""
+
+
+@pytest.fixture
+def write_scene(tmp_path):
+    """Gives a function that writes `SWEEP`, with keys replaced (or removed by None), and returns its path."""
+
+    def write(**changes) -> Path:
+        scene = {key: value for key, value in {**SWEEP, **changes}.items() if value is not None}
+        path = tmp_path / f"{scene.get('name', 'scene')}.json"
+        path.write_text(json.dumps(scene, indent=2))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def make_run(write_scene):
+    """Gives a function that makes a run of `SWEEP` with keys replaced."""
+
+    def make(**changes) -> Run:
+        return load_runs(write_scene(**changes))[1][0]
+
+    return make

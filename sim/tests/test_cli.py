@@ -1,0 +1,177 @@
+"""The command line: wrong input, exit codes, interruption, pictures."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from PIL import Image
+
+from whisker_sim.cli import main
+
+from conftest import REPOSITORY, SCENES
+
+PIN = {"shape": "pin"}
+SWEEP = {"kind": "lateral_sweep", "contact_arc_m": 0.05, "stroke_m": 0.006}
+
+WRONG = {
+    "unknown key": ({"colour": "red"}, ["scene.json:18:3", "colour", "unknown key", "expected one of", "whisker"]),
+    "unknown key of a shape": ({"object": {"shape": "pin", "size_m": 1}}, ["object.size_m", "unknown key", "radius_m"]),
+    "unknown shape": ({"object": {"shape": "star"}}, ["object.shape", "pin, circle, rectangle", '"star"']),
+    "unknown motion": ({"motion": {"kind": "dance"}}, ["motion.kind", "calibration_grid, lateral_sweep, smooth", '"dance"']),
+    "unknown whisker": ({"whisker": "cat"}, ["scene.json:7:3", "whisker", "straight, curved, stanford", "'cat'"]),
+    "unknown role": ({"role": "test"}, ["role", "trial", "calibration", '"test"']),
+    "wrong version": ({"format": 2}, ["scene.json:2:3", "format", "expected one of 1", "found 2"]),
+    "missing key": ({"face": None}, ["expected the key 'face'"]),
+    "wrong type": ({"group": 3}, ["group", "expected str", "found 3"]),
+    "negative length": (
+        {"whisker": {"preset": "straight", "name": "w", "length_m": -0.1}},
+        ["scene.json", "whisker.length_m", "> 0.0", "found -0.1"],
+    ),
+    "lengths that do not add up": (
+        {"whisker": {"preset": "straight", "name": "w", "curvature": [{"length_m": 0.01, "curvature_per_m": 1.0}]}},
+        ["whisker.curvature", "0.08", "0.01"],
+    ),
+    "no duration": ({"motion": {"kind": "smooth", "arc_min_m": 0.04, "arc_max_m": 0.05}}, ["duration_s", "smooth"]),
+    "surplus duration": ({"duration_s": 3.0}, ["duration_s", "lateral_sweep", "3.0"]),
+    "uneven rate": ({"rate_hz": 300}, ["rate_hz", "whole number", "6.66667"]),
+    "contact beyond the tip": (
+        {"motion": {**SWEEP, "contact_arc_m": 0.09}},
+        ["scene.json:14:5", "motion.contact_arc_m", "0.08", "0.09"],
+    ),
+    "dented polygon": (
+        {"object": {"shape": "convex_polygon", "vertices_m": [[0, 0], [0.01, 0], [0.002, 0.002], [0, 0.01]]}},
+        ["object.vertices_m", "left turn", "vertex 2"],
+    ),
+    "name that is a path": ({"name": "../sweep"}, ["name", "found"]),
+    "huge seed": ({"seed": 2**60}, ["seed", "<="]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_robust_wrong_scene(write_scene, tmp_path, capsys, case):
+    """One line on stderr that names the file, the key, what was expected and what was found; exit code 2."""
+    changes, words = WRONG[case]
+    path = write_scene(**changes).rename(tmp_path / "scene.json")
+    assert main(["check", str(path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {path}")
+    assert captured.err.count("\n") == 1
+    for word in words:
+        assert word in captured.err
+
+
+RAW = {
+    "not a number": ('{"format": 1,\n "rate_hz": NaN}', [":2:13", "finite", "NaN"]),
+    "infinite": ('{"format": 1,\n "rate_hz": 1e999}', [":2:13", "finite", "1e999"]),
+    "broken": ('{"format": 1,\n "name" "x"}', [":2:9", "expected JSON", '"x"']),
+    "empty": ("", [":1:1", "the end of the file"]),
+    "a list": ("[]", ["expected an object", "list"]),
+    "repeated key": ('{"format": 1,\n "format": 1}', ["'format' once", "2 times"]),
+    "empty suite": ('{"format": 1, "name": "s", "scenes": []}', ["scenes", "found []"]),
+    "suite without file": ('{"format": 1, "name": "s", "scenes": [{"scene": "no.json"}]}', ["scenes[0].scene", "no.json"]),
+}
+
+
+@pytest.mark.parametrize("case", RAW)
+def test_robust_wrong_document(tmp_path, capsys, case):
+    text, words = RAW[case]
+    path = tmp_path / "scene.json"
+    path.write_text(text)
+    assert main(["check", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {path}")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+
+
+def test_robust_files_that_cannot_be_read(tmp_path, capsys):
+    assert main(["check", str(tmp_path / "none.json")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe")
+    assert main(["check", str(tmp_path / "binary.json")]) == 2
+    assert "UTF-8" in capsys.readouterr().err
+
+
+def test_robust_repeated_trace_names(write_scene, tmp_path, capsys):
+    scene = str(write_scene())
+    assert main(["simulate", scene, scene, "--out", str(tmp_path)]) == 2
+    assert "'sweep' 2 times" in capsys.readouterr().err
+
+
+def test_robust_failed_trace_among_good_ones(write_scene, tmp_path, capsys):
+    """A sweep that slips off the tip fails, is named with its time, leaves no files, and the others are finished: exit code 3."""
+    good = write_scene()
+    bad = write_scene(name="slips", whisker="curved", motion={**SWEEP, "contact_arc_m": 0.076, "stroke_m": 0.02})
+    out = tmp_path / "out"
+    assert main(["simulate", str(bad), "--out", str(out), "--jobs", "1"]) == 1
+    assert main(["simulate", str(good), str(bad), "--out", str(out), "--jobs", "1"]) == 3
+    error = capsys.readouterr().err
+    assert "slips" in error
+    assert " s" in error
+    assert {path.name for path in out.iterdir()} == {"sweep.csv", "sweep.json", "sweep.contour.csv"}
+
+
+def test_robust_interruption_leaves_whole_traces(tmp_path):
+    """Ctrl-C ends with code 130; every trace that exists is complete."""
+    command = [sys.executable, "-m", "whisker_sim", "simulate", str(SCENES / "suites" / "standard.json"), "--out", str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "sim")}
+    process = subprocess.Popen([*command, "--jobs", "2"], env=environment, stderr=subprocess.PIPE, start_new_session=True)
+    deadline_s = time.monotonic() + 60.0
+    while not list(tmp_path.glob("*.json")) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130, error
+    assert b"Traceback" not in error
+    sidecars = list(tmp_path.glob("*.json"))
+    assert 0 < len(sidecars) < 34
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        f"{path.stem}.{end}" for path in sidecars for end in ("csv", "contour.csv", "json")
+    )
+
+
+def test_verif_suites_are_good(capsys):
+    assert main(["check", *(str(path) for path in sorted((SCENES / "suites").glob("*.json")))]) == 0
+    assert "suite of 34 traces" in capsys.readouterr().out
+
+
+def test_verif_every_scene_is_good(capsys):
+    scenes = sorted(SCENES.glob("*.json"))
+    assert main(["check", *map(str, scenes)]) == 0
+    assert all(json.loads(path.read_text())["name"] == path.stem for path in scenes)
+
+
+def test_verif_list_names_every_row(capsys):
+    assert main(["list"]) == 0
+    listed = capsys.readouterr().out
+    for word in ("straight", "stanford", "regular_polygon", "convex_polygon", "calibration_grid", "contact_arc_m"):
+        assert word in listed
+
+
+def test_verif_pictures(tmp_path, capsys):
+    """A picture shows the whisker, the object and the contact; an animation has a frame for every 40 ms."""
+    still, moving = tmp_path / "a.png", tmp_path / "a.webp"
+    if main(["render", str(SCENES / "golden_circle.json"), "--out", str(still)]) == 1:
+        pytest.skip(capsys.readouterr().err)
+    colours = {colour for _, colour in Image.open(still).convert("RGB").getcolors(1 << 20)}
+    assert any(red > 180 and green < 120 and blue < 80 for red, green, blue in colours), "whisker"
+    assert any(blue > 150 and red < 60 for red, _, blue in colours), "contact"
+    assert main(["render", str(SCENES / "golden_circle.json"), "--out", str(moving)]) == 0
+    assert Image.open(moving).n_frames > 20
+    assert main(["render", str(SCENES / "golden_circle.json"), "--out", str(tmp_path / "a.txt")]) == 2
+    assert ".png, .gif or .webp" in capsys.readouterr().err
+
+
+def test_robust_viewer_without_display(monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    if not sys.platform.startswith("linux"):
+        pytest.skip("other systems always have a display")
+    assert main(["view", str(SCENES / "golden_circle.json")]) == 1
+    assert "display" in capsys.readouterr().err

@@ -1,0 +1,191 @@
+"""Strict reading of JSON documents into typed structs, with errors that say where and what."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from whisker_sim.errors import InputError
+
+T = TypeVar("T")
+
+_UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(?P<key>[^`]*)`(?: - at `(?P<path>[^`]*)`)?")
+_MISSING_FIELD = re.compile(r"Object missing required field `(?P<key>[^`]*)`(?: - at `(?P<path>[^`]*)`)?")
+_OTHER = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
+# What the structs' own checks raise: the key, relative to the struct, then what is wrong.
+_KEYED = re.compile(r"(?P<keys>[a-z0-9_]+(\.[a-z0-9_]+)*): (?P<text>.*)", re.DOTALL)
+_PATH_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
+
+
+def read_json(path: Path) -> tuple[Any, str]:
+    """Parses the JSON document at `path`; gives the value and the text.
+
+    Raises `InputError` where the file cannot be read, is not UTF-8 or not JSON, repeats a key, or holds NaN or an infinity.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: expected UTF-8 text, found {error.object[error.start]:#04x}") from None
+
+    def no_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        document = dict(pairs)
+        if len(document) < len(pairs):
+            keys = [key for key, _ in pairs]
+            key = next(key for key in keys if keys.count(key) > 1)
+            raise InputError(f"{path}{_position(text, [key])}: expected the key '{key}' once, found it {keys.count(key)} times")
+        return document
+
+    def only_finite(number: str) -> float:
+        value = float(number)
+        if value in (float("inf"), float("-inf")):
+            raise InputError(f"{path}{_position_of(text, number)}: expected a finite number, found {number}")
+        return value
+
+    def not_a_number(constant: str) -> float:
+        raise InputError(f"{path}{_position_of(text, constant)}: expected a finite number, found {constant}")
+
+    try:
+        value = json.loads(text, object_pairs_hook=no_repeated_keys, parse_float=only_finite, parse_constant=not_a_number)
+    except json.JSONDecodeError as error:
+        found = repr(text[error.pos : error.pos + 12]) if error.pos < len(text) else "the end of the file"
+        raise InputError(f"{path}:{error.lineno}:{error.colno}: expected JSON ({error.msg}), found {found}") from None
+    except RecursionError:
+        raise InputError(f"{path}: expected a scene or suite, found JSON nested too deeply") from None
+    return value, text
+
+
+def read_document(path: Path, kind: type[T]) -> T:
+    """Reads the JSON document at `path` as the struct `kind`; raises `InputError` where it is not one."""
+    value, text = read_json(path)
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}{_explain(str(error), value, text, kind)}") from None
+
+
+def located(path: Path, message: str) -> InputError:
+    """The error for a `message` of the form `key.key: what is wrong` about the document at `path`, with the key's position."""
+    _, text = read_json(path)
+    return InputError(f"{path}{_keyed(message, text, [])}")
+
+
+def to_json(value: Any) -> bytes:
+    """Encodes `value` as the project writes JSON: two spaces of indentation, shortest floats, a newline at the end."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
+
+
+def _explain(message: str, value: Any, text: str, kind: type) -> str:
+    if match := _UNKNOWN_FIELD.match(message):
+        path = _steps(match["path"])
+        known = ", ".join(_known_keys(value, path, kind))
+        return f"{_position(text, [*path, match['key']])}: {_dotted([*path, match['key']])}: unknown key; expected one of {known}"
+    if match := _MISSING_FIELD.match(message):
+        path = _steps(match["path"])
+        where = f"{_dotted(path)}: " if path else ""
+        return f"{_position(text, path)}: {where}expected the key '{match['key']}', found only {', '.join(_at(value, path))}"
+    match = _OTHER.match(message)
+    path = _steps(match["path"])
+    if _KEYED.fullmatch(match["text"]):
+        return _keyed(match["text"], text, path)
+    found = _brief(_at(value, path))
+    where = f"{_dotted(path)}: " if path else ""
+    detail = match["text"].replace("`", "")
+    detail = detail.split(", got")[0]
+    detail = re.sub(r"^Invalid (enum )?value .*$", lambda _: f"expected one of {', '.join(_choices(kind, path))}", detail)
+    detail = detail[0].lower() + detail[1:]
+    return f"{_position(text, path)}: {where}{detail}, found {found}"
+
+
+def _keyed(message: str, text: str, parent: list[str | int]) -> str:
+    match = _KEYED.fullmatch(message)
+    path = [*parent, *match["keys"].split(".")]
+    return f"{_position(text, path)}: {_dotted(path)}: {match['text']}"
+
+
+def _steps(path: str | None) -> list[str | int]:
+    steps = _PATH_STEP.finditer((path or "$").removeprefix("$"))
+    return [step["key"] if step["key"] is not None else int(step["index"]) for step in steps]
+
+
+def _dotted(path: list[str | int]) -> str:
+    text = ""
+    for step in path:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}"
+    return text.removeprefix(".")
+
+
+def _at(value: Any, path: list[str | int]) -> Any:
+    for step in path:
+        value = value[step]
+    return value
+
+
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _position(text: str, path: list[str | int]) -> str:
+    """`:line:column` of the key that ends `path`, found by following its keys through the text; empty for the document."""
+    start, found = 0, None
+    for step in path:
+        if isinstance(step, str):
+            match = re.compile(rf"{re.escape(json.dumps(step))}\s*:").search(text, start)
+            if match is None:
+                break
+            found, start = match.start(), match.end()
+    return "" if found is None else _line_and_column(text, found)
+
+
+def _position_of(text: str, token: str) -> str:
+    match = re.search(rf"(?<![\w.\"]){re.escape(token)}(?![\w\"])", text)
+    return _line_and_column(text, match.start()) if match else ""
+
+
+def _line_and_column(text: str, offset: int) -> str:
+    return f":{text.count(chr(10), 0, offset) + 1}:{offset - text.rfind(chr(10), 0, offset)}"
+
+
+def _types_at(kind: Any, path: list[str | int]) -> list[msgspec.inspect.Type]:
+    """The types that may stand at `path` of a document of type `kind`."""
+    types = _alternatives(msgspec.inspect.type_info(kind))
+    for step in path:
+        following: list[msgspec.inspect.Type] = []
+        for candidate in types:
+            if isinstance(candidate, msgspec.inspect.StructType):
+                following += [t for f in candidate.fields if f.encode_name == step for t in _alternatives(f.type)]
+            elif isinstance(candidate, msgspec.inspect.ListType | msgspec.inspect.VarTupleType):
+                following += _alternatives(candidate.item_type)
+        types = following
+    return types
+
+
+def _alternatives(kind: msgspec.inspect.Type) -> list[msgspec.inspect.Type]:
+    return list(kind.types) if isinstance(kind, msgspec.inspect.UnionType) else [kind]
+
+
+def _known_keys(value: Any, path: list[str | int], kind: type) -> list[str]:
+    found = _at(value, path)
+    for candidate in _types_at(kind, path):
+        if isinstance(candidate, msgspec.inspect.StructType) and (
+            candidate.tag_field is None or found.get(candidate.tag_field) == candidate.tag
+        ):
+            tag = [candidate.tag_field] if candidate.tag_field else []
+            return tag + [field.encode_name for field in candidate.fields]
+    return []
+
+
+def _choices(kind: type, path: list[str | int]) -> list[str]:
+    """The values that a tag or a literal at `path` may take."""
+    *parent, last = path
+    tags = [
+        str(candidate.tag)
+        for candidate in _types_at(kind, parent)
+        if isinstance(candidate, msgspec.inspect.StructType) and candidate.tag_field == last
+    ]
+    literals = [str(v) for c in _types_at(kind, path) if isinstance(c, msgspec.inspect.LiteralType) for v in c.values]
+    return tags or literals or [str(v) for c in _types_at(kind, path) if isinstance(c, msgspec.inspect.EnumType) for v in c.cls]

@@ -1,0 +1,195 @@
+"""The MuJoCo model: a chain of hinged links on a moving base, and one fixed object.
+
+Mechanics. The rod is cut into N segments of length l, each bent at its midpoint by one hinge whose compliance is that of the
+segment, int ds/EI; so there are N hinges and N + 1 links, the first and the last of half length. Links are rigid pieces of the
+undeflected rod, so that the chain at rest lies on the undeflected shape exactly. At the joint between two segments, in the
+middle of a link, position and tangent are those of the rod to second order in l. The compliant root is one more hinge.
+
+Units. The model is in millimetres, grams and seconds, hence micronewtons and nanonewton metres. In SI the links' inertias fall
+below the smallest value MuJoCo accepts.
+
+Contact. Contact is frictionless, and soft over a micrometre. A link carries short capsules along its undeflected arc: at a
+frictionless contact the bending moment vanishes, so the rod has its undeflected curvature just there.
+"""
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from whisker_sim.errors import SimulationError
+from whisker_sim.shapes import Shape
+from whisker_sim.shapes.base import mjcf
+from whisker_sim.whisker import Array, Whisker
+
+MM_PER_M = 1e3
+G_PER_KG = 1e3
+N_PER_UN = 1e-6
+NNM_PER_NM = 1e9
+
+_CAPSULES_PER_CURVED_LINK = 4
+# A base this heavy and this stiff keeps its course to a micrometre, whatever the whisker does; it lags its command by 4 ms.
+_BASE_MASS_G = 100.0
+_BASE_INERTIA_G_MM2 = 1e5
+_BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
+
+SENSORS = {"force": slice(0, 3), "distance": 3}
+"""Columns of the sensor data: net contact force in micronewtons, smallest distance in millimetres."""
+
+
+def build_model(whisker: Whisker, shape: Shape, timestep_s: float) -> mujoco.MjModel:
+    """Compiles the model of `whisker` and the object `shape`.
+
+    Coordinates: base x and y in millimetres, base yaw, root rotation, then the hinges' rotations, all from the undeflected
+    whisker with its base at World's origin. Controls: velocities of the base's three coordinates.
+
+    Raises `SimulationError` where MuJoCo rejects the model, as it does with links too small to weigh anything.
+    """
+    try:
+        return mujoco.MjModel.from_xml_string(build_mjcf(whisker, shape, timestep_s))
+    except ValueError as error:
+        raise SimulationError(f"MuJoCo rejects the model: {' '.join(str(error).split())}") from None
+
+
+def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
+    """The model as MJCF."""
+    root = ET.Element("mujoco", model="whisker")
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
+    option = ET.SubElement(
+        root,
+        "option",
+        timestep=mjcf(timestep_s),
+        gravity="0 0 0",
+        integrator="discrete",
+        solver="Newton",
+        jacobian="dense",
+        tolerance="1e-12",
+    )
+    # The native collider of 3.17 lets a capsule that lies along a prism's face sink in by tens of micrometres.
+    ET.SubElement(option, "flag", nativeccd="disable")
+    ET.SubElement(root, "statistic", center="0 0 0", extent=mjcf(MM_PER_M * whisker.length_m))
+    visual = ET.SubElement(root, "visual")
+    ET.SubElement(visual, "global", offwidth="1280", offheight="960")
+    asset = ET.SubElement(root, "asset")
+    white = {"rgb1": "1 1 1", "rgb2": "1 1 1", "width": "4", "height": "24"}
+    ET.SubElement(asset, "texture", white, type="skybox", builtin="flat")
+    for mesh in shape.meshes():
+        ET.SubElement(asset, "mesh", mesh)
+    world = ET.SubElement(root, "worldbody")
+    _add_object(world, shape)
+    _add_whisker(_add_base(world), whisker, timestep_s)
+    _add_actuators(root)
+    sensor = ET.SubElement(root, "sensor")
+    pair = {"subtree1": "base", "body2": "object", "num": "1"}
+    ET.SubElement(sensor, "contact", pair, name="net", reduce="netforce", data="force")
+    ET.SubElement(sensor, "contact", pair, name="nearest", reduce="mindist", data="dist")
+    return ET.tostring(root, encoding="unicode")
+
+
+def _add_object(world: ET.Element, shape: Shape) -> None:
+    x_m, y_m = shape.center_m
+    pose = {"pos": mjcf(MM_PER_M * x_m, MM_PER_M * y_m, 0.0), "euler": mjcf(0.0, 0.0, shape.yaw_rad)}
+    body = ET.SubElement(world, "body", pose, name="object")
+    for geom in shape.geoms():
+        ET.SubElement(body, "geom", geom, contype="0", conaffinity="1", condim="1", rgba="0.60 0.66 0.74 1")
+
+
+def _add_base(world: ET.Element) -> ET.Element:
+    base = ET.SubElement(world, "body", name="base")
+    ET.SubElement(base, "inertial", pos="0 0 0", mass=mjcf(_BASE_MASS_G), diaginertia=mjcf(*[_BASE_INERTIA_G_MM2] * 3))
+    ET.SubElement(base, "joint", name="base_x", type="slide", axis="1 0 0")
+    ET.SubElement(base, "joint", name="base_y", type="slide", axis="0 1 0")
+    ET.SubElement(base, "joint", name="base_yaw", type="hinge", axis="0 0 1")
+    return base
+
+
+def _add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float) -> None:
+    length_m, step_m = whisker.length_m, whisker.segment_m
+    hinges_m = (np.arange(whisker.segments) + 0.5) * step_m
+    ends_m = np.concatenate(([0.0], hinges_m, [length_m]))
+    nodes_m = np.arange(whisker.segments + 1) * step_m
+    capsules = _CAPSULES_PER_CURVED_LINK if any(arc.curvature_per_m != 0.0 for arc in whisker.curvature) else 1
+    parent, frame = base, _RestFrame(np.zeros(2), 0.0)
+    for index, node_m in enumerate(nodes_m):
+        start_m, end_m = ends_m[index], ends_m[index + 1]
+        link_frame = _RestFrame(whisker.rest_point_m(start_m), float(whisker.rest_angle_rad(node_m)))
+        body = ET.SubElement(
+            parent,
+            "body",
+            name=f"link_{index}",
+            pos=mjcf(*MM_PER_M * frame.local(link_frame.origin_m), 0.0),
+            euler=mjcf(0.0, 0.0, link_frame.angle_rad - frame.angle_rad),
+        )
+        stiffness_n_m_rad = (
+            whisker.root_stiffness_n_m_rad if index == 0 else 1.0 / whisker.compliance_rad_n_m((index - 1) * step_m, index * step_m)
+        )
+        ET.SubElement(
+            body,
+            "joint",
+            name="root" if index == 0 else f"hinge_{index}",
+            type="hinge",
+            axis="0 0 1",
+            stiffness=mjcf(NNM_PER_NM * stiffness_n_m_rad),
+            damping=mjcf(NNM_PER_NM * stiffness_n_m_rad * whisker.damping_s),
+        )
+        _add_inertial(body, whisker, link_frame, start_m, end_m)
+        cuts_m = np.linspace(start_m, end_m, capsules + 1)
+        points_mm = MM_PER_M * link_frame.local(whisker.rest_point_m(cuts_m))
+        radii_mm = MM_PER_M * whisker.radius_m(0.5 * (cuts_m[:-1] + cuts_m[1:]))
+        for a, b, radius_mm in zip(points_mm[:-1], points_mm[1:], radii_mm, strict=True):
+            ET.SubElement(
+                body,
+                "geom",
+                type="capsule",
+                fromto=mjcf(*a, 0.0, *b, 0.0),
+                size=mjcf(radius_mm),
+                contype="1",
+                conaffinity="0",
+                condim="1",
+                priority="1",
+                solref=mjcf(2.0 * timestep_s, 1.0),
+                solimp="0.99 0.999 0.001 0.5 2",
+                rgba="0.85 0.33 0.10 1",
+            )
+        parent, frame = body, link_frame
+
+
+def _add_inertial(body: ET.Element, whisker: Whisker, frame: "_RestFrame", start_m: float, end_m: float) -> None:
+    """Mass of the link from slices of its arc; each slice is a point mass, which is exact to the square of a slice's share."""
+    cuts_m = np.linspace(start_m, end_m, 17)
+    masses_g = np.array([G_PER_KG * whisker.mass_kg(a, b) for a, b in pairwise(cuts_m)])
+    points_mm = MM_PER_M * frame.local(whisker.rest_point_m(0.5 * (cuts_m[:-1] + cuts_m[1:])))
+    mass_g = masses_g.sum()
+    center_mm = masses_g @ points_mm / mass_g
+    inertia_g_mm2 = masses_g @ np.sum((points_mm - center_mm) ** 2, axis=1)
+    # Only the axis out of the plane matters; equal values on the others satisfy the triangle inequality.
+    ET.SubElement(body, "inertial", pos=mjcf(*center_mm, 0.0), mass=mjcf(mass_g), diaginertia=mjcf(*[inertia_g_mm2] * 3))
+
+
+def _add_actuators(root: ET.Element) -> None:
+    """Position servos behind an integrator: the base has a velocity, which a teleported base would hide from the contact."""
+    actuator = ET.SubElement(root, "actuator")
+    for joint, inertia in (("base_x", _BASE_MASS_G), ("base_y", _BASE_MASS_G), ("base_yaw", _BASE_INERTIA_G_MM2)):
+        ET.SubElement(
+            actuator,
+            "intvelocity",
+            joint=joint,
+            kp=mjcf(inertia * _BASE_FREQUENCY_RAD_S**2),
+            kv=mjcf(2.0 * inertia * _BASE_FREQUENCY_RAD_S),
+            actrange="-1e6 1e6",
+        )
+
+
+@dataclass(frozen=True)
+class _RestFrame:
+    """Frame of a link in the undeflected whisker, relative to Base."""
+
+    origin_m: Array
+    angle_rad: float
+
+    def local(self, points_m: Array) -> Array:
+        """Points (..., 2) of Base in this frame."""
+        cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        return (points_m - self.origin_m) @ np.array(((cos, -sin), (sin, cos)))

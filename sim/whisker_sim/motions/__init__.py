@@ -1,0 +1,15 @@
+"""Registry of base motions: one file and one row a motion."""
+
+from whisker_sim.motions.base import Motion, Plan, Stage
+from whisker_sim.motions.calibration_grid import CalibrationGrid
+from whisker_sim.motions.lateral_sweep import LateralSweep
+from whisker_sim.motions.smooth import Smooth
+
+AnyMotion = (
+    CalibrationGrid  #
+    | LateralSweep
+    | Smooth
+)
+"""The motions that a scene's `motion` may name by the key `kind`."""
+
+__all__ = ["AnyMotion", "Motion", "Plan", "Stage"]

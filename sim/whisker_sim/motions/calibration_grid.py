@@ -1,0 +1,71 @@
+"""Calibration: a pin driven into the whisker at many places by two orthogonal prismatic joints."""
+
+from typing import Annotated, Any, ClassVar
+
+import msgspec
+import numpy as np
+
+from whisker_sim.motions.base import REST_S, Motion, Path, Plan, Stage
+from whisker_sim.whisker import Length, Positive
+
+
+class CalibrationGrid(Motion, frozen=True, forbid_unknown_fields=True, tag="calibration_grid"):
+    """Pushes into the whisker at `lines` places along it and back; the base only translates.
+
+    The range of arc lengths is cut into `lines` equal strata with one push at a random place in each. A push follows the normal
+    of the undeflected whisker to a depth of `depth_ratio` times the arc length, at most `depth_max_m`, and near the tip at most
+    as deep as keeps the contact `tip_margin_m` away from it.
+    """
+
+    lines: Annotated[int, msgspec.Meta(ge=1, le=1000)]
+    arc_min_m: Length
+    arc_max_m: Length
+    depth_ratio: Positive
+    depth_max_m: Length
+    speed_m_s: Positive
+    clearance_m: Length = 0.2e-3
+    tip_margin_m: Length = 1e-3
+
+    example: ClassVar[dict[str, Any]] = {
+        "lines": 2, "arc_min_m": 0.03, "arc_max_m": 0.05, "depth_ratio": 0.2, "depth_max_m": 0.01, "speed_m_s": 0.06,
+    }  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if self.arc_min_m >= self.arc_max_m:
+            raise ValueError(f"arc_max_m: expected more than arc_min_m = {self.arc_min_m}, found {self.arc_max_m}")
+
+    def plan(self, stage: Stage) -> Plan:
+        """Plans the pushes from the root to the tip."""
+        if self.arc_max_m + self.tip_margin_m >= stage.whisker.length_m:
+            raise ValueError(
+                f"motion.arc_max_m: expected less than the whisker's length less tip_margin_m = "
+                f"{stage.whisker.length_m - self.tip_margin_m}, found {self.arc_max_m}"
+            )
+        stratum = (np.arange(self.lines) + stage.rng.random(self.lines)) / self.lines
+        arcs_m = self.arc_min_m + stratum * (self.arc_max_m - self.arc_min_m)
+        path = Path(stage.base_pose(arcs_m[0], self.clearance_m), stage.timestep_s)
+        path.rest(REST_S)
+        touching = []
+        for arc_m in arcs_m:
+            path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s)
+            start_s = path.time_s
+            path.move(stage.base_pose(arc_m, -self.depth_m(arc_m, stage)), self.speed_m_s)
+            turn_s = path.time_s
+            path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s)
+            # Half of the push's time either side of the turn is well inside the contact, whatever the whisker's ringing.
+            touching.append((0.5 * (start_s + turn_s), 0.5 * (turn_s + path.time_s)))
+        return Plan(path.poses(), tuple(touching))
+
+    def depth_m(self, arc_m: float, stage: Stage) -> float:
+        """Depth of the push at `arc_m`.
+
+        A whisker that only turned about its root by the push d would be met where it is as far from the root as the pin,
+        |c - d n|, with c the undeflected point and n the normal towards the pin; bending adds about a fifth to the term d^2 (for
+        a cantilever, int y'^2 / 2 is 0.6 d^2 / s, for a rigid bar 0.5). The limit is the d that reaches the tip's margin.
+        """
+        point_m, end_m = stage.whisker.rest_point_m([arc_m, stage.whisker.length_m - self.tip_margin_m])
+        angle_rad = float(stage.whisker.rest_angle_rad(arc_m))
+        outward_m = -stage.face * float(point_m @ (-np.sin(angle_rad), np.cos(angle_rad)))
+        room_m2 = 1.2 * float(end_m @ end_m - point_m @ point_m)
+        slip_off_m = (np.sqrt(outward_m**2 + room_m2) - outward_m) / 1.2
+        return float(min(self.depth_ratio * arc_m, self.depth_max_m, slip_off_m))

@@ -1,0 +1,145 @@
+"""Scenes and suites: what is simulated, as people write it and as it is run."""
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from whisker_sim.documents import read_document, read_json
+from whisker_sim.errors import InputError
+from whisker_sim.motions import AnyMotion, Stage
+from whisker_sim.shapes import AnyShape
+from whisker_sim.whisker import Positive, Whisker, WhiskerOverride, resolve_whisker
+
+Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
+Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+Format = Literal[1]
+
+
+class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the physics is integrated."""
+
+    timestep_s: Annotated[float, msgspec.Meta(ge=1e-5, le=0.002)] = 0.0005
+
+
+class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One experiment: a whisker, an object, a motion."""
+
+    format: Format
+    name: Name
+    role: Literal["trial", "calibration"]
+    group: Name
+    face: Literal["left", "right"]
+    whisker: str | WhiskerOverride
+    object: AnyShape
+    motion: AnyMotion
+    seed: Seed = 0
+    duration_s: Positive | None = None
+    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
+    simulation: Simulation = Simulation()
+
+    def __post_init__(self) -> None:
+        resolve_whisker(self.whisker)
+        if self.motion.needs_duration and self.duration_s is None:
+            raise ValueError(f"duration_s: the motion '{self.motion_kind}' needs it, found none")
+        if not self.motion.needs_duration and self.duration_s is not None:
+            raise ValueError(
+                f"duration_s: expected none, for the motion '{self.motion_kind}' ends by itself, found {self.duration_s}"
+            )
+        steps = 1.0 / (self.rate_hz * self.simulation.timestep_s)
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
+            raise ValueError(
+                f"rate_hz: expected a whole number of time steps of {self.simulation.timestep_s} s a row, found {steps:g}"
+            )
+
+    @property
+    def motion_kind(self) -> str:
+        """Name of the motion in its registry."""
+        return self.motion.__struct_config__.tag
+
+    @property
+    def shape(self) -> str:
+        """Name of the object's shape in its registry."""
+        return self.object.__struct_config__.tag
+
+    @property
+    def resolved_whisker(self) -> Whisker:
+        """The whisker's parameters."""
+        return resolve_whisker(self.whisker)
+
+    @property
+    def steps_per_row(self) -> int:
+        """Time steps between two rows of the trace."""
+        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
+
+    def stage(self) -> Stage:
+        """What the motion may know. The random stream follows from the scene's name and seed alone."""
+        name = int.from_bytes(hashlib.sha256(self.name.encode()).digest()[:8], "big")
+        return Stage(
+            whisker=self.resolved_whisker,
+            shape=self.object,
+            face=1 if self.face == "left" else -1,
+            timestep_s=self.simulation.timestep_s,
+            duration_s=self.duration_s,
+            rng=np.random.Generator(np.random.PCG64([name, self.seed])),
+        )
+
+
+class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One scene of a suite, and the seeds it is run with; without them, its own."""
+
+    scene: str
+    seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] | None = None
+
+
+class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A set of scenes that are run together."""
+
+    format: Format
+    name: Name
+    scenes: Annotated[tuple[SuiteEntry, ...], msgspec.Meta(min_length=1)]
+
+
+class Run(msgspec.Struct, frozen=True):
+    """One trace to be made."""
+
+    name: str
+    scene: Scene
+    """The scene, with the seed it is run with."""
+    path: Path
+    """The scene's file."""
+
+
+def load(path: Path) -> Scene | Suite:
+    """Reads a scene or a suite; raises `InputError` where the file is neither."""
+    value, _ = read_json(path)
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: expected an object, found {type(value).__name__}")
+    kind = Suite if "scenes" in value else Scene
+    return read_document(path, kind)
+
+
+def load_runs(path: Path) -> tuple[str | None, list[Run]]:
+    """The traces that a scene or suite file stands for, and the suite's name.
+
+    Raises `InputError`, also where two traces of a suite would have the same name.
+    """
+    document = load(path)
+    if isinstance(document, Scene):
+        return None, [Run(document.name, document, path)]
+    runs: dict[str, Run] = {}
+    for index, entry in enumerate(document.scenes):
+        scene_path = Path(os.path.normpath(path.parent / entry.scene))
+        if not scene_path.is_file():
+            raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found no file '{entry.scene}'")
+        scene = read_document(scene_path, Scene)
+        seeds = entry.seeds or (scene.seed,)
+        for seed in seeds:
+            name = f"{scene.name}_{seed:02d}" if len(seeds) > 1 else scene.name
+            if name in runs:
+                raise InputError(f"{path}: scenes[{index}]: expected traces of different names, found '{name}' twice")
+            runs[name] = Run(name, msgspec.structs.replace(scene, seed=seed), scene_path)
+    return document.name, list(runs.values())

@@ -1,0 +1,21 @@
+"""Registry of object shapes: one file and one row a shape."""
+
+from whisker_sim.shapes.base import CHORD_ERROR_M, Shape
+from whisker_sim.shapes.circle import Circle
+from whisker_sim.shapes.convex_polygon import ConvexPolygon
+from whisker_sim.shapes.ellipse import Ellipse
+from whisker_sim.shapes.pin import Pin
+from whisker_sim.shapes.rectangle import Rectangle
+from whisker_sim.shapes.regular_polygon import RegularPolygon
+
+AnyShape = (
+    Pin  #
+    | Circle
+    | Rectangle
+    | RegularPolygon
+    | Ellipse
+    | ConvexPolygon
+)
+"""The shapes that a scene's `object` may name by the key `shape`."""
+
+__all__ = ["CHORD_ERROR_M", "AnyShape", "Shape"]

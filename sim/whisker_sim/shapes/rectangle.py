@@ -1,0 +1,31 @@
+"""A rectangle."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from whisker_sim.shapes.base import HALF_HEIGHT_MM, Array, mjcf
+from whisker_sim.shapes.polygon import Polygon
+from whisker_sim.whisker import Length
+
+
+class Rectangle(Polygon, frozen=True, forbid_unknown_fields=True, tag="rectangle"):
+    """Upright block, its sides along the axes of its frame."""
+
+    width_m: Length
+    height_m: Length
+
+    example: ClassVar[dict[str, Any]] = {"width_m": 0.03, "height_m": 0.02, "yaw_rad": 0.3}
+
+    def vertices(self) -> Array:
+        """The four corners."""
+        x, y = 0.5 * self.width_m, 0.5 * self.height_m
+        return np.array(((-x, -y), (x, -y), (x, y), (-x, y)))
+
+    def geoms(self) -> list[dict[str, str]]:
+        """A box: it collides with capsules in closed form, which a mesh does not."""
+        return [{"type": "box", "size": mjcf(500.0 * self.width_m, 500.0 * self.height_m, HALF_HEIGHT_MM)}]
+
+    def meshes(self) -> list[dict[str, str]]:
+        """None."""
+        return []

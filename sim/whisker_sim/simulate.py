@@ -1,0 +1,137 @@
+"""Runs a scene: plans the motion, steps the physics, reads the truth."""
+
+from dataclasses import dataclass
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+from numpy.typing import NDArray
+
+from whisker_sim.documents import located
+from whisker_sim.errors import SimulationError
+from whisker_sim.model import MM_PER_M, N_PER_UN, SENSORS, build_model
+from whisker_sim.motions import Plan
+from whisker_sim.motions.base import REST_S
+from whisker_sim.scene import Run, Scene
+from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
+from whisker_sim.whisker import Array
+
+# MuJoCo would write its warnings to a log file in the working directory; here they fail the trace.
+_warnings: list[str] = []
+mujoco.set_mju_user_warning(_warnings.append)
+
+_CHUNK_STEPS = 2000
+_PENETRATION_LIMIT_M = 20e-6
+"""Deeper than this the contact is not the rigid one that a scene stands for."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One trace: n rows at the logging rate. World and SI units unless the name says otherwise."""
+
+    time_s: Array
+    base_pose: Array
+    """(n, 3): x, y, yaw."""
+    base_twist: Array
+    """(n, 3): velocity along the base's x and y, angular velocity; in Base."""
+    rotations_rad: Array
+    """(n, N + 1): rotation of the root, then of the hinges."""
+    touching: NDArray[np.bool_]
+    force_n: Array
+    truth: ContactTruth
+    """Of every row; it has a meaning where the whisker touches."""
+    penetration_m: Array
+    """Penetration of the two surfaces (n,), zero while free."""
+
+
+def simulate(run: Run) -> Simulated:
+    """Simulates `run`.
+
+    Raises `InputError` where the motion does not fit the scene, and `SimulationError` where the physics fails or the contact
+    is not what the motion promises.
+    """
+    scene = run.scene
+    try:
+        plan = scene.motion.plan(scene.stage())
+    except ValueError as error:
+        raise located(run.path, str(error)) from None
+    qpos, qvel, sensors = _integrate(scene, plan)
+    time_s = np.arange(len(qpos)) / scene.rate_hz
+    whisker = scene.resolved_whisker
+    base_pose = qpos[:, :3] / (MM_PER_M, MM_PER_M, 1.0)
+    cos, sin = np.cos(base_pose[:, 2]), np.sin(base_pose[:, 2])
+    vx, vy = qvel[:, 0] / MM_PER_M, qvel[:, 1] / MM_PER_M
+    force_n = N_PER_UN * np.sqrt(np.sum(sensors[:, SENSORS["force"]] ** 2, axis=1))
+    line = CenterLine.from_joints(whisker, base_pose, qpos[:, 3:])
+    simulated = Simulated(
+        time_s=time_s,
+        base_pose=base_pose,
+        base_twist=np.stack((cos * vx + sin * vy, cos * vy - sin * vx, qvel[:, 2]), axis=-1),
+        rotations_rad=qpos[:, 3:],
+        touching=force_n > 0.0,
+        force_n=force_n,
+        truth=nearest_contact(line, scene.object),
+        penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
+    )
+    _check(simulated, plan)
+    return simulated
+
+
+def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
+    """Positions, velocities and sensor data at the logged instants, in the model's units."""
+    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
+    data = mujoco.MjData(model)
+    _warnings.clear()
+    poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
+    data.qpos[:3] = data.act[:] = poses_mm[0]
+    spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, spec))
+    mujoco.mj_getState(model, data, state, spec)
+
+    stride, timestep_s = scene.steps_per_row, scene.simulation.timestep_s
+    velocities = np.diff(poses_mm, axis=0) / timestep_s
+    # A step's sensor data belong to the state before the step, so one more step gives those of the last row.
+    velocities = np.concatenate((velocities[: len(velocities) // stride * stride], np.zeros((1, 3))))
+    states, sensors = [], []
+    chunk = max(1, _CHUNK_STEPS // stride) * stride
+    for start in range(0, len(velocities), chunk):
+        control = velocities[start : start + chunk]
+        warmstart = data.qacc_warmstart.copy()
+        after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
+        _check_physics(after[0], start * timestep_s, timestep_s)
+        states.append(np.concatenate((state[None], after[0][:-1]))[::stride])
+        sensors.append(readings[0][::stride])
+        state = after[0][-1]
+    states, sensors = np.concatenate(states), np.concatenate(sensors)
+    qpos, qvel = states[:, 1 : 1 + model.nq], states[:, 1 + model.nq : 1 + model.nq + model.nv]
+    return qpos, qvel, sensors
+
+
+def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:
+    if _warnings:
+        raise SimulationError(f"MuJoCo warns: {_warnings[0]}")
+    finite = np.all(np.isfinite(states), axis=1)
+    if not np.all(finite):
+        raise SimulationError(f"state is not finite at {start_s + timestep_s * (int(np.argmin(finite)) + 1):.4f} s")
+
+
+def _check(simulated: Simulated, plan: Plan) -> None:
+    time_s, touching = simulated.time_s, simulated.touching
+    early = touching & (time_s <= REST_S)
+    if np.any(early):
+        raise SimulationError(f"whisker touches the object at {time_s[np.argmax(early)]:.3f} s, before the motion starts")
+    for start_s, end_s in plan.touching:
+        lost = ~touching & (time_s >= start_s) & (time_s <= end_s)
+        if np.any(lost):
+            raise SimulationError(
+                f"contact lost at {time_s[np.argmax(lost)]:.3f} s; the motion promises it from {start_s:.3f} s to {end_s:.3f} s"
+            )
+    at_tip = touching & simulated.truth.tip
+    if np.any(at_tip):
+        raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")
+        deep = (simulated.penetration_m > _PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
+        if np.any(deep):
+            raise SimulationError(
+                f"penetration of {np.max(simulated.penetration_m[deep]):.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
+                f"expected at most {_PENETRATION_LIMIT_M:.0e} m: the time step is too long"
+            )

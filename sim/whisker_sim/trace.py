@@ -1,0 +1,207 @@
+"""The files of a trace: CSV, outline and sidecar, as `datasets/FORMAT.md` specifies them."""
+
+import functools
+import hashlib
+import os
+import subprocess
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+import whisker_sim
+from whisker_sim.documents import to_json
+from whisker_sim.scene import Run, Scene
+from whisker_sim.simulate import Simulated
+from whisker_sim.whisker import Array, Whisker
+
+COLUMNS = (
+    ("t_s", 6),
+    ("base_x_m", 10),
+    ("base_y_m", 10),
+    ("base_yaw_rad", 10),
+    ("base_vx_m_s", 10),
+    ("base_vy_m_s", 10),
+    ("base_wz_rad_s", 10),
+    ("moment_z_n_m", 15),
+    ("rotation_z_rad", 10),
+    ("truth_touching", 0),
+    ("truth_tip", 0),
+    ("truth_contact_x_m", 10),
+    ("truth_contact_y_m", 10),
+    ("truth_surface_x_m", 10),
+    ("truth_surface_y_m", 10),
+    ("truth_arc_m", 10),
+    ("truth_force_n", 12),
+    ("truth_tangent_rad", 10),
+)
+"""Columns of a trace in order, with their decimals."""
+
+# Modules that show things to people and leave the data alone; a change in them makes no trace out of date.
+_PRESENTATION = {"__main__.py", "cli.py", "render.py"}
+
+
+class Generator(msgspec.Struct, frozen=True):
+    """What made a trace."""
+
+    name: str
+    version: str
+    mujoco: str
+    git_commit: str | None
+    source_sha256: str
+
+
+class Contour(msgspec.Struct, frozen=True):
+    """The outline that belongs to a trace."""
+
+    file: str
+    sha256: str
+    chord_error_m: float
+
+
+class Sidecar(msgspec.Struct, frozen=True):
+    """All that is known of a trace beside its rows."""
+
+    format: int
+    kind: str
+    name: str
+    role: str
+    group: str
+    object: str
+    face: str
+    seed: int
+    rate_hz: float
+    rows: int
+    whisker: Whisker
+    scene: Scene
+    generator: Generator
+    inputs_sha256: str
+    csv_sha256: str
+    contour: Contour
+
+
+def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
+    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json` into `folder`."""
+    scene = run.scene
+    csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
+    outline_m = scene.object.outline_m()
+    contour = format_csv([outline_m[:, 0], outline_m[:, 1]], (("x_m", 10), ("y_m", 10)))
+    contour_name = f"{run.name}.contour.csv"
+    sidecar = Sidecar(
+        format=scene.format,
+        kind="trace",
+        name=run.name,
+        role=scene.role,
+        group=scene.group,
+        object=scene.shape,
+        face=scene.face,
+        seed=scene.seed,
+        rate_hz=scene.rate_hz,
+        rows=len(simulated.time_s),
+        whisker=scene.resolved_whisker,
+        scene=scene,
+        generator=generator(),
+        inputs_sha256=inputs_sha256(scene),
+        csv_sha256=_sha256(csv),
+        contour=Contour(contour_name, _sha256(contour), scene.object.chord_error_m()),
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / f"{run.name}.csv", csv)
+    write_atomically(folder / contour_name, contour)
+    write_atomically(folder / f"{run.name}.json", to_json(sidecar))
+
+
+def is_up_to_date(folder: Path, run: Run) -> bool:
+    """Whether `folder` holds just the trace that `run` would make: same inputs, and files that match their hashes."""
+    try:
+        sidecar = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())
+        return bool(
+            sidecar["inputs_sha256"] == inputs_sha256(run.scene)
+            and sidecar["csv_sha256"] == _sha256((folder / f"{run.name}.csv").read_bytes())
+            and sidecar["contour"]["sha256"] == _sha256((folder / f"{run.name}.contour.csv").read_bytes())
+        )
+    except (OSError, msgspec.DecodeError, KeyError, TypeError):
+        return False
+
+
+def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
+    """Values of all columns (n,) in order; NaN where a value is unknown."""
+    touching, truth = simulated.touching, simulated.truth
+    root_rad = simulated.rotations_rad[:, 0]
+    while_touching = [
+        truth.tip.astype(float),
+        *truth.contact_m.T,
+        *truth.surface_m.T,
+        truth.arc_m,
+        simulated.force_n,
+        truth.tangent_rad,
+    ]
+    return [
+        simulated.time_s,
+        *simulated.base_pose.T,
+        *simulated.base_twist.T,
+        whisker.root_stiffness_n_m_rad * root_rad,
+        root_rad,
+        touching.astype(float),
+        *(np.where(touching, values, np.nan) for values in while_touching),
+    ]
+
+
+def format_csv(values: list[Array], columns: tuple[tuple[str, int], ...]) -> bytes:
+    """CSV with a header and a fixed number of decimals a column; NaN is an empty field and -0 is 0."""
+    fields = [_format(column, decimals) for column, (_, decimals) in zip(values, columns, strict=True)]
+    lines = [",".join(name for name, _ in columns), *map(",".join, zip(*fields, strict=True))]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _format(values: Array, decimals: int) -> list[str]:
+    negative_zero = f"{-0.0:.{decimals}f}"
+    texts = ("" if value != value else f"{value:.{decimals}f}" for value in values.tolist())
+    return [text.removeprefix("-") if text == negative_zero else text for text in texts]
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Writes under a temporary name in the same folder and renames, so that a file that exists is complete."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def inputs_sha256(scene: Scene) -> str:
+    """Hash of all that determines a trace: the scene with its seed, the generator's sources, the libraries' versions."""
+    made_by = generator()
+    return _sha256(to_json([scene, made_by.source_sha256, made_by.mujoco, version("numpy")]))
+
+
+@functools.cache
+def generator() -> Generator:
+    """What makes traces here and now."""
+    package = Path(whisker_sim.__file__).parent
+    sources = sorted(path for path in package.rglob("*.py") if path.name not in _PRESENTATION)
+    digest = hashlib.sha256()
+    for path in sources:
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), _git_commit(package), digest.hexdigest())
+
+
+def _git_commit(folder: Path) -> str | None:
+    try:
+        asked: Any = subprocess.run(
+            ["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, check=True, timeout=10
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return asked.stdout.strip()
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,191 @@
+"""The report's page in a real browser: everything is there and visible, nothing is fetched, the console stays empty.
+
+The page is `$WHISKER_REPORT`, or else every `results/*/index.html`. Without Chromium or without a page the tests are
+skipped with the reason, unless `WHISKER_REQUIRE_BROWSER=1`: then they fail.
+"""
+
+import functools
+import http.server
+import os
+import re
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+CHROMIUM_FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+VIEWPORTS = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
+
+
+def report_pages() -> list[Path]:
+    """Pages to be tested; a single absent one where there is none, so that the tests say so."""
+    named = os.environ.get("WHISKER_REPORT")
+    if named:
+        return [Path(named).resolve()]
+    return sorted(ROOT.glob("results/*/index.html")) or [ROOT / "results" / "standard" / "index.html"]
+
+
+def unavailable(reason: str) -> None:
+    """Skip, or fail where a browser is required."""
+    if os.environ.get("WHISKER_REQUIRE_BROWSER") == "1":
+        pytest.fail(reason)
+    print(f"skipped: {reason}")
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    """Debian's Chromium, headless."""
+    executable = shutil.which("chromium") or shutil.which("chromium-browser")
+    if executable is None:
+        unavailable("no chromium on the PATH (Debian: apt-get install chromium)")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        unavailable("the Python package playwright is not installed")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=CHROMIUM_FLAGS)
+        yield browser
+        browser.close()
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    """Serves files and keeps still about it."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Write nothing."""
+
+
+@pytest.fixture(params=report_pages(), ids=lambda page: page.parent.name)
+def report(request: pytest.FixtureRequest) -> Path:
+    """The file of a page."""
+    page: Path = request.param
+    if not page.is_file():
+        unavailable(f"{page} does not exist; draw it with: whisker report {page.parent}")
+    return page
+
+
+@pytest.fixture
+def address(report: Path) -> Iterator[str]:
+    """Address of the page, served from its folder on loopback: a request that the page makes would be seen."""
+    handler = functools.partial(QuietHandler, directory=str(report.parent))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/{report.name}"
+        server.shutdown()
+
+
+@pytest.fixture(params=VIEWPORTS)
+def opened(browser, address: str, request: pytest.FixtureRequest) -> Iterator:
+    """The page, loaded and at rest, with lists of its console messages and requests."""
+    page = browser.new_page(viewport=VIEWPORTS[request.param])
+    page.console_lines, page.requests = [], []
+    page.on("console", lambda message: page.console_lines.append(message.text))
+    page.on("pageerror", lambda error: page.console_lines.append(str(error)))
+    page.on("request", lambda sent: page.requests.append(sent.url))
+    page.goto(address, wait_until="networkidle")
+    page.evaluate("document.fonts.ready")
+    yield page
+    page.close()
+
+
+def test_nothing_is_fetched_and_the_console_stays_empty(opened, address):
+    outside = [url for url in opened.requests if url != address and not url.startswith("data:")]
+    assert outside == []
+    assert opened.console_lines == []
+
+
+def test_every_figure_is_there_and_visible(opened, report):
+    names = sorted(drawing.stem for drawing in (report.parent / "figures").glob("*.svg"))
+    assert len(names) >= 4
+    assert opened.locator("figure svg").count() == len(names)
+    for name in names:
+        assert (report.parent / "figures" / f"{name}.png").stat().st_size > 10_000, name
+        drawing = opened.locator(f"section#{name} figure svg")
+        drawing.scroll_into_view_if_needed()
+        assert drawing.is_visible(), name
+        box = drawing.bounding_box()
+        assert box["width"] >= 600, (name, box)
+        assert box["height"] >= 200, (name, box)
+        assert drawing.locator("polyline, polygon, circle").count() >= 20, name
+        assert len(opened.locator(f"section#{name} figcaption").inner_text()) > 60, name
+
+
+def test_no_text_of_a_figure_is_cut_off(opened):
+    cut = opened.evaluate(
+        """() => [...document.querySelectorAll('figure svg')].flatMap(svg => {
+            const frame = svg.getBoundingClientRect();
+            return [...svg.querySelectorAll('text')].filter(text => {
+                const box = text.getBoundingClientRect();
+                return box.width > 0 && (box.left < frame.left - 1 || box.right > frame.right + 1
+                    || box.top < frame.top - 1 || box.bottom > frame.bottom + 1);
+            }).map(text => `${svg.getAttribute('aria-label')}: ${text.textContent.trim()}`);
+        })"""
+    )
+    assert cut == []
+
+
+def test_no_two_texts_of_a_figure_overlap(opened):
+    overlapping = opened.evaluate(
+        """() => [...document.querySelectorAll('figure svg')].flatMap(svg => {
+            const texts = [...svg.querySelectorAll('text')].filter(text => text.textContent.trim())
+                .map(text => [text.textContent.trim(), text.getBoundingClientRect()]);
+            const margin = 1;
+            return texts.flatMap(([a, p], i) => texts.slice(i + 1)
+                .filter(([, q]) => p.left < q.right - margin && q.left < p.right - margin
+                    && p.top + p.height / 4 < q.bottom - q.height / 4 && q.top + q.height / 4 < p.bottom - p.height / 4)
+                .map(([b]) => `${svg.getAttribute('aria-label')}: ${a} | ${b}`));
+        })"""
+    )
+    assert overlapping == []
+
+
+def test_the_page_fits_its_window(opened):
+    width, window = opened.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert width <= window
+
+
+def test_the_embedded_font_is_used(opened):
+    loaded = opened.evaluate("[...document.fonts].filter(face => face.status === 'loaded').map(face => face.family)")
+    assert "Inter" in loaded
+
+
+def test_the_summary_has_marked_best_values_and_the_footer_its_watermark(opened):
+    summary = opened.locator("section#summary table")
+    assert summary.locator("tbody tr").count() >= 2
+    assert summary.locator("b.best").count() >= 1
+    watermark = opened.locator("footer#provenance").inner_text()
+    assert re.search(r"\b[0-9a-f]{64}\b", watermark)
+    for word in ("written by", "commit", "measurement noise", "seeds"):
+        assert word in watermark
+
+
+def test_linked_files_exist(opened, address):
+    links = opened.evaluate("[...document.querySelectorAll('a')].map(link => link.href).filter(href => !href.includes('#'))")
+    assert len(links) >= 4
+    for link in links:
+        assert opened.request.get(link).ok, link
+
+
+def test_stand_alone_figures_bring_their_font(browser, address):
+    page = browser.new_page()
+    page.goto(address)
+    links = page.evaluate("[...document.querySelectorAll('figcaption a')].map(link => link.href)")
+    drawings = [link for link in links if link.endswith(".svg")]
+    assert drawings
+    for link in drawings:
+        page.goto(link)
+        assert "font/woff2;base64" in page.content(), link
+        assert page.locator("text").count() > 0, link
+    page.close()
