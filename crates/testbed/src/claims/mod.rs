@@ -6,6 +6,7 @@ mod contours;
 mod determinism;
 mod noiseless;
 mod pins;
+mod sensor_model;
 
 use std::path::{Path, PathBuf};
 
@@ -44,7 +45,8 @@ pub struct Claim {
 }
 
 /// The registry of topics: each lists its claims.
-pub const TOPICS: &[fn() -> Vec<Claim>] = &[pins::claims, noiseless::claims, contours::claims, determinism::claims];
+pub const TOPICS: &[fn() -> Vec<Claim>] =
+    &[sensor_model::claims, pins::claims, noiseless::claims, contours::claims, determinism::claims];
 
 /// Every claim.
 pub fn claims() -> Vec<Claim> {

@@ -1,12 +1,20 @@
 //! `whisker reproduce`: every figure that the documentation claims, measured again.
 
+use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::table;
-use crate::claims::{Context, measure};
+use anyhow::Context as _;
+use trace::write_atomically;
 
-/// Measure every claim of the documentation and write results/reference/claims.csv
+use super::table::render;
+use crate::claims::{Context, measure};
+use crate::report::report;
+
+/// The figure that the README shows.
+const README_FIGURE: &str = "error_over_time.svg";
+
+/// Measure every claim of the documentation and write results/reference/
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Evaluated run of the standard suite
@@ -15,14 +23,19 @@ pub(super) struct Arguments {
     /// Suite of that run
     #[arg(long, default_value = "scenes/suites/standard.json")]
     suite: PathBuf,
-    /// File for the table
-    #[arg(long, default_value = "results/reference/claims.csv")]
+    /// Folder for the table of claims and the figure that the README shows
+    #[arg(long, default_value = "results/reference")]
     out: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let context = Context::open(&arguments.run, &arguments.suite)?;
-    let claims = measure(&context, &arguments.out)?;
+    let table = arguments.out.join("claims.csv");
+    let claims = measure(&context, &table)?;
+    report(&arguments.run)?;
+    let figure = arguments.run.join("figures").join(README_FIGURE);
+    let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
+    write_atomically(&arguments.out.join(README_FIGURE), &picture)?;
     let rows: Vec<Vec<String>> = claims
         .iter()
         .map(|claim| {
@@ -35,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             ]
         })
         .collect();
-    print!("{}", table::render(&["claim", "measured", "bound", "unit", ""], &rows, 1));
-    println!("{}", arguments.out.display());
+    print!("{}", render(&["claim", "measured", "bound", "unit", ""], &rows, 1));
+    println!("{}", table.display());
     Ok(if claims.iter().all(|claim| claim.holds) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

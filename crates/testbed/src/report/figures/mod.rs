@@ -38,9 +38,9 @@ pub(crate) const FIGURES: &[Figure] = &[
         name: "start_and_steady",
         title: "Start and steady state",
         caption: "Root mean square contact error of every trial (dots) and its median (bar), within the first two \
-                  seconds of contact and after them. Only instants with an estimate count. The factor is the \
-                  median of the better baseline over the median of the estimator: above 1, the estimator is the \
-                  more exact one.",
+                  seconds of contact and after them. Each is scored from its own first estimate on, and the \
+                  baselines are silent until the whisker has been pushed; the factor compares fairly: error of the \
+                  better baseline over that of the filter, at the times at which both have an estimate.",
         draw: start_and_steady::draw,
     },
     Figure {

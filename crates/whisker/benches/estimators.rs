@@ -1,0 +1,46 @@
+//! Time of one step of each registered estimator, and of one evaluation of the sensor model.
+
+#[path = "../tests/world/mod.rs"]
+mod world;
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use whisker::estimators::{ESTIMATORS, estimator};
+use whisker::frames::Point;
+
+/// Measurement noise that the estimators are told of.
+const NOISE_N_M: f64 = 3e-7;
+
+/// Simulated time a round.
+const DURATION_S: f64 = 2.0;
+
+fn main() {
+    divan::main();
+}
+
+/// Names of all registered estimators.
+fn names() -> Vec<&'static str> {
+    ESTIMATORS.iter().map(|row| row.name).collect()
+}
+
+#[divan::bench(args = names())]
+fn step(bencher: Bencher, name: &str) {
+    let row = estimator(name).expect("a registered name");
+    let knowledge = world::knowledge(NOISE_N_M);
+    let samples = world::samples(&knowledge, DURATION_S, |_| true);
+    bencher.counter(ItemsCount::new(samples.len())).with_inputs(|| world::estimator(row, &knowledge, 1)).bench_refs(
+        |estimator| {
+            for (_, sample) in &samples {
+                black_box(estimator.step(sample));
+            }
+        },
+    );
+}
+
+#[divan::bench]
+fn sensor_model(bencher: Bencher) {
+    let knowledge = world::knowledge(NOISE_N_M);
+    let face = &knowledge.faces[0];
+    let contact = Point::new(0.05, -0.008);
+    bencher.bench(|| face.predict(black_box(contact)));
+}

@@ -1,0 +1,85 @@
+//! A world whose sensor model is exact, for tests and benchmarks: a straight whisker pressed from the left; the reading is that of a polynomial fitted
+//! to a stiffness that falls along the whisker, and the contact rests in the world while the base moves.
+
+use std::sync::Arc;
+
+use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Sample};
+use whisker::frames::{Base, Point, Pose, World};
+use whisker::sensor::{self, CalibratedFace, Face};
+use whisker::touch::TouchConfig;
+use whisker::{Curvature, Whisker};
+
+/// Samples a second.
+pub(crate) const RATE_HZ: f64 = 250.0;
+
+fn straight() -> Whisker {
+    Whisker {
+        name: "exam".into(),
+        length_m: 0.08,
+        root_diameter_m: 0.25e-3,
+        tip_diameter_m: 0.25e-3,
+        youngs_modulus_pa: 60e9,
+        density_kg_m3: 6450.0,
+        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
+        root_stiffness_n_m_rad: 0.17e-3,
+        segments: 40,
+        damping_s: 0.0,
+    }
+}
+
+/// A calibrated left face: moment of a small deflection on the compliant root.
+pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
+    let whisker = straight();
+    let (stiffness, root) = (whisker.bending_stiffness_n_m2(0.0), whisker.root_stiffness_n_m_rad);
+    let traces: Vec<Vec<sensor::Sample>> = [0.0, 0.5]
+        .iter()
+        .map(|phase| {
+            let grid = (0..40).flat_map(|i| (0..25).map(move |j| (f64::from(i) + phase, f64::from(j) + phase)));
+            grid.map(|(i, j)| {
+                let x = 0.018 + 0.058 * i / 40.0;
+                let away = 0.45 * x * j / 25.0;
+                let reading_n_m = -away / (x * x / (3.0 * stiffness) + x / root);
+                sensor::Sample { contact: Point::new(x, -away), reading_n_m }
+            })
+            .collect()
+        })
+        .collect();
+    let row = sensor::model("polynomial").unwrap();
+    let fit = sensor::fit(row, &(row.defaults)(), &whisker, Face::Left, &traces, &traces).unwrap();
+    let face: CalibratedFace = fit.face;
+    Arc::new(Knowledge { rest: whisker.rest_shape(), whisker, faces: vec![Arc::new(face)], noise_sd_n_m })
+}
+
+/// The base's pose: at rest and free for 0.2 s, then into touch and about.
+pub(crate) fn base(t_s: f64) -> Pose<Base, World> {
+    let touch = ((t_s - 0.2) / 0.3).clamp(0.0, 1.0);
+    let roam = ((t_s - 0.5) / 0.5).clamp(0.0, 1.0);
+    let x = 3e-3 * roam * (5.0 * t_s).sin();
+    let y = 8e-3 * touch * touch * (3.0 - 2.0 * touch) - 1e-3 + 2.5e-3 * roam * (7.0 * t_s).sin();
+    Pose::new(x, y, 0.04 * roam * (4.0 * t_s).sin())
+}
+
+pub(crate) fn contact() -> Point<World> {
+    Point::new(0.05, 0.0)
+}
+
+/// Samples of the world over `duration_s`, without noise, at the instants that `keep` selects.
+pub(crate) fn samples(knowledge: &Knowledge, duration_s: f64, keep: impl Fn(usize) -> bool) -> Vec<(f64, Sample)> {
+    let face = &knowledge.faces[0];
+    let mut last: Option<f64> = None;
+    (0..(duration_s * RATE_HZ) as usize)
+        .filter(|&i| keep(i))
+        .map(|i| {
+            let t_s = i as f64 / RATE_HZ;
+            let before = last.replace(t_s).unwrap_or(t_s);
+            let reading_n_m = face.predict(base(t_s).inverse().apply(contact())).map_or(0.0, |p| p.reading_n_m);
+            (t_s, Sample { motion: base(before).then(&base(t_s).inverse()), dt_s: t_s - before, reading_n_m })
+        })
+        .collect()
+}
+
+/// A registered estimator with its default settings.
+pub(crate) fn estimator(row: &EstimatorRow, knowledge: &Arc<Knowledge>, seed: u64) -> Estimator {
+    let method = (row.build)(&(row.defaults)(), knowledge).unwrap();
+    Estimator::new(method, knowledge.clone(), TouchConfig::default(), seed)
+}
