@@ -91,21 +91,15 @@ struct Outcome {
 /// # Errors
 /// If inputs cannot be read or do not fit together, or results cannot be written.
 pub fn evaluate(dataset: &Dataset, settings: &EvaluateSettings, progress: &ProgressBar) -> anyhow::Result<Evaluated> {
+    let folder = target(settings)?;
     let bench = Bench::open(dataset, settings)?;
     let run = bench.run(settings)?;
-    let folder = settings.results.join(&settings.name);
     if read_json::<Run>(&folder.join("run.json")).is_ok_and(|old| old == run) {
         let summary = read_rows(&folder.join("summary.csv"))?;
         return Ok(Evaluated { folder, summary, is_new: false });
     }
 
-    // The run is built in a folder of its own and takes the old one's place when it is whole.
-    fs::create_dir_all(&settings.results).with_context(|| settings.results.display().to_string())?;
-    let part = tempfile::Builder::new()
-        .prefix(&format!(".{}.", settings.name))
-        .suffix(".part")
-        .tempdir_in(&settings.results)
-        .with_context(|| settings.results.display().to_string())?;
+    let part = PartFolder::new(&folder)?;
     let jobs: Vec<(usize, f64, u64)> = (0..bench.traces.len())
         .flat_map(|trace| {
             settings.noise.iter().flat_map(move |&noise| settings.seeds.iter().map(move |&seed| (trace, noise, seed)))
@@ -129,20 +123,71 @@ pub fn evaluate(dataset: &Dataset, settings: &EvaluateSettings, progress: &Progr
     write_atomically(&part.path().join("error_over_time.csv"), &csv_bytes(&error_bands(&outcomes))?)?;
     bench.copy_for_report(settings, part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
-    replace_folder(part, &folder)?;
+    part.finish()?;
     Ok(Evaluated { folder, summary, is_new: true })
 }
 
-fn replace_folder(part: tempfile::TempDir, folder: &Path) -> anyhow::Result<()> {
-    let context = || folder.display().to_string();
-    if folder.exists() {
-        fs::remove_dir_all(folder).with_context(context)?;
+/// Folder of the run, which may only take the place of another run.
+fn target(settings: &EvaluateSettings) -> anyhow::Result<PathBuf> {
+    let name = &settings.name;
+    if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']) {
+        bail!("name of the run: found `{name}`, expected a plain folder name");
     }
-    let part = part.keep();
-    // Temporary folders are private; results are to be read by others.
-    #[cfg(unix)]
-    fs::set_permissions(&part, std::os::unix::fs::PermissionsExt::from_mode(0o755)).with_context(context)?;
-    fs::rename(&part, folder).with_context(context)
+    let folder = settings.results.join(name);
+    if folder.exists() && !folder.join("run.json").is_file() {
+        bail!("{}: exists and is no run; evaluate under another --name", folder.display());
+    }
+    Ok(folder)
+}
+
+/// The folder in which a run is built. It takes the place of the run's folder when it is whole; until then that stays as it was. What an
+/// interrupted evaluation left behind is cleared away by the next.
+struct PartFolder<'a> {
+    part: tempfile::TempDir,
+    folder: &'a Path,
+}
+
+/// A hidden folder beside another.
+fn beside(folder: &Path, what: &str) -> PathBuf {
+    folder.with_file_name(format!(".{}.{what}", folder.file_name().unwrap_or_default().display()))
+}
+
+impl<'a> PartFolder<'a> {
+    fn new(folder: &'a Path) -> anyhow::Result<Self> {
+        let part = beside(folder, "part");
+        let context = || part.display().to_string();
+        for left in [&part, &beside(folder, "old")] {
+            if left.exists() {
+                fs::remove_dir_all(left).with_context(|| left.display().to_string())?;
+            }
+        }
+        let results = folder.parent().unwrap_or(Path::new("."));
+        fs::create_dir_all(results).with_context(context)?;
+        let name = part.file_name().unwrap_or_default();
+        let part = tempfile::Builder::new().prefix(name).rand_bytes(0).tempdir_in(results).with_context(context)?;
+        Ok(Self { part, folder })
+    }
+
+    fn path(&self) -> &Path {
+        self.part.path()
+    }
+
+    /// Puts the whole run in its place.
+    fn finish(self) -> anyhow::Result<()> {
+        let context = || self.folder.display().to_string();
+        // Temporary folders are private; results are to be read by others.
+        #[cfg(unix)]
+        fs::set_permissions(self.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).with_context(context)?;
+        let old = beside(self.folder, "old");
+        if self.folder.exists() {
+            fs::rename(self.folder, &old).with_context(context)?;
+        }
+        fs::rename(self.part.keep(), self.folder).with_context(context)?;
+        if old.exists() {
+            fs::remove_dir_all(&old).with_context(context)?;
+        }
+        Ok(())
+    }
 }
 
 /// Reads the rows of one of a run's tables.

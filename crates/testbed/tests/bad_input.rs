@@ -161,6 +161,21 @@ fn robust_no_calibration() {
 }
 
 #[test]
+fn robust_a_run_does_not_replace_what_is_no_run() {
+    let results = tempfile::tempdir().unwrap();
+    let precious = results.path().join("golden");
+    fs::create_dir(&precious).unwrap();
+    fs::write(precious.join("thesis.tex"), "years of work").unwrap();
+    let out = results.path().to_str().unwrap();
+    fails(&["evaluate", "datasets/golden", "--results", out], &["golden", "is no run"]);
+    fails(
+        &["evaluate", "datasets/golden", "--results", out, "--name", "../golden"],
+        &["../golden", "a plain folder name"],
+    );
+    assert!(precious.join("thesis.tex").is_file());
+}
+
+#[test]
 fn robust_nothing_to_fit() {
     fails(&["fit", "datasets/golden"], &["datasets/golden", "Calibration"]);
 }

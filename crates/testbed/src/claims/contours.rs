@@ -11,7 +11,7 @@ pub(super) fn claims() -> Vec<Claim> {
     for (group, contact_mm) in GROUPS {
         for whisker in WHISKERS {
             claims.push(Claim {
-                id: format!("contour_{group}_{whisker}"),
+                id: format!("contact_{group}_{whisker}"),
                 claim: format!(
                     "{group}, {whisker} whisker, best filter: median distance of surface points to the outline"
                 ),
