@@ -23,7 +23,7 @@ use crate::metrics::{ContactError, Trial, score};
 use crate::provenance::watermark;
 use crate::replay::{replay, samples};
 use crate::results::{
-    ErrorBandRow, EstimateRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialRow, csv_bytes,
+    ErrorBandRow, EstimateRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialRow, csv_bytes, read_rows,
 };
 use crate::statistics::{median_of_scores, quantile};
 
@@ -188,15 +188,6 @@ impl<'a> PartFolder<'a> {
         }
         Ok(())
     }
-}
-
-/// Reads the rows of one of a run's tables.
-///
-/// # Errors
-/// If the file is missing or a row does not parse.
-pub fn read_rows<Row: serde::de::DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<Row>> {
-    let context = || path.display().to_string();
-    csv::Reader::from_path(path).with_context(context)?.deserialize().collect::<Result<_, _>>().with_context(context)
 }
 
 impl Bench {

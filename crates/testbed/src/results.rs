@@ -11,6 +11,11 @@
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
 //! ```
 
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use csv::{ReaderBuilder, StringRecord};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Scores of one trial under one estimator. Lengths are distances from the truth, unaligned; absent means that the
@@ -273,4 +278,44 @@ pub fn csv_bytes<Row: Serialize>(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
         writer.serialize(row)?;
     }
     Ok(writer.into_inner()?)
+}
+
+/// Reads a table whose columns are the fields of `T`.
+///
+/// # Errors
+/// If the file cannot be read; for a damaged one, file, line and column, what was found and what was expected.
+pub fn read_rows<T: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<T>> {
+    let at = path.display();
+    let mut reader = ReaderBuilder::new().from_path(path).with_context(|| format!("{at}: cannot be read"))?;
+    let header = reader.headers().with_context(|| format!("{at}:1: cannot be read"))?.clone();
+    let mut rows = Vec::new();
+    for (index, record) in reader.records().enumerate() {
+        let record = record.with_context(|| format!("{at}: row {}", index + 1))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        for (column, field) in header.iter().zip(&record) {
+            if field.parse::<f64>().is_ok_and(|value| !value.is_finite()) {
+                bail!("{at}:{line}: column `{column}`: found {field}, expected a finite number");
+            }
+        }
+        rows.push(parse_row(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {problem}"))?);
+    }
+    Ok(rows)
+}
+
+/// Parses a row, or says in which column what was found.
+fn parse_row<T: DeserializeOwned>(record: &StringRecord, header: &StringRecord) -> Result<T, String> {
+    record.deserialize(Some(header)).map_err(|error| {
+        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+            return error.to_string();
+        };
+        match err.field().and_then(|field| usize::try_from(field).ok()) {
+            Some(field) => format!(
+                "column `{}`: found `{}`, expected another kind of value: {}",
+                header.get(field).unwrap_or_default(),
+                record.get(field).unwrap_or_default(),
+                err.kind()
+            ),
+            None => err.kind().to_string(),
+        }
+    })
 }

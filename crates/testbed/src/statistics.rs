@@ -12,10 +12,14 @@ pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     Some(if low == high { low } else { low + (high - low) * position.fract() })
 }
 
+/// The middle value, or the mean of the two in the middle; nothing of nothing.
+pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    quantile(&values.into_iter().collect::<Vec<_>>(), 0.5)
+}
+
 /// The median over trials of a score that some lack: lacking counts as worse than any, and where the median itself is lacking there is none.
 pub(crate) fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Option<f64> {
-    let values: Vec<f64> = scores.map(|score| score.unwrap_or(f64::INFINITY)).collect();
-    quantile(&values, 0.5).filter(|median| median.is_finite())
+    median(scores.map(|score| score.unwrap_or(f64::INFINITY))).filter(|median| median.is_finite())
 }
 
 /// Root mean square, nothing of nothing.

@@ -6,8 +6,8 @@ use anyhow::Context as _;
 use indicatif::ProgressBar;
 
 use super::{Claim, Context, Relation};
-use crate::evaluate::{EvaluateSettings, evaluate, read_rows};
-use crate::results::{SummaryRow, csv_bytes};
+use crate::evaluate::{EvaluateSettings, evaluate};
+use crate::results::{SummaryRow, csv_bytes, read_rows};
 
 pub(super) fn claims() -> Vec<Claim> {
     vec![Claim {

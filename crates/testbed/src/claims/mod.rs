@@ -14,8 +14,7 @@ use serde::Serialize;
 use trace::{read_json, write_atomically};
 
 use crate::dataset::Dataset;
-use crate::evaluate::read_rows;
-use crate::results::{ErrorBandRow, Run, SummaryRow, TrialRow, csv_bytes};
+use crate::results::{ErrorBandRow, Run, SummaryRow, TrialRow, csv_bytes, read_rows};
 
 /// Whether a figure has to stay below its bound or above it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::bail;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 use trace::{CalibrationFile, Outline, Suite, Trace, read_json};
 
 use super::python;
-use crate::results::Run;
+use crate::results::{ErrorBandRow, EstimateRow, ResidualRow, Run, SummaryRow, SurfaceRow, TrialRow, read_rows};
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
 #[derive(clap::Args)]
@@ -63,6 +64,12 @@ fn check(path: &Path) -> anyhow::Result<String> {
     if name.ends_with(".contour.csv") {
         return Ok(format!("outline with {} vertices", Outline::read(path)?.vertices().len()));
     }
+    if let Some(table) = TABLES.iter().find(|table| name.ends_with(table.name)) {
+        return Ok(format!("{} with {} rows", table.about, (table.rows)(path)?));
+    }
+    if path.parent().is_some_and(|folder| folder.ends_with("estimates")) {
+        return Ok(format!("estimates with {} rows", count::<EstimateRow>(path)?));
+    }
     if name.ends_with(".csv") {
         return check_trace(path);
     }
@@ -97,6 +104,26 @@ fn check(path: &Path) -> anyhow::Result<String> {
             Ok("scene".into())
         }
     }
+}
+
+/// A table that evaluation or fit writes, known by the end of its name.
+struct Table {
+    name: &'static str,
+    about: &'static str,
+    /// Parses it and counts its rows.
+    rows: fn(&Path) -> anyhow::Result<usize>,
+}
+
+const TABLES: &[Table] = &[
+    Table { name: "trials.csv", about: "trials", rows: count::<TrialRow> },
+    Table { name: "summary.csv", about: "summary", rows: count::<SummaryRow> },
+    Table { name: "error_over_time.csv", about: "errors over time", rows: count::<ErrorBandRow> },
+    Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
+    Table { name: ".residuals.csv", about: "residuals", rows: count::<ResidualRow> },
+];
+
+fn count<Row: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
+    Ok(read_rows::<Row>(path)?.len())
 }
 
 fn check_trace(path: &Path) -> anyhow::Result<String> {

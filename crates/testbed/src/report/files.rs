@@ -18,14 +18,6 @@ pub(super) fn replace(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> R
         .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-/// Writes a text file as [`replace`] does.
-///
-/// # Errors
-/// When the file cannot be written; the error names `path`.
-pub(super) fn replace_text(path: &Path, text: &str) -> Result<()> {
-    replace(path, |temporary| Ok(fs::write(temporary, text)?))
-}
-
 /// Removes a file, if it is there.
 ///
 /// # Errors

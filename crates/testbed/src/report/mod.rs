@@ -7,6 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use trace::write_atomically;
 
 mod axes;
 mod canvas;
@@ -52,7 +53,7 @@ pub fn report(run_dir: &Path) -> Result<ReportPaths> {
         let picture = (figure.draw)(&data).with_context(|| format!("figure `{}`", figure.name))?;
         let [svg, png] = ["svg", "png"].map(|kind| folder.join(format!("{}.{kind}", figure.name)));
         if let Some(picture) = &picture {
-            files::replace_text(&svg, &picture.to_standalone_svg(figure.title)?)?;
+            write_atomically(&svg, picture.to_standalone_svg(figure.title)?.as_bytes())?;
             picture.write_png(&png)?;
             paths.extend([svg, png]);
         } else {
@@ -63,6 +64,6 @@ pub fn report(run_dir: &Path) -> Result<ReportPaths> {
         drawn.push((figure, picture));
     }
     let page = run_dir.join("index.html");
-    files::replace_text(&page, &page::html(&data, &drawn)?)?;
+    write_atomically(&page, page::html(&data, &drawn)?.as_bytes())?;
     Ok(ReportPaths { page, figures: paths })
 }

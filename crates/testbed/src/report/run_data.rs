@@ -3,13 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
-use csv::{ReaderBuilder, StringRecord};
+use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::results::{
-    ErrorBandRow, EstimateRow, ResidualRow, Run, RunCalibration, RunSet, SummaryRow, SurfaceRow, TrialRow,
+    ErrorBandRow, EstimateRow, ResidualRow, Run, RunCalibration, RunSet, SummaryRow, SurfaceRow, TrialRow, read_rows,
 };
 
 /// Version of `run.json` that this program reads.
@@ -35,7 +34,7 @@ impl RunData {
     /// error names file, line and column.
     pub(super) fn read(folder: &Path) -> Result<Self> {
         let mut run = read_run(&folder.join("run.json"))?;
-        let summary: Vec<SummaryRow> = read_table(&folder.join("summary.csv"))?;
+        let summary: Vec<SummaryRow> = read_rows(&folder.join("summary.csv"))?;
         ensure!(
             !summary.is_empty(),
             "{}: found no rows, expected at least one: the run scored nothing",
@@ -47,8 +46,8 @@ impl RunData {
             summary.iter().position(of_set)
         });
         Ok(Self {
-            trials: read_table(&folder.join("trials.csv"))?,
-            bands: read_table(&folder.join("error_over_time.csv"))?,
+            trials: read_rows(&folder.join("trials.csv"))?,
+            bands: read_rows(&folder.join("error_over_time.csv"))?,
             folder: folder.to_owned(),
             run,
             summary,
@@ -173,18 +172,9 @@ impl RunData {
         if !path.exists() {
             return Ok(None);
         }
-        let rows = read_table(&path)?;
+        let rows = read_rows(&path)?;
         Ok((!rows.is_empty()).then_some(rows))
     }
-}
-
-/// The middle value, or the mean of the two in the middle; values must be finite.
-pub(super) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.into_iter().collect();
-    sorted.sort_by(f64::total_cmp);
-    let upper = *sorted.get(sorted.len() / 2)?;
-    let lower = sorted[(sorted.len() - 1) / 2];
-    Some(0.5 * (lower + upper))
 }
 
 fn model_file(calibration: &RunCalibration, table: &str) -> String {
@@ -212,43 +202,6 @@ fn read_run(path: &Path) -> Result<Run> {
     Ok(run)
 }
 
-/// Reads a table whose columns are the fields of `T`.
-fn read_table<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
-    let at = path.display();
-    let mut reader = ReaderBuilder::new().from_path(path).with_context(|| format!("{at}: cannot be read"))?;
-    let header = reader.headers().with_context(|| format!("{at}:1: cannot be read"))?.clone();
-    let mut rows = Vec::new();
-    for (index, record) in reader.records().enumerate() {
-        let record = record.with_context(|| format!("{at}: row {}", index + 1))?;
-        let line = record.position().map_or(0, csv::Position::line);
-        for (column, field) in header.iter().zip(&record) {
-            if field.parse::<f64>().is_ok_and(|value| !value.is_finite()) {
-                bail!("{at}:{line}: column `{column}`: found {field}, expected a finite number");
-            }
-        }
-        rows.push(parse_row(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {problem}"))?);
-    }
-    Ok(rows)
-}
-
-/// Parses a row, or says in which column what was found.
-fn parse_row<T: DeserializeOwned>(record: &StringRecord, header: &StringRecord) -> Result<T, String> {
-    record.deserialize(Some(header)).map_err(|error| {
-        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
-            return error.to_string();
-        };
-        match err.field().and_then(|field| usize::try_from(field).ok()) {
-            Some(field) => format!(
-                "column `{}`: found `{}`, expected another kind of value: {}",
-                header.get(field).unwrap_or_default(),
-                record.get(field).unwrap_or_default(),
-                err.kind()
-            ),
-            None => err.kind().to_string(),
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -257,14 +210,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("outline.csv");
         fs::write(&path, text).expect("written");
-        read_table(&path)
-    }
-
-    #[test]
-    fn verif_the_median_of_an_even_count_is_the_mean_of_the_middle_two() {
-        assert_eq!(median([4.0, 1.0, 3.0, 2.0]), Some(2.5));
-        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median([]), None);
+        read_rows(&path)
     }
 
     #[test]

@@ -7,9 +7,10 @@ use plotters::style::Color;
 
 use crate::report::axes::{Panel, Rect, equal, extent};
 use crate::report::canvas::{Canvas, Picture};
-use crate::report::run_data::{RunData, median};
+use crate::report::run_data::RunData;
 use crate::report::style::{FRAME, INK, LegendEntry, Look, OBJECT, PANEL_TITLE, SMALL, legend, two_digits};
 use crate::results::{EstimateRow, RunSet};
+use crate::statistics::median;
 
 /// Square of the radius that holds 95 % of a planar Gaussian, in standard deviations: -2 ln 0.05.
 const CHI2_95: f64 = 5.991_464_547_107_98;

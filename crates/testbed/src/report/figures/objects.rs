@@ -4,9 +4,10 @@ use anyhow::Result;
 
 use crate::report::axes::{Axis, Panel, Rect, equal};
 use crate::report::canvas::{Align, Canvas, Picture};
-use crate::report::run_data::{RunData, median};
+use crate::report::run_data::RunData;
 use crate::report::style::{LABEL, LegendEntry, Look, MARKER_PX, legend};
 use crate::results::RunSet;
+use crate::statistics::median;
 
 /// One panel: a metric with one whisker.
 struct Cell {

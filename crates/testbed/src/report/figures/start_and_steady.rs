@@ -6,8 +6,9 @@ use plotters::style::Color;
 use crate::report::axes::{Axis, Panel, Rect, equal};
 use crate::report::canvas::{Align, Canvas, Picture};
 use crate::report::compare::{Phase, factor_over_baseline, format_factor, phase_errors};
-use crate::report::run_data::{RunData, median};
+use crate::report::run_data::RunData;
 use crate::report::style::{INK, LABEL, Look, PANEL_TITLE, SMALL};
+use crate::statistics::median;
 
 /// Height of the row of one estimator.
 const ROW_PX: u32 = 34;

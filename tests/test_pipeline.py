@@ -1,0 +1,96 @@
+"""The command `whisker` on the smoke suite, which the end-to-end run has simulated and fitted."""
+
+import csv
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SUITE = "scenes/suites/smoke.json"
+TRACE = "datasets/smoke/smoke_pin.csv"
+
+
+def whisker(*arguments: str | Path, code: int = 0) -> str:
+    """Standard output of the command, which must end with this exit code."""
+    command = ["cargo", "run", "--quiet", "--release", "--package", "testbed", "--bin", "whisker", "--"]
+    done = subprocess.run([*command, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == code, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module", autouse=True)
+def simulated() -> None:
+    """The traces and the calibration are there."""
+    if not (ROOT / "datasets/smoke/calibrations/straight.json").is_file():
+        pytest.skip("datasets/smoke is not there: cargo xtask test makes it")
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def without_timing(path: Path) -> list[dict[str, str]]:
+    return [{key: value for key, value in row.items() if key != "step_ns"} for row in rows(path)]
+
+
+def test_results_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
+    for threads in (1, 2):
+        arguments = ["--threads", str(threads), "--name", f"threads_{threads}", "--results", tmp_path, "--seeds", "3"]
+        whisker("evaluate", SUITE, *arguments)
+    one, two = tmp_path / "threads_1", tmp_path / "threads_2"
+    assert (one / "trials.csv").read_bytes() == (two / "trials.csv").read_bytes()
+    assert (one / "error_over_time.csv").read_bytes() == (two / "error_over_time.csv").read_bytes()
+    assert without_timing(one / "summary.csv") == without_timing(two / "summary.csv")
+
+
+def test_nothing_is_redone_whose_inputs_did_not_change(tmp_path: Path) -> None:
+    arguments = ["evaluate", SUITE, "--results", tmp_path, "--estimators", "ekf", "--seeds", "1"]
+    assert "up to date" not in whisker(*arguments)
+    before = (tmp_path / "smoke" / "summary.csv").read_bytes()
+    assert "up to date" in whisker(*arguments)
+    assert (tmp_path / "smoke" / "summary.csv").read_bytes() == before
+    assert "up to date" not in whisker(*arguments, "--noise", "0.02")
+    fit = ["fit", SUITE, "--out", tmp_path / "calibrations"]
+    assert "up to date" not in whisker(*fit)
+    assert "up to date" in whisker(*fit)
+    assert "up to date" not in whisker(*fit, "--config", '{"degree": 4}')
+
+
+def test_settings_are_taken_and_recorded(tmp_path: Path) -> None:
+    settings = tmp_path / "settings.json"
+    settings.write_text(json.dumps({"ekf": {"fading": 1.5}}))
+    arguments = ["evaluate", SUITE, "--results", tmp_path, "--estimators", "ekf,ukf", "--seeds", "1"]
+    whisker(*arguments, "--name", "plain")
+    whisker(*arguments, "--name", "changed", "--config", settings)
+    run = json.loads((tmp_path / "changed" / "run.json").read_text())
+    assert [estimator["config"]["fading"] for estimator in run["estimators"]] == [1.5, 1.004]
+    plain, changed = (
+        {(row["trace"], row["estimator"]): row["rmse_m"] for row in rows(tmp_path / name / "trials.csv")}
+        for name in ("plain", "changed")
+    )
+    assert plain["smoke_pin", "ekf"] != changed["smoke_pin", "ekf"]
+    assert plain["smoke_pin", "ukf"] == changed["smoke_pin", "ukf"]
+
+
+def test_replay_is_what_evaluate_scores(tmp_path: Path) -> None:
+    """Without noise both see the same readings, so they say the same."""
+    whisker("evaluate", SUITE, "--results", tmp_path, "--estimators", "ukf", "--noise", "0", "--seeds", "1")
+    out = tmp_path / "replay.csv"
+    whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0", "--out", out)
+    assert out.read_bytes() == (tmp_path / "smoke" / "estimates" / "smoke_pin.ukf.csv").read_bytes()
+    assert whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0") == out.read_text()
+
+
+def test_check_knows_every_kind_of_file() -> None:
+    said = whisker("check", "datasets/smoke", "datasets/smoke/calibrations", SUITE, "results/smoke")
+    for kind in ("trace `smoke_pin`", "outline with", "calibration of `straight`", "suite `smoke`", "run `smoke`", "trials"):
+        assert kind in said
+
+
+def test_list_prints_every_registry() -> None:
+    said = whisker("list")
+    for name in ("euler-bernoulli-calibrated", "polynomial", "error_over_time", "determinism", "lateral_sweep"):
+        assert name in said
