@@ -1,20 +1,41 @@
 """Independent oracle: the exact quasi-static whisker, by SciPy.
 
-A frictionless point contact at arc length s_c pushes the rod with a force F along its left normal; past the contact the rod is
-unloaded. Put the contact at the origin with the tangent along +x and walk back to the root:
+A point contact at arc length a pushes the rod with a force (f_t, f_n) along its tangent and its left normal; past the contact
+the rod is unloaded. Put the contact at the origin with the tangent along +x and walk back to the root:
 
-    dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + M(s) / EI(s),  M(s) = -x(s) F.
+    dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + m(s) / EI(s),  m(s) = y(s) f_t - x(s) f_n.
 
-The root's bending moment M(0) turns the compliant root by M(0) / k. No part of the simulator is used but the whisker's parameters.
+Without friction f_t is zero but at the tip. The root's bending moment m(0) turns the compliant root by m(0) / k. No part of the
+simulator is used but the whisker's parameters; no part of the oracle in Rust, which sums Taylor series instead of taking
+Runge-Kutta steps, and which `prove` compares with this one:
+
+    python sim/tests/elastica.py prove 10000
 """
 
+import argparse
+import os
+import subprocess
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import msgspec
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from whisker_sim.whisker import Whisker
+from whisker_sim.whisker import PRESETS, Arc, Whisker
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+GOLDEN = REPOSITORY / "datasets" / "golden" / "elastica.csv"
+GOLDEN_CASES = 200
+GOLDEN_SEED = 1
+HEADER = (
+    "length_m,root_diameter_m,tip_diameter_m,youngs_modulus_pa,root_stiffness_n_m_rad,curvature,arc_m,along_n,left_n,"
+    "point_x_m,point_y_m,tangent_rad,moment_n_m,tip_x_m,tip_y_m"
+)
 
 
 @dataclass(frozen=True)
@@ -24,31 +45,41 @@ class StaticContact:
     point_m: np.ndarray
     angle_rad: float
     moment_n_m: float
+    tip_m: np.ndarray
 
 
-def static_contact(whisker: Whisker, arc_m: float, force_n: float) -> StaticContact:
-    """The whisker under a force `force_n` (positive to the left) at the arc length `arc_m`."""
-    ends = np.cumsum([arc.length_m for arc in whisker.curvature])
+def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: float = 0.0) -> StaticContact:
+    """The whisker under a force at the arc length `arc_m`: `force_n` to the left, `along_n` towards the tip."""
 
-    def slope(s, state):
-        x, _, t = state
-        piece = min(int(np.searchsorted(ends, s, side="left")), len(ends) - 1)
+    def slope(s, state, curvature_per_m):
+        x, y, t = state
         diameter_m = whisker.root_diameter_m + s / whisker.length_m * (whisker.tip_diameter_m - whisker.root_diameter_m)
         bending_n_m2 = whisker.youngs_modulus_pa * np.pi * diameter_m**4 / 64.0
-        return np.cos(t), np.sin(t), whisker.curvature[piece].curvature_per_m - x * force_n / bending_n_m2
+        return np.cos(t), np.sin(t), curvature_per_m + (y * along_n - x * force_n) / bending_n_m2
 
+    ends = np.cumsum([arc.length_m for arc in whisker.curvature])
+    # Lengths add up but for a rounding.
+    ends[-1] = whisker.length_m
+    starts = np.concatenate(([0.0], ends[:-1]))
     state = np.zeros(3)
     # One integration a piece, so that a jump of the curvature is no trouble to the step control.
-    starts = np.concatenate(([0.0], ends[:-1]))
-    for start_m, end_m in zip(starts[::-1], ends[::-1], strict=True):
+    for start_m, end_m, arc in reversed(list(zip(starts, ends, whisker.curvature, strict=True))):
         if arc_m > start_m:
-            inside = np.array([np.nextafter(min(arc_m, end_m), 0.0), start_m])
-            state = solve_ivp(slope, inside, state, method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+            span_m = (min(arc_m, end_m), start_m)
+            tolerance = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
+            state = solve_ivp(slope, span_m, state, args=(arc.curvature_per_m,), **tolerance).y[:, -1]
     x, y, t = state
-    moment_n_m = -x * force_n
-    base_rad = t - moment_n_m / whisker.root_stiffness_n_m_rad
-    cos, sin = np.cos(base_rad), np.sin(base_rad)
-    return StaticContact(np.array((-cos * x - sin * y, sin * x - cos * y)), -base_rad, moment_n_m)
+    moment_n_m = y * along_n - x * force_n
+    angle_rad = moment_n_m / whisker.root_stiffness_n_m_rad - t
+    point_m = _turned(angle_rad, np.array((-x, -y)))
+    beyond_m = whisker.rest_point_m(whisker.length_m) - whisker.rest_point_m(arc_m)
+    tip_m = point_m + _turned(angle_rad - float(whisker.rest_angle_rad(arc_m)), beyond_m)
+    return StaticContact(point_m, angle_rad, moment_n_m, tip_m)
+
+
+def _turned(angle_rad: float, vector: np.ndarray) -> np.ndarray:
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array((cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]))
 
 
 def contact_with_disc(
@@ -69,3 +100,101 @@ def contact_with_disc(
     assert solution.success or np.max(np.abs(solution.fun)) < 1e-8, solution.message
     arc_m, force_n = solution.x * (1e-2, 1e-3)
     return arc_m, force_n, static_contact(whisker, arc_m, -face * force_n)
+
+
+def random_case(seed: int, index: int) -> tuple[Whisker, float, float, float]:
+    """A whisker with its contact's arc length and force, along and to the left: every fourth at the tip, at an angle.
+
+    One to four pieces of pre-curvature, taper down to a quarter, root from soft to stiff, deflected by up to 2.5 rad in all.
+    """
+    rng = np.random.default_rng((seed, index))
+    length_m = rng.uniform(0.03, 0.12)
+    shares = rng.uniform(0.2, 1.0, rng.integers(1, 5))
+    root_diameter_m = rng.uniform(0.1e-3, 0.4e-3)
+    stiffness_n_m = 60e9 * np.pi * root_diameter_m**4 / 64.0 / length_m
+    whisker = msgspec.structs.replace(
+        PRESETS["straight"][1],
+        name="random",
+        length_m=length_m,
+        root_diameter_m=root_diameter_m,
+        tip_diameter_m=root_diameter_m * rng.uniform(0.25, 1.0),
+        curvature=tuple(Arc(float(part), rng.uniform(-0.8, 0.8) / length_m) for part in length_m * shares / shares.sum()),
+        root_stiffness_n_m_rad=float(stiffness_n_m * 10.0 ** rng.uniform(-0.5, 2.0)),
+    )
+    at_tip = index % 4 == 0
+    arc_m = length_m if at_tip else length_m * rng.uniform(0.1, 1.0)
+    middles_m = arc_m * (np.arange(200) + 0.5) / 200
+    bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.diameter_m(middles_m) ** 4 / 64.0
+    bend_rad_n = np.sum((arc_m - middles_m) / bending_n_m2) * arc_m / 200 + arc_m / whisker.root_stiffness_n_m_rad
+    force_n = rng.uniform(-2.5, 2.5) / bend_rad_n
+    tilt_rad = rng.uniform(0.0, 0.8) if at_tip else 0.0
+    return whisker, float(arc_m), float(-abs(force_n) * np.sin(tilt_rad)), float(force_n * np.cos(tilt_rad))
+
+
+def solved_case(seed: int, index: int) -> str:
+    """One row: a random case and its solution."""
+    whisker, arc_m, along_n, left_n = random_case(seed, index)
+    contact = static_contact(whisker, arc_m, left_n, along_n)
+    curvature = ";".join(f"{arc.length_m!r}:{arc.curvature_per_m!r}" for arc in whisker.curvature)
+    wire = (whisker.length_m, whisker.root_diameter_m, whisker.tip_diameter_m, whisker.youngs_modulus_pa)
+    answer = (*contact.point_m, contact.angle_rad, contact.moment_n_m, *contact.tip_m)
+    numbers = [repr(float(number)) for number in (*wire, whisker.root_stiffness_n_m_rad)]
+    numbers += [curvature] + [repr(float(number)) for number in (arc_m, along_n, left_n, *answer)]
+    return ",".join(numbers)
+
+
+def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float], np.ndarray]]:
+    """Whisker, load (arc length, along, left) and solution (point, tangent, moment, tip) of every row."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines[0] == HEADER
+    for line in lines[1:]:
+        fields = line.split(",")
+        pieces = [[float(number) for number in piece.split(":")] for piece in fields[5].split(";")]
+        length_m, root_diameter_m, tip_diameter_m, modulus_pa, stiffness_n_m_rad = map(float, fields[:5])
+        whisker = msgspec.structs.replace(
+            PRESETS["straight"][1],
+            name="random",
+            length_m=length_m,
+            root_diameter_m=root_diameter_m,
+            tip_diameter_m=tip_diameter_m,
+            youngs_modulus_pa=modulus_pa,
+            root_stiffness_n_m_rad=stiffness_n_m_rad,
+            curvature=tuple(Arc(*piece) for piece in pieces),
+        )
+        arc_m, along_n, left_n = map(float, fields[6:9])
+        yield whisker, (arc_m, along_n, left_n), np.array(fields[9:], dtype=float)
+
+
+def write_cases(path: Path, count: int, seed: int) -> None:
+    """Writes `count` solved cases, on all cores."""
+    with ProcessPoolExecutor() as workers:
+        rows = list(workers.map(solved_case, [seed] * count, range(count), chunksize=50))
+    unfinished = path.with_suffix(".partial")
+    unfinished.write_text("\n".join((HEADER, *rows, "")), encoding="utf-8")
+    os.replace(unfinished, path)
+
+
+def main() -> None:
+    """The golden cases, or a proof over many."""
+    parser = argparse.ArgumentParser(description="the exact whisker by SciPy, against the one in Rust")
+    commands = parser.add_subparsers(dest="command", required=True)
+    commands.add_parser("golden", help=f"write the {GOLDEN_CASES} cases that both languages test")
+    prove = commands.add_parser("prove", help="solve random cases and compare the oracle in Rust with them, to 1e-9")
+    prove.add_argument("cases", type=int)
+    prove.add_argument("--seed", type=int, default=2)
+    arguments = parser.parse_args()
+    if arguments.command == "golden":
+        write_cases(GOLDEN, GOLDEN_CASES, GOLDEN_SEED)
+        return
+    with TemporaryDirectory() as folder:
+        cases = Path(folder) / "cases.csv"
+        write_cases(cases, arguments.cases, arguments.seed)
+        test = ["cargo", "test", "--quiet", "--release", "-p", "whisker", "--test", "elastica", "val_agrees_with_scipy"]
+        outcome = subprocess.run(
+            [*test, "--", "--nocapture"], cwd=REPOSITORY, env={**os.environ, "ELASTICA_CASES": str(cases)}, check=False
+        )
+    raise SystemExit(outcome.returncode)
+
+
+if __name__ == "__main__":
+    main()

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from whisker_sim.errors import SimulationError
 from whisker_sim.scene import load_runs
 from whisker_sim.simulate import simulate
 from whisker_sim.truth import CenterLine, nearest_contact
@@ -89,6 +90,13 @@ def test_verif_standard_trials_hold_their_contact(name):
     assert np.all(simulated.touching[touch + 13 :])
     assert not np.any(simulated.truth.tip[simulated.touching])
     assert np.max(simulated.penetration_m) < 5e-6
+
+
+def test_robust_deep_penetration_fails_the_run(make_run, monkeypatch):
+    """A contact that is softer than the bound allows is an error with its instant, not a result."""
+    monkeypatch.setattr("whisker_sim.simulate._PENETRATION_LIMIT_M", 1e-9)
+    with pytest.raises(SimulationError, match=r"penetration of \S+ m at \d+\.\d+ s"):
+        simulate(make_run())
 
 
 def test_verif_calibration_strata():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from whisker_sim.cli import main
+from whisker_sim.scene import load_runs
 from whisker_sim.trace import COLUMNS, format_csv
 
 from conftest import REPOSITORY, SCENES
@@ -96,3 +97,14 @@ def test_verif_up_to_date_traces_are_left_alone(write_scene, tmp_path, capsys):
     assert main(command) == 0
     assert json.loads((out / "sweep.json").read_text())["seed"] == 1
     assert not list(out.glob(".*"))
+
+
+def test_verif_seeds_name_the_traces_however_many_there_are(tmp_path):
+    """A suite that names seeds gets them into the names, a single one as well; the Rust side reads the same names."""
+    scene = json.loads((SCENES / "golden_pin.json").read_text())
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    for seeds, names in [(None, ["golden_pin"]), ([3], ["golden_pin_03"]), ([0, 112], ["golden_pin_00", "golden_pin_112"])]:
+        entry = {"scene": "scene.json"} | ({} if seeds is None else {"seeds": seeds})
+        (tmp_path / "suite.json").write_text(json.dumps({"format": 1, "name": "suite", "scenes": [entry]}))
+        _, runs = load_runs(tmp_path / "suite.json")
+        assert [run.name for run in runs] == names

@@ -138,7 +138,7 @@ def load_runs(path: Path) -> tuple[str | None, list[Run]]:
         scene = read_document(scene_path, Scene)
         seeds = entry.seeds or (scene.seed,)
         for seed in seeds:
-            name = f"{scene.name}_{seed:02d}" if len(seeds) > 1 else scene.name
+            name = scene.name if entry.seeds is None else f"{scene.name}_{seed:02d}"
             if name in runs:
                 raise InputError(f"{path}: scenes[{index}]: expected traces of different names, found '{name}' twice")
             runs[name] = Run(name, msgspec.structs.replace(scene, seed=seed), scene_path)

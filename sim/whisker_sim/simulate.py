@@ -126,12 +126,12 @@ def _check(simulated: Simulated, plan: Plan) -> None:
             raise SimulationError(
                 f"contact lost at {time_s[np.argmax(lost)]:.3f} s; the motion promises it from {start_s:.3f} s to {end_s:.3f} s"
             )
-    at_tip = touching & simulated.truth.tip
-    if np.any(at_tip):
-        raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")
         deep = (simulated.penetration_m > _PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
         if np.any(deep):
             raise SimulationError(
                 f"penetration of {np.max(simulated.penetration_m[deep]):.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
                 f"expected at most {_PENETRATION_LIMIT_M:.0e} m: the time step is too long"
             )
+    at_tip = touching & simulated.truth.tip
+    if np.any(at_tip):
+        raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")

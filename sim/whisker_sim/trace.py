@@ -40,8 +40,8 @@ COLUMNS = (
 )
 """Columns of a trace in order, with their decimals."""
 
-# Modules that show things to people and leave the data alone; a change in them makes no trace out of date.
-_PRESENTATION = {"__main__.py", "cli.py", "render.py"}
+# Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
+_ONLOOKERS = {"__main__.py", "cli.py", "render.py", "physics"}
 
 
 class Generator(msgspec.Struct, frozen=True):
@@ -186,17 +186,23 @@ def inputs_sha256(scene: Scene) -> str:
 def generator() -> Generator:
     """What makes traces here and now."""
     package = Path(whisker_sim.__file__).parent
-    sources = sorted(path for path in package.rglob("*.py") if path.name not in _PRESENTATION)
     digest = hashlib.sha256()
-    for path in sources:
-        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    for path in sorted(package.rglob("*.py")):
+        module = path.relative_to(package)
+        if module.parts[0] not in _ONLOOKERS:
+            digest.update(module.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), _git_commit(package), digest.hexdigest())
 
 
 def _git_commit(folder: Path) -> str | None:
     try:
         asked: Any = subprocess.run(
-            ["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, check=True, timeout=10
+            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10,
         )
     except (OSError, subprocess.SubprocessError):
         return None

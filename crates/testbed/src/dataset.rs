@@ -24,7 +24,13 @@ impl Dataset {
     /// If the suite does not parse, or a trace is missing.
     pub fn open(input: &Path, folder: Option<&Path>) -> anyhow::Result<Self> {
         if input.is_dir() {
+            if folder.is_some() {
+                bail!("{}: is a folder of traces itself; --traces goes with a suite", input.display());
+            }
             return Self::of_folder(input);
+        }
+        if input.extension().is_some_and(|extension| extension == "csv") {
+            bail!("{}: is one file, expected a suite (.json) or a folder of traces", input.display());
         }
         let suite = Suite::read(input)?;
         let folder = folder.map_or_else(|| Path::new("datasets").join(&suite.name), Into::into);
@@ -71,7 +77,7 @@ impl Dataset {
             }
         }
         if traces.is_empty() {
-            bail!("{}: no trace with the role {role:?}", self.folder.display());
+            bail!("{}: no traces with the role `{}`", self.folder.display(), role.name());
         }
         Ok(traces)
     }

@@ -2,7 +2,7 @@
 //!
 //! Trials run in parallel; what they yield is put together in their order, so the results do not depend on the number of threads.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,19 +12,21 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
 use trace::{CalibrationFile, Outline, Role, Trace, read_json, sha256, write_atomically, write_json};
-use whisker::estimators::{self, Estimate, Estimator, EstimatorRow, Knowledge};
+use whisker::estimators::{self, Estimate, EstimatorRow};
 use whisker::sensor::CalibratedFace;
 use whisker::touch::TouchConfig;
 
 use crate::dataset::Dataset;
-use crate::fit::face_stem;
-use crate::front_end::{FrontEnd, derived_seed};
+use crate::fit::{REPORT_TABLES, face_stem};
+use crate::front_end::FrontEnd;
 use crate::metrics::{ContactError, Trial, score};
 use crate::provenance::watermark;
-use crate::replay::{replay, samples};
+use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
-    ErrorBandRow, EstimateRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialRow, csv_bytes, read_rows,
+    ErrorBandRow, EstimateRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialRow, csv_bytes,
+    read_rows,
 };
+use crate::settings::merged;
 use crate::statistics::{median_of_scores, quantile};
 
 /// Width of the time bins of `error_over_time.csv`.
@@ -39,12 +41,14 @@ pub struct EvaluateSettings {
     pub estimators: Vec<String>,
     /// Settings by estimator; what is missing takes its default.
     pub config: BTreeMap<String, Value>,
+    /// Settings of the touch detection, the same for all.
+    pub touch: TouchConfig,
     /// Noise levels as fractions of the largest reading of each set.
     pub noise: Vec<f64>,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
-    /// Folder of the calibrations.
-    pub calibrations: PathBuf,
+    /// Folder of the calibrations; without it, that beside the traces.
+    pub calibrations: Option<PathBuf>,
     /// Folder under which the run's folder is made.
     pub results: PathBuf,
 }
@@ -58,21 +62,36 @@ pub struct Evaluated {
     pub summary: Vec<SummaryRow>,
     /// Whether it had to be made anew.
     pub is_new: bool,
+    /// Trials that could not be scored.
+    pub failures: Vec<FailureRow>,
 }
 
 /// A set: trials of one group with one whisker, which share a noise level.
 type SetKey = (String, String);
 
+/// One trial, one noise level, one seed.
+struct Job {
+    trial: usize,
+    noise: f64,
+    seed: u64,
+}
+
+/// A trace and its object's outline.
+struct BenchTrial {
+    trace: Trace,
+    outline: Option<Outline>,
+}
+
 /// Everything a trial needs, prepared once.
 struct Bench {
-    traces: Vec<Trace>,
-    outlines: Vec<Option<Outline>>,
+    trials: Vec<BenchTrial>,
     calibrations: BTreeMap<String, Calibration>,
     largest_readings: BTreeMap<SetKey, f64>,
     methods: Vec<(&'static EstimatorRow, Value)>,
 }
 
 struct Calibration {
+    path: PathBuf,
     file: CalibrationFile,
     sha256: String,
     faces: Vec<Arc<CalibratedFace>>,
@@ -90,41 +109,64 @@ struct Outcome {
 ///
 /// # Errors
 /// If inputs cannot be read or do not fit together, or results cannot be written.
-pub fn evaluate(dataset: &Dataset, settings: &EvaluateSettings, progress: &ProgressBar) -> anyhow::Result<Evaluated> {
+pub fn evaluate(
+    datasets: &[Dataset],
+    settings: &EvaluateSettings,
+    progress: &ProgressBar,
+) -> anyhow::Result<Evaluated> {
     let folder = target(settings)?;
-    let bench = Bench::open(dataset, settings)?;
+    let bench = Bench::open(datasets, settings)?;
     let run = bench.run(settings)?;
-    if read_json::<Run>(&folder.join("run.json")).is_ok_and(|old| old == run) {
+    if bench.is_up_to_date(&folder, &run) {
         let summary = read_rows(&folder.join("summary.csv"))?;
-        return Ok(Evaluated { folder, summary, is_new: false });
+        let failures = read_rows(&folder.join("failures.csv"))?;
+        return Ok(Evaluated { folder, summary, is_new: false, failures });
     }
 
     let part = PartFolder::new(&folder)?;
-    let jobs: Vec<(usize, f64, u64)> = (0..bench.traces.len())
-        .flat_map(|trace| {
-            settings.noise.iter().flat_map(move |&noise| settings.seeds.iter().map(move |&seed| (trace, noise, seed)))
+    let jobs: Vec<Job> = (0..bench.trials.len())
+        .flat_map(|trial| {
+            let seeds = || settings.seeds.iter();
+            settings.noise.iter().flat_map(move |&noise| seeds().map(move |&seed| Job { trial, noise, seed }))
         })
         .collect();
     progress.set_length(jobs.len() as u64);
-    let outcomes: Vec<Vec<Outcome>> = jobs
+    let done: Vec<Result<Vec<Outcome>, FailureRow>> = jobs
         .par_iter()
-        .map(|&(trace, noise, seed)| {
-            let is_first = noise == settings.noise[0] && seed == settings.seeds[0];
-            let outcomes = bench.trial(trace, noise, seed, is_first.then_some(part.path()));
+        .map(|job| {
+            let is_first = job.noise == settings.noise[0] && job.seed == settings.seeds[0];
+            let done = bench.run_trial(job, settings, is_first.then_some(part.path()))?;
             progress.inc(1);
-            outcomes
+            Ok(done)
         })
         .collect::<anyhow::Result<_>>()?;
-    let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
+    let mut outcomes = Vec::new();
+    let mut failures = Vec::new();
+    for job in done {
+        match job {
+            Ok(of_job) => outcomes.extend(of_job),
+            Err(failure) => failures.push(failure),
+        }
+    }
+    if outcomes.is_empty() {
+        bail!("no trial could be scored; the first: {}: {}", failures[0].trace, failures[0].reason);
+    }
     let summary = summarise(&outcomes);
     let rows: Vec<&TrialRow> = outcomes.iter().map(|outcome| &outcome.row).collect();
-    write_atomically(&part.path().join("trials.csv"), &csv_bytes(&rows)?)?;
-    write_atomically(&part.path().join("summary.csv"), &csv_bytes(&summary)?)?;
-    write_atomically(&part.path().join("error_over_time.csv"), &csv_bytes(&error_bands(&outcomes))?)?;
-    bench.copy_for_report(settings, part.path())?;
+    let bands = error_bands(&outcomes);
+    let tables = [
+        ("trials.csv", csv_bytes(&rows)?),
+        ("summary.csv", csv_bytes(&summary)?),
+        ("error_over_time.csv", csv_bytes(&bands)?),
+        ("failures.csv", FailureRow::csv(&failures)?),
+    ];
+    for (name, bytes) in tables {
+        write_atomically(&part.path().join(name), &bytes)?;
+    }
+    bench.copy_for_report(part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
     part.finish()?;
-    Ok(Evaluated { folder, summary, is_new: true })
+    Ok(Evaluated { folder, summary, is_new: true, failures })
 }
 
 /// Folder of the run, which may only take the place of another run.
@@ -191,51 +233,94 @@ impl<'a> PartFolder<'a> {
 }
 
 impl Bench {
-    fn open(dataset: &Dataset, settings: &EvaluateSettings) -> anyhow::Result<Self> {
+    fn open(datasets: &[Dataset], settings: &EvaluateSettings) -> anyhow::Result<Self> {
         if settings.noise.is_empty() || settings.seeds.is_empty() {
             bail!("an evaluation needs at least one noise level and one seed");
         }
+        check_distinct("noise level", settings.noise.iter().map(f64::to_string))?;
+        check_distinct("estimator", settings.estimators.iter().cloned())?;
+        settings.touch.validate().context("settings of `touch`")?;
         let mut methods = Vec::new();
         for name in &settings.estimators {
             let row = estimators::estimator(name).with_context(|| {
                 let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
                 format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
             })?;
-            methods.push((row, merged((row.defaults)(), settings.config.get(name))));
+            let overrides = settings.config.get(name).cloned().unwrap_or_else(|| Value::Object(Default::default()));
+            let config = merged((row.defaults)(), &overrides).with_context(|| format!("settings of `{name}`"))?;
+            methods.push((row, config));
         }
         if let Some(name) = settings.config.keys().find(|name| !settings.estimators.contains(name)) {
-            bail!(
-                "settings are given for `{name}`, which is not among the estimators: {}",
-                settings.estimators.join(", ")
-            );
+            let known = settings.estimators.join(", ");
+            bail!("settings are given for `{name}`, which is not among the estimators: {known}");
         }
-        let traces = dataset.read(Role::Trial)?;
-        let mut outlines = Vec::new();
-        for trace in &traces {
-            outlines.push(trace.outline(&dataset.folder)?);
-        }
+        let mut trials: Vec<BenchTrial> = Vec::new();
         let mut calibrations: BTreeMap<String, Calibration> = BTreeMap::new();
+        for dataset in datasets {
+            let folder = settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations());
+            for trace in dataset.read(Role::Trial)? {
+                let sidecar = &trace.sidecar;
+                let whisker = &sidecar.whisker.name;
+                let path = folder.join(format!("{whisker}.json"));
+                match calibrations.get(whisker) {
+                    None => _ = calibrations.insert(whisker.clone(), Calibration::read(&path)?),
+                    Some(known) if known.path == path => {}
+                    Some(known) => {
+                        let other = known.path.display();
+                        bail!(
+                            "{}: `{whisker}` is calibrated by {other} too; name one by --calibrations",
+                            path.display()
+                        );
+                    }
+                }
+                check_calibration(&path, &calibrations[whisker].file, sidecar)?;
+                let outline = trace.outline(&dataset.folder)?;
+                trials.push(BenchTrial { trace, outline });
+            }
+        }
+        check_distinct("trace", trials.iter().map(|trial| trial.trace.sidecar.name.clone()))?;
         let mut largest_readings: BTreeMap<SetKey, f64> = BTreeMap::new();
-        for trace in &traces {
-            let sidecar = &trace.sidecar;
-            let path = settings.calibrations.join(format!("{}.json", sidecar.whisker.name));
-            if !calibrations.contains_key(&sidecar.whisker.name) {
-                calibrations.insert(sidecar.whisker.name.clone(), Calibration::read(&path)?);
-            }
-            let calibration = &calibrations[&sidecar.whisker.name];
-            if calibration.file.whisker != sidecar.whisker {
-                bail!("{}: calibrates a whisker with other parameters than that of {}", path.display(), sidecar.name);
-            }
-            if !calibration.faces.iter().any(|face| face.face == sidecar.face) {
-                let face = sidecar.face.name();
-                bail!("{}: has no face {face}, which {} touches with", path.display(), sidecar.name);
-            }
-            let largest = largest_readings.entry(set_key(trace)).or_default();
-            for instant in &trace.recording.instants {
+        for trial in &trials {
+            let largest = largest_readings.entry(set_key(&trial.trace)).or_default();
+            for instant in &trial.trace.recording.instants {
                 *largest = largest.max(instant.moment_z_n_m.abs());
             }
         }
-        Ok(Self { traces, outlines, calibrations, largest_readings, methods })
+        let bench = Self { trials, calibrations, largest_readings, methods };
+        bench.check_methods(settings)?;
+        Ok(bench)
+    }
+
+    /// Makes every method once, so that wrong settings are found before anything is run.
+    fn check_methods(&self, settings: &EvaluateSettings) -> anyhow::Result<()> {
+        let sidecar = &self.trials[0].trace.sidecar;
+        let knowledge = knowledge(&sidecar.whisker, &self.calibrations[&sidecar.whisker.name].faces, 0.0);
+        for (row, config) in &self.methods {
+            replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, 0)?;
+        }
+        Ok(())
+    }
+
+    /// Whether a run from the same inputs is there, with all that belongs to it.
+    fn is_up_to_date(&self, folder: &Path, run: &Run) -> bool {
+        let same = |old: Run| old.watermark.inputs_sha256 == run.watermark.inputs_sha256;
+        let estimates = self.trials.iter().flat_map(|trial| {
+            let name = &trial.trace.sidecar.name;
+            self.methods.iter().map(move |(row, _)| format!("estimates/{name}.{}.csv", row.name))
+        });
+        let outlines = self
+            .trials
+            .iter()
+            .filter(|trial| trial.outline.is_some())
+            .map(|trial| format!("outlines/{}.csv", trial.trace.sidecar.name));
+        let tables = ["trials.csv", "summary.csv", "error_over_time.csv", "failures.csv"].map(String::from);
+        read_json::<Run>(&folder.join("run.json")).is_ok_and(same)
+            && tables
+                .into_iter()
+                .chain(estimates)
+                .chain(outlines)
+                .chain(self.model_files().map(|(_, name)| format!("models/{name}")))
+                .all(|name| folder.join(name).is_file())
     }
 
     /// What stands in `run.json`.
@@ -254,7 +339,8 @@ impl Bench {
             .largest_readings
             .iter()
             .map(|(key, &largest_reading_n_m)| {
-                let members: Vec<&Trace> = self.traces.iter().filter(|trace| set_key(trace) == *key).collect();
+                let traces = self.trials.iter().map(|trial| &trial.trace);
+                let members: Vec<&Trace> = traces.filter(|trace| set_key(trace) == *key).collect();
                 RunSet {
                     group: key.0.clone(),
                     whisker: key.1.clone(),
@@ -280,66 +366,85 @@ impl Bench {
             })
             .collect();
         let mut inputs = vec![
-            serde_json::to_string(&(&settings.name, &settings.noise, &settings.seeds))?,
+            serde_json::to_string(&(&settings.name, &settings.noise, &settings.seeds, &settings.touch))?,
             serde_json::to_string(&(&estimators, &sets, &calibrations))?,
         ];
-        inputs.extend(self.traces.iter().map(|trace| trace.sidecar.csv_sha256.clone()));
+        for trial in &self.trials {
+            let sidecar = &trial.trace.sidecar;
+            inputs.push(sidecar.csv_sha256.clone());
+            inputs.push(sidecar.contour.as_ref().map_or_else(String::new, |contour| contour.sha256.clone()));
+        }
         Ok(Run {
             format: trace::FORMAT,
             kind: "run".into(),
             name: settings.name.clone(),
-            watermark: watermark(inputs.iter().map(String::as_str))?,
+            watermark: watermark(inputs.iter().map(String::as_str)),
             noise: settings.noise.clone(),
             seeds: settings.seeds.clone(),
+            touch: settings.touch,
             estimators,
             sets,
             calibrations,
         })
     }
 
-    /// Replays one trial through every estimator; writes the estimates where a folder is given.
-    fn trial(&self, index: usize, noise: f64, seed: u64, out: Option<&Path>) -> anyhow::Result<Vec<Outcome>> {
-        let trace = &self.traces[index];
+    /// Replays one trial through every estimator; writes the estimates where a folder is given. A trial that cannot be scored is no
+    /// error of the batch.
+    fn run_trial(
+        &self,
+        job: &Job,
+        settings: &EvaluateSettings,
+        out: Option<&Path>,
+    ) -> anyhow::Result<Result<Vec<Outcome>, FailureRow>> {
+        let &Job { trial, noise, seed } = job;
+        let BenchTrial { trace, outline } = &self.trials[trial];
         let sidecar = &trace.sidecar;
-        let knowledge = Arc::new(Knowledge {
-            whisker: sidecar.whisker.clone(),
-            rest: sidecar.whisker.rest_shape(),
-            faces: self.calibrations[&sidecar.whisker.name].faces.clone(),
-            noise_sd_n_m: noise * self.largest_readings[&set_key(trace)],
-        });
-        let front_end = FrontEnd { noise_sd_n_m: knowledge.noise_sd_n_m, seed };
+        let faces = &self.calibrations[&sidecar.whisker.name].faces;
+        let front_end = FrontEnd { noise_sd_n_m: noise * self.largest_readings[&set_key(trace)], seed };
+        let knowledge = knowledge(&sidecar.whisker, faces, front_end.noise_sd_n_m);
         let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
         let samples = samples(&trace.recording, &readings_n_m);
-        let trial = Trial {
-            trace,
-            outline: self.outlines[index].as_ref(),
-            knowledge: &knowledge,
-            readings_n_m: &readings_n_m,
-            noise,
-            seed,
-        };
+        let trial =
+            Trial { trace, outline: outline.as_ref(), knowledge: &knowledge, readings_n_m: &readings_n_m, noise, seed };
         let mut outcomes = Vec::with_capacity(self.methods.len());
         for (row, config) in &self.methods {
-            let method = (row.build)(config, &knowledge)
-                .map_err(|error| anyhow::anyhow!("settings of `{}`: {error}", row.name))?;
-            let own_seed = derived_seed(seed, &[row.name, &sidecar.name]);
-            let mut estimator = Estimator::new(method, knowledge.clone(), TouchConfig::default(), own_seed);
-            let replayed = replay(&mut estimator, &samples);
-            let (scored, errors) = score(&trial, row.name, &replayed.estimates)
-                .with_context(|| format!("{}: the whisker never touches; there is nothing to score", sidecar.name))?;
+            let mut estimator = replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, seed)?;
+            let replayed = replay::replay(&mut estimator, &samples);
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{}.csv", sidecar.name, row.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replayed.estimates))?)?;
             }
-            let steps = samples.len();
-            outcomes.push(Outcome { row: scored, errors, elapsed_ns: replayed.elapsed_ns, steps });
+            match score(&trial, row.name, &replayed.estimates) {
+                Ok((row, errors)) => {
+                    let (elapsed_ns, steps) = (replayed.elapsed_ns, samples.len());
+                    outcomes.push(Outcome { row, errors, elapsed_ns, steps });
+                }
+                Err(unscored) => {
+                    return Ok(Err(FailureRow {
+                        trace: sidecar.name.clone(),
+                        noise,
+                        seed,
+                        reason: unscored.to_string(),
+                    }));
+                }
+            }
         }
-        Ok(outcomes)
+        Ok(Ok(outcomes))
+    }
+
+    /// Tables about the sensor models, beside the calibrations: folder and name.
+    fn model_files(&self) -> impl Iterator<Item = (&Path, String)> {
+        self.calibrations.iter().flat_map(|(whisker, calibration)| {
+            let folder = calibration.path.parent().unwrap_or(Path::new("."));
+            calibration.faces.iter().flat_map(move |face| {
+                REPORT_TABLES.map(|table| (folder, format!("{}.{table}.csv", face_stem(whisker, face.face))))
+            })
+        })
     }
 
     /// Copies what the report needs, so that it can be drawn from the run alone.
-    fn copy_for_report(&self, settings: &EvaluateSettings, folder: &Path) -> anyhow::Result<()> {
-        for (trace, outline) in self.traces.iter().zip(&self.outlines) {
+    fn copy_for_report(&self, folder: &Path) -> anyhow::Result<()> {
+        for BenchTrial { trace, outline } in &self.trials {
             if let Some(outline) = outline {
                 let mut text = String::from("x_m,y_m\n");
                 for vertex in outline.vertices() {
@@ -349,18 +454,25 @@ impl Bench {
                 write_atomically(&path, text.as_bytes())?;
             }
         }
-        for (whisker, calibration) in &self.calibrations {
-            for face in &calibration.faces {
-                for kind in ["surface", "residuals"] {
-                    let name = format!("{}.{kind}.csv", face_stem(whisker, face.face));
-                    let from = settings.calibrations.join(&name);
-                    let bytes = fs::read(&from).with_context(|| from.display().to_string())?;
-                    write_atomically(&folder.join("models").join(name), &bytes)?;
-                }
-            }
+        for (from, name) in self.model_files() {
+            let from = from.join(&name);
+            let bytes = fs::read(&from).with_context(|| from.display().to_string())?;
+            write_atomically(&folder.join("models").join(name), &bytes)?;
         }
         Ok(())
     }
+}
+
+/// Checks that nothing is named twice.
+fn check_distinct(what: &str, names: impl Iterator<Item = String>) -> anyhow::Result<()> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if seen.contains(&name) {
+            bail!("{what} `{name}`: found twice, expected each once");
+        }
+        seen.insert(name);
+    }
+    Ok(())
 }
 
 impl Calibration {
@@ -371,20 +483,12 @@ impl Calibration {
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;
         let faces = file.calibrated(path)?;
-        Ok(Self { file, sha256: sha256(bytes), faces })
+        Ok(Self { path: path.into(), file, sha256: sha256(bytes), faces })
     }
 }
 
 fn set_key(trace: &Trace) -> SetKey {
     (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone())
-}
-
-/// Settings over their defaults. Keys that the defaults lack are kept, for the method to reject by name.
-fn merged(mut defaults: Value, overrides: Option<&Value>) -> Value {
-    if let (Some(defaults), Some(Value::Object(overrides))) = (defaults.as_object_mut(), overrides) {
-        defaults.extend(overrides.clone());
-    }
-    defaults
 }
 
 /// Rows of `estimates/<trace>.<estimator>.csv`.
@@ -395,7 +499,7 @@ pub fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<E
         .zip(estimates)
         .map(|(((known, truth), &reading_n_m), estimate)| {
             let contact = estimate.map(|e| known.base.apply(e.contact));
-            let surface = estimate.map(|e| known.base.apply(trial.knowledge.surface(e.contact, reading_n_m)));
+            let surface = estimate.map(|e| known.base.apply(trial.knowledge.surface(&e, reading_n_m)));
             let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
             EstimateRow {
                 t_s: known.t_s,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use trace::{CalibrationFile, Digest, FaceFile, Role, Trace, read_json, write_atomically, write_json};
+use trace::{CalibrationFile, Digest, FaceFile, Role, Trace, write_atomically, write_json};
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Face, Fit, Sample};
 
@@ -13,12 +13,16 @@ use crate::dataset::Dataset;
 use crate::front_end::FrontEnd;
 use crate::provenance::watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
+use crate::settings::merged;
 
 /// Nodes of the grid on which a fitted model is written for the report: along and away from the undeflected whisker.
 const SURFACE_NODES: (usize, usize) = (81, 41);
 
 /// Most residuals a face that are written for the report; more are thinned evenly.
 const MOST_RESIDUALS: usize = 3000;
+
+/// Tables about a face that stand beside its calibration, for the report.
+pub const REPORT_TABLES: [&str; 2] = ["surface", "residuals"];
 
 /// What to fit and how.
 #[derive(Clone, Debug)]
@@ -58,6 +62,7 @@ pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Res
 }
 
 fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings, out: &Path) -> anyhow::Result<Fitted> {
+    let config = merged((row.defaults)(), &settings.config)?;
     let whisker = &traces[0].sidecar.whisker;
     if let Some(other) = traces.iter().find(|trace| trace.sidecar.whisker != *whisker) {
         bail!(
@@ -69,19 +74,26 @@ fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings,
     }
     let mut data = Digest::default();
     for trace in traces {
-        data.add(&trace.sidecar.csv_sha256);
+        data.add(&trace.sidecar.name).add(&trace.sidecar.csv_sha256).add(trace.sidecar.face.name());
     }
     let data_sha256 = data.finish();
     let watermark = watermark([
         data_sha256.as_str(),
+        &serde_json::to_string(whisker)?,
         row.kind,
-        &settings.config.to_string(),
+        &config.to_string(),
         &settings.noise.to_string(),
         &settings.seed.to_string(),
-    ])?;
+    ]);
     let path = out.join(format!("{}.json", whisker.name));
-    if let Ok(calibration) = read_json::<CalibrationFile>(&path)
-        && calibration.watermark == watermark
+    let for_report = |face: &FaceFile| {
+        REPORT_TABLES
+            .iter()
+            .all(|table| out.join(format!("{}.{table}.csv", face_stem(&whisker.name, face.face))).is_file())
+    };
+    if let Ok(calibration) = CalibrationFile::read(&path)
+        && calibration.watermark.inputs_sha256 == watermark.inputs_sha256
+        && calibration.faces.iter().all(for_report)
     {
         return Ok(Fitted { calibration, path, is_new: false });
     }
@@ -96,7 +108,7 @@ fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings,
     for face in [Face::Left, Face::Right] {
         let of_face: Vec<&Trace> = traces.iter().filter(|trace| trace.sidecar.face == face).collect();
         if !of_face.is_empty() {
-            let fit = fit_face(row, &settings.config, whisker, face, &of_face, &front_end)
+            let fit = fit_face(row, &config, whisker, face, &of_face, &front_end)
                 .with_context(|| format!("whisker `{}`, face {}", whisker.name, face.name()))?;
             write_for_report(&fit, whisker, &of_face, out)?;
             faces.push(FaceFile::new(&fit));
@@ -154,10 +166,15 @@ fn write_for_report(fit: &Fit, whisker: &Whisker, traces: &[&Trace], out: &Path)
     let path = out.join(format!("{stem}.surface.csv"));
     write_atomically(&path, &csv_bytes(&surface(&fit.face))?)?;
 
+    // The largest are always kept: they are what a reader looks for.
     let stride = fit.samples.div_ceil(MOST_RESIDUALS);
+    let is_extreme = |residual: f64| residual.abs() > 0.8 * fit.heldout_worst_n_m;
     let mut rows = Vec::new();
     for (trace, residuals) in traces.iter().zip(&fit.residuals_n_m) {
-        for (sample, residual_n_m) in clean_contacts(trace).iter().zip(residuals).step_by(stride) {
+        for (i, (sample, residual_n_m)) in clean_contacts(trace).iter().zip(residuals).enumerate() {
+            if i % stride != 0 && !is_extreme(*residual_n_m) {
+                continue;
+            }
             rows.push(ResidualRow {
                 trace: trace.sidecar.name.clone(),
                 x_m: sample.contact.x(),

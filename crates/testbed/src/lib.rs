@@ -19,4 +19,5 @@ pub mod provenance;
 pub mod replay;
 pub mod report;
 pub mod results;
+pub mod settings;
 mod statistics;

@@ -1,13 +1,20 @@
 //! The command `whisker`.
 
+use std::io;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     match testbed::cli::run() {
         Ok(code) => code,
+        // The reader of stdout has seen enough.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
         }
     }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }

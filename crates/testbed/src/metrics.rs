@@ -35,8 +35,25 @@ pub struct Trial<'a> {
     pub seed: u64,
 }
 
-/// Contact errors of a trial, at each instant at which the whisker truly touches. Nothing where it never does, or the truth is unknown.
-pub fn contact_errors(trace: &Trace, estimates: &[Option<Estimate>]) -> Option<(f64, Vec<ContactError>)> {
+/// Why a trial cannot be scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unscored {
+    /// The recording does not tell where the contact was.
+    #[error("the true contact is not known; there is nothing to score against")]
+    TruthUnknown,
+    /// There was none.
+    #[error("the whisker never touches; there is nothing to score")]
+    NeverTouches,
+}
+
+/// An estimator that is silent for more than this share of the steady contact has no steady score: what it left out would flatter it.
+const MOST_MISSING: f64 = 0.1;
+
+/// Contact errors of a trial, at each instant at which the whisker truly touches, and the instant of the first.
+///
+/// # Errors
+/// [`Unscored`] where there is no such instant.
+pub fn contact_errors(trace: &Trace, estimates: &[Option<Estimate>]) -> Result<(f64, Vec<ContactError>), Unscored> {
     let mut touch_s = None;
     let mut errors = Vec::new();
     for ((known, truth), estimate) in trace.recording.instants.iter().zip(&trace.truth.instants).zip(estimates) {
@@ -47,7 +64,12 @@ pub fn contact_errors(trace: &Trace, estimates: &[Option<Estimate>]) -> Option<(
             error_m: estimate.map(|estimate| known.base.apply(estimate.contact).distance(&contact)),
         });
     }
-    Some((touch_s?, errors))
+    let is_known = trace.truth.instants.iter().any(|truth| truth.touching.is_some());
+    touch_s.map(|touch_s| (touch_s, errors)).ok_or(if is_known {
+        Unscored::NeverTouches
+    } else {
+        Unscored::TruthUnknown
+    })
 }
 
 /// Time after which the error stays below a bound to the end. A missing estimate is not below it.
@@ -57,17 +79,22 @@ fn time_to_stay_below(errors: &[ContactError], bound_m: f64) -> Option<f64> {
     errors.get(start).map(|error| error.t_contact_s)
 }
 
-/// Scores one estimator on one trial. Nothing where the whisker never touches, or the truth is unknown.
+/// Scores one estimator on one trial.
+///
+/// # Errors
+/// [`Unscored`] where there is nothing to score.
 pub fn score(
     trial: &Trial<'_>,
     estimator: &str,
     estimates: &[Option<Estimate>],
-) -> Option<(TrialRow, Vec<ContactError>)> {
+) -> Result<(TrialRow, Vec<ContactError>), Unscored> {
     let (touch_s, errors) = contact_errors(trial.trace, estimates)?;
     let is_steady = |error: &&ContactError| error.t_contact_s >= START_UP_S;
-    let steady: Vec<f64> = errors.iter().filter(is_steady).filter_map(|e| e.error_m).collect();
+    let stated: Vec<f64> = errors.iter().filter(is_steady).filter_map(|e| e.error_m).collect();
     let start: Vec<f64> = errors.iter().filter(|e| !is_steady(e)).filter_map(|e| e.error_m).collect();
     let samples = errors.iter().filter(is_steady).count();
+    let missing = samples - stated.len();
+    let steady = if missing as f64 > MOST_MISSING * samples as f64 { Vec::new() } else { stated };
     let outline = outline_distances(trial, touch_s + START_UP_S, estimates);
     let sidecar = &trial.trace.sidecar;
     let row = TrialRow {
@@ -80,7 +107,7 @@ pub fn score(
         seed: trial.seed,
         touch_s,
         samples,
-        missing: samples - steady.len(),
+        missing,
         rmse_m: rms(&steady),
         median_m: quantile(&steady, 0.5),
         p95_m: quantile(&steady, 0.95),
@@ -91,7 +118,7 @@ pub fn score(
         outline_median_m: quantile(&outline, 0.5),
         outline_p95_m: quantile(&outline, 0.95),
     };
-    Some((row, errors))
+    Ok((row, errors))
 }
 
 /// Distances of the estimated surface points from the true outline, from `from_s` on.
@@ -104,7 +131,7 @@ fn outline_distances(trial: &Trial<'_>, from_s: f64, estimates: &[Option<Estimat
         .zip(estimates)
         .filter(|((known, _), _)| known.t_s >= from_s)
         .filter_map(|((known, &reading), estimate)| {
-            let surface = trial.knowledge.surface(estimate.as_ref()?.contact, reading);
+            let surface = trial.knowledge.surface(estimate.as_ref()?, reading);
             Some(outline.distance_m(known.base.apply(surface)))
         })
         .collect()

@@ -1,10 +1,19 @@
 //! Replay: a recording through an estimator, in order of time, without looking ahead.
 
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant as Clock;
 
-use trace::Recording;
-use whisker::estimators::{Estimate, Estimator, Sample};
+use anyhow::{Context, bail};
+use serde_json::Value;
+use trace::{CalibrationFile, Recording, Sidecar};
+use whisker::Whisker;
+use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Sample};
 use whisker::frames::Pose;
+use whisker::sensor::CalibratedFace;
+use whisker::touch::TouchConfig;
+
+use crate::front_end::derived_seed;
 
 /// The samples that a robot would have had: base motion from the recorded poses, readings from the front end.
 pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {
@@ -22,6 +31,42 @@ pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {
             Sample { motion, dt_s, reading_n_m }
         })
         .collect()
+}
+
+/// What a robot with this whisker knows before it touches anything.
+pub fn knowledge(whisker: &Whisker, faces: &[Arc<CalibratedFace>], noise_sd_n_m: f64) -> Arc<Knowledge> {
+    Arc::new(Knowledge { whisker: whisker.clone(), rest: whisker.rest_shape(), faces: faces.to_vec(), noise_sd_n_m })
+}
+
+/// A registered estimator, with the randomness that belongs to this trace and seed.
+///
+/// # Errors
+/// If its settings are wrong.
+pub fn estimator(
+    row: &EstimatorRow,
+    config: &Value,
+    touch: TouchConfig,
+    knowledge: &Arc<Knowledge>,
+    trace_name: &str,
+    seed: u64,
+) -> anyhow::Result<Estimator> {
+    let method = (row.build)(config, knowledge).with_context(|| format!("settings of `{}`", row.name))?;
+    let own_seed = derived_seed(seed, &[row.name, trace_name]);
+    Ok(Estimator::new(method, knowledge.clone(), touch, own_seed))
+}
+
+/// Checks that a calibration is that of a trace's whisker and knows the face that the trace touches with.
+///
+/// # Errors
+/// If it is not, or does not; `path` is the calibration's.
+pub fn check_calibration(path: &Path, calibration: &CalibrationFile, sidecar: &Sidecar) -> anyhow::Result<()> {
+    if calibration.whisker != sidecar.whisker {
+        bail!("{}: calibrates a whisker with other parameters than that of {}", path.display(), sidecar.name);
+    }
+    if !calibration.faces.iter().any(|face| face.face == sidecar.face) {
+        bail!("{}: has no face {}, which {} touches with", path.display(), sidecar.face.name(), sidecar.name);
+    }
+    Ok(())
 }
 
 /// Estimates of a replay, and how long it took.

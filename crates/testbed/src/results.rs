@@ -4,6 +4,7 @@
 //! run.json                              watermark, settings, inputs
 //! trials.csv                            [`TrialRow`], one a trace, estimator, noise level and seed
 //! summary.csv                           [`SummaryRow`], one a group, whisker, estimator and noise level
+//! failures.csv                          [`FailureRow`], one a trial that could not be scored
 //! error_over_time.csv                   [`ErrorBandRow`], spread of the error over trials against time since the touch
 //! estimates/<trace>.<estimator>.csv     [`EstimateRow`], one an instant, for the first noise level and seed
 //! outlines/<trace>.csv                  true outline of the object, `x_m,y_m`
@@ -17,6 +18,7 @@ use anyhow::{Context, bail};
 use csv::{ReaderBuilder, StringRecord};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use whisker::touch::TouchConfig;
 
 /// Scores of one trial under one estimator. Lengths are distances from the truth, unaligned; absent means that the
 /// estimator gave nothing to score.
@@ -96,6 +98,33 @@ pub struct SummaryRow {
     pub never_1mm: f64,
     /// Mean wall-clock time of one estimator step.
     pub step_ns: f64,
+}
+
+/// A trial that could not be scored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FailureRow {
+    /// Name of the trace.
+    pub trace: String,
+    /// Measurement noise as a fraction of the set's largest reading.
+    pub noise: f64,
+    /// Seed of that noise.
+    pub seed: u64,
+    /// Why.
+    pub reason: String,
+}
+
+impl FailureRow {
+    /// The table, with its header even where nothing failed.
+    ///
+    /// # Errors
+    /// If a row does not serialise.
+    pub fn csv(rows: &[Self]) -> anyhow::Result<Vec<u8>> {
+        if rows.is_empty() {
+            return Ok(b"trace,noise,seed,reason\n".to_vec());
+        }
+        csv_bytes(rows)
+    }
 }
 
 /// Spread of the contact error over the trials of a set at one time since the touch.
@@ -210,12 +239,36 @@ pub struct Run {
     pub noise: Vec<f64>,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
+    /// Settings of the touch detection.
+    pub touch: TouchConfig,
     /// Estimators with their settings.
     pub estimators: Vec<RunEstimator>,
     /// Sets of trials: one a group and whisker.
     pub sets: Vec<RunSet>,
     /// Calibrations used.
     pub calibrations: Vec<RunCalibration>,
+}
+
+impl Run {
+    /// Reads and checks `run.json`.
+    ///
+    /// # Errors
+    /// If it is missing, does not parse, or is not the description of a run.
+    pub fn read(path: &Path) -> Result<Self, trace::Error> {
+        let run: Self = trace::read_json(path)?;
+        if run.format != trace::FORMAT {
+            return Err(trace::Error::value(path, "format", run.format, trace::FORMAT));
+        }
+        if run.kind != "run" {
+            return Err(trace::Error::value(path, "kind", &run.kind, "run"));
+        }
+        for (key, is_empty) in [("noise", run.noise.is_empty()), ("estimators", run.estimators.is_empty())] {
+            if is_empty {
+                return Err(trace::Error::value(path, key, "an empty list", "at least one entry"));
+            }
+        }
+        Ok(run)
+    }
 }
 
 /// One estimator of a run.

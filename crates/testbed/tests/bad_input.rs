@@ -177,12 +177,14 @@ fn robust_a_run_does_not_replace_what_is_no_run() {
 
 #[test]
 fn robust_nothing_to_fit() {
-    fails(&["fit", "datasets/golden"], &["datasets/golden", "Calibration"]);
+    fails(&["fit", "datasets/golden"], &["datasets/golden", "role `calibration`"]);
 }
 
 #[test]
 fn robust_unknown_names_list_the_known() {
-    fails(&["evaluate", "datasets/golden", "--estimators", "ekv"], &["ekv"]);
+    fails(&["evaluate", "datasets/golden", "--estimators", "ekv"], &["ekv", "ekf", "particle"]);
+    fails(&["evaluate", "datasets/golden", "--estimators", "ekf,ekf"], &["ekf", "twice"]);
+    fails(&["evaluate", "datasets/golden", "--noise", "0.01,0.01"], &["0.01", "twice"]);
     fails(&["fit", "datasets/golden", "--model", "spline"], &["spline", "polynomial"]);
 }
 

@@ -13,7 +13,7 @@ mod suite;
 mod table;
 mod watermark;
 
-pub use calibration::{CalibrationFile, FaceFile};
+pub use calibration::{CalibrationFile, FaceFile, MOST_NOISE};
 pub use error::Error;
 pub use files::{Digest, read_json, sha256, write_atomically, write_json};
 pub use outline::Outline;

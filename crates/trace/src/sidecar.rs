@@ -19,6 +19,16 @@ pub enum Role {
     Calibration,
 }
 
+impl Role {
+    /// The word that files use.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Trial => "trial",
+            Self::Calibration => "calibration",
+        }
+    }
+}
+
 /// What made a trace.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -96,16 +106,24 @@ impl Sidecar {
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(Error::value(path, "rate_hz", self.rate_hz, "a positive number"));
         }
-        if self.name.is_empty() || self.name.contains(['/', '\\']) || self.name.starts_with('.') {
-            return Err(Error::value(path, "name", format!("`{}`", self.name), "a plain file name"));
+        plain_name(path, "name", &self.name)?;
+        plain_name(path, "whisker.name", &self.whisker.name)?;
+        if let Some(contour) = &self.contour {
+            plain_name(path, "contour.file", &contour.file)?;
         }
-        if let Some(contour) = &self.contour
-            && (contour.file.contains(['/', '\\']) || contour.file.starts_with('.'))
-        {
-            return Err(Error::value(path, "contour.file", format!("`{}`", contour.file), "a plain file name"));
+        if path.file_stem().is_none_or(|stem| stem != self.name.as_str()) {
+            return Err(Error::value(path, "name", format!("`{}`", self.name), "the name of its file"));
         }
         self.whisker
             .validate()
             .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))
     }
+}
+
+/// Checks that a name from a file stays within the folder when a path is made of it.
+pub(crate) fn plain_name(path: &Path, key: &str, name: &str) -> Result<(), Error> {
+    if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']) {
+        return Err(Error::value(path, key, format!("`{name}`"), "a plain file name"));
+    }
+    Ok(())
 }

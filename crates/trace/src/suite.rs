@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::sidecar::plain_name;
 use crate::{Error, FORMAT, read_json};
 
 /// A suite's file.
@@ -24,9 +25,9 @@ pub struct Suite {
 pub struct SuiteScene {
     /// The scene's file, relative to the suite's.
     pub scene: PathBuf,
-    /// Seeds with which it is run; without them once, with its own.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub seeds: Vec<u64>,
+    /// Seeds with which it is run, at least one; without them once, with its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seeds: Option<Vec<u64>>,
 }
 
 /// The part of a scene that names its trace; the rest is the generator's business.
@@ -45,9 +46,10 @@ impl Suite {
         if suite.format != FORMAT {
             return Err(Error::value(path, "format", suite.format, FORMAT));
         }
-        if suite.name.is_empty() || suite.name.contains(['/', '\\']) || suite.name.starts_with('.') {
-            return Err(Error::value(path, "name", format!("`{}`", suite.name), "a plain name"));
+        if suite.scenes.iter().any(|entry| entry.seeds.as_ref().is_some_and(Vec::is_empty)) {
+            return Err(Error::value(path, "scenes.seeds", "an empty list", "at least one seed, or no such key"));
         }
+        plain_name(path, "name", &suite.name)?;
         Ok(suite)
     }
 
@@ -60,10 +62,9 @@ impl Suite {
         let mut names = Vec::new();
         for entry in &self.scenes {
             let SceneName { name } = read_json(&folder.join(&entry.scene))?;
-            if entry.seeds.is_empty() {
-                names.push(name);
-            } else {
-                names.extend(entry.seeds.iter().map(|seed| format!("{name}_{seed:02}")));
+            match &entry.seeds {
+                None => names.push(name),
+                Some(seeds) => names.extend(seeds.iter().map(|seed| format!("{name}_{seed:02}"))),
             }
         }
         Ok(names)

@@ -95,6 +95,9 @@ impl Trace {
     /// # Errors
     /// [`Error`] names file, line and column, what was found and what was expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
+        if path.is_dir() {
+            return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
+        }
         let sidecar_path = path.with_extension("json");
         let sidecar: Sidecar = read_json(&sidecar_path)?;
         sidecar.validate(&sidecar_path)?;
@@ -244,8 +247,14 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Recording, Truth), Error> {
             moment_z_n_m: required(7)?,
             rotation_z_rad: optional(8)?,
         });
+        let touching = flag(9)?;
+        if touching == Some(false)
+            && let Some(i) = (10..COLUMNS.len()).find(|&i| !record[i].is_empty())
+        {
+            return Err(cell_error(path, line, &record, &names, i, "an empty field while truth_touching is 0"));
+        }
         truth.push(TruthInstant {
-            touching: flag(9)?,
+            touching,
             tip: flag(10)?,
             contact: point(11)?,
             surface: point(13)?,

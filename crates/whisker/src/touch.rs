@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::estimators::SettingsError;
+use crate::estimators::settings::within;
+
 /// Settings of the [`TouchDetector`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -21,6 +24,20 @@ pub struct TouchConfig {
 impl Default for TouchConfig {
     fn default() -> Self {
         Self { threshold_sds: 5.0, threshold_share: 0.01, samples: 2, release_share: 0.3, release_time_s: 0.04 }
+    }
+}
+
+impl TouchConfig {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first that is out of range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        within("threshold_sds", self.threshold_sds, 0.0..=1e3)?;
+        within("threshold_share", self.threshold_share, 1e-6..=1.0)?;
+        within("samples", f64::from(self.samples), 1.0..=1e6)?;
+        within("release_share", self.release_share, 0.0..=1.0)?;
+        within("release_time_s", self.release_time_s, 1e-4..=10.0)
     }
 }
 

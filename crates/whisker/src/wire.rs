@@ -74,13 +74,23 @@ impl Whisker {
             }
         }
         for piece in &self.curvature {
-            if !(piece.length_m.is_finite() && piece.length_m > 0.0 && piece.curvature_per_m.is_finite()) {
-                return Err(Invalid {
-                    key: "curvature",
-                    found: piece.length_m,
-                    expected: "pieces of positive length and finite curvature".into(),
-                });
+            if !(piece.length_m.is_finite() && piece.length_m > 0.0) {
+                let expected = "pieces of positive length_m".into();
+                return Err(Invalid { key: "curvature", found: piece.length_m, expected });
             }
+            // A piece that turns by more than half a circle meets itself.
+            let turn = piece.length_m * piece.curvature_per_m;
+            if turn.is_nan() || turn.abs() > std::f64::consts::PI {
+                let expected = "pieces that turn by at most half a circle".into();
+                return Err(Invalid { key: "curvature", found: piece.curvature_per_m, expected });
+            }
+        }
+        if self.segments == 0 {
+            return Err(Invalid { key: "segments", found: 0.0, expected: "at least one".into() });
+        }
+        if !(self.damping_s.is_finite() && self.damping_s >= 0.0) {
+            let expected = "a ratio of 0 or more".into();
+            return Err(Invalid { key: "damping_s", found: self.damping_s, expected });
         }
         let total: f64 = self.curvature.iter().map(|piece| piece.length_m).sum();
         if (total - self.length_m).abs() > 1e-9 * self.length_m {

@@ -108,6 +108,22 @@ fn robust_unknown_settings_are_refused_by_name() {
 }
 
 #[test]
+fn robust_settings_out_of_range_are_refused_by_name() {
+    let knowledge = knowledge(NOISE_N_M);
+    for row in ESTIMATORS {
+        let defaults = (row.defaults)();
+        for key in defaults.as_object().expect("settings are an object").keys() {
+            for absurd in [serde_json::json!(-1e300), serde_json::json!(1e300), serde_json::json!(null)] {
+                let mut settings = defaults.clone();
+                settings[key] = absurd.clone();
+                let error = (row.build)(&settings, &knowledge).err();
+                assert!(error.is_some(), "{}: {key} = {absurd} is taken", row.name);
+            }
+        }
+    }
+}
+
+#[test]
 fn verif_names_are_unique() {
     for (i, row) in ESTIMATORS.iter().enumerate() {
         assert!(ESTIMATORS[i + 1..].iter().all(|other| other.name != row.name), "{}", row.name);

@@ -1,6 +1,6 @@
 //! Outlines of objects: how far the best filter's surface points lie from the truth.
 
-use super::{Claim, Context, FILTERS, Relation, WHISKERS};
+use super::{Claim, Context, Relation, WHISKERS, filters};
 use crate::statistics::median_of_scores;
 
 /// The objects, and how far a filter that takes the contact to rest may be from the contact itself, in mm.
@@ -19,8 +19,7 @@ pub(super) fn claims() -> Vec<Claim> {
                 relation: Relation::AtMost,
                 bound: 1.0,
                 measure: Box::new(move |context: &Context| {
-                    Ok(FILTERS
-                        .iter()
+                    Ok(filters()
                         .filter_map(|filter| {
                             median_of_scores(context.trials(group, whisker, filter).map(|row| row.outline_median_m))
                         })
@@ -37,8 +36,7 @@ pub(super) fn claims() -> Vec<Claim> {
                 relation: Relation::AtMost,
                 bound: contact_mm,
                 measure: Box::new(move |context: &Context| {
-                    Ok(FILTERS
-                        .iter()
+                    Ok(filters()
                         .filter_map(|filter| context.summary(group, whisker, filter)?.rmse_m)
                         .min_by(f64::total_cmp)
                         .map(|rmse| rmse * 1e3))

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use anyhow::Context as _;
-use indicatif::ProgressBar;
-
 use super::{Claim, Context, Relation};
 use crate::evaluate::{EvaluateSettings, evaluate};
 use crate::results::{SummaryRow, csv_bytes, read_rows};
+use anyhow::Context as _;
+use indicatif::ProgressBar;
 
 pub(super) fn claims() -> Vec<Claim> {
     vec![Claim {
@@ -33,13 +32,15 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
         name: format!("threads-{threads}"),
         estimators: context.run.estimators.iter().map(|estimator| estimator.name.clone()).collect(),
         config: Default::default(),
+        touch: context.run.touch,
         noise: context.run.noise.clone(),
         seeds: context.run.seeds.iter().take(2).copied().collect(),
-        calibrations: context.dataset.calibrations(),
+        calibrations: None,
         results: results.into(),
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let evaluated = pool.install(|| evaluate(&context.dataset, &settings, &ProgressBar::hidden()))?;
+    let evaluated =
+        pool.install(|| evaluate(std::slice::from_ref(&context.dataset), &settings, &ProgressBar::hidden()))?;
     let trials = evaluated.folder.join("trials.csv");
     let mut summary: Vec<SummaryRow> = read_rows(&evaluated.folder.join("summary.csv"))?;
     for row in &mut summary {

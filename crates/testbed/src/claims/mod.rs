@@ -10,8 +10,11 @@ mod sensor_model;
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-use trace::{read_json, write_atomically};
+use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
+use trace::write_atomically;
+
+use whisker::estimators::ESTIMATORS;
 
 use crate::dataset::Dataset;
 use crate::results::{ErrorBandRow, Run, SummaryRow, TrialRow, csv_bytes, read_rows};
@@ -53,7 +56,8 @@ pub fn claims() -> Vec<Claim> {
 }
 
 /// A claim that was measured: a row of `claims.csv`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct MeasuredClaim {
     /// Short name.
     pub id: String,
@@ -62,7 +66,7 @@ pub struct MeasuredClaim {
     /// The figure.
     pub measured: Option<f64>,
     /// `<=` or `>=`.
-    pub relation: &'static str,
+    pub relation: String,
     /// The bound.
     pub bound: f64,
     /// Unit of both.
@@ -94,7 +98,7 @@ impl Context {
     /// If a file is missing or does not parse.
     pub fn open(folder: &Path, suite: &Path) -> anyhow::Result<Self> {
         Ok(Self {
-            run: read_json(&folder.join("run.json"))?,
+            run: Run::read(&folder.join("run.json"))?,
             folder: folder.into(),
             dataset: Dataset::open(suite, None)?,
             summary: read_rows(&folder.join("summary.csv"))?,
@@ -127,22 +131,36 @@ impl Context {
 ///
 /// # Errors
 /// If a measurement fails or the table cannot be written.
-pub fn measure(context: &Context, out: &Path) -> anyhow::Result<Vec<MeasuredClaim>> {
+pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow::Result<Vec<MeasuredClaim>> {
     let mut measured = Vec::new();
-    for claim in claims() {
+    let claims = claims();
+    progress.set_length(claims.len() as u64);
+    for claim in claims {
         let value = (claim.measure)(context)?;
         let (relation, holds) = match claim.relation {
             Relation::AtMost => ("<=", value.is_some_and(|value| value <= claim.bound)),
             Relation::AtLeast => (">=", value.is_some_and(|value| value >= claim.bound)),
         };
         let Claim { id, claim, unit, bound, .. } = claim;
-        measured.push(MeasuredClaim { id, claim, measured: value, relation, bound, unit: unit.into(), holds });
+        progress.inc(1);
+        measured.push(MeasuredClaim {
+            id,
+            claim,
+            measured: value,
+            relation: relation.into(),
+            bound,
+            unit: unit.into(),
+            holds,
+        });
     }
     write_atomically(out, &csv_bytes(&measured)?)?;
     Ok(measured)
 }
 
 /// The filters under test, as opposed to the baselines.
-const FILTERS: [&str; 3] = ["ekf", "ukf", "particle"];
+fn filters() -> impl Iterator<Item = &'static str> {
+    ESTIMATORS.iter().filter(|row| !row.is_baseline).map(|row| row.name)
+}
+
 /// The whiskers of the standard suite.
 const WHISKERS: [&str; 2] = ["straight", "curved"];

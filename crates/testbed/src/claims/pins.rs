@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Claim, Context, FILTERS, Relation, WHISKERS};
+use super::{Claim, Context, Relation, WHISKERS, filters};
 use crate::baseline::{self, START_UP, STEADY};
 
 const GROUP: &str = "pin";
@@ -10,7 +10,7 @@ const GROUP: &str = "pin";
 pub(super) fn claims() -> Vec<Claim> {
     let mut claims = Vec::new();
     for whisker in WHISKERS {
-        for filter in FILTERS {
+        for filter in filters() {
             claims.push(Claim {
                 id: format!("pin_{whisker}_{filter}_rmse"),
                 claim: format!("pin, {whisker} whisker, {filter}: steady RMSE, median over trials"),
@@ -22,7 +22,7 @@ pub(super) fn claims() -> Vec<Claim> {
                 }),
             });
         }
-        for filter in FILTERS {
+        for filter in filters() {
             claims.push(Claim {
                 id: format!("pin_{whisker}_{filter}_time_to_1mm"),
                 claim: format!("pin, {whisker} whisker, {filter}: time to stay below 1 mm, median over trials"),
@@ -49,7 +49,7 @@ pub(super) fn claims() -> Vec<Claim> {
                     .map(|rmse| rmse * 1e3))
             }),
         });
-        for filter in FILTERS {
+        for filter in filters() {
             claims.push(factor(whisker, filter, "start-up", START_UP));
             claims.push(factor(whisker, filter, "steady", STEADY));
         }

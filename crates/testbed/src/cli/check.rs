@@ -8,8 +8,11 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use trace::{CalibrationFile, Outline, Suite, Trace, read_json};
 
-use super::python;
-use crate::results::{ErrorBandRow, EstimateRow, ResidualRow, Run, SummaryRow, SurfaceRow, TrialRow, read_rows};
+use super::{print, python};
+use crate::claims::MeasuredClaim;
+use crate::results::{
+    ErrorBandRow, EstimateRow, FailureRow, ResidualRow, Run, SummaryRow, SurfaceRow, TrialRow, read_rows,
+};
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
 #[derive(clap::Args)]
@@ -23,7 +26,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut failed = false;
     for path in expanded(&arguments.paths)? {
         match check(&path) {
-            Ok(what) => println!("{}: {what}", path.display()),
+            Ok(what) => print(&format!("{}: {what}\n", path.display()))?,
             Err(error) => {
                 failed = true;
                 eprintln!("error: {error:#}");
@@ -89,7 +92,7 @@ fn check(path: &Path) -> anyhow::Result<String> {
             Ok(format!("calibration of `{}`: {}", calibration.whisker.name, faces.join(", ")))
         }
         Some("run") => {
-            let run: Run = read_json(path)?;
+            let run = Run::read(path)?;
             Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
         }
         Some(other) => bail!("{}: kind: found `{other}`, expected trace, calibration or run", path.display()),
@@ -118,6 +121,8 @@ const TABLES: &[Table] = &[
     Table { name: "trials.csv", about: "trials", rows: count::<TrialRow> },
     Table { name: "summary.csv", about: "summary", rows: count::<SummaryRow> },
     Table { name: "error_over_time.csv", about: "errors over time", rows: count::<ErrorBandRow> },
+    Table { name: "failures.csv", about: "failed trials", rows: count::<FailureRow> },
+    Table { name: "claims.csv", about: "claims", rows: count::<MeasuredClaim> },
     Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
     Table { name: ".residuals.csv", about: "residuals", rows: count::<ResidualRow> },
 ];
@@ -131,13 +136,14 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
     let sidecar = &trace.sidecar;
     trace.outline(path.parent().unwrap_or(Path::new(".")))?;
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
-    let touching = trace.truth.instants.iter().filter(|truth| truth.touching == Some(true)).count();
-    Ok(format!(
-        "trace `{}`, {} rows, {last:.2} s, touching {:.0} %",
-        sidecar.name,
-        sidecar.rows,
-        100.0 * touching as f64 / sidecar.rows as f64
-    ))
+    let known = trace.truth.instants.iter().filter_map(|truth| truth.touching);
+    let (mut touching, mut free) = (0, 0);
+    known.for_each(|is_touching| *(if is_touching { &mut touching } else { &mut free }) += 1);
+    let truth = match touching + free {
+        0 => "truth unknown".into(),
+        known => format!("touching {:.0} %", 100.0 * f64::from(touching) / f64::from(known)),
+    };
+    Ok(format!("trace `{}`, {} rows, {last:.2} s, {truth}", sidecar.name, sidecar.rows))
 }
 
 /// Shapes and motions are known to the generator alone, so it judges scenes.

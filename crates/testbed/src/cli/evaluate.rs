@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use serde::Deserialize;
 use serde_json::Value;
 use trace::read_json;
 use whisker::estimators::ESTIMATORS;
+use whisker::touch::TouchConfig;
 
-use super::{noise_fraction, progress_bar, table};
+use super::{FINISHED_WITH_FAILURES, noise_fraction, print, progress_bar, table};
 use crate::dataset::Dataset;
 use crate::evaluate::{EvaluateSettings, evaluate};
 use crate::results::SummaryRow;
@@ -17,9 +19,10 @@ use crate::results::SummaryRow;
 /// Replay every trial of a suite or folder through the estimators and score them against the truth
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Suite (JSON) or folder of traces
-    input: PathBuf,
-    /// Folder of the suite's traces [default: datasets/<suite>]
+    /// Suites (JSON) or folders of traces
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// Folder of the suites' traces [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
     /// Folder of the calibrations [default: calibrations/ beside the traces]
@@ -28,7 +31,7 @@ pub(super) struct Arguments {
     /// Estimators, by comma [default: all; `whisker list` names them]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
-    /// File with settings by estimator: {"ekf": {"fading": 1.01}}
+    /// File with settings by estimator, and of the touch detection: {"ekf": {"fading": 1.01}, "touch": {"samples": 3}}
     #[arg(long)]
     config: Option<PathBuf>,
     /// Noise levels, as fractions of the largest reading of each set, by comma
@@ -37,42 +40,57 @@ pub(super) struct Arguments {
     /// Number of noise seeds a trial, from 1 upwards
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
-    /// Name of the run [default: the suite's or folder's]
+    /// Name of the run [default: that of the suite or folder, several joined by +]
     #[arg(long)]
     name: Option<String>,
     /// Folder under which the run's folder is made
     #[arg(long, default_value = "results")]
     results: PathBuf,
     /// Threads [default: one a core]
-    #[arg(long)]
-    threads: Option<usize>,
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let dataset = Dataset::open(&arguments.input, arguments.traces.as_deref())?;
-    let config: BTreeMap<String, Value> = arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
+    let traces = arguments.traces.as_deref();
+    let datasets: Vec<Dataset> =
+        arguments.inputs.iter().map(|input| Dataset::open(input, traces)).collect::<anyhow::Result<_>>()?;
+    let Config { touch, estimators: config } =
+        arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
+    let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
+    let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
     let settings = EvaluateSettings {
-        name: arguments.name.clone().unwrap_or_else(|| dataset.name.clone()),
-        estimators: arguments
-            .estimators
-            .clone()
-            .unwrap_or_else(|| ESTIMATORS.iter().map(|row| row.name.to_owned()).collect()),
+        name: arguments.name.clone().unwrap_or_else(joined),
+        estimators: arguments.estimators.clone().unwrap_or_else(all),
         config,
+        touch,
         noise: arguments.noise.clone(),
         seeds: (1..=arguments.seeds).collect(),
-        calibrations: arguments.calibrations.clone().unwrap_or_else(|| dataset.calibrations()),
+        calibrations: arguments.calibrations.clone(),
         results: arguments.results.clone(),
     };
     let threads = rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.threads.unwrap_or(0))
+        .num_threads(arguments.threads.map_or(0, usize::from))
         .build()
         .context("cannot start threads")?;
     let progress = progress_bar("evaluating");
-    let evaluated = threads.install(|| evaluate(&dataset, &settings, &progress))?;
+    let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
     progress.finish_and_clear();
-    print!("{}", summary_table(&evaluated.summary));
-    println!("{}{}", evaluated.folder.display(), if evaluated.is_new { "" } else { " (up to date)" });
-    Ok(ExitCode::SUCCESS)
+    let state = if evaluated.is_new { "" } else { " (up to date)" };
+    print(&format!("{}{}{state}\n", summary_table(&evaluated.summary), evaluated.folder.display()))?;
+    for failure in &evaluated.failures {
+        eprintln!("failed: {} at noise {}, seed {}: {}", failure.trace, failure.noise, failure.seed, failure.reason);
+    }
+    Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// A file of settings.
+#[derive(Default, Deserialize)]
+struct Config {
+    #[serde(default)]
+    touch: TouchConfig,
+    #[serde(flatten)]
+    estimators: BTreeMap<String, Value>,
 }
 
 /// The summary for people, in millimetres.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use serde_json::Value;
 use whisker::sensor;
 
-use super::{noise_fraction, table};
+use super::{json, noise_fraction, print, table};
 use crate::dataset::Dataset;
 use crate::fit::{FitSettings, fit};
 
@@ -35,10 +35,6 @@ pub(super) struct Arguments {
     seed: u64,
 }
 
-fn json(text: &str) -> Result<Value, String> {
-    serde_json::from_str(text).map_err(|error| format!("not JSON: {error}"))
-}
-
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let dataset = Dataset::open(&arguments.input, arguments.traces.as_deref())?;
     let settings = FitSettings {
@@ -65,6 +61,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     }
     let header = ["whisker", "face", "samples", "largest, uN m", "held-out RMS", "held-out worst", "file"];
-    print!("{}", table::render(&header, &rows, 2));
+    print(&table::render(&header, &rows, 2))?;
     Ok(ExitCode::SUCCESS)
 }

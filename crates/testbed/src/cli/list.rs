@@ -2,10 +2,11 @@
 
 use std::process::ExitCode;
 
+use serde_json::Value;
 use whisker::estimators::ESTIMATORS;
 use whisker::sensor::MODELS;
 
-use super::python;
+use super::{print, python};
 use crate::claims::claims;
 use crate::report::FIGURES;
 
@@ -14,23 +15,17 @@ use crate::report::FIGURES;
 pub(super) struct Arguments {}
 
 pub(super) fn run(_: &Arguments) -> anyhow::Result<ExitCode> {
-    println!("estimators");
-    for row in ESTIMATORS {
-        println!("  {:<28} {}\n  {:<28} {}", row.name, row.about, "", (row.defaults)());
-    }
-    println!("\nsensor models");
-    for row in MODELS {
-        println!("  {:<28} {}\n  {:<28} {}", row.kind, row.about, "", (row.defaults)());
-    }
-    println!("\nfigures");
-    for row in FIGURES {
-        println!("  {:<28} {}", row.name, row.title);
-    }
-    println!("\nclaims");
-    for row in claims() {
-        println!("  {:<28} {}", row.id, row.claim);
-    }
-    println!();
+    let mut sections = Vec::new();
+    let with_defaults =
+        |name: &str, about: &str, defaults: Value| format!("  {name:<28} {about}\n  {:<28} {defaults}\n", "");
+    let estimators = ESTIMATORS.iter().map(|row| with_defaults(row.name, row.about, (row.defaults)()));
+    sections.push(("estimators", estimators.collect::<String>()));
+    let models = MODELS.iter().map(|row| with_defaults(row.kind, row.about, (row.defaults)()));
+    sections.push(("sensor models", models.collect()));
+    sections.push(("figures", FIGURES.iter().map(|row| format!("  {:<28} {}\n", row.name, row.title)).collect()));
+    sections.push(("claims", claims().iter().map(|row| format!("  {:<36} {}\n", row.id, row.claim)).collect()));
+    let text: String = sections.iter().map(|(name, rows)| format!("{name}\n{rows}\n")).collect();
+    print(&text)?;
     match python::generator(["list"]) {
         Ok(command) => python::run(command),
         Err(error) => {

@@ -13,11 +13,14 @@ mod reproduce;
 mod simulate;
 mod table;
 
+use std::io::{self, Write};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
+use trace::MOST_NOISE;
 
 /// Physics testbed for whisker contact localisation.
 #[derive(Parser)]
@@ -56,6 +59,19 @@ pub fn run() -> anyhow::Result<ExitCode> {
     }
 }
 
+/// Exit code of a batch of which some items failed and the rest is done.
+const FINISHED_WITH_FAILURES: u8 = 3;
+
+/// Writes results to stdout.
+///
+/// # Errors
+/// If stdout does not take them; a reader that has gone away, as `head` does, is an error that [`run`]'s caller keeps quiet about.
+fn print(text: &str) -> io::Result<()> {
+    let mut stdout = io::stdout().lock();
+    stdout.write_all(text.as_bytes())?;
+    stdout.flush()
+}
+
 /// A progress bar on stderr with an estimate of the time left.
 fn progress_bar(what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} [{bar:30}] {pos}/{len}, {eta} left")
@@ -69,7 +85,12 @@ fn progress_bar(what: &'static str) -> ProgressBar {
 /// A fraction that measurement noise can be.
 fn noise_fraction(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
-        _ => Err("expected a fraction of the largest reading, 0 or more, for example 0.01".into()),
+        Ok(value) if (0.0..=MOST_NOISE).contains(&value) => Ok(value),
+        _ => Err(format!("expected a fraction of the largest reading, 0 to {MOST_NOISE}, for example 0.01")),
     }
+}
+
+/// A JSON value.
+fn json(text: &str) -> Result<Value, String> {
+    serde_json::from_str(text).map_err(|error| format!("not JSON: {error}"))
 }

@@ -1,21 +1,21 @@
 //! `whisker replay`: one trace through one estimator.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
+use serde_json::Value;
 use trace::{CalibrationFile, Trace, write_atomically};
-use whisker::estimators::{self, Estimator, Knowledge};
+use whisker::estimators;
 use whisker::touch::TouchConfig;
 
-use super::noise_fraction;
+use super::{json, noise_fraction, print};
 use crate::evaluate::estimate_rows;
-use crate::front_end::{FrontEnd, derived_seed};
+use crate::front_end::FrontEnd;
 use crate::metrics::Trial;
-use crate::replay::{replay, samples};
+use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
 use crate::results::csv_bytes;
+use crate::settings::merged;
 
 /// Replay one trace through one estimator and write its estimates as CSV
 #[derive(clap::Args)]
@@ -25,6 +25,9 @@ pub(super) struct Arguments {
     /// Estimator; `whisker list` names them
     #[arg(long, default_value = "ukf")]
     estimator: String,
+    /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
+    #[arg(long, default_value = "{}", value_parser = json)]
+    config: Value,
     /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace]
     #[arg(long)]
     calibration: Option<PathBuf>,
@@ -41,31 +44,21 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let trace = Trace::read(&arguments.trace)?;
-    let whisker = &trace.sidecar.whisker;
-    let path = arguments
-        .calibration
-        .clone()
-        .unwrap_or_else(|| arguments.trace.with_file_name("calibrations").join(format!("{}.json", whisker.name)));
+    let sidecar = &trace.sidecar;
+    let beside = || arguments.trace.with_file_name("calibrations").join(format!("{}.json", sidecar.whisker.name));
+    let path = arguments.calibration.clone().unwrap_or_else(beside);
     let calibration = CalibrationFile::read(&path)?;
-    if calibration.whisker != *whisker {
-        bail!("{}: calibrates a whisker with other parameters than the trace's", path.display());
-    }
+    check_calibration(&path, &calibration, sidecar)?;
     let row = estimators::estimator(&arguments.estimator).with_context(|| {
         let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
         format!("unknown estimator `{}`, expected one of: {}", arguments.estimator, known.join(", "))
     })?;
+    let config = merged((row.defaults)(), &arguments.config)?;
     let largest = trace.recording.instants.iter().map(|i| i.moment_z_n_m.abs()).fold(0.0, f64::max);
     let front_end = FrontEnd { noise_sd_n_m: arguments.noise * largest, seed: arguments.seed };
-    let knowledge = Arc::new(Knowledge {
-        whisker: whisker.clone(),
-        rest: whisker.rest_shape(),
-        faces: calibration.calibrated(&path)?,
-        noise_sd_n_m: front_end.noise_sd_n_m,
-    });
-    let readings_n_m = front_end.readings_n_m(&trace.sidecar.name, &trace.recording);
-    let seed = derived_seed(arguments.seed, &[row.name, &trace.sidecar.name]);
-    let method = (row.build)(&(row.defaults)(), &knowledge)?;
-    let mut estimator = Estimator::new(method, knowledge.clone(), TouchConfig::default(), seed);
+    let knowledge = knowledge(&sidecar.whisker, &calibration.calibrated(&path)?, front_end.noise_sd_n_m);
+    let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
+    let mut estimator = estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?;
     let replayed = replay(&mut estimator, &samples(&trace.recording, &readings_n_m));
     let trial = Trial {
         trace: &trace,
@@ -78,7 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let bytes = csv_bytes(&estimate_rows(&trial, &replayed.estimates))?;
     match &arguments.out {
         Some(path) => write_atomically(path, &bytes)?,
-        None => io::stdout().write_all(&bytes)?,
+        None => print(&String::from_utf8(bytes)?)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use super::print;
+
 /// Draw the figures and the page of an evaluated run
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -12,9 +14,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let paths = crate::report::report(&arguments.run)?;
-    println!("{}", paths.page.display());
-    for figure in &paths.figures {
-        println!("{}", figure.display());
-    }
+    let lines = std::iter::once(&paths.page).chain(&paths.figures).map(|path| format!("{}\n", path.display()));
+    print(&lines.collect::<String>())?;
     Ok(ExitCode::SUCCESS)
 }

@@ -8,6 +8,7 @@ use anyhow::Context as _;
 use trace::write_atomically;
 
 use super::table::render;
+use super::{print, progress_bar};
 use crate::claims::{Context, measure};
 use crate::report::report;
 
@@ -31,7 +32,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let context = Context::open(&arguments.run, &arguments.suite)?;
     let table = arguments.out.join("claims.csv");
-    let claims = measure(&context, &table)?;
+    let progress = progress_bar("measuring");
+    let claims = measure(&context, &table, &progress)?;
+    progress.finish_and_clear();
     report(&arguments.run)?;
     let figure = arguments.run.join("figures").join(README_FIGURE);
     let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
@@ -48,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             ]
         })
         .collect();
-    print!("{}", render(&["claim", "measured", "bound", "unit", ""], &rows, 1));
-    println!("{}", table.display());
+    let lines = render(&["claim", "measured", "bound", "unit", ""], &rows, 1);
+    print(&format!("{lines}{}\n", table.display()))?;
     Ok(if claims.iter().all(|claim| claim.holds) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

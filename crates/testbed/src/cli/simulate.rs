@@ -7,8 +7,9 @@ use super::python;
 
 /// Simulate scenes or suites in MuJoCo and write traces (`python -m whisker_sim simulate`)
 #[derive(clap::Args)]
+#[command(disable_help_flag = true)]
 pub(super) struct Arguments {
-    /// Scenes, suites and options of the generator; `-- --help` lists them
+    /// Scenes, suites and options of the generator; --help lists them
     #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
 }

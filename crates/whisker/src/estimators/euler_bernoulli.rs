@@ -20,6 +20,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::settings::{Settings, SettingsError, parse, within};
 use super::{Estimate, Knowledge, Method, Sample, Tracker};
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
@@ -50,6 +51,13 @@ impl Default for Config {
     }
 }
 
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("onset_rad", self.onset_rad, 1e-4..=1.0)?;
+        within("most_slip", self.most_slip, 0.0..=10.0)
+    }
+}
+
 /// Where moment and slope come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
@@ -63,19 +71,16 @@ struct EulerBernoulli {
     knowledge: Arc<Knowledge>,
 }
 
-pub(super) fn build_analytic(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error> {
+pub(super) fn build_analytic(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     build(config, knowledge, Source::Cantilever)
 }
 
-pub(super) fn build_calibrated(
-    config: &Value,
-    knowledge: &Arc<Knowledge>,
-) -> Result<Box<dyn Method>, serde_json::Error> {
+pub(super) fn build_calibrated(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     build(config, knowledge, Source::CalibratedMap)
 }
 
-fn build(config: &Value, knowledge: &Arc<Knowledge>, source: Source) -> Result<Box<dyn Method>, serde_json::Error> {
-    Ok(Box::new(EulerBernoulli { config: Config::deserialize(config)?, source, knowledge: knowledge.clone() }))
+fn build(config: &Value, knowledge: &Arc<Knowledge>, source: Source) -> Result<Box<dyn Method>, SettingsError> {
+    Ok(Box::new(EulerBernoulli { config: parse(config)?, source, knowledge: knowledge.clone() }))
 }
 
 impl Method for EulerBernoulli {
@@ -258,6 +263,7 @@ impl Tracker for Baseline {
         self.state = State::Following { contact };
         Some(Estimate {
             contact,
+            face: self.face.face,
             covariance_m2: None,
             calibrated: self.face.predict(contact).is_some(),
             innovation: None,

@@ -1,68 +1,61 @@
 //! The extended Kalman filter on the contact's place.
 
-use std::sync::Arc;
-
-use filters::{Gaussian, extended};
+use filters::{Gaussian, Innovation, Skipped, extended};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
-use super::model::{ContactReading, StaticContact, hold, start};
-use super::{Estimate, Knowledge, Method, Sample, Tracker};
-use crate::sensor::CalibratedFace;
+use super::gaussian::GaussianFilter;
+use super::model::{ContactReading, StaticContact};
+use super::settings::{Settings, SettingsError, check_contact};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(super) struct Config {
+pub(super) struct Ekf {
     /// Fading memory: the prior covariance is scaled by it at each step.
-    pub fading: f64,
+    fading: f64,
     /// How far the contact may wander in the world, as the standard deviation after one second, in m.
-    pub wander_m_sqrt_s: f64,
+    wander_m_sqrt_s: f64,
     /// Standard deviation of the contact's distance from the undeflected whisker at the touch.
-    pub start_away_sd_m: f64,
+    start_away_sd_m: f64,
 }
 
-impl Default for Config {
+impl Default for Ekf {
     fn default() -> Self {
         Self { fading: 1.004, wander_m_sqrt_s: 1e-4, start_away_sd_m: 1e-3 }
     }
 }
 
-struct Ekf {
-    config: Config,
-    knowledge: Arc<Knowledge>,
-}
-
-pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error> {
-    Ok(Box::new(Ekf { config: Config::deserialize(config)?, knowledge: knowledge.clone() }))
-}
-
-impl Method for Ekf {
-    fn begin(&self, face: &Arc<CalibratedFace>, _seed: u64) -> Box<dyn Tracker> {
-        Box::new(Filter {
-            config: self.config,
-            noise_sd_n_m: self.knowledge.noise_sd_n_m,
-            belief: start(face, self.config.start_away_sd_m),
-            face: face.clone(),
-        })
+impl Settings for Ekf {
+    fn validate(&self) -> Result<(), SettingsError> {
+        check_contact(self.fading, self.wander_m_sqrt_s, self.start_away_sd_m)
     }
 }
 
-struct Filter {
-    config: Config,
-    noise_sd_n_m: f64,
-    face: Arc<CalibratedFace>,
-    belief: Gaussian<2>,
-}
+impl GaussianFilter for Ekf {
+    fn fading(&self) -> f64 {
+        self.fading
+    }
 
-impl Tracker for Filter {
-    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let belief = &mut self.belief;
-        extended::predict(belief, &StaticContact::new(&self.face, sample, self.config.wander_m_sqrt_s));
-        belief.fade(self.config.fading);
-        let reading = ContactReading::new(&self.face, self.noise_sd_n_m);
-        let innovation = extended::update(belief, &reading, &Vector1::new(sample.reading_n_m)).ok();
-        Some(hold(belief, &self.face, innovation))
+    fn wander_m_sqrt_s(&self) -> f64 {
+        self.wander_m_sqrt_s
+    }
+
+    fn start_away_sd_m(&self) -> f64 {
+        self.start_away_sd_m
+    }
+
+    fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped> {
+        extended::predict(belief, process);
+        Ok(())
+    }
+
+    fn update(
+        &self,
+        belief: &mut Gaussian<2>,
+        measurement: &ContactReading<'_>,
+        reading_n_m: f64,
+    ) -> Result<Innovation<1>, Skipped> {
+        extended::update(belief, measurement, &Vector1::new(reading_n_m))
     }
 }

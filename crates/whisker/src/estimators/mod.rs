@@ -8,9 +8,13 @@
 
 mod euler_bernoulli;
 mod extended;
+mod gaussian;
 mod model;
 mod particle;
+pub(crate) mod settings;
 mod unscented;
+
+pub use settings::SettingsError;
 
 use std::sync::Arc;
 
@@ -40,6 +44,8 @@ pub struct Sample {
 pub struct Estimate {
     /// Contact on the centre line.
     pub contact: Point<Base>,
+    /// Side of the whisker on which the object lies.
+    pub face: Face,
     /// Its covariance, in m2, where the method states one.
     pub covariance_m2: Option<Matrix2<f64>>,
     /// Whether the contact lies where the sensor model was calibrated.
@@ -82,12 +88,12 @@ impl Knowledge {
         root_rad + self.rest.tangent_rad(arc_m) + 1.5 * theta_rad
     }
 
-    /// The point of the object's surface that belongs to a contact: the wire's radius towards the object.
-    pub fn surface(&self, contact: Point<Base>, reading_n_m: f64) -> Point<Base> {
-        let tangent = direction(self.tangent_rad(contact, reading_n_m));
+    /// The point of the object's surface that belongs to an estimate: the wire's radius towards the object.
+    pub fn surface(&self, estimate: &Estimate, reading_n_m: f64) -> Point<Base> {
+        let tangent = direction(self.tangent_rad(estimate.contact, reading_n_m));
         let left = Vector2::new(-tangent.y, tangent.x);
-        let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(contact).arc_m);
-        contact.shifted(left * (-Face::of_reading(reading_n_m).away_sign() * radius_m))
+        let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(estimate.contact).arc_m);
+        estimate.contact.shifted(left * (-estimate.face.away_sign() * radius_m))
     }
 }
 
@@ -152,7 +158,7 @@ pub struct EstimatorRow {
 }
 
 /// Makes a method from its settings and what the robot knows.
-pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error>;
+pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError>;
 
 /// The registry of estimators.
 pub const ESTIMATORS: &[EstimatorRow] = &[
@@ -160,15 +166,15 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         name: "ekf",
         about: "extended Kalman filter with fading memory (Lin et al. 2022)",
         is_baseline: false,
-        defaults: defaults::<extended::Config>,
-        build: extended::build,
+        defaults: defaults::<extended::Ekf>,
+        build: gaussian::build::<extended::Ekf>,
     },
     EstimatorRow {
         name: "ukf",
         about: "unscented Kalman filter with fading memory (Lin et al. 2022)",
         is_baseline: false,
-        defaults: defaults::<unscented::Config>,
-        build: unscented::build,
+        defaults: defaults::<unscented::Ukf>,
+        build: gaussian::build::<unscented::Ukf>,
     },
     EstimatorRow {
         name: "particle",

@@ -100,8 +100,8 @@ pub(super) fn start(face: &CalibratedFace, away_sd_m: f64) -> Gaussian<2> {
     Gaussian::new(vector![0.5 * (low + high), 0.0], Matrix2::from_diagonal(&variances))
 }
 
-/// Holds a belief within the calibrated region, since the touch is known to lie there (estimate projection: Simon 2010, "Kalman
-/// filtering with state constraints", section 2.3), and states it.
+/// Holds the mean of a belief within the calibrated region, since the touch is known to lie there, and states it. The covariance stays as it is:
+/// near the border the ellipse reaches over it, on the side of caution.
 pub(super) fn hold(belief: &mut Gaussian<2>, face: &CalibratedFace, innovation: Option<Innovation<1>>) -> Estimate {
     let (arc_m, away_m) = face.domain.clamp(belief.mean[0], belief.mean[1]);
     let held = vector![arc_m, away_m];
@@ -110,6 +110,7 @@ pub(super) fn hold(belief: &mut Gaussian<2>, face: &CalibratedFace, innovation: 
     let jacobian = face.contact_jacobian(arc_m, away_m);
     Estimate {
         contact: face.contact_at(arc_m, away_m),
+        face: face.face,
         covariance_m2: Some(jacobian * belief.covariance * jacobian.transpose()),
         calibrated,
         innovation,

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::model::{ContactReading, StaticContact, hold};
+use super::settings::{Settings, SettingsError, check_contact, parse, within};
 use super::{Estimate, Knowledge, Method, Sample, Tracker};
 use crate::sensor::CalibratedFace;
 
@@ -50,12 +51,17 @@ struct ParticleFilter {
     knowledge: Arc<Knowledge>,
 }
 
-pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error> {
-    let config = Config::deserialize(config)?;
-    if config.particles == 0 {
-        return Err(serde::de::Error::custom("`particles`: found 0, expected at least 1"));
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        check_contact(self.fading, self.wander_m_sqrt_s, self.start_away_sd_m)?;
+        within("particles", self.particles as f64, 1.0..=1e7)?;
+        within("resample_share", self.resample_share, 0.0..=1.0)?;
+        within("kernel", self.kernel, 0.0..=1.0)
     }
-    Ok(Box::new(ParticleFilter { config, knowledge: knowledge.clone() }))
+}
+
+pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    Ok(Box::new(ParticleFilter { config: parse(config)?, knowledge: knowledge.clone() }))
 }
 
 impl Method for ParticleFilter {

@@ -1,79 +1,76 @@
 //! The unscented Kalman filter on the contact's place.
 
-use std::sync::Arc;
-
-use filters::unscented::Spread;
-use filters::{Gaussian, unscented};
+use filters::unscented::{self, Spread};
+use filters::{Gaussian, Innovation, Skipped};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
-use super::model::{ContactReading, StaticContact, hold, start};
-use super::{Estimate, Knowledge, Method, Sample, Tracker};
-use crate::sensor::CalibratedFace;
+use super::gaussian::GaussianFilter;
+use super::model::{ContactReading, StaticContact};
+use super::settings::{Settings, SettingsError, check_contact, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(super) struct Config {
+pub(super) struct Ukf {
     /// Fading memory: the prior covariance is scaled by it at each step.
-    pub fading: f64,
+    fading: f64,
     /// How far the contact may wander in the world, as the standard deviation after one second, in m.
-    pub wander_m_sqrt_s: f64,
+    wander_m_sqrt_s: f64,
     /// Standard deviation of the contact's distance from the undeflected whisker at the touch.
-    pub start_away_sd_m: f64,
+    start_away_sd_m: f64,
     /// Scale of the sigma points' spread; see [`Spread`].
-    pub alpha: f64,
+    alpha: f64,
     /// Prior knowledge of the distribution, 2 for a Gaussian.
-    pub beta: f64,
+    beta: f64,
     /// Secondary scale; state size + kappa is the kurtosis that is matched.
-    pub kappa: f64,
+    kappa: f64,
 }
 
-impl Default for Config {
+impl Default for Ukf {
     fn default() -> Self {
         Self { fading: 1.004, wander_m_sqrt_s: 1e-4, start_away_sd_m: 1e-3, alpha: 1.0, beta: 2.0, kappa: 1.0 }
     }
 }
 
-struct Ukf {
-    config: Config,
-    knowledge: Arc<Knowledge>,
-}
-
-pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, serde_json::Error> {
-    Ok(Box::new(Ukf { config: Config::deserialize(config)?, knowledge: knowledge.clone() }))
-}
-
-impl Method for Ukf {
-    fn begin(&self, face: &Arc<CalibratedFace>, _seed: u64) -> Box<dyn Tracker> {
-        Box::new(Filter {
-            config: self.config,
-            noise_sd_n_m: self.knowledge.noise_sd_n_m,
-            belief: start(face, self.config.start_away_sd_m),
-            face: face.clone(),
-        })
+impl Ukf {
+    fn spread(&self) -> Spread {
+        Spread { alpha: self.alpha, beta: self.beta, kappa: self.kappa }
     }
 }
 
-struct Filter {
-    config: Config,
-    noise_sd_n_m: f64,
-    face: Arc<CalibratedFace>,
-    belief: Gaussian<2>,
+impl Settings for Ukf {
+    fn validate(&self) -> Result<(), SettingsError> {
+        check_contact(self.fading, self.wander_m_sqrt_s, self.start_away_sd_m)?;
+        within("alpha", self.alpha, 1e-3..=2.0)?;
+        within("beta", self.beta, 0.0..=10.0)?;
+        within("kappa", self.kappa, -1.0..=10.0)
+    }
 }
 
-impl Tracker for Filter {
-    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let belief = &mut self.belief;
-        let Config { alpha, beta, kappa, .. } = self.config;
-        let spread = Spread { alpha, beta, kappa };
-        let process = StaticContact::new(&self.face, sample, self.config.wander_m_sqrt_s);
-        // Neither step is skipped while the covariance is positive definite, which wander and fading maintain.
-        unscented::predict(belief, &process, &spread).ok()?;
-        belief.fade(self.config.fading);
-        let reading = ContactReading::new(&self.face, self.noise_sd_n_m);
-        let innovation = unscented::update(belief, &reading, &spread, &Vector1::new(sample.reading_n_m)).ok();
-        Some(hold(belief, &self.face, innovation))
+impl GaussianFilter for Ukf {
+    fn fading(&self) -> f64 {
+        self.fading
+    }
+
+    fn wander_m_sqrt_s(&self) -> f64 {
+        self.wander_m_sqrt_s
+    }
+
+    fn start_away_sd_m(&self) -> f64 {
+        self.start_away_sd_m
+    }
+
+    fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped> {
+        unscented::predict(belief, process, &self.spread())
+    }
+
+    fn update(
+        &self,
+        belief: &mut Gaussian<2>,
+        measurement: &ContactReading<'_>,
+        reading_n_m: f64,
+    ) -> Result<Innovation<1>, Skipped> {
+        unscented::update(belief, measurement, &self.spread(), &Vector1::new(reading_n_m))
     }
 }

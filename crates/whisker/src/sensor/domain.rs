@@ -43,14 +43,21 @@ impl Domain {
         upper_m.iter().all(|upper| upper.is_finite()).then(|| Self { arc_m, lower_m, upper_m: closed(&upper_m) })
     }
 
-    /// Whether the lists describe a region.
-    pub fn is_valid(&self) -> bool {
+    /// Whether the lists describe a region beside a whisker of this length.
+    pub fn is_valid(&self, length_m: f64) -> bool {
         let nodes = self.arc_m.len();
-        nodes >= 2
-            && self.lower_m.len() == nodes
-            && self.upper_m.len() == nodes
-            && self.arc_m.windows(2).all(|pair| pair[0] < pair[1])
-            && self.lower_m.iter().zip(&self.upper_m).all(|(lower, upper)| lower <= upper)
+        if nodes < 2 || self.lower_m.len() != nodes || self.upper_m.len() != nodes {
+            return false;
+        }
+        let (low, high) = self.arc_range_m();
+        let pitch = (high - low) / (nodes - 1) as f64;
+        let is_even = |pair: &[f64]| (pair[1] - pair[0] - pitch).abs() < 1e-6 * pitch;
+        low >= 0.0
+            && high > low
+            && high <= length_m * (1.0 + 1e-9)
+            && self.arc_m.windows(2).all(is_even)
+            && self.lower_m.iter().zip(&self.upper_m).all(|(&lower, &upper)| lower <= 0.0 && lower <= upper)
+            && self.upper_m.iter().all(|&upper| upper <= length_m)
     }
 
     /// First and last calibrated arc length.
@@ -108,7 +115,7 @@ mod tests {
             .flat_map(|i| (0..=20).map(move |j| (0.02 + 1e-3 * f64::from(i), 2e-2 * f64::from(j) / 20.0)))
             .collect();
         let domain = Domain::covering(&samples).unwrap();
-        assert!(domain.is_valid());
+        assert!(domain.is_valid(0.08));
         assert!(samples.iter().all(|&(arc_m, away_m)| domain.contains(arc_m, away_m)));
         assert!(!domain.contains(0.05, 0.021) && !domain.contains(0.019, 0.01) && !domain.contains(0.081, 0.01));
         assert_eq!(domain.clamp(0.1, -1.0), (0.08, 0.0));

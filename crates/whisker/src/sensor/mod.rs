@@ -87,12 +87,12 @@ pub enum ModelError {
         known: String,
     },
     /// The settings or the stored model do not parse.
-    #[error("sensor model `{kind}`: {source}")]
+    #[error("sensor model `{kind}`: {reason}")]
     Settings {
         /// Name of the model.
         kind: &'static str,
         /// What the parser says.
-        source: serde_json::Error,
+        reason: serde_json::Error,
     },
     /// The data do not determine the model.
     #[error("{0}")]

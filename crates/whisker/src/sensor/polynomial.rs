@@ -38,6 +38,16 @@ pub struct Polynomial {
     coefficients_n_m: Vec<f64>,
 }
 
+/// Largest degree: beyond it the coefficients of monomials lose all digits.
+const MOST_DEGREE: usize = 20;
+
+fn check_degree(degree: usize) -> Result<(), ModelError> {
+    if degree > MOST_DEGREE {
+        return Err(ModelError::Data(format!("`degree`: found {degree}, expected at most {MOST_DEGREE}")));
+    }
+    Ok(())
+}
+
 fn terms(degree: usize) -> usize {
     (degree + 1) * (degree + 2) / 2
 }
@@ -56,6 +66,7 @@ impl Polynomial {
     /// [`ModelError::Data`] where the samples do not determine the coefficients.
     pub fn fit(samples: &[Sample], config: PolynomialConfig) -> Result<Self, ModelError> {
         let degree = config.degree;
+        check_degree(degree)?;
         let count = terms(degree);
         if samples.len() < count {
             return Err(ModelError::Data(format!(
@@ -145,12 +156,13 @@ pub(super) fn defaults() -> Value {
 }
 
 pub(super) fn fit(samples: &[Sample], config: &Value) -> Made {
-    let config = PolynomialConfig::deserialize(config).map_err(|source| ModelError::Settings { kind: KIND, source })?;
+    let config = PolynomialConfig::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     Ok(Box::new(Polynomial::fit(samples, config)?))
 }
 
 pub(super) fn load(value: &Value) -> Made {
-    let model = Polynomial::deserialize(value).map_err(|source| ModelError::Settings { kind: KIND, source })?;
+    let model = Polynomial::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    check_degree(model.degree)?;
     let expected = terms(model.degree);
     let found = model.coefficients_n_m.len();
     if found != expected {
@@ -159,8 +171,12 @@ pub(super) fn load(value: &Value) -> Made {
             model.degree
         )));
     }
-    if !model.scale_m.iter().all(|scale| *scale > 0.0) {
-        return Err(ModelError::Data(format!("scale_m must be positive, found {:?}", model.scale_m)));
+    // A scale is half the extent of a calibration; one below a nanometre is none.
+    if !model.scale_m.iter().all(|scale| *scale > 1e-9) {
+        return Err(ModelError::Data(format!(
+            "`scale_m`: found {:?}, expected half the extent of the calibration",
+            model.scale_m
+        )));
     }
     Ok(Box::new(model))
 }
