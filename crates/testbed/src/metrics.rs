@@ -94,8 +94,9 @@ pub fn score(
     let start: Vec<f64> = errors.iter().filter(|e| !is_steady(e)).filter_map(|e| e.error_m).collect();
     let samples = errors.iter().filter(is_steady).count();
     let missing = samples - stated.len();
-    let steady = if missing as f64 > MOST_MISSING * samples as f64 { Vec::new() } else { stated };
-    let outline = outline_distances(trial, touch_s + START_UP_S, estimates);
+    let is_silent = missing as f64 > MOST_MISSING * samples as f64;
+    let steady = if is_silent { Vec::new() } else { stated };
+    let outline = if is_silent { Vec::new() } else { outline_distances(trial, touch_s + START_UP_S, estimates) };
     let sidecar = &trial.trace.sidecar;
     let row = TrialRow {
         trace: sidecar.name.clone(),

@@ -1,5 +1,7 @@
 //! Panels: a pair of axes and what is drawn between them, clipped to their frame.
 
+use std::iter;
+
 use anyhow::Result;
 use plotters::style::{Color, RGBAColor, RGBColor};
 
@@ -8,6 +10,9 @@ use super::style::{FINE_GRID, FRAME, GRID, HAIRLINE_PX, LABEL, Look, MARKER_PX, 
 
 /// How far [`Panel::tile`] moves corners outwards along either axis, in CSS pixels.
 const TILE_GROWTH_PX: f64 = 0.4;
+
+/// Fewest numbers along an axis.
+const LEAST_TICKS: usize = 3;
 
 /// A rectangle in CSS pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,20 +145,29 @@ impl Axis {
         }
     }
 
-    /// Grid values with their numbers, about `count` of them on a linear axis.
+    /// Grid values with their numbers, about `count` of them on a linear axis and three at the least: fewer do not tell
+    /// the scale.
     pub(super) fn ticks(&self, count: f64) -> Vec<(f64, String)> {
         if !self.grid {
             return Vec::new();
         }
         if self.logarithmic {
-            let few_decades = (self.to / self.from).log10() < 1.7;
+            let few_decades = self.decade_steps().filter(|(step, _)| *step == 1).count() < LEAST_TICKS;
             return self
                 .decade_steps()
                 .filter(|(step, _)| *step == 1 || (few_decades && [2, 5].contains(step)))
                 .map(|(_, value)| (value, format_log(value)))
                 .collect();
         }
-        let step = round_step((self.to - self.from) / count);
+        // The next finer of the round steps is 0.4 or 0.5 of one.
+        let steps =
+            iter::successors(Some(round_step((self.to - self.from) / count)), |step| Some(round_step(0.4 * step)));
+        let mut numbers = steps.take(3).map(|step| self.multiples(step));
+        numbers.find(|numbers| numbers.len() >= LEAST_TICKS).unwrap_or_default()
+    }
+
+    /// The multiples of a step on a linear axis with their numbers.
+    fn multiples(&self, step: f64) -> Vec<(f64, String)> {
         let decimals = (-step.log10().floor()).max(0.0) as usize;
         let first = (self.from / step - 1e-9).ceil() as i64;
         let last = (self.to / step + 1e-9).floor() as i64;
@@ -506,6 +520,7 @@ mod tests {
             |axis: Axis, count| -> Vec<String> { axis.ticks(count).into_iter().map(|(_, number)| number).collect() };
         assert_eq!(numbers(Axis::linear("", -0.5, 1.0), 3.0), ["−0.5", "0.0", "0.5", "1.0"]);
         assert_eq!(numbers(Axis::linear("", 0.0, 40.0), 4.0), ["0", "10", "20", "30", "40"]);
+        assert_eq!(numbers(Axis::linear("", -13.1, -4.9), 2.0), ["−12", "−10", "−8", "−6"]);
         assert_eq!(numbers(Axis::logarithmic("", [0.03, 8.0]), 0.0), ["0.1", "1", "10"]);
         assert_eq!(numbers(Axis::logarithmic("", [0.3, 1.5]), 0.0), ["0.2", "0.5", "1", "2"]);
     }

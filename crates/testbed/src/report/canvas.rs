@@ -1,5 +1,6 @@
 //! Drawing in CSS pixels, clipped to rectangles; and the two files of a picture.
 
+use std::fs;
 use std::path::Path;
 use std::sync::Once;
 
@@ -11,8 +12,8 @@ use plotters::element::BitMapElement;
 use plotters::prelude::*;
 use plotters::style::register_font;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use trace::write_atomically;
 
-use super::files;
 use super::surface::{FONT_HEIGHT_EM, Surface, UNITS_PER_PX, svg_baselines};
 
 /// The embedded typeface: Inter, cut to Latin, Greek and mathematical signs.
@@ -224,7 +225,7 @@ impl Picture {
     /// Writes the picture as a PNG of two image pixels a CSS pixel: painted in drawing units, then averaged.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When the file cannot be written; the error names it, and nothing half-written stays.
     pub(super) fn write_png(&self, path: &Path) -> Result<()> {
         let (width, height) = self.size_units();
         let mut fine = vec![0; (width * height * 3) as usize];
@@ -232,14 +233,10 @@ impl Picture {
         let factor = UNITS_PER_PX / PNG_SCALE;
         let size = (width / factor, height / factor);
         let pixels = average_blocks(&fine, width as usize, factor as usize);
-        files::replace(path, |temporary| {
-            let image = BitMapBackend::new(temporary, size).into_drawing_area();
-            let element = BitMapElement::with_owned_buffer((0, 0), size, pixels)
-                .context("the picture's size does not fit its pixels")?;
-            image.draw(&element)?;
-            image.present()?;
-            Ok(())
-        })
+        let element = BitMapElement::with_owned_buffer((0, 0), size, pixels)
+            .context("the picture's size does not fit its pixels")?;
+        let encoded = encode_png(&element, size).with_context(|| format!("{}: cannot be encoded", path.display()))?;
+        Ok(write_atomically(path, &encoded)?)
     }
 
     fn size_units(&self) -> (u32, u32) {
@@ -253,6 +250,15 @@ impl Picture {
         (self.paint)(&canvas)?;
         canvas.0.present().map_err(|error| anyhow!("{error}"))
     }
+}
+
+/// The bytes of a PNG file. The library encodes into a named file only: one that goes with its handle, whatever happens.
+fn encode_png(element: &BitMapElement<(i32, i32)>, size: (u32, u32)) -> Result<Vec<u8>> {
+    let scratch = tempfile::Builder::new().suffix(".png").tempfile()?;
+    let image = BitMapBackend::new(scratch.path(), size).into_drawing_area();
+    image.draw(element)?;
+    image.present()?;
+    Ok(fs::read(scratch.path())?)
 }
 
 /// Averages RGB blocks of `factor` x `factor` in an image of `width`.

@@ -4,6 +4,7 @@
 //! the same run gives the same bytes.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -13,7 +14,7 @@ mod axes;
 mod canvas;
 mod compare;
 mod figures;
-mod files;
+mod outline;
 mod page;
 mod run_data;
 mod style;
@@ -58,12 +59,22 @@ pub fn report(run_dir: &Path) -> Result<ReportPaths> {
             paths.extend([svg, png]);
         } else {
             // A picture of an earlier run must not stand beside a page that leaves it out.
-            files::remove(&svg)?;
-            files::remove(&png)?;
+            remove(&svg)?;
+            remove(&png)?;
         }
         drawn.push((figure, picture));
     }
     let page = run_dir.join("index.html");
     write_atomically(&page, page::html(&data, &drawn)?.as_bytes())?;
     Ok(ReportPaths { page, figures: paths })
+}
+
+/// Removes a file, if it is there.
+fn remove(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot be removed", path.display()))
+        }
+        _ => Ok(()),
+    }
 }

@@ -2,14 +2,15 @@
 
 use anyhow::Result;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde_json::json;
 
 use crate::results::{RunCalibration, SummaryRow};
 
 use super::Drawn;
 use super::canvas::font_face_css;
 use super::compare::{Phase, factor_over_baseline, format_factor};
-use super::run_data::RunData;
-use super::style::two_digits;
+use super::run_data::{RunData, counted};
+use super::style::{plain, two_digits};
 
 /// Data files that the page links to.
 const DATA_FILES: [&str; 4] = ["summary.csv", "trials.csv", "error_over_time.csv", "run.json"];
@@ -103,9 +104,10 @@ pub(super) fn html(data: &RunData, drawn: &[Drawn]) -> Result<String> {
                 header {
                     h1 { "Whisker contact localisation: " (run.name) }
                     p {
-                        (traces) " traces in " (run.sets.len()) " sets, " (run.estimators.len()) " estimators, "
+                        (counted(traces, "trial")) " in " (counted(run.sets.len(), "set")) ", "
+                        (counted(run.estimators.len(), "estimator")) ", "
                         "measurement noise " (percent_list(&run.noise)) " of each set's largest reading, "
-                        (run.seeds.len()) @if run.seeds.len() == 1 { " seed" } @else { " seeds" } " of it. "
+                        (counted(run.seeds.len(), "seed")) " of it. "
                         "All errors are distances from the simulated truth, unaligned."
                     }
                     nav {
@@ -170,7 +172,7 @@ fn factor_table(data: &RunData) -> Markup {
             h2 { "Filters against the baseline" }
             p {
                 "Error of the better Euler-Bernoulli baseline over that of the filter"
-                @if let Some(set) = sets.first() { ", group " b { (set.group) } }
+                @if let Some(set) = sets.first() { ", group " b { (plain(&set.group)) } }
                 ", at the times at which every trial has an estimate of both: above 1, the filter is the more exact one."
             }
             div.scroll tabindex="0" aria-label="Table: filters against the baseline" {
@@ -200,20 +202,21 @@ fn factor_table(data: &RunData) -> Markup {
 }
 
 fn summary_table(data: &RunData) -> Markup {
-    let mut rows: Vec<&SummaryRow> = data.summary.iter().collect();
-    rows.sort_by(|a, b| {
-        let names = |row: &SummaryRow| (row.group.clone(), row.whisker.clone());
-        names(a).cmp(&names(b)).then(a.noise.total_cmp(&b.noise)).then_with(|| a.estimator.cmp(&b.estimator))
-    });
     let several_levels = data.run.noise.len() > 1;
-    let blocks = rows.chunk_by(|a, b| a.group == b.group && a.whisker == b.whisker && a.noise == b.noise);
+    let blocks = summary_blocks(data);
+    let silent = blocks.iter().flatten().any(|line| line.silent_share > 0.0);
     html! {
         section #summary {
             h2 { "Summary" }
             p {
                 "Steady state: after the first two seconds of contact. The best value of each block and column is "
                 b.best { "marked" }
-                ". As data: "
+                ". "
+                @if silent {
+                    "An estimator that was silent for a part of a trial's steady state is scored on the rest, beyond a "
+                    "tenth not at all, and is not ranked. "
+                }
+                "As data: "
                 @for file in DATA_FILES { a href=(file) { (file) } " " }
             }
             div.scroll tabindex="0" aria-label="Table: summary" {
@@ -230,37 +233,75 @@ fn summary_table(data: &RunData) -> Markup {
                             th.number { "trials" }
                         }
                     }
-                    @for block in blocks { tbody { (summary_block(block, several_levels)) } }
+                    @for block in &blocks { tbody { (summary_block(block, several_levels)) } }
                 }
             }
             dl.meanings {
                 @for column in &COLUMNS { dt { (column.heading) } dd { (column.meaning) } }
+                dt { "trials" } dd { "number of trials, each counted once for every noise seed" }
             }
         }
     }
 }
 
-fn summary_block(rows: &[&SummaryRow], several_levels: bool) -> Markup {
-    let printed =
-        |column: &Column, row: &SummaryRow| (column.value)(row).map(|value| format!("{value:.*}", column.decimals));
-    let best = |column: &Column| {
-        let values = || rows.iter().filter_map(|row| (column.value)(row));
-        let print = |value| format!("{value:.*}", column.decimals);
-        let (best, last) = (values().min_by(f64::total_cmp)?, values().max_by(f64::total_cmp)?);
-        // Where all are equal none is the best.
-        (print(best) != print(last) || values().count() == 1).then(|| print(best))
-    };
-    let best: Vec<Option<String>> = COLUMNS.iter().map(best).collect();
+/// One row of the summary table.
+struct SummaryLine<'a> {
+    scores: &'a SummaryRow,
+    /// Share of the samples in steady contact that are without an estimate.
+    silent_share: f64,
+}
+
+impl SummaryLine<'_> {
+    fn printed(&self, column: &Column) -> Option<String> {
+        (column.value)(self.scores).map(|value| format!("{value:.*}", column.decimals))
+    }
+}
+
+/// The rows in the order of the run, a block for each set and noise level.
+fn summary_blocks(data: &RunData) -> Vec<Vec<SummaryLine<'_>>> {
+    let blocks = data.run.sets.iter().flat_map(|set| data.run.noise.iter().map(move |noise| (set, noise)));
+    let blocks = blocks
+        .map(|(set, noise)| -> Vec<SummaryLine> {
+            let lines = data.estimators().filter_map(|estimator| {
+                Some(SummaryLine {
+                    scores: data.summary_at(set, estimator, *noise)?,
+                    silent_share: data.silent_share(set, estimator, *noise),
+                })
+            });
+            lines.collect()
+        })
+        .filter(|lines| !lines.is_empty());
+    blocks.collect()
+}
+
+/// What the best row of a block shows in a column: of those that were never silent the smallest, where not all rows show
+/// the same.
+fn best_of(lines: &[SummaryLine<'_>], column: &Column) -> Option<String> {
+    let ranked = lines.iter().filter(|line| line.silent_share == 0.0);
+    let (best, _) = ranked
+        .filter_map(|line| Some((line.printed(column)?, (column.value)(line.scores)?)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    lines.iter().any(|line| line.printed(column).as_ref() != Some(&best)).then_some(best)
+}
+
+fn summary_block(lines: &[SummaryLine<'_>], several_levels: bool) -> Markup {
+    let best: Vec<Option<String>> = COLUMNS.iter().map(|column| best_of(lines, column)).collect();
     html! {
-        @for row in rows {
+        @for line in lines {
+            @let row = line.scores;
             tr {
-                td { (row.group) }
+                td { (plain(&row.group)) }
                 td { (row.whisker) }
-                td { (row.estimator) }
+                td {
+                    (row.estimator)
+                    @if line.silent_share > 0.0 { " " small { "silent " (two_digits(100.0 * line.silent_share)) " %" } }
+                }
                 @if several_levels { td.number { (round_significant(100.0 * row.noise)) } }
                 @for (column, best) in COLUMNS.iter().zip(&best) {
-                    @match printed(column, row) {
-                        Some(text) if Some(&text) == best.as_ref() => td.number { b.best { (text) } },
+                    @match line.printed(column) {
+                        Some(text) if line.silent_share == 0.0 && Some(&text) == best.as_ref() => {
+                            td.number { b.best { (text) } }
+                        }
                         Some(text) => td.number { (text) },
                         None => td.number { "–" },
                     }
@@ -291,6 +332,8 @@ fn provenance(data: &RunData) -> Markup {
             details {
                 summary { "Estimators and their settings" }
                 dl {
+                    dt { "touch detection" }
+                    dd { "thresholds and times, the same for all" pre { (format!("{:#}", json!(run.touch))) } }
                     @for estimator in &run.estimators {
                         dt { (estimator.name) }
                         dd { (estimator.about) pre { (format!("{:#}", estimator.config)) } }
@@ -310,5 +353,43 @@ fn calibration_entry(calibration: &RunCalibration) -> Markup {
             (two_digits(100.0 * calibration.heldout_worst_n_m / calibration.largest_reading_n_m)) " % worst"
             " of the largest reading; " code { (calibration.sha256) }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scores(rmse_m: Option<f64>, never_1mm: f64) -> SummaryRow {
+        SummaryRow {
+            group: "pin".to_owned(),
+            whisker: "straight".to_owned(),
+            object: "pin".to_owned(),
+            estimator: "ekf".to_owned(),
+            noise: 0.01,
+            trials: 1,
+            rmse_m,
+            median_m: None,
+            p95_m: None,
+            worst_m: None,
+            time_to_1mm_s: None,
+            time_to_0p3mm_s: None,
+            never_1mm,
+            step_ns: 500.0,
+        }
+    }
+
+    #[test]
+    fn verif_the_best_row_was_never_silent_and_shows_another_value_than_some() {
+        let rows = [scores(Some(1e-4), 0.0), scores(Some(2e-4), 0.0), scores(Some(3e-4), 0.0), scores(None, 0.0)];
+        let block = |silent_share: f64| -> Vec<SummaryLine> {
+            let shares = [silent_share, 0.0, 0.0, 0.0];
+            rows.iter().zip(shares).map(|(scores, silent_share)| SummaryLine { scores, silent_share }).collect()
+        };
+        let [rmse, .., never, _] = &COLUMNS;
+        assert_eq!(best_of(&block(0.0), rmse).as_deref(), Some("0.100"));
+        assert_eq!(best_of(&block(0.01), rmse).as_deref(), Some("0.200"));
+        assert_eq!(best_of(&block(0.0), never), None, "all tie");
+        assert_eq!(best_of(&block(0.0)[3..], rmse), None, "no value");
     }
 }

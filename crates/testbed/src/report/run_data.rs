@@ -1,18 +1,15 @@
 //! The files of a run, read and checked: all that the report knows.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::results::{
     ErrorBandRow, EstimateRow, ResidualRow, Run, RunCalibration, RunSet, SummaryRow, SurfaceRow, TrialRow, read_rows,
 };
-
-/// Version of `run.json` that this program reads.
-const FORMAT: u32 = 1;
+use crate::statistics::median_of_scores;
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
 pub(super) struct RunData {
@@ -33,7 +30,9 @@ impl RunData {
     /// When a file is missing, is not of the format that [`crate::results`] describes, or holds nothing to show; the
     /// error names file, line and column.
     pub(super) fn read(folder: &Path) -> Result<Self> {
-        let mut run = read_run(&folder.join("run.json"))?;
+        let run_file = folder.join("run.json");
+        ensure!(run_file.is_file(), "{}: does not exist; is this the folder of a run?", run_file.display());
+        let mut run = Run::read(&run_file)?;
         let summary: Vec<SummaryRow> = read_rows(&folder.join("summary.csv"))?;
         ensure!(
             !summary.is_empty(),
@@ -69,10 +68,20 @@ impl RunData {
         self.run.estimators.iter().filter(|estimator| !estimator.is_baseline).map(|estimator| estimator.name.as_str())
     }
 
-    /// The sets on which the error is followed over time, one a whisker: those on the pin, whose contact stands still,
-    /// or, in a run without a pin, those of the first group.
+    /// Names of the baselines.
+    pub(super) fn baselines(&self) -> impl Iterator<Item = &str> {
+        self.run.estimators.iter().filter(|estimator| estimator.is_baseline).map(|estimator| estimator.name.as_str())
+    }
+
+    /// The place of an estimator in the run, which gives it its look.
+    pub(super) fn place_of(&self, estimator: &str) -> usize {
+        self.estimators().position(|name| name == estimator).unwrap_or(0)
+    }
+
+    /// The sets on which the error is followed over time, one a whisker: those whose contact stands still or, in a run
+    /// without such, those of the first group.
     pub(super) fn leading_sets(&self) -> Vec<&RunSet> {
-        let first = self.run.sets.iter().find(|set| set.object == "pin");
+        let first = self.run.sets.iter().find(|set| !has_outline(set));
         let Some(leading) = first.or(self.run.sets.first()) else {
             return Vec::new();
         };
@@ -81,28 +90,39 @@ impl RunData {
 
     /// The sets on objects that have an outline to be traced.
     pub(super) fn outline_sets(&self) -> Vec<&RunSet> {
-        self.run.sets.iter().filter(|set| set.object != "pin").collect()
+        self.run.sets.iter().filter(|set| has_outline(set)).collect()
     }
 
     /// The scores of an estimator on a set at the level of [`Self::noise`].
     pub(super) fn summary_of(&self, set: &RunSet, estimator: &str) -> Option<&SummaryRow> {
+        self.summary_at(set, estimator, self.noise())
+    }
+
+    /// The scores of an estimator on a set at a noise level.
+    pub(super) fn summary_at(&self, set: &RunSet, estimator: &str, noise: f64) -> Option<&SummaryRow> {
         self.summary.iter().find(|row| {
-            row.group == set.group
-                && row.whisker == set.whisker
-                && row.estimator == estimator
-                && row.noise == self.noise()
+            row.group == set.group && row.whisker == set.whisker && row.estimator == estimator && row.noise == noise
         })
     }
 
     /// The trials of an estimator on a set at the level of [`Self::noise`].
     pub(super) fn trials_of(&self, set: &RunSet, estimator: &str) -> Vec<&TrialRow> {
-        let matches = |row: &&TrialRow| {
-            row.group == set.group
-                && row.whisker == set.whisker
-                && row.estimator == estimator
-                && row.noise == self.noise()
-        };
-        self.trials.iter().filter(matches).collect()
+        self.trials_at(set, estimator, self.noise()).collect()
+    }
+
+    fn trials_at(&self, set: &RunSet, estimator: &str, noise: f64) -> impl Iterator<Item = &TrialRow> {
+        self.trials.iter().filter(move |row| {
+            row.group == set.group && row.whisker == set.whisker && row.estimator == estimator && row.noise == noise
+        })
+    }
+
+    /// Share of the samples in steady contact for which an estimator gave no estimate, over the trials of a set at a noise
+    /// level.
+    pub(super) fn silent_share(&self, set: &RunSet, estimator: &str, noise: f64) -> f64 {
+        let (missing, samples) = self
+            .trials_at(set, estimator, noise)
+            .fold((0, 0), |(missing, samples), trial| (missing + trial.missing, samples + trial.samples));
+        if samples == 0 { 0.0 } else { missing as f64 / samples as f64 }
     }
 
     /// Spread of the error of an estimator on a set over the time since the touch.
@@ -116,22 +136,36 @@ impl RunData {
         self.bands.iter().filter(matches).collect()
     }
 
-    /// The filter with the smallest steady error on a set.
-    pub(super) fn best_filter(&self, set: &RunSet) -> Option<&SummaryRow> {
-        self.filters()
-            .filter_map(|name| self.summary_of(set, name))
-            .filter(|row| row.rmse_m.is_some())
-            .min_by(|a, b| a.rmse_m.partial_cmp(&b.rmse_m).expect("finite, checked on reading"))
+    /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.
+    pub(super) fn outline_distance_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
+        median_of_scores(self.trials_of(set, estimator).into_iter().map(|trial| trial.outline_median_m))
     }
 
-    /// The trial of a set whose steady error under an estimator is the median one, with the seed whose estimates the run
-    /// keeps.
-    pub(super) fn typical_trial(&self, set: &RunSet, estimator: &str) -> Option<&TrialRow> {
+    /// The estimator with the smallest median error in steady state, added up over the [`Self::leading_sets`]: the same
+    /// one for every whisker.
+    pub(super) fn steadiest<'a>(&self, estimators: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+        let sets = self.leading_sets();
+        smallest(estimators, |name| sets.iter().map(|set| self.summary_of(set, name)?.median_m).sum())
+    }
+
+    /// The trial of a set whose score under an estimator is the median one, with the seed whose estimates the run keeps.
+    pub(super) fn typical_trial(
+        &self,
+        set: &RunSet,
+        estimator: &str,
+        score: fn(&TrialRow) -> Option<f64>,
+    ) -> Option<&TrialRow> {
         let mut trials = self.trials_of(set, estimator);
         trials.retain(|trial| Some(&trial.seed) == self.run.seeds.first());
-        let error = |trial: &TrialRow| trial.rmse_m.unwrap_or(f64::INFINITY);
-        trials.sort_by(|a, b| error(a).total_cmp(&error(b)));
+        let score = |trial: &TrialRow| score(trial).unwrap_or(f64::INFINITY);
+        trials.sort_by(|a, b| score(a).total_cmp(&score(b)));
         trials.get(trials.len().saturating_sub(1) / 2).copied()
+    }
+
+    /// What a set is scored on, in words: its traces, each under every seed of the noise.
+    pub(super) fn trials_in_words(&self, set: &RunSet) -> String {
+        let (traces, seeds) = (set.traces.len(), self.run.seeds.len());
+        format!("{} × {}", counted(traces, "trial"), counted(seeds, "noise seed"))
     }
 
     /// What an estimator said about a trace, if the run kept it.
@@ -177,6 +211,25 @@ impl RunData {
     }
 }
 
+/// Whether the object of a set has an outline worth tracing: a pin is touched in one place.
+fn has_outline(set: &RunSet) -> bool {
+    set.object != "pin"
+}
+
+/// The estimator with the smallest score; one without a score is never it.
+pub(super) fn smallest<'a>(
+    estimators: impl Iterator<Item = &'a str>,
+    score: impl Fn(&str) -> Option<f64>,
+) -> Option<&'a str> {
+    let scored = estimators.filter_map(|name| Some((name, score(name)?)));
+    scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(name, _)| name)
+}
+
+/// A number of things, in the singular where it is one.
+pub(super) fn counted(count: usize, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
 fn model_file(calibration: &RunCalibration, table: &str) -> String {
     format!("models/{}_{}.{table}.csv", calibration.whisker, calibration.face)
 }
@@ -189,21 +242,10 @@ struct OutlineRow {
     y_m: f64,
 }
 
-fn read_run(path: &Path) -> Result<Run> {
-    let text = fs::read_to_string(path)
-        .with_context(|| format!("{}: cannot be read; is this the folder of a run?", path.display()))?;
-    let run: Run = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-    let at = path.display();
-    ensure!(run.format == FORMAT, "{at}: key `format`: found {}, expected {FORMAT}", run.format);
-    ensure!(run.kind == "run", "{at}: key `kind`: found \"{}\", expected \"run\"", run.kind);
-    for (key, length) in [("noise", run.noise.len()), ("estimators", run.estimators.len())] {
-        ensure!(length > 0, "{at}: key `{key}`: found an empty list, expected at least one entry");
-    }
-    Ok(run)
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn read_text(text: &str) -> Result<Vec<OutlineRow>> {
@@ -211,6 +253,13 @@ mod tests {
         let path = folder.path().join("outline.csv");
         fs::write(&path, text).expect("written");
         read_rows(&path)
+    }
+
+    #[test]
+    fn verif_what_has_no_score_is_never_the_smallest() {
+        let score = |name: &str| [("ekf", 2.0), ("ukf", 1.0)].iter().find(|row| row.0 == name).map(|row| row.1);
+        assert_eq!(smallest(["particle", "ekf", "ukf"].into_iter(), score), Some("ukf"));
+        assert_eq!(smallest(["particle"].into_iter(), score), None);
     }
 
     #[test]
@@ -230,6 +279,6 @@ mod tests {
     fn robust_a_folder_without_a_run_gives_one_error() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let message = format!("{:#}", RunData::read(folder.path()).err().expect("no run"));
-        assert!(message.contains("run.json: cannot be read"), "{message}");
+        assert!(message.contains("run.json: does not exist; is this the folder of a run?"), "{message}");
     }
 }

@@ -132,6 +132,30 @@ impl<'a> LegendEntry<'a> {
         Self { text, sign: Box::new(sign) }
     }
 
+    /// A part of a line, with its ends.
+    pub(super) fn stretch(text: &'a str, color: RGBColor, width_px: f64) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| {
+            let ends = [(x - 10.0, y), (x + 10.0, y)];
+            canvas.line(&ends, color.to_rgba(), width_px)?;
+            ends.into_iter().try_for_each(|end| stretch_end(canvas, end, color))
+        };
+        Self { text, sign: Box::new(sign) }
+    }
+
+    /// A band of each colour.
+    pub(super) fn bands(text: &'a str, colors: Vec<RGBAColor>) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| {
+            let height = 14.0 / colors.len() as f64;
+            for (index, color) in colors.iter().enumerate() {
+                let top = y - 7.0 + height * index as f64;
+                let corners = [(-12.0, 0.0), (12.0, 0.0), (12.0, height), (-12.0, height)];
+                canvas.polygon(&corners.map(|(dx, dy)| (x + dx, top + dy)), *color)?;
+            }
+            Ok(())
+        };
+        Self { text, sign: Box::new(sign) }
+    }
+
     /// A dashed line.
     pub(super) fn dashes(text: &'a str, color: RGBColor) -> Self {
         let sign = move |canvas: &Canvas, (x, y): Px| canvas.dashes((x - 12.0, y), (x + 12.0, y), color.to_rgba());
@@ -156,6 +180,12 @@ impl<'a> LegendEntry<'a> {
     }
 }
 
+/// The end of a part of a line: a disc with a white rim.
+pub(super) fn stretch_end(canvas: &Canvas, at: Px, color: RGBColor) -> Result<()> {
+    canvas.disc(at, 4.25, RGBColor(255, 255, 255).to_rgba())?;
+    canvas.disc(at, 3.25, color.to_rgba())
+}
+
 /// Draws the entries in a row from the left and starts a new row 22 px below where the next entry would not fit.
 pub(super) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) -> Result<()> {
     let (mut x, mut y) = (left, top);
@@ -169,6 +199,11 @@ pub(super) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) 
         x += width;
     }
     Ok(())
+}
+
+/// A name from the data as figures and tables print it.
+pub(super) fn plain(name: &str) -> String {
+    name.replace('_', " ")
 }
 
 /// A positive number with two digits that count, never as an exponent.

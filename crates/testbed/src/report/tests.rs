@@ -36,7 +36,7 @@ fn write_run(folder: &Path, whole: bool) {
     let run = json!({
         "format": 1, "kind": "run", "name": "small",
         "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
-        "noise": [0.01], "seeds": [1],
+        "noise": [0.01], "seeds": [1], "touch": {},
         "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "is_baseline": name != "ekf", "config": {"fading": 1.004}})),
         "sets": objects.iter().map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
@@ -215,6 +215,34 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let page = fs::read_to_string(&paths.page).expect("page");
     assert_eq!(page.matches("Left out").count(), 3, "contours, sample trace, sensor model");
     assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 3));
+}
+
+#[test]
+fn verif_the_summary_keeps_the_order_of_the_run_and_tells_who_was_silent() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let mut trials = vec![trial("pin", "ekf", 2e-4), trial("pin", "euler-bernoulli", 5e-3)];
+    trials[1].missing = 45;
+    write_table(&folder.path().join("trials.csv"), &trials);
+    let page = fs::read_to_string(report(folder.path()).expect("drawn").page).expect("page");
+    let (_, summary) = page.split_once("id=\"summary\"").expect("a summary");
+    let at = |text: &str| summary.find(text).unwrap_or_else(|| panic!("{text}"));
+    assert!(at("<td>pin</td>") < at("<td>circle</td>"));
+    assert!(at("silent 5.0 %") < at("<td>circle</td>"));
+    assert_eq!(summary.matches("silent 5.0 %").count(), 1);
+}
+
+#[test]
+fn robust_what_cannot_be_written_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let [figures, in_the_way] = ["figures", "figures/contours.png"].map(|name| folder.path().join(name));
+    fs::create_dir_all(in_the_way.join("occupied")).expect("created");
+    let message = format!("{:#}", report(folder.path()).expect_err("a folder in the way"));
+    assert!(message.contains("contours.png"), "{message}");
+    let names = fs::read_dir(figures).expect("a folder").map(|entry| entry.expect("an entry").file_name());
+    let hidden: Vec<_> = names.filter(|name| name.to_string_lossy().starts_with('.')).collect();
+    assert!(hidden.is_empty(), "{hidden:?}");
 }
 
 #[test]

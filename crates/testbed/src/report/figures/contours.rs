@@ -7,10 +7,12 @@ use plotters::style::Color;
 
 use crate::report::axes::{Panel, Rect, equal, extent};
 use crate::report::canvas::{Canvas, Picture};
-use crate::report::run_data::RunData;
-use crate::report::style::{FRAME, INK, LegendEntry, Look, OBJECT, PANEL_TITLE, SMALL, legend, two_digits};
+use crate::report::outline::touched_stretch;
+use crate::report::run_data::{RunData, smallest};
+use crate::report::style::{
+    FRAME, INK, LegendEntry, Look, OBJECT, PANEL_TITLE, SMALL, legend, plain, stretch_end, two_digits,
+};
 use crate::results::{EstimateRow, RunSet};
-use crate::statistics::median;
 
 /// Square of the radius that holds 95 % of a planar Gaussian, in standard deviations: -2 ln 0.05.
 const CHI2_95: f64 = 5.991_464_547_107_98;
@@ -24,6 +26,8 @@ const STEADY_S: f64 = 2.0;
 const LEAST_VIEW_MM: f64 = 4.0;
 /// Panels in a row.
 const COLUMNS: usize = 4;
+/// Width of the touched part.
+const TOUCHED_PX: f64 = 3.5;
 /// Radius of the estimated points.
 const DOT_PX: f64 = 1.4;
 
@@ -36,6 +40,7 @@ struct Contour {
     subtitle: String,
     look: Look,
     outline: Points,
+    /// Along the outline from one end to the other.
     touched: Points,
     estimated: Points,
     ellipses: Vec<Points>,
@@ -64,7 +69,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
 
     let paint = move |canvas: &Canvas| {
         let mut entries =
-            vec![LegendEntry::line("true outline", FRAME, 1.5), LegendEntry::line("touched part", INK, 3.0)];
+            vec![LegendEntry::line("true outline", FRAME, 1.5), LegendEntry::stretch("touched part", INK, TOUCHED_PX)];
         entries.extend(looks.iter().map(|(name, look)| LegendEntry::dots(name, look.color, DOT_PX)));
         legend(canvas, (56.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [60.0, 84.0, 14.0, 48.0]);
@@ -84,28 +89,28 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
 }
 
 fn contour(data: &RunData, set: &RunSet) -> Result<Option<Contour>> {
-    let Some(best) = data.best_filter(set) else {
+    let Some(best) = smallest(data.filters(), |name| data.outline_distance_m(set, name)) else {
         return Ok(None);
     };
-    let Some(trial) = data.typical_trial(set, &best.estimator) else {
+    let Some(trial) = data.typical_trial(set, best, |trial| trial.outline_median_m) else {
         return Ok(None);
     };
-    let (Some(outline), Some(rows)) = (data.outline(&trial.trace)?, data.estimates(&trial.trace, &best.estimator)?)
-    else {
+    let (Some(outline), Some(rows)) = (data.outline(&trial.trace)?, data.estimates(&trial.trace, best)?) else {
         return Ok(None);
     };
+    let outline: Points = outline.iter().map(|(x, y)| (1e3 * x, 1e3 * y)).collect();
     let steady: Vec<&EstimateRow> = rows.iter().filter(|row| row.t_s >= trial.touch_s + STEADY_S).collect();
-    let touched: Points = steady.iter().map(|row| point_mm(row.truth_surface_x_m, row.truth_surface_y_m)).collect();
+    let touched = steady.iter().map(|row| point_mm(row.truth_surface_x_m, row.truth_surface_y_m));
     let seen: Vec<&EstimateRow> = steady.iter().copied().filter(|row| row.surface_x_m.is_some()).collect();
-    let distances = data.trials_of(set, &best.estimator).into_iter().filter_map(|trial| trial.outline_median_m);
-    let distance = median(distances)
+    let distance = data
+        .outline_distance_m(set, best)
         .map_or_else(String::new, |distance| format!(": median distance {} mm", two_digits(1e3 * distance)));
     Ok(Some(Contour {
-        title: format!("{}, {}", set.group, set.whisker),
-        subtitle: format!("{}{distance}", best.estimator),
-        look: Look::of(data.estimators().position(|name| name == best.estimator).unwrap_or(0)),
-        outline: outline.iter().map(|(x, y)| (1e3 * x, 1e3 * y)).collect(),
-        touched,
+        title: format!("{}, {} whisker", plain(&set.group), set.whisker),
+        subtitle: format!("{best}{distance}"),
+        look: Look::of(data.place_of(best)),
+        touched: touched_stretch(&outline, touched),
+        outline,
         estimated: thin(&seen, POINTS).map(|row| point_mm(row.surface_x_m, row.surface_y_m)).collect(),
         ellipses: thin(&seen, ELLIPSES).filter_map(ellipse).collect(),
     }))
@@ -125,12 +130,17 @@ impl Contour {
         canvas.text(&self.subtitle, (frame.left, frame.top - 13.0), SMALL)?;
         panel.area(self.outline.iter().copied(), OBJECT.to_rgba())?;
         panel.line(self.outline.iter().copied(), FRAME, 1.5)?;
+        panel.line(self.touched.iter().copied(), INK, TOUCHED_PX)?;
         for ellipse in &self.ellipses {
             panel.area(ellipse.iter().copied(), self.look.color.mix(0.07))?;
             panel.line(ellipse.iter().copied(), self.look.color.mix(0.4), 0.75)?;
         }
-        panel.discs(self.touched.iter().copied(), 2.2, INK.to_rgba())?;
-        panel.discs(self.estimated.iter().copied(), DOT_PX, self.look.color.to_rgba())
+        panel.discs(self.estimated.iter().copied(), DOT_PX, self.look.color.to_rgba())?;
+        // On top, since estimates on a corner would hide that it alone was touched.
+        for end in self.touched.first().into_iter().chain(self.touched.last()) {
+            stretch_end(canvas, panel.at(*end), INK)?;
+        }
+        Ok(())
     }
 }
 

@@ -6,25 +6,29 @@ use plotters::style::Color;
 use crate::report::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::report::canvas::{Canvas, Picture};
 use crate::report::run_data::RunData;
-use crate::report::style::{CURVE_PX, LegendEntry, Look, MUTED, legend};
+use crate::report::style::{CURVE_PX, LegendEntry, Look, MUTED, legend, plain};
 
 /// End of the lower row of panels.
 const ZOOM_S: f64 = 1.0;
 /// Errors beyond, longer than a whisker, leave the picture.
 const LARGEST_MM: f64 = 100.0;
 /// Opacity of the bands.
-const BAND_OPACITY: f64 = 0.14;
+const BAND_OPACITY: f64 = 0.2;
 /// Distance between the markers on a curve.
 const MARKER_SPACING_PX: f64 = 110.0;
 
 /// The error of one estimator: (seconds since touch, 10th percentile, median, 90th percentile), in millimetres.
 struct Curve {
     look: Look,
+    banded: bool,
     rows: Vec<[f64; 4]>,
 }
 
 /// Lays the figure out.
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    // More than two bands hide each other.
+    let banded: Vec<&str> =
+        [data.steadiest(data.filters()), data.steadiest(data.baselines())].into_iter().flatten().collect();
     let sets: Vec<(String, Vec<Curve>)> = data
         .leading_sets()
         .into_iter()
@@ -32,6 +36,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let trials = set.traces.len() * data.run.seeds.len();
             let curves = data.estimators().enumerate().map(|(index, estimator)| Curve {
                 look: Look::of(index),
+                banded: banded.contains(&estimator),
                 rows: data
                     .bands_of(set, estimator)
                     .iter()
@@ -40,7 +45,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
                     .map(|row| [row.t_contact_s, 1e3 * row.p10_m, 1e3 * row.median_m, 1e3 * row.p90_m])
                     .collect(),
             });
-            let title = format!("{} whisker, {}, {trials} trials", set.whisker, set.group);
+            let title = format!("{} whisker, {}, {}", set.whisker, plain(&set.group), data.trials_in_words(set));
             (title, curves.collect())
         })
         .collect();
@@ -52,10 +57,15 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let errors = values().flat_map(|row| row[1..].to_vec()).filter(|error| *error < LARGEST_MM);
     let error = Axis::logarithmic("contact error (mm)", without_dips(errors));
     let names: Vec<String> = data.estimators().map(str::to_owned).collect();
+    let bands: Vec<_> = banded.iter().map(|name| Look::of(data.place_of(name)).color.mix(2.0 * BAND_OPACITY)).collect();
+    let bands_text = format!("10 to 90 %: {}", banded.join(", "));
 
     let paint = move |canvas: &Canvas| {
-        let entries: Vec<_> =
+        let mut entries: Vec<_> =
             names.iter().enumerate().map(|(index, name)| LegendEntry::curve(name, Look::of(index))).collect();
+        if !bands.is_empty() {
+            entries.push(LegendEntry::bands(&bands_text, bands.clone()));
+        }
         legend(canvas, (64.0, 18.0), &entries)?;
         let frames = Rect::inside(canvas, [64.0, 64.0, 56.0, 48.0]).columns(&equal(sets.len()), 62.0);
         for (column, ((title, curves), frame)) in sets.iter().zip(frames).enumerate() {
@@ -76,7 +86,7 @@ fn paint_curves(panel: &Panel, curves: &[Curve]) -> Result<()> {
     for (level_mm, word) in [(1.0, "1 mm"), (0.3, "0.3 mm")] {
         panel.level(level_mm, word, MUTED)?;
     }
-    for curve in curves {
+    for curve in curves.iter().filter(|curve| curve.banded) {
         let rows: Vec<_> = curve.rows.iter().map(|&[t, low, _, high]| (t, low, high)).collect();
         panel.band(&rows, curve.look.color.mix(BAND_OPACITY))?;
     }

@@ -5,9 +5,8 @@ use anyhow::Result;
 use crate::report::axes::{Axis, Panel, Rect, equal};
 use crate::report::canvas::{Align, Canvas, Picture};
 use crate::report::run_data::RunData;
-use crate::report::style::{LABEL, LegendEntry, Look, MARKER_PX, legend};
+use crate::report::style::{LABEL, LegendEntry, Look, MARKER_PX, legend, plain};
 use crate::results::RunSet;
-use crate::statistics::median;
 
 /// One panel: a metric with one whisker.
 struct Cell {
@@ -22,9 +21,7 @@ type Metric = fn(&RunData, &RunSet, &str) -> Option<f64>;
 
 const METRICS: [(&str, &str, Metric); 2] = [
     ("contact", "RMS contact error (mm)", |data, set, estimator| data.summary_of(set, estimator)?.rmse_m),
-    ("outline", "distance to outline (mm)", |data, set, estimator| {
-        median(data.trials_of(set, estimator).into_iter().filter_map(|trial| trial.outline_median_m))
-    }),
+    ("outline", "distance to outline (mm)", RunData::outline_distance_m),
 ];
 
 /// Lays the figure out.
@@ -75,7 +72,7 @@ fn cell(data: &RunData, whisker: &str, name: &str, metric: Metric) -> Cell {
     }
     Cell {
         title: format!("{whisker} whisker: {name}"),
-        groups: sets.iter().map(|set| set.group.clone()).collect(),
+        groups: sets.iter().map(|set| plain(&set.group)).collect(),
         dots,
     }
 }

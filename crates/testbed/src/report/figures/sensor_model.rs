@@ -166,8 +166,7 @@ impl Model {
         let residual = Axis::around("residual (% of largest)", self.residuals.iter().map(|point| point.1));
         let panel = Panel::new(canvas, frame, &self.residual_title, reading, residual)?;
         panel.level(0.0, "", MUTED)?;
-        let every = self.residuals.len().div_ceil(2500).max(1);
-        panel.discs(self.residuals.iter().copied().step_by(every), 1.6, Look::of(0).color.mix(0.5))
+        panel.discs(self.residuals.iter().copied(), 1.6, Look::of(0).color.mix(0.5))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Root mean square error of every trial, start-up and steady state apart, and how far each estimator leads the baseline.
+//! Root mean square error of every trial, start-up and steady state apart, and how far each filter leads the baseline in the latter.
 
 use anyhow::Result;
 use plotters::style::Color;
@@ -7,7 +7,7 @@ use crate::report::axes::{Axis, Panel, Rect, equal};
 use crate::report::canvas::{Align, Canvas, Picture};
 use crate::report::compare::{Phase, factor_over_baseline, format_factor, phase_errors};
 use crate::report::run_data::RunData;
-use crate::report::style::{INK, LABEL, Look, PANEL_TITLE, SMALL};
+use crate::report::style::{INK, LABEL, Look, PANEL_TITLE, SMALL, plain};
 use crate::statistics::median;
 
 /// Height of the row of one estimator.
@@ -33,9 +33,13 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
                         estimator: estimator.to_owned(),
                         look: Look::of(index),
                         errors_mm: phase_errors(data, set, estimator, phase).map(|error| 1e3 * error).collect(),
-                        factor: factor_over_baseline(data, set, estimator, phase),
+                        // At the start the dots of filter and baseline cover different times, the factor common ones.
+                        factor: match phase {
+                            Phase::Start => None,
+                            Phase::Steady => factor_over_baseline(data, set, estimator, phase),
+                        },
                     };
-                    let title = format!("{} whisker, {}: {}", set.whisker, set.group, phase.words());
+                    let title = format!("{} whisker, {}: {}", set.whisker, plain(&set.group), phase.words());
                     (title, data.estimators().enumerate().map(strip).collect())
                 })
                 .collect()
@@ -81,7 +85,9 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
     let split = frame.columns(&[1.0, 0.13], 0.0);
     let panel = Panel::new(canvas, split[0], title, axis, rows)?;
     let factors_x = 0.5 * (split[1].left + split[1].right);
-    canvas.text("factor", (factors_x, frame.top - 13.0), PANEL_TITLE.aligned(Align::Center))?;
+    if strips.iter().any(|strip| strip.factor.is_some()) {
+        canvas.text("factor", (factors_x, frame.top - 13.0), PANEL_TITLE.aligned(Align::Center))?;
+    }
     // The first estimator stands at the top.
     for (row, strip) in strips.iter().rev().enumerate() {
         let row = row as f64;
@@ -104,7 +110,7 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
         }
         if strip.errors_mm.is_empty() {
             let lettering = SMALL.aligned(Align::Center);
-            canvas.text("no estimate", (0.5 * (split[0].left + split[0].right), y), lettering)?;
+            canvas.text("no score", (0.5 * (split[0].left + split[0].right), y), lettering)?;
         }
     }
     Ok(())
