@@ -9,7 +9,7 @@ Without friction f_t is zero but at the tip. The root's bending moment m(0) turn
 simulator is used but the whisker's parameters; no part of the oracle in Rust, which sums Taylor series instead of taking
 Runge-Kutta steps, and which `prove` compares with this one:
 
-    python sim/tests/elastica.py prove 10000
+    PYTHONPATH=sim python sim/tests/elastica.py prove 10000
 """
 
 import argparse

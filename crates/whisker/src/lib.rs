@@ -7,6 +7,7 @@
 //!
 //! Nothing here reads a file or knows the truth.
 
+pub mod elastica;
 pub mod estimators;
 pub mod frames;
 mod rest;

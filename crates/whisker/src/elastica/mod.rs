@@ -1,0 +1,293 @@
+//! The exact quasi-static whisker: an inextensible, unshearable elastic wire on a compliant root, pressed in one place.
+//!
+//! # Notation
+//! | letter | meaning |
+//! | --- | --- |
+//! | `s` | arc length, from the root (0) to the tip (`L`) |
+//! | `a` | arc length of the contact |
+//! | `x, y, t` | position and tangent angle of the centre line in the contact's frame: the contact at the origin, its tangent along +x |
+//! | `f_t, f_n` | force on the whisker along the tangent at the contact, and to the left of it |
+//! | `kappa0(s)` | pre-curvature, constant by pieces, positive to the left |
+//! | `EI(s)` | bending stiffness `E pi d^4 / 64`, the diameter `d` linear in `s` |
+//! | `k` | stiffness of the root |
+//! | `m(s)` | bending moment; `M = m(0)` is the reading |
+//! | `phi` | tangent angle at the contact in Base |
+//!
+//! # The equilibrium
+//! Past the contact the whisker bears no load. Up to the contact the moment about a section is that of the one force:
+//!
+//! ```text
+//! dx/ds = cos t    dy/ds = sin t    dt/ds = kappa0 + m / EI    m = y f_t - x f_n
+//! ```
+//!
+//! with `x = y = t = 0` at `s = a`. Walking back to `s = 0` is an initial-value problem, whatever the load: no shooting, no
+//! boundary-value problem (Euler's elastica; Frisch-Fay, "Flexible Bars", 1962). The suspension turns by `M / k`, hence
+//! `phi = M / k - t(0)` and the contact lies at `-R(phi) (x(0), y(0))` in Base. A frictionless contact on the side of the whisker
+//! has `f_t = 0`; at the tip the force is normal to the object instead, so `f_t` differs from zero.
+//!
+//! [`Elastica::deflect`] is this forward map. Its derivatives with respect to `(a, f_t, f_n)` come from the same recurrences
+//! (the variational equations), so the inverses are Newton iterations: [`Elastica::at_point`] for a contact at a known point,
+//! [`Elastica::against`] for a convex object in a known pose. Where several equilibria exist, they give the one that is reached
+//! from the undeflected whisker without passing a fold (a point where the determinant of the equations changes its sign and
+//! the whisker would snap).
+//!
+//! Not in the model: friction, shear, stretch (their shares are of the order of the square of diameter over length), weight,
+//! more than one contact at a time, touch elsewhere of a wire that has curled up. The slope of a taper, of the order of a
+//! milliradian, is left out where the wire's radius is laid off from its centre line.
+//!
+//! ```
+//! use whisker::elastica::{Elastica, Load};
+//! use whisker::{Curvature, Whisker};
+//!
+//! let whisker = Whisker {
+//!     name: "straight".into(),
+//!     length_m: 0.08,
+//!     root_diameter_m: 0.25e-3,
+//!     tip_diameter_m: 0.25e-3,
+//!     youngs_modulus_pa: 60e9,
+//!     density_kg_m3: 6450.0,
+//!     curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
+//!     root_stiffness_n_m_rad: 0.17e-3,
+//!     segments: 40,
+//!     damping_s: 0.0,
+//! };
+//! let elastica = Elastica::new(&whisker)?;
+//! let pressed = elastica.deflect(Load { arc_m: 0.05, along_n: 0.0, left_n: 1e-3 })?;
+//! let contact = elastica.at_point(pressed.point)?;
+//! assert!((contact.load.left_n - 1e-3).abs() < 1e-15);
+//! assert!((contact.deflection.moment_n_m - pressed.moment_n_m).abs() < 1e-17);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod contact;
+mod line;
+mod modes;
+mod newton;
+mod outline;
+mod point;
+mod series;
+
+use std::f64::consts::PI;
+
+use nalgebra::Vector2;
+
+use crate::frames::{Base, Point};
+use crate::rest::direction;
+use crate::sensor::Face;
+use crate::{Invalid, RestShape, Whisker};
+use series::{Parameter, Stretch};
+
+pub use contact::{Regime, Touch};
+pub use line::CenterLine;
+pub use modes::natural_frequencies_hz;
+pub use outline::{Circle, Ellipse, Flat, NotConvex, Outline, Polygon, Support};
+pub use point::PointContact;
+
+/// A force on the whisker in one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Load {
+    /// Arc length of the contact.
+    pub arc_m: f64,
+    /// Force along the whisker's tangent at the contact, towards the tip; zero on the side of a frictionless whisker.
+    pub along_n: f64,
+    /// Force across the whisker, positive to its left: positive from an object on its right.
+    pub left_n: f64,
+}
+
+/// The whisker in equilibrium under a load.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deflection {
+    /// The contact on the centre line.
+    pub point: Point<Base>,
+    /// Angle of the tangent at the contact, in Base, not wrapped.
+    pub tangent_rad: f64,
+    /// Moment at the root, the reading: negative where the object lies on the left.
+    pub moment_n_m: f64,
+    /// Rotation of the root against the base.
+    pub rotation_rad: f64,
+    /// The tip.
+    pub tip: Point<Base>,
+}
+
+/// Derivatives of a [`Deflection`] by one parameter of its load.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rate {
+    point: Vector2<f64>,
+    tangent: f64,
+    moment: f64,
+}
+
+/// Why there is no equilibrium to tell of.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Failure {
+    /// A number is not finite.
+    #[error("{what}: found {found}, expected a finite number")]
+    NotFinite {
+        /// What it stands for.
+        what: &'static str,
+        /// The number.
+        found: f64,
+    },
+    /// The load is not on the whisker.
+    #[error(
+        "arc length of the contact: found {arc_m} m, expected more than 0 and at most the whisker's length of {length_m} m"
+    )]
+    OffTheWhisker {
+        /// Arc length of the contact.
+        arc_m: f64,
+        /// Length of the whisker.
+        length_m: f64,
+    },
+    /// The load would wind the whisker up.
+    #[error("force of {force_n} N: more than the whisker can bear at {arc_m} m")]
+    TooStrong {
+        /// Magnitude of the force.
+        force_n: f64,
+        /// Arc length of the contact.
+        arc_m: f64,
+    },
+    /// The point is beyond the whisker's reach, or the tip slips off the object: no equilibrium this far.
+    #[error("the whisker slips off: no equilibrium beyond {:.1} % of the deflection", 100.0 * reached)]
+    SlippedOff {
+        /// Share of the way from the undeflected whisker that has an equilibrium.
+        reached: f64,
+    },
+    /// The whisker snaps to another shape before it comes so far.
+    #[error("the whisker buckles: no equilibrium beyond {:.1} % of the deflection", 100.0 * reached)]
+    Buckled {
+        /// Share of the way from the undeflected whisker that has an equilibrium.
+        reached: f64,
+    },
+    /// The concave side of the whisker bridges the object and touches it in more than one place.
+    #[error("the whisker's concave side bridges the object around {arc_m} m: it touches in more than one place")]
+    Bridged {
+        /// Arc length around which it does.
+        arc_m: f64,
+    },
+}
+
+/// A whisker whose equilibria can be computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Elastica {
+    rest: RestShape,
+    length_m: f64,
+    root_diameter_m: f64,
+    taper: f64,
+    root_stiffness_n_m_rad: f64,
+    /// `64 / (pi E)`.
+    compliance_coefficient: f64,
+    stretches: Vec<Stretch>,
+}
+
+impl Elastica {
+    /// The whisker with these parameters.
+    ///
+    /// # Errors
+    /// [`Invalid`] where they do not describe one.
+    pub fn new(whisker: &Whisker) -> Result<Self, Invalid> {
+        whisker.validate()?;
+        let (rest, length_m) = (whisker.rest_shape(), whisker.length_m);
+        let taper = (whisker.tip_diameter_m - whisker.root_diameter_m) / length_m;
+        let mut stretches: Vec<Stretch> = Vec::with_capacity(whisker.curvature.len() + 1);
+        let mut start_m = 0.0;
+        for piece in &whisker.curvature {
+            let curvature_per_m = piece.curvature_per_m;
+            stretches.push(Stretch { start_m, curvature_per_m, diameter_m: whisker.diameter_m(start_m), taper });
+            start_m += piece.length_m;
+        }
+        // The whisker goes on beyond its tip, for iterations that end on it may pass it.
+        let curvature_per_m = stretches[stretches.len() - 1].curvature_per_m;
+        stretches.push(Stretch { start_m: length_m, curvature_per_m, diameter_m: whisker.tip_diameter_m, taper: 0.0 });
+        Ok(Self {
+            rest,
+            length_m,
+            root_diameter_m: whisker.root_diameter_m,
+            taper,
+            root_stiffness_n_m_rad: whisker.root_stiffness_n_m_rad,
+            compliance_coefficient: 64.0 / (PI * whisker.youngs_modulus_pa),
+            stretches,
+        })
+    }
+
+    /// The equilibrium under `load`.
+    ///
+    /// # Errors
+    /// [`Failure::NotFinite`], [`Failure::OffTheWhisker`], [`Failure::TooStrong`].
+    pub fn deflect(&self, load: Load) -> Result<Deflection, Failure> {
+        self.check(&load)?;
+        let (deflection, []) = self.respond(load, []).ok_or(load.too_strong())?;
+        Ok(deflection)
+    }
+
+    fn check(&self, load: &Load) -> Result<(), Failure> {
+        for (what, found) in [("arc_m", load.arc_m), ("along_n", load.along_n), ("left_n", load.left_n)] {
+            finite(what, found)?;
+        }
+        if load.arc_m > 0.0 && load.arc_m <= self.length_m {
+            return Ok(());
+        }
+        Err(Failure::OffTheWhisker { arc_m: load.arc_m, length_m: self.length_m })
+    }
+
+    /// The equilibrium and its derivatives. The contact may lie beyond the tip, on the whisker's continuation.
+    fn respond<const N: usize>(&self, load: Load, parameters: [Parameter; N]) -> Option<(Deflection, [Rate; N])> {
+        let (root, rates) =
+            series::root(&self.stretches, self.compliance_coefficient, &load, parameters, |_, _, _| {})?;
+        let moment_n_m = root.y_m * load.along_n - root.x_m * load.left_n;
+        let rotation_rad = moment_n_m / self.root_stiffness_n_m_rad;
+        let tangent_rad = rotation_rad - root.t_rad;
+        if !tangent_rad.is_finite() {
+            return None;
+        }
+        let tangent = direction(tangent_rad);
+        let point = turned(Vector2::new(-root.x_m, -root.y_m), tangent);
+        let rates = std::array::from_fn(|i| {
+            let rate = &rates[i];
+            let explicit = match parameters[i] {
+                Parameter::Arc => 0.0,
+                Parameter::Along => root.y_m,
+                Parameter::Left => -root.x_m,
+            };
+            let moment = rate.y_m * load.along_n - rate.x_m * load.left_n + explicit;
+            let angle = moment / self.root_stiffness_n_m_rad - rate.t_rad;
+            let shift = turned(Vector2::new(-rate.x_m, -rate.y_m), tangent);
+            Rate { point: shift + angle * Vector2::new(-point.y, point.x), tangent: angle, moment }
+        });
+        // Beyond the contact the whisker keeps its undeflected shape.
+        let (rest, at) = (&self.rest, load.arc_m);
+        let beyond = rest.point(self.length_m).vector() - rest.point(at).vector();
+        let tip = point + turned(beyond, direction(tangent_rad - rest.tangent_rad(at)));
+        let (point, tip) = (Point::from_vector(point), Point::from_vector(tip));
+        Some((Deflection { point, tangent_rad, moment_n_m, rotation_rad, tip }, rates))
+    }
+
+    /// Radius of the wire.
+    fn radius_m(&self, arc_m: f64) -> f64 {
+        0.5 * (self.root_diameter_m + self.taper * arc_m.min(self.length_m))
+    }
+
+    /// Change of the wire's radius per length.
+    fn radius_rate(&self, arc_m: f64) -> f64 {
+        if arc_m < self.length_m { 0.5 * self.taper } else { 0.0 }
+    }
+}
+
+impl Load {
+    fn too_strong(&self) -> Failure {
+        Failure::TooStrong { force_n: self.along_n.hypot(self.left_n), arc_m: self.arc_m }
+    }
+}
+
+/// `v` turned by the angle of the unit vector `to`.
+fn turned(v: Vector2<f64>, to: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(to.x * v.x - to.y * v.y, to.y * v.x + to.x * v.y)
+}
+
+fn finite(what: &'static str, found: f64) -> Result<(), Failure> {
+    if found.is_finite() { Ok(()) } else { Err(Failure::NotFinite { what, found }) }
+}
+
+/// +1 where the object lies on the left of the whisker, -1 where it lies on the right.
+fn side(face: Face) -> f64 {
+    -face.away_sign()
+}

@@ -1,0 +1,64 @@
+//! What the inverses share: Newton's iteration in two unknowns, and the way from the undeflected whisker.
+
+use nalgebra::{Matrix2, Vector2};
+
+/// Residual, relative to the whisker's length, below which one more step is the last: it squares the residual.
+const NEARLY: f64 = 1e-9;
+
+/// Iterations after which a solution is not worth waiting for; shorter ways converge in three to five.
+const MOST_ITERATIONS: usize = 12;
+
+/// Shortest share of the way that is tried.
+const SHORTEST: f64 = 1.0 / 4096.0;
+
+/// Residual (in metres) and its derivatives by the unknowns.
+pub(super) struct Equations {
+    pub(super) residual_m: Vector2<f64>,
+    pub(super) jacobian: Matrix2<f64>,
+}
+
+/// Solves two equations from a guess. None where the iteration does not converge, or converges on a solution beyond a fold,
+/// where the determinant is negative: from the undeflected whisker, where it is positive, that takes a snap.
+pub(super) fn solve(
+    mut unknowns: Vector2<f64>,
+    length_m: f64,
+    mut equations: impl FnMut(Vector2<f64>) -> Option<Equations>,
+) -> Option<Vector2<f64>> {
+    let mut last = f64::INFINITY;
+    for iteration in 0..MOST_ITERATIONS {
+        let Equations { residual_m, jacobian } = equations(unknowns)?;
+        let size = residual_m.norm() / length_m;
+        // The first step may overshoot; after it, a residual that does not shrink is no way to a solution.
+        if !size.is_finite() || (iteration > 1 && size > NEARLY && size > 0.5 * last) {
+            return None;
+        }
+        let determinant = jacobian.determinant();
+        let step = jacobian.try_inverse()? * residual_m;
+        unknowns -= step;
+        if size < NEARLY {
+            return (determinant > 0.0).then_some(unknowns);
+        }
+        last = size;
+    }
+    None
+}
+
+/// Follows a solution from the undeflected whisker (share 0) to the wanted place (share 1), in one stride where that
+/// converges, in shorter ones where it does not.
+///
+/// # Errors
+/// The largest share that was reached, and its solution.
+pub(super) fn follow<S: Copy>(start: S, mut solve: impl FnMut(f64, S) -> Option<S>) -> Result<S, (f64, S)> {
+    let (mut reached, mut state, mut stride) = (0.0, start, 1.0_f64);
+    while reached < 1.0 {
+        let share = (reached + stride).min(1.0);
+        if let Some(next) = solve(share, state) {
+            (reached, state, stride) = (share, next, 2.0 * stride);
+        } else if stride > SHORTEST {
+            stride *= 0.25;
+        } else {
+            return Err((reached, state));
+        }
+    }
+    Ok(state)
+}

@@ -1,0 +1,112 @@
+//! The contact at a known point: the inverse of the forward map.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::newton::{self, Equations};
+use super::{Deflection, Elastica, Failure, Load, Parameter, Rate, finite};
+use crate::frames::{Base, Point};
+use crate::rest::direction;
+
+/// The farthest that an iteration may pass the tip, in lengths of the whisker.
+const BEYOND: f64 = 1.5;
+
+/// A contact on the side of the whisker, frictionless, and how it changes with its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointContact {
+    /// Where the force acts and how strong it is.
+    pub load: Load,
+    /// The whisker under it.
+    pub deflection: Deflection,
+    /// Derivatives of the moment by the contact's coordinates in Base, in N (N m per m).
+    pub moment_gradient_n: Vector2<f64>,
+    /// Derivatives of the tangent's angle at the contact by the contact's coordinates in Base.
+    pub tangent_gradient_rad_m: Vector2<f64>,
+    /// Derivatives of the contact's arc length by its coordinates in Base.
+    pub arc_gradient: Vector2<f64>,
+}
+
+/// Derivatives of a contact's place by arc length and force: columns in the order of the unknowns.
+fn place(rates: &[Rate; 2]) -> Matrix2<f64> {
+    Matrix2::from_columns(&[rates[0].point, rates[1].point])
+}
+
+impl Elastica {
+    /// The contact whose centre line passes through `point`, with a force across the whisker.
+    ///
+    /// Of several, the one that is reached from the undeflected whisker when the point turns about the root from there to its
+    /// place: for a whisker much stiffer than its root, the rotation that the root makes.
+    ///
+    /// # Errors
+    /// [`Failure::SlippedOff`] where the point is out of the whisker's reach, [`Failure::Buckled`] where it snaps before it
+    /// comes so far, [`Failure::NotFinite`].
+    pub fn at_point(&self, point: Point<Base>) -> Result<PointContact, Failure> {
+        finite("point.x", point.x())?;
+        finite("point.y", point.y())?;
+        let goal = point.vector();
+        let radius_m = goal.norm();
+        let arc_m = self.rest.arc_at_radius(radius_m);
+        let start = self.rest.point(arc_m).vector();
+        let (from_m, from_rad) = (start.norm(), start.y.atan2(start.x));
+        // Left and right are those of the undeflected whisker: the shorter way round.
+        let turn_rad = (start.x * goal.y - start.y * goal.x).atan2(start.dot(&goal));
+        let way = |share: f64| {
+            // Ends exactly on the point, which sine and cosine would miss by a rounding.
+            if share == 1.0 {
+                goal
+            } else {
+                direction(from_rad + share * turn_rad) * (from_m + share * (radius_m - from_m))
+            }
+        };
+        let unknowns = newton::follow(Vector2::new(arc_m, 0.0), |share, guess| self.pass_through(way(share), guess));
+        let lost = |reached, arc_m| {
+            if arc_m > 0.999 * self.length_m { Failure::SlippedOff { reached } } else { Failure::Buckled { reached } }
+        };
+        let unknowns = unknowns.map_err(|(reached, last)| lost(reached, last.x))?;
+        self.point_contact(unknowns)
+    }
+
+    /// As [`Self::at_point`], from a contact nearby, such as the last sample's, by which the solution is chosen.
+    ///
+    /// # Errors
+    /// Those of [`Self::at_point`], which is asked where the contact nearby does not lead to a solution.
+    pub fn at_point_near(&self, point: Point<Base>, near: &Load) -> Result<PointContact, Failure> {
+        finite("point.x", point.x())?;
+        finite("point.y", point.y())?;
+        match self.pass_through(point.vector(), Vector2::new(near.arc_m, near.left_n)) {
+            Some(unknowns) => self.point_contact(unknowns),
+            None => self.at_point(point),
+        }
+    }
+
+    fn pass_through(&self, goal: Vector2<f64>, guess: Vector2<f64>) -> Option<Vector2<f64>> {
+        newton::solve(guess, self.length_m, |unknowns| {
+            let (deflection, rates) = self.press(unknowns)?;
+            Some(Equations { residual_m: deflection.point.vector() - goal, jacobian: place(&rates) })
+        })
+    }
+
+    fn press(&self, unknowns: Vector2<f64>) -> Option<(Deflection, [Rate; 2])> {
+        let arc_m = unknowns.x;
+        if !(arc_m > 0.0 && arc_m < BEYOND * self.length_m) {
+            return None;
+        }
+        self.respond(Load { arc_m, along_n: 0.0, left_n: unknowns.y }, [Parameter::Arc, Parameter::Left])
+    }
+
+    fn point_contact(&self, unknowns: Vector2<f64>) -> Result<PointContact, Failure> {
+        // A contact at the very tip may come out a rounding beyond it.
+        let arc_m =
+            if unknowns.x <= self.length_m * (1.0 + 1e-12) { unknowns.x.min(self.length_m) } else { unknowns.x };
+        let solved = if arc_m <= self.length_m { self.press(Vector2::new(arc_m, unknowns.y)) } else { None };
+        let (deflection, rates) = solved.ok_or(Failure::SlippedOff { reached: 1.0 })?;
+        let inverse = place(&rates).try_inverse().ok_or(Failure::Buckled { reached: 1.0 })?;
+        let gradient = |by_arc: f64, by_force: f64| inverse.tr_mul(&Vector2::new(by_arc, by_force));
+        Ok(PointContact {
+            load: Load { arc_m, along_n: 0.0, left_n: unknowns.y },
+            deflection,
+            moment_gradient_n: gradient(rates[0].moment, rates[1].moment),
+            tangent_gradient_rad_m: gradient(rates[0].tangent, rates[1].tangent),
+            arc_gradient: gradient(1.0, 0.0),
+        })
+    }
+}
