@@ -5,6 +5,7 @@ mod check;
 mod ci;
 mod demo;
 mod golden;
+mod physics;
 mod reproduce;
 mod setup;
 mod test;
@@ -26,6 +27,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "check", about: "Check format, lints and documentation of Rust and Python", run: check::run },
     Command { name: "ci", about: "Run check and test", run: ci::run },
     Command { name: "reproduce", about: "Measure every published figure again: results/reference/claims.csv", run: reproduce::run },
+    Command { name: "physics", about: "Hold the simulator against theory, claim by claim: results/physics/", run: physics::run },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: golden::run },
     Command { name: "bench", about: "Run the benchmarks", run: bench::run },
 ];

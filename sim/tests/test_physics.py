@@ -1,0 +1,103 @@
+"""A small part of the physics studies: the fast oracle against SciPy's, the chain's convergence, the beam, the claims."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from whisker_sim.motions import Stage
+from whisker_sim.physics import convergence, frequencies, ringing
+from whisker_sim.physics.__main__ import main
+from whisker_sim.physics.cases import TAPERED, WHISKERS
+from whisker_sim.physics.elastica import loaded, touching
+from whisker_sim.physics.study import Bar
+from whisker_sim.physics.sweeps import quasi_static
+from whisker_sim.shapes.circle import Circle
+from whisker_sim.whisker import PRESETS
+
+from elastica import contact_with_disc, static_contact
+
+OF_EVERY_KIND = [*(whisker for _, whisker in PRESETS.values()), TAPERED]
+
+
+@pytest.mark.parametrize("whisker", OF_EVERY_KIND, ids=lambda whisker: whisker.name)
+def test_val_oracle_against_scipy(whisker):
+    """Both oracles agree to 1e-9 in moment, point and angle, for loads to either side."""
+    rng = np.random.default_rng(5)
+    arc_m = rng.uniform(0.2, 0.95, 8) * whisker.length_m
+    force_n = rng.uniform(-1e-3, 1e-3, 8)
+    fast = loaded(whisker, arc_m, force_n)
+    for index in range(8):
+        exact = static_contact(whisker, arc_m[index], force_n[index])
+        assert fast.moment_n_m[index] == pytest.approx(exact.moment_n_m, rel=1e-9)
+        assert fast.tangent_rad[index] == pytest.approx(exact.angle_rad, abs=1e-9)
+        np.testing.assert_allclose(fast.point_m[index], exact.point_m, atol=1e-9 * whisker.length_m)
+
+
+def test_val_contact_against_scipy():
+    """Both oracles find the same contact with a disc."""
+    whisker, disc = WHISKERS["curved"], Circle(radius_m=0.015, center_m=(0.05, 0.02))
+    arc_m, force_n, exact = contact_with_disc(whisker, np.array(disc.center_m), disc.radius_m, 1, (0.05, 3e-4))
+    found = touching(whisker, disc, 1, np.zeros((1, 3)), np.array([0.051]), np.array([2.5e-4]))
+    assert found.solved[0]
+    assert found.arc_m[0] == pytest.approx(arc_m, rel=1e-8)
+    assert found.force_n[0] == pytest.approx(force_n, rel=1e-8)
+    assert found.moment_n_m[0] == pytest.approx(exact.moment_n_m, rel=1e-8)
+
+
+def test_robust_oracle_says_when_there_is_no_contact():
+    """An object out of reach has no solution, and it is said so."""
+    far = Circle(radius_m=0.015, center_m=(0.05, 0.2))
+    found = touching(WHISKERS["straight"], far, 1, np.zeros((1, 3)), np.array([0.05]), np.array([1e-4]))
+    assert not found.solved[0]
+
+
+def test_val_chain_at_rest_is_of_second_order():
+    """Straight whisker pushed 10 mm by a pin: half the segment's length, a quarter of the error."""
+    stage = Stage(WHISKERS["straight"], convergence.OBJECTS["pin"], 1, 0.001, None, np.random.default_rng())
+    poses, exact = convergence.pushed(stage, 0.01)
+    errors = []
+    for segments in (10, 20, 40):
+        chain = msgspec.structs.replace(WHISKERS["straight"], segments=segments)
+        errors.append(abs(convergence.relaxed(chain, stage, poses[:1], exact[0]).moment_error))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.1)
+    assert errors[2] < 1e-4
+
+
+def test_val_frequencies_of_the_beam():
+    """The characteristic equation has its known limits, and the chain's frequencies lie within 0.1 % of the beam's."""
+    whisker = WHISKERS["straight"]
+    clamped = msgspec.structs.replace(whisker, root_stiffness_n_m_rad=1e6)
+    scale = frequencies.beam_hz(clamped, 3) / frequencies.beam_hz(clamped, 3)[0]
+    np.testing.assert_allclose(scale, np.array((3.51602, 22.0345, 61.6972)) / 3.51602, rtol=1e-5)
+    np.testing.assert_allclose(frequencies.chain_hz(whisker, 3), frequencies.beam_hz(whisker, 3), rtol=1e-3)
+
+
+def test_val_ringing_decays_as_the_damping_says():
+    """Decay within 1 % of 2 / (w^2 (h + tau)); the energy never grows."""
+    row = ringing.release("test", 2e-3, 0.001)
+    assert row.decay_s == pytest.approx(row.expected_decay_s, rel=0.01)
+    assert row.energy_growth < 1e-12
+
+
+def test_verif_quasi_static_instants():
+    """Neither the first moments of a contact count, nor its last, nor those about a fast run along the whisker."""
+    time_s = np.concatenate((np.arange(200), np.arange(300, 500))) * 0.004
+    arc_m = np.where(np.arange(400) < 300, 0.05, 0.04)
+    slow = quasi_static(time_s, arc_m, time_s[-1])
+    assert not np.any(slow[:75])
+    assert np.all(slow[75:195])
+    assert not np.any(slow[196:275])
+    assert np.all(slow[275:299])
+    assert not np.any(slow[299:312])
+    assert np.all(slow[313:])
+
+
+def test_verif_a_bar_without_a_figure_does_not_hold():
+    assert not Bar("id", "claim", float("nan"), "<=", 1.0, "").holds
+    assert not Bar("id", "claim", float("nan"), ">=", 1.0, "").holds
+
+
+def test_robust_missing_traces_are_one_clear_error(tmp_path, capsys):
+    assert main(["--dataset", str(tmp_path / "none"), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'none'}: expected the traces")

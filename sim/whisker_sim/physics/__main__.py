@@ -1,0 +1,120 @@
+"""Entry point of `python -m whisker_sim.physics`: runs the studies, writes their tables, prints the claims.
+
+Exit codes: 0 every claim holds, 1 a claim does not hold or a study failed, 2 wrong use or input, 130 interrupted.
+"""
+
+import argparse
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from whisker_sim.cli import FAILED, GOOD, INTERRUPTED, WRONG_INPUT
+from whisker_sim.errors import InputError, WhiskerSimError
+from whisker_sim.physics.results import write_results
+from whisker_sim.physics.studies import STUDIES
+from whisker_sim.physics.study import Bar, Findings
+
+_REPOSITORY = Path(__file__).resolve().parents[3]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the studies; gives the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        findings = run(options.dataset, options.jobs)
+        write_results(options.out, findings)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return WRONG_INPUT
+    except WhiskerSimError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{error.strerror or error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print("interrupted; no table was written", file=sys.stderr)
+        return INTERRUPTED
+    for study, found in zip(STUDIES, findings, strict=True):
+        print(f"\n{study.about}")
+        for bar in found.bars:
+            print(f"  {claim_line(bar)}")
+    print(f"\ntables: {options.out}")
+    return GOOD if all(bar.holds for found in findings for bar in found.bars) else FAILED
+
+
+def run(dataset: Path, jobs: int) -> list[Findings]:
+    """Runs every study on `jobs` worker processes and gives their findings, in the order of the registry.
+
+    Raises what a task raises, `InputError` for a missing or damaged trace, as soon as it does.
+    """
+    tasks = [study.tasks(dataset) for study in STUDIES]
+    flat = [task for group in tasks for task in group]
+    results: dict[int, Any] = {}
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as executor, _progress(len(flat)) as advance:
+        waiting: dict[Future[Any], int] = {executor.submit(task): index for index, task in enumerate(flat)}
+        try:
+            for future in as_completed(waiting):
+                results[waiting[future]] = future.result()
+                advance()
+        except BrokenProcessPool:
+            raise WhiskerSimError("a worker process died, for lack of memory perhaps; fewer --jobs may help") from None
+        finally:
+            executor.shutdown(wait=False, cancel_futures=True)
+    ordered = iter(results[index] for index in range(len(flat)))
+    return [study.conclude([next(ordered) for _ in group]) for study, group in zip(STUDIES, tasks, strict=True)]
+
+
+def claim_line(bar: Bar) -> str:
+    """One line: whether the claim holds, what it is, what was measured."""
+    verdict = "holds" if bar.holds else "DOES NOT HOLD"
+    return f"{verdict:<13}  {bar.claim}: {bar.measured:.3g} {bar.relation} {bar.bound:g} {bar.unit}".rstrip()
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[], None]]:
+    """Gives a function that reports one finished task: a bar on a terminal, a line for every tenth of the way elsewhere."""
+    if sys.stderr.isatty():
+        from tqdm import tqdm
+
+        with tqdm(total=total, unit="task", desc="physics", dynamic_ncols=True) as bar:
+            yield bar.update
+        return
+    done = 0
+
+    def report() -> None:
+        nonlocal done
+        done += 1
+        if 10 * done // total > 10 * (done - 1) // total:
+            print(f"physics: {done} of {total} tasks", file=sys.stderr, flush=True)
+
+    yield report
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="whisker_sim.physics", description="The simulator against theory, every claim measured.")
+    parser.add_argument(
+        "--dataset", type=Path, default=_REPOSITORY / "datasets/standard", metavar="DIR", help="traces of the standard suite"
+    )
+    parser.add_argument("--out", type=Path, default=_REPOSITORY / "results/physics", metavar="DIR", help="folder of the tables")
+    parser.add_argument(
+        "--jobs", type=_positive, default=os.cpu_count(), metavar="N", help="worker processes (default: one a core)"
+    )
+    return parser
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a number above zero, found '{text}'")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,240 @@
+"""Statics: the chain at rest against the elastica, for 10 to 160 segments.
+
+MuJoCo's own model is let come to rest, heavily damped, from a guess near the solution. Its contact is made a hundred times harder
+than the one traces are made with, so that what is left is the error of the chain. The error depends on where between two hinges
+the contact lies, hence several places that are spread over the longest segment.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import mujoco
+import numpy as np
+
+from whisker_sim.errors import SimulationError
+from whisker_sim.model import MM_PER_M, NNM_PER_NM, SENSORS, build_model
+from whisker_sim.motions import Stage
+from whisker_sim.physics.cases import TAPERED, WHISKERS, rms
+from whisker_sim.physics.elastica import Touching, touching
+from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.shapes import AnyShape
+from whisker_sim.shapes.circle import Circle
+from whisker_sim.shapes.pin import Pin
+from whisker_sim.shapes.polygon import Polygon
+from whisker_sim.shapes.rectangle import Rectangle
+from whisker_sim.truth import CenterLine, nearest_contact
+from whisker_sim.whisker import Array, Whisker
+
+SEGMENTS = (10, 20, 40, 80, 160)
+OBJECTS: dict[str, AnyShape] = {
+    "pin": Pin(),
+    "circle_15": Circle(radius_m=0.015),
+    "circle_50": Circle(radius_m=0.05),
+    "corner": Rectangle(width_m=0.03, height_m=0.03, yaw_rad=np.radians(20.0)),
+}
+DEPTHS_M = {"shallow": 0.002, "large": 0.01}
+PLACES_M = 0.046 + 0.008 * (np.arange(8) + 0.5) / 8.0
+"""Arc lengths at which the undeflected whisker first faces the object: spread over one of ten segments."""
+
+_FIGURES = {"moment_error": "moment", "surface_error_m": "surface", "arc_error_m": "arc", "tip_error_m": "tip"}
+_DEFAULT_SEGMENTS = 40
+_LARGEST_FITTED = 80
+"""Of 160 segments the error is so small that the 10 nm by which the hard contact gives way show in it."""
+_SMALLEST_ERROR = 1e-12
+_TIMESTEP_S = 0.001
+_REST_S = 0.25
+_DAMPING_S = 0.01
+_DEPTH_STEP_M = 0.001
+_HARD_SOLREF_S = 1e-4
+_HARD_SOLIMP = 0.9999
+_LARGEST_RATE = 1e-6
+"""Rates of all joints, in mm/s and rad/s, below which the chain counts as at rest."""
+
+
+class Row(NamedTuple):
+    """Error of the chain at rest, RMS over the places."""
+
+    whisker: str
+    object: str
+    deflection: str
+    segments: int
+    segment_m: float
+    moment_n_m: float
+    """The elastica's, mean over the places."""
+    moment_error: float
+    """Relative."""
+    surface_error_m: float
+    arc_error_m: float
+    tip_error_m: float
+    penetration_m: float
+    """Largest."""
+
+
+class Order(NamedTuple):
+    """Power of the segment's length with which an error falls, over all objects and deflections."""
+
+    whisker: str
+    figure: str
+    order: float
+
+
+class Rest(NamedTuple):
+    """A chain at rest on an object, and its errors against the elastica."""
+
+    moment_n_m: float
+    moment_error: float
+    surface_error_m: float
+    arc_error_m: float
+    tip_error_m: float
+    penetration_m: float
+
+
+def face_of(whisker: Whisker, shape: AnyShape) -> int:
+    """Side that meets the object: a whisker curved to the left meets corners with its convex side, the right one."""
+    return -1 if isinstance(shape, Rectangle) and whisker.curvature[0].curvature_per_m > 0.0 else 1
+
+
+def pushed(stage: Stage, depth_m: float) -> tuple[Array, Touching]:
+    """Base poses (n, 3) at which the object has pushed the whisker aside by `depth_m` at `PLACES_M`, and the elastica there.
+
+    Newton's method is led there in steps, from the small deflection d under a force F at s, d = F s^2 (s / 3 EI + 1 / k). A guess
+    that lies inside a polygon would lead it to the wrong face, so a disc of no size stands in for the corner.
+    """
+    whisker, shape = stage.whisker, stage.shape
+    if isinstance(shape, Polygon):
+        angle_rad = float(whisker.rest_angle_rad(PLACES_M[0]))
+        corner_m = shape.support_m(stage.face * np.array((np.sin(angle_rad), -np.cos(angle_rad))))
+        shape = Circle(radius_m=1e-12, center_m=(float(corner_m[0]), float(corner_m[1])))
+    bending_rad_n_m = np.array([whisker.compliance_rad_n_m(0.0, place_m) for place_m in PLACES_M])
+    compliance_m_n = PLACES_M**2 * (bending_rad_n_m / 3.0 + 1.0 / whisker.root_stiffness_n_m_rad)
+    steps_m = np.linspace(0.0, depth_m, 1 + int(np.ceil(depth_m / _DEPTH_STEP_M)))[1:]
+    before, guess = np.stack((PLACES_M, np.zeros_like(PLACES_M))), np.stack((PLACES_M, steps_m[0] / compliance_m_n))
+    for step_m in steps_m:
+        poses = np.array([stage.base_pose(place_m, -step_m) for place_m in PLACES_M])
+        exact = touching(whisker, shape, stage.face, poses, *guess)
+        if not np.all(exact.solved):
+            raise SimulationError(f"{whisker.name}: the elastica finds no contact at a depth of {step_m} m")
+        now = np.stack((exact.arc_m, exact.force_n))
+        before, guess = now, 2.0 * now - before
+    return poses, exact
+
+
+def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest:
+    """Lets the chain come to rest on the stage's object, its base held at `pose` (1, 3), and compares it with the elastica.
+
+    `near` is the elastica at that pose, from which the chain starts.
+
+    Raises `SimulationError` where it does not come to rest, or has no contact on its side.
+    """
+    model = build_model(whisker, stage.shape, _TIMESTEP_S)
+    model.dof_damping[3:] = _DAMPING_S * model.jnt_stiffness[3:]
+    data = mujoco.MjData(model)
+    data.qpos[:3] = data.act[:] = pose[0] * (MM_PER_M, MM_PER_M, 1.0)
+
+    hinges_m = (np.arange(whisker.segments) + 0.5) * whisker.segment_m
+    # The bending moment falls about linearly. A tenth more of it starts the chain clear of the object, and on the right side of it.
+    share = np.maximum(1.0 - hinges_m / near.arc_m[0], 0.0)
+    data.qpos[3:] = 1.1 * NNM_PER_NM * near.moment_n_m[0] * np.concatenate(([1.0], share)) / model.jnt_stiffness[3:]
+    mujoco.mj_step(model, data, nstep=round(_REST_S / _TIMESTEP_S))
+    # At rest on the soft contact, the hard one is safe. MuJoCo would soften it again to twice the time step.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    model.geom_solref[:, 0] = _HARD_SOLREF_S
+    model.geom_solimp[:, :2] = _HARD_SOLIMP
+    mujoco.mj_step(model, data, nstep=round(_REST_S / _TIMESTEP_S))
+    mujoco.mj_forward(model, data)
+    if not np.max(np.abs(data.qvel)) < _LARGEST_RATE:
+        raise SimulationError(f"{whisker.name}, {whisker.segments} segments: the chain does not come to rest")
+
+    # The whisker's force shifts the base by nanometres; the elastica is solved for where the base is.
+    pose = data.qpos[None, :3] / (MM_PER_M, MM_PER_M, 1.0)
+    line = CenterLine.from_joints(whisker, pose, data.qpos[None, 3:])
+    found = nearest_contact(line, stage.shape)
+    exact = touching(whisker, stage.shape, stage.face, pose, near.arc_m, near.force_n)
+    if not (exact.solved[0] and data.sensordata[SENSORS["distance"]] < 0.0):
+        raise SimulationError(f"{whisker.name}, {whisker.segments} segments: no contact on the whisker's side")
+    moment_n_m = whisker.root_stiffness_n_m_rad * data.qpos[3]
+    turn_rad = exact.tangent_rad[0] - float(whisker.rest_angle_rad(exact.arc_m[0]))
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    beyond_m = whisker.rest_point_m(whisker.length_m) - whisker.rest_point_m(exact.arc_m[0])
+    # Past the contact the whisker is unloaded and keeps its undeflected shape.
+    tip_m = exact.contact_m[0] + (cos * beyond_m[0] - sin * beyond_m[1], sin * beyond_m[0] + cos * beyond_m[1])
+    return Rest(
+        exact.moment_n_m[0],
+        moment_n_m / exact.moment_n_m[0] - 1.0,
+        float(np.hypot(*(found.surface_m - exact.surface_m)[0])),
+        float(found.arc_m[0] - exact.arc_m[0]),
+        float(np.hypot(*(line.points_m[0, -1] - tip_m))),
+        -float(data.sensordata[SENSORS["distance"]]) / MM_PER_M,
+    )
+
+
+def converge(whisker_name: str, object_name: str, depth_name: str) -> list[Row]:
+    """One row a number of segments."""
+    whisker, shape = WHISKERS[whisker_name], OBJECTS[object_name]
+    face = face_of(whisker, shape)
+    stage = Stage(whisker, shape, face, _TIMESTEP_S, None, np.random.default_rng())
+    poses, exact = pushed(stage, DEPTHS_M[depth_name])
+    rows = []
+    for segments in SEGMENTS:
+        chain = msgspec.structs.replace(whisker, segments=segments)
+        rests = [relaxed(chain, stage, poses[[index]], exact[index]) for index in range(len(PLACES_M))]
+        moment, *errors, penetration = np.array(rests).T
+        rows.append(
+            Row(
+                whisker_name,
+                object_name,
+                depth_name,
+                segments,
+                chain.segment_m,
+                float(np.mean(moment)),
+                *map(rms, errors),
+                float(np.max(penetration)),
+            )
+        )
+    return rows
+
+
+def order(rows: list[Row], figure: str) -> float:
+    """Power of the segment's length with which `figure` falls: a line through the logarithms, every case counting alike.
+
+    At a corner the contact on the object is the corner itself, whatever the chain does; such rows say nothing.
+    """
+    telling = [row for row in rows if row.segments <= _LARGEST_FITTED and getattr(row, figure) > _SMALLEST_ERROR]
+    lengths_m = sorted({row.segment_m for row in telling})
+    errors = [np.mean([np.log(getattr(row, figure)) for row in telling if row.segment_m == length_m]) for length_m in lengths_m]
+    return float(np.polyfit(np.log(lengths_m), errors, 1)[0])
+
+
+def _tasks(_: Path) -> list[partial[list[Row]]]:
+    return [partial(converge, whisker, shape, depth) for whisker in WHISKERS for shape in OBJECTS for depth in DEPTHS_M]
+
+
+def _conclude(results: list[list[Row]]) -> Findings:
+    rows = [row for case in results for row in case]
+    orders = [
+        Order(whisker, figure, order([row for row in rows if row.whisker == whisker], field))
+        for whisker in WHISKERS
+        for field, figure in _FIGURES.items()
+    ]
+    bars = []
+    for fit in orders:
+        # A tapered whisker collides as a flight of capsules, each as thick as its middle: those steps are of first order.
+        if fit.whisker != TAPERED.name:
+            claim = f"{fit.whisker} chain at rest: order of the {fit.figure}'s error in segment length"
+            bars.append(Bar(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
+    for whisker in WHISKERS:
+        default = [row for row in rows if row.whisker == whisker and row.segments == _DEFAULT_SEGMENTS]
+        for field, scale, bound, unit in (
+            ("moment_error", PERCENT, 0.05, "%"),
+            ("surface_error_m", 1e3, 0.03, "mm"),
+            ("arc_error_m", 1e3, 0.02, "mm"),
+        ):
+            claim = f"{whisker} chain at rest, {_DEFAULT_SEGMENTS} segments: {_FIGURES[field]}, worst case"
+            worst = scale * max(getattr(row, field) for row in default)
+            bars.append(Bar(f"rest_{whisker}_{_FIGURES[field]}", claim, worst, "<=", bound, unit))
+    return Findings({"convergence": rows, "convergence_orders": orders}, bars)
+
+
+STUDY = Study("convergence", "chain at rest against the elastica, 10 to 160 segments", _tasks, _conclude)

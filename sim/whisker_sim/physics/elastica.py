@@ -1,0 +1,174 @@
+"""The exact quasi-static whisker, for many base poses at once: the oracle of the studies.
+
+A frictionless contact at the arc length s_c pushes the rod with a force F along its left normal; past the contact the rod is
+unloaded. With the contact at the origin and the tangent along +x, walk from s_c back to the root:
+
+    dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + M(s) / EI(s),  M(s) = -x(s) F.
+
+The root's bending moment M(0) turns the compliant root by M(0) / k. That gives shape and load of the rod for each (s_c, F), an
+initial-value problem. The contact with an object is the pair (s_c, F) for which the two surfaces touch and their normals are
+opposite. Nothing of the simulator is used but the whisker's parameters and the shapes' signed distances.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from whisker_sim.shapes import Shape
+from whisker_sim.whisker import Array, Whisker
+
+_STEPS = 96
+"""Steps of the Runge-Kutta rule in each piece of constant pre-curvature; the moment is then good to 1e-9 of its value."""
+_ITERATIONS = 40
+_TOLERANCE = 1e-10
+_HALVINGS = 10
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Whiskers in Base, each under one force normal to it; n cases."""
+
+    point_m: Array
+    """Points (n, 2) of the centre line where the forces act."""
+    tangent_rad: Array
+    """Tangent angles (n,) there."""
+    moment_n_m: Array
+    """Bending moments (n,) at the root: root stiffness times the root's rotation."""
+
+
+@dataclass(frozen=True)
+class Touching:
+    """Whiskers that touch an object, in World; n cases."""
+
+    arc_m: Array
+    force_n: Array
+    """Magnitudes (n,)."""
+    contact_m: Array
+    """Points (n, 2) of the centre line."""
+    surface_m: Array
+    """Points (n, 2) of the object's surface."""
+    tangent_rad: Array
+    moment_n_m: Array
+    solved: NDArray[np.bool_]
+    """Whether the equations hold (n,); elsewhere the other fields mean nothing."""
+
+    def replaced(self, rows: NDArray[np.intp], other: "Touching") -> "Touching":
+        """The same with the cases `rows` taken from `other`."""
+        values = {field.name: getattr(self, field.name).copy() for field in fields(self)}
+        for name, value in values.items():
+            value[rows] = getattr(other, name)
+        return Touching(**values)
+
+    def __getitem__(self, index: int) -> "Touching":
+        """One case, with arrays of length one."""
+        return Touching(*(getattr(self, field.name)[index : index + 1] for field in fields(self)))
+
+
+def loaded(whisker: Whisker, arc_m: Array, force_n: Array) -> Loaded:
+    """The whisker under forces `force_n` (n,), positive to the left, at the arc lengths `arc_m` (n,)."""
+    x, y, t = (np.zeros_like(arc_m) for _ in range(3))
+    ends_m = np.cumsum([arc.length_m for arc in whisker.curvature])
+    starts_m = np.concatenate(([0.0], ends_m[:-1]))
+    bending_per_m4 = whisker.youngs_modulus_pa * np.pi / 64.0
+    for start_m, end_m, arc in zip(starts_m[::-1], ends_m[::-1], whisker.curvature[::-1], strict=True):
+        # A case whose contact lies before this piece walks through it with a step of zero.
+        near_m = np.clip(arc_m, start_m, end_m)
+        step_m = (start_m - near_m) / _STEPS
+
+        def bend(x: Array, s_m: Array, curvature_per_m: float = arc.curvature_per_m) -> Array:
+            return curvature_per_m - x * force_n / (bending_per_m4 * whisker.diameter_m(s_m) ** 4)
+
+        for index in range(_STEPS):
+            s_m = near_m + index * step_m
+            x1, y1, t1 = np.cos(t), np.sin(t), bend(x, s_m)
+            angle = t + 0.5 * step_m * t1
+            x2, y2, t2 = np.cos(angle), np.sin(angle), bend(x + 0.5 * step_m * x1, s_m + 0.5 * step_m)
+            angle = t + 0.5 * step_m * t2
+            x3, y3, t3 = np.cos(angle), np.sin(angle), bend(x + 0.5 * step_m * x2, s_m + 0.5 * step_m)
+            angle = t + step_m * t3
+            x4, y4, t4 = np.cos(angle), np.sin(angle), bend(x + step_m * x3, s_m + step_m)
+            x = x + step_m / 6.0 * (x1 + 2.0 * (x2 + x3) + x4)
+            y = y + step_m / 6.0 * (y1 + 2.0 * (y2 + y3) + y4)
+            t = t + step_m / 6.0 * (t1 + 2.0 * (t2 + t3) + t4)
+    moment_n_m = -x * force_n
+    base_rad = t - moment_n_m / whisker.root_stiffness_n_m_rad
+    cos, sin = np.cos(base_rad), np.sin(base_rad)
+    return Loaded(np.stack((-cos * x - sin * y, sin * x - cos * y), axis=-1), -base_rad, moment_n_m)
+
+
+def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Array, force_n: Array) -> Touching:
+    """Whiskers on base poses (n, 3) in contact with `shape` on their side `face` (+1 left), by Newton's method.
+
+    `arc_m` and `force_n` (n,) are first guesses of arc length and magnitude of the force. The unknowns are scaled by the
+    whisker's length and by EI / L^2 at its root; their Jacobian is one of finite differences.
+    """
+    bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.root_diameter_m**4 / 64.0
+    scale = np.array((whisker.length_m, -face * bending_n_m2 / whisker.length_m**2))
+
+    def state(unknown: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Loaded]:
+        """Gap between the surfaces in lengths, angle from one normal to the other's opposite (m, 2); contact, surface, load."""
+        arc_m = np.clip(unknown[:, 0], 1e-3, 1.0) * scale[0]
+        load = loaded(whisker, arc_m, unknown[:, 1] * scale[1])
+        x, y, yaw = poses[rows].T
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        px, py = load.point_m.T
+        contact_m = np.stack((x + cos * px - sin * py, y + sin * px + cos * py), axis=-1)
+        surface_m, distance_m = shape.closest(contact_m)
+        outward = (contact_m - surface_m) / distance_m[:, None]
+        angle = yaw + load.tangent_rad
+        tangent, normal = np.stack((np.cos(angle), np.sin(angle))), np.stack((-np.sin(angle), np.cos(angle)))
+        # The object's outward normal is opposite to the whisker's normal on the object's side.
+        miss_rad = np.arctan2(-face * np.sum(outward.T * tangent, axis=0), -face * np.sum(outward.T * normal, axis=0))
+        gap = (distance_m - whisker.radius_m(arc_m)) / whisker.length_m
+        return np.stack((gap, miss_rad), axis=-1), contact_m, surface_m, load
+
+    unknown = np.stack((arc_m / scale[0], force_n / abs(scale[1])), axis=-1)
+    pending = np.arange(len(arc_m))
+    for _ in range(_ITERATIONS):
+        guess = unknown[pending]
+        residual = state(guess, pending)[0]
+        columns = []
+        for index in range(2):
+            step = np.zeros(2)
+            step[index] = 1e-6
+            columns.append((state(guess + step, pending)[0] - state(guess - step, pending)[0]) / 2e-6)
+        update = _solve(np.stack(columns, axis=-1), residual)
+
+        def retried(trial: Array, rows: NDArray[np.intp], pending: NDArray[np.intp] = pending) -> Array:
+            return state(trial, pending[rows])[0]
+
+        unknown[pending] = guess - update * _damping(retried, guess, update, residual)
+        pending = pending[~(np.max(np.abs(update), axis=1) < _TOLERANCE)]
+        if len(pending) == 0:
+            break
+    everyone = np.arange(len(arc_m))
+    residual, contact_m, surface_m, load = state(unknown, everyone)
+    inside = (unknown[:, 0] > 1e-3) & (unknown[:, 0] < 1.0) & (unknown[:, 1] > 0.0)
+    solved = inside & np.all(np.abs(residual) < 1e3 * _TOLERANCE, axis=1)
+    tangent_rad = poses[:, 2] + load.tangent_rad
+    force_n = unknown[:, 1] * abs(scale[1])
+    return Touching(unknown[:, 0] * scale[0], force_n, contact_m, surface_m, tangent_rad, load.moment_n_m, solved)
+
+
+def _damping(residual_of: Callable[[Array, NDArray[np.intp]], Array], guess: Array, update: Array, residual: Array) -> Array:
+    """Shares (n, 1) of the updates to take: halved until the residual falls, as it need not where an outline has corners."""
+    share = np.ones((len(guess), 1))
+    before = np.hypot(*residual.T)
+    rows = np.arange(len(guess))
+    for _ in range(_HALVINGS):
+        after = np.hypot(*residual_of(guess[rows] - share[rows] * update[rows], rows).T)
+        rows = rows[~(after < before[rows]) & ~(before[rows] < _TOLERANCE)]
+        if len(rows) == 0:
+            break
+        share[rows] *= 0.5
+    return share
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Solutions (n, 2) of n systems of two equations, by Cramer's rule; NaN where a matrix is singular."""
+    (a, b), (c, d) = np.moveaxis(matrix, 0, -1)
+    determinant = a * d - b * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack((d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]), axis=-1) / determinant[:, None]
