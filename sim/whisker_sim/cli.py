@@ -34,8 +34,13 @@ _DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 def main(arguments: list[str] | None = None) -> int:
     """Runs one command; gives the exit code."""
     options = _parser().parse_args(arguments)
+    return exit_code(lambda: options.command(options), "interrupted; finished traces are kept")
+
+
+def exit_code(command: Callable[[], int], interrupted: str) -> int:
+    """Runs a command and gives its exit code; what goes wrong becomes one line on stderr and a code of its own."""
     try:
-        code = options.command(options)
+        code = command()
         sys.stdout.flush()
         return code
     except InputError as error:
@@ -53,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
-        print("interrupted; finished traces are kept", file=sys.stderr)
+        print(interrupted, file=sys.stderr)
         return INTERRUPTED
 
 

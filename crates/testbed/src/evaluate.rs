@@ -11,7 +11,7 @@ use anyhow::{Context, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, Outline, Role, Trace, read_json, sha256, write_atomically, write_json};
+use trace::{CalibrationFile, Outline, Role, Trace, is_plain_name, read_json, sha256, write_atomically, write_json};
 use whisker::estimators::{self, Estimate, EstimatorRow};
 use whisker::sensor::CalibratedFace;
 use whisker::touch::TouchConfig;
@@ -172,7 +172,7 @@ pub fn evaluate(
 /// Folder of the run, which may only take the place of another run.
 fn target(settings: &EvaluateSettings) -> anyhow::Result<PathBuf> {
     let name = &settings.name;
-    if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']) {
+    if !is_plain_name(name) {
         bail!("name of the run: found `{name}`, expected a plain folder name");
     }
     let folder = settings.results.join(name);
@@ -198,7 +198,12 @@ impl<'a> PartFolder<'a> {
     fn new(folder: &'a Path) -> anyhow::Result<Self> {
         let part = beside(folder, "part");
         let context = || part.display().to_string();
-        for left in [&part, &beside(folder, "old")] {
+        let old = beside(folder, "old");
+        if old.exists() && !folder.exists() {
+            // Killed between the two renames of `finish`: the old run is the one that counts.
+            fs::rename(&old, folder).with_context(|| old.display().to_string())?;
+        }
+        for left in [&part, &old] {
             if left.exists() {
                 fs::remove_dir_all(left).with_context(|| left.display().to_string())?;
             }

@@ -17,7 +17,7 @@ pub use calibration::{CalibrationFile, FaceFile, MOST_NOISE};
 pub use error::Error;
 pub use files::{Digest, read_json, sha256, write_atomically, write_json};
 pub use outline::Outline;
-pub use sidecar::{Contour, Generator, Role, Sidecar};
+pub use sidecar::{Contour, Generator, Role, Sidecar, is_plain_name};
 pub use suite::{Suite, SuiteScene};
 pub use table::{COLUMNS, Instant, Recording, Trace, Truth, TruthInstant};
 pub use watermark::Watermark;

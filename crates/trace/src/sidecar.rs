@@ -120,9 +120,14 @@ impl Sidecar {
     }
 }
 
+/// Whether a name stays within the folder when a path is made of it.
+pub fn is_plain_name(name: &str) -> bool {
+    !(name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']))
+}
+
 /// Checks that a name from a file stays within the folder when a path is made of it.
 pub(crate) fn plain_name(path: &Path, key: &str, name: &str) -> Result<(), Error> {
-    if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']) {
+    if !is_plain_name(name) {
         return Err(Error::value(path, key, format!("`{name}`"), "a plain file name"));
     }
     Ok(())

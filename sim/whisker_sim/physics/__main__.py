@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from whisker_sim.cli import FAILED, GOOD, INTERRUPTED, WRONG_INPUT
-from whisker_sim.errors import InputError, WhiskerSimError
+from whisker_sim.cli import FAILED, GOOD, exit_code
+from whisker_sim.errors import WhiskerSimError
 from whisker_sim.physics.results import write_results
 from whisker_sim.physics.studies import STUDIES
 from whisker_sim.physics.study import Bar, Findings
@@ -26,22 +26,12 @@ _REPOSITORY = Path(__file__).resolve().parents[3]
 def main(arguments: list[str] | None = None) -> int:
     """Runs the studies; gives the exit code."""
     options = _parser().parse_args(arguments)
-    try:
-        findings = run(options.dataset, options.jobs)
-        write_results(options.out, findings)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return WRONG_INPUT
-    except WhiskerSimError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return FAILED
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {where}{error.strerror or error}", file=sys.stderr)
-        return FAILED
-    except KeyboardInterrupt:
-        print("interrupted; no table was written", file=sys.stderr)
-        return INTERRUPTED
+    return exit_code(lambda: _report(options), "interrupted; no table was written")
+
+
+def _report(options: argparse.Namespace) -> int:
+    findings = run(options.dataset, options.jobs)
+    write_results(options.out, findings)
     for study, found in zip(STUDIES, findings, strict=True):
         print(f"\n{study.about}")
         for bar in found.bars:

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::gaussian::GaussianFilter;
 use super::model::{ContactReading, StaticContact};
-use super::settings::{Settings, SettingsError, check_contact};
+use super::settings::{ContactSettings, Settings, SettingsError};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,21 +28,14 @@ impl Default for Ekf {
 
 impl Settings for Ekf {
     fn validate(&self) -> Result<(), SettingsError> {
-        check_contact(self.fading, self.wander_m_sqrt_s, self.start_away_sd_m)
+        self.contact().validate()
     }
 }
 
 impl GaussianFilter for Ekf {
-    fn fading(&self) -> f64 {
-        self.fading
-    }
-
-    fn wander_m_sqrt_s(&self) -> f64 {
-        self.wander_m_sqrt_s
-    }
-
-    fn start_away_sd_m(&self) -> f64 {
-        self.start_away_sd_m
+    fn contact(&self) -> ContactSettings {
+        let Self { fading, wander_m_sqrt_s, start_away_sd_m } = *self;
+        ContactSettings { fading, wander_m_sqrt_s, start_away_sd_m }
     }
 
     fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped> {

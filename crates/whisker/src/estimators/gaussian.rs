@@ -6,20 +6,14 @@ use filters::{Gaussian, Innovation, Skipped};
 use serde_json::Value;
 
 use super::model::{ContactReading, StaticContact, hold, start};
-use super::settings::{Settings, SettingsError, parse};
+use super::settings::{ContactSettings, Settings, SettingsError, parse};
 use super::{Estimate, Knowledge, Method, Sample, Tracker};
 use crate::sensor::CalibratedFace;
 
 /// A filter with a Gaussian belief; the type holds its settings.
 pub(super) trait GaussianFilter: Settings + Copy + Send + Sync + 'static {
-    /// Fading memory: the prior covariance is scaled by it at each step.
-    fn fading(&self) -> f64;
-
-    /// How far the contact may wander in the world, as the standard deviation after one second, in m.
-    fn wander_m_sqrt_s(&self) -> f64;
-
-    /// Standard deviation of the contact's distance from the undeflected whisker at the touch.
-    fn start_away_sd_m(&self) -> f64;
+    /// Memory, wander and start.
+    fn contact(&self) -> ContactSettings;
 
     /// Carries the belief through the process.
     fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped>;
@@ -50,7 +44,7 @@ impl<Filter: GaussianFilter> Method for GaussianMethod<Filter> {
         Box::new(GaussianTracker {
             filter: self.filter,
             noise_sd_n_m: self.knowledge.noise_sd_n_m,
-            belief: start(face, self.filter.start_away_sd_m()),
+            belief: start(face, self.filter.contact().start_away_sd_m),
             face: face.clone(),
         })
     }
@@ -65,10 +59,10 @@ struct GaussianTracker<Filter> {
 
 impl<Filter: GaussianFilter> Tracker for GaussianTracker<Filter> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let process = StaticContact::new(&self.face, sample, self.filter.wander_m_sqrt_s());
+        let process = StaticContact::new(&self.face, sample, self.filter.contact().wander_m_sqrt_s);
         // A belief whose covariance has lost its definiteness says nothing any more.
         self.filter.predict(&mut self.belief, &process).ok()?;
-        self.belief.fade(self.filter.fading());
+        self.belief.fade(self.filter.contact().fading);
         let measurement = ContactReading::new(&self.face, self.noise_sd_n_m);
         let innovation = self.filter.update(&mut self.belief, &measurement, sample.reading_n_m).ok();
         Some(hold(&mut self.belief, &self.face, innovation))

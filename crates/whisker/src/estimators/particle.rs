@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::model::{ContactReading, StaticContact, hold};
-use super::settings::{Settings, SettingsError, check_contact, parse, within};
+use super::settings::{ContactSettings, Settings, SettingsError, parse, within};
 use super::{Estimate, Knowledge, Method, Sample, Tracker};
 use crate::sensor::CalibratedFace;
 
@@ -53,7 +53,8 @@ struct ParticleFilter {
 
 impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
-        check_contact(self.fading, self.wander_m_sqrt_s, self.start_away_sd_m)?;
+        let Self { fading, wander_m_sqrt_s, start_away_sd_m, .. } = *self;
+        ContactSettings { fading, wander_m_sqrt_s, start_away_sd_m }.validate()?;
         within("particles", self.particles as f64, 1.0..=1e7)?;
         within("resample_share", self.resample_share, 0.0..=1.0)?;
         within("kernel", self.kernel, 0.0..=1.0)

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::gaussian::GaussianFilter;
 use super::model::{ContactReading, StaticContact};
-use super::settings::{Settings, SettingsError, check_contact, within};
+use super::settings::{ContactSettings, Settings, SettingsError, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,7 +41,7 @@ impl Ukf {
 
 impl Settings for Ukf {
     fn validate(&self) -> Result<(), SettingsError> {
-        check_contact(self.fading, self.wander_m_sqrt_s, self.start_away_sd_m)?;
+        self.contact().validate()?;
         within("alpha", self.alpha, 1e-3..=2.0)?;
         within("beta", self.beta, 0.0..=10.0)?;
         within("kappa", self.kappa, -1.0..=10.0)
@@ -49,16 +49,9 @@ impl Settings for Ukf {
 }
 
 impl GaussianFilter for Ukf {
-    fn fading(&self) -> f64 {
-        self.fading
-    }
-
-    fn wander_m_sqrt_s(&self) -> f64 {
-        self.wander_m_sqrt_s
-    }
-
-    fn start_away_sd_m(&self) -> f64 {
-        self.start_away_sd_m
+    fn contact(&self) -> ContactSettings {
+        let Self { fading, wander_m_sqrt_s, start_away_sd_m, .. } = *self;
+        ContactSettings { fading, wander_m_sqrt_s, start_away_sd_m }
     }
 
     fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped> {
