@@ -8,8 +8,8 @@ middle of a link, position and tangent are those of the rod to second order in l
 Units. The model is in millimetres, grams and seconds, hence micronewtons and nanonewton metres. In SI the links' inertias fall
 below the smallest value MuJoCo accepts.
 
-Contact. Contact is frictionless, and soft over a micrometre. A link carries short capsules along its undeflected arc: at a
-frictionless contact the bending moment vanishes, so the rod has its undeflected curvature just there.
+Contact. Contact is frictionless, and soft over a micrometre. A link that is curved or tapered carries short capsules along its
+undeflected arc: at a frictionless contact the bending moment vanishes, so the rod has its undeflected curvature just there.
 """
 
 import xml.etree.ElementTree as ET
@@ -29,14 +29,17 @@ G_PER_KG = 1e3
 N_PER_UN = 1e-6
 NNM_PER_NM = 1e9
 
-_CAPSULES_PER_CURVED_LINK = 4
+_CAPSULES_PER_LINK = 8
 # A base this heavy and this stiff keeps its course to a micrometre, whatever the whisker does; it lags its command by 4 ms.
 _BASE_MASS_G = 100.0
 _BASE_INERTIA_G_MM2 = 1e5
 _BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
 
-SENSORS = {"force": slice(0, 3), "distance": 3}
-"""Columns of the sensor data: net contact force in micronewtons, smallest distance in millimetres."""
+_PLACES = 8
+
+SENSORS = {"force": slice(0, 3), "distance": 3, "places": slice(4, 4 + 6 * _PLACES)}
+"""Columns of the sensor data: net contact force in micronewtons; smallest distance in millimetres; force in micronewtons and place
+in millimetres, in World, of each of the strongest contacts, zero where there are fewer."""
 
 
 def build_model(whisker: Whisker, shape: Shape, timestep_s: float) -> mujoco.MjModel:
@@ -82,9 +85,10 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
     _add_whisker(_add_base(world), whisker, timestep_s)
     _add_actuators(root)
     sensor = ET.SubElement(root, "sensor")
-    pair = {"subtree1": "base", "body2": "object", "num": "1"}
-    ET.SubElement(sensor, "contact", pair, name="net", reduce="netforce", data="force")
-    ET.SubElement(sensor, "contact", pair, name="nearest", reduce="mindist", data="dist")
+    pair = {"subtree1": "base", "body2": "object"}
+    ET.SubElement(sensor, "contact", pair, name="net", num="1", reduce="netforce", data="force")
+    ET.SubElement(sensor, "contact", pair, name="nearest", num="1", reduce="mindist", data="dist")
+    ET.SubElement(sensor, "contact", pair, name="places", num=str(_PLACES), reduce="maxforce", data="force pos")
     return ET.tostring(root, encoding="unicode")
 
 
@@ -110,7 +114,9 @@ def _add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float) -> None:
     hinges_m = (np.arange(whisker.segments) + 0.5) * step_m
     ends_m = np.concatenate(([0.0], hinges_m, [length_m]))
     nodes_m = np.arange(whisker.segments + 1) * step_m
-    capsules = _CAPSULES_PER_CURVED_LINK if any(arc.curvature_per_m != 0.0 for arc in whisker.curvature) else 1
+    curved = any(arc.curvature_per_m != 0.0 for arc in whisker.curvature)
+    tapered = whisker.root_diameter_m != whisker.tip_diameter_m
+    capsules = _CAPSULES_PER_LINK if curved or tapered else 1
     parent, frame = base, _RestFrame(np.zeros(2), 0.0)
     for index, node_m in enumerate(nodes_m):
         start_m, end_m = ends_m[index], ends_m[index + 1]

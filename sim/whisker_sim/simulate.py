@@ -21,6 +21,9 @@ _warnings: list[str] = []
 mujoco.set_mju_user_warning(_warnings.append)
 
 _CHUNK_STEPS = 2000
+_APART_M = 1e-3
+"""Loaded places farther from one another than this are places of their own. The softness of the contact spreads a single one over
+some tenths of a millimetre."""
 _PENETRATION_LIMIT_M = 20e-6
 """Deeper than this the contact is not the rigid one that a scene stands for."""
 
@@ -40,6 +43,8 @@ class Simulated:
     force_n: Array
     truth: ContactTruth
     """Of every row; it has a meaning where the whisker touches."""
+    split: NDArray[np.bool_]
+    """Whether the whisker touches in places apart from one another (n,): the one contact of `truth` is then but the nearest."""
     penetration_m: Array
     """Penetration of the two surfaces (n,), zero while free."""
 
@@ -71,6 +76,7 @@ def simulate(run: Run) -> Simulated:
         touching=force_n > 0.0,
         force_n=force_n,
         truth=nearest_contact(line, scene.object),
+        split=_extent_mm(sensors[:, SENSORS["places"]]) > MM_PER_M * _APART_M,
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
     _check(simulated, plan)
@@ -105,6 +111,14 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     states, sensors = np.concatenate(states), np.concatenate(sensors)
     qpos, qvel = states[:, 1 : 1 + model.nq], states[:, 1 + model.nq : 1 + model.nq + model.nv]
     return qpos, qvel, sensors
+
+
+def _extent_mm(places: Array) -> Array:
+    """Largest distance (n,) between two loaded places, from the sensor data (n, 6 x places); zero where there are not two."""
+    slots = places.reshape(len(places), -1, 6)
+    loaded, points_mm = np.any(slots[:, :, :3] != 0.0, axis=-1), slots[:, :, 3:]
+    distance_mm = np.linalg.norm(points_mm[:, :, None] - points_mm[:, None], axis=-1)
+    return np.max(distance_mm, axis=(1, 2), where=loaded[:, :, None] & loaded[:, None], initial=0.0)
 
 
 def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 import whisker_sim
+from whisker_sim.certificate import Certificate, certify
 from whisker_sim.documents import to_json
 from whisker_sim.scene import Run, Scene
 from whisker_sim.simulate import Simulated
@@ -30,6 +31,7 @@ COLUMNS = (
     ("rotation_z_rad", 10),
     ("truth_touching", 0),
     ("truth_tip", 0),
+    ("truth_split", 0),
     ("truth_contact_x_m", 10),
     ("truth_contact_y_m", 10),
     ("truth_surface_x_m", 10),
@@ -41,7 +43,7 @@ COLUMNS = (
 """Columns of a trace in order, with their decimals."""
 
 # Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
-_ONLOOKERS = {"__main__.py", "cli.py", "render.py", "physics"}
+_ONLOOKERS = {"__main__.py", "cli.py", "drawing.py", "export.py", "render.py", "physics"}
 
 
 class Generator(msgspec.Struct, frozen=True):
@@ -81,6 +83,7 @@ class Sidecar(msgspec.Struct, frozen=True):
     inputs_sha256: str
     csv_sha256: str
     contour: Contour
+    certificate: Certificate
 
 
 def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
@@ -107,6 +110,7 @@ def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
         inputs_sha256=inputs_sha256(scene),
         csv_sha256=_sha256(csv),
         contour=Contour(contour_name, _sha256(contour), scene.object.chord_error_m()),
+        certificate=certify(scene, simulated),
     )
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / f"{run.name}.csv", csv)
@@ -133,6 +137,7 @@ def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
     root_rad = simulated.rotations_rad[:, 0]
     while_touching = [
         truth.tip.astype(float),
+        simulated.split.astype(float),
         *truth.contact_m.T,
         *truth.surface_m.T,
         truth.arc_m,
@@ -174,6 +179,12 @@ def write_atomically(path: Path, content: bytes) -> None:
     except BaseException:
         os.unlink(temporary)
         raise
+
+
+def remove_leftovers(folder: Path, name: str) -> None:
+    """Removes what a generator that was killed left of the trace `name` under temporary names."""
+    for path in folder.glob(f".{name}.*.tmp"):
+        path.unlink(missing_ok=True)
 
 
 def inputs_sha256(scene: Scene) -> str:

@@ -141,7 +141,7 @@ fn clean_contacts(trace: &Trace) -> Vec<Sample> {
     contacts(trace, &trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect::<Vec<_>>())
 }
 
-/// The known contacts of a calibration trace, those on the side of the whisker: at the tip the mechanics differ.
+/// The known contacts of a calibration trace, single ones on the side of the whisker: elsewhere the mechanics differ.
 fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
     trace
         .recording
@@ -149,7 +149,7 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
         .iter()
         .zip(&trace.truth.instants)
         .zip(readings_n_m)
-        .filter(|((_, truth), _)| truth.tip != Some(true))
+        .filter(|((_, truth), _)| truth.tip != Some(true) && truth.split != Some(true))
         .filter_map(|((known, truth), &reading_n_m)| {
             Some(Sample { contact: known.base.inverse().apply(truth.contact?), reading_n_m })
         })

@@ -49,7 +49,7 @@ pub enum Unscored {
 /// An estimator that is silent for more than this share of the steady contact has no steady score: what it left out would flatter it.
 const MOST_MISSING: f64 = 0.1;
 
-/// Contact errors of a trial, at each instant at which the whisker truly touches, and the instant of the first.
+/// Contact errors of a trial, at each instant at which the whisker truly touches in one place, and the instant of the first.
 ///
 /// # Errors
 /// [`Unscored`] where there is no such instant.
@@ -59,6 +59,9 @@ pub fn contact_errors(trace: &Trace, estimates: &[Option<Estimate>]) -> Result<(
     for ((known, truth), estimate) in trace.recording.instants.iter().zip(&trace.truth.instants).zip(estimates) {
         let Some(contact) = truth.contact else { continue };
         let touch_s = *touch_s.get_or_insert(known.t_s);
+        if truth.split == Some(true) {
+            continue;
+        }
         errors.push(ContactError {
             t_contact_s: known.t_s - touch_s,
             error_m: estimate.map(|estimate| known.base.apply(estimate.contact).distance(&contact)),

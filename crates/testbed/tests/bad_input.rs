@@ -60,7 +60,7 @@ fn robust_missing_column() {
 #[test]
 fn robust_extra_column() {
     let change = |text: String| text.replacen("truth_tangent_rad", "truth_tangent_rad,colour", 1);
-    check_fails(CSV, change, &["golden_pin.csv:1", "column 19", "`colour`", "no more columns"]);
+    check_fails(CSV, change, &["golden_pin.csv:1", "column 20", "`colour`", "no more columns"]);
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn robust_unsorted_time() {
 #[test]
 fn robust_row_cut_short() {
     let change = |text: String| text[..text.len() - 40].to_owned();
-    check_fails(CSV, change, &["golden_pin.csv:", "fields", "18 fields"]);
+    check_fails(CSV, change, &["golden_pin.csv:", "fields", "19 fields"]);
 }
 
 #[test]
@@ -137,6 +137,16 @@ fn robust_impossible_parameter() {
 #[test]
 fn robust_truncated_sidecar() {
     check_fails(SIDECAR, |text| text[..200].to_owned(), &["golden_pin.json", "EOF"]);
+}
+
+#[test]
+fn robust_truth_above_its_bound() {
+    let change = |text: String| {
+        let start = text.find("\"moment_rms\": ").unwrap() + "\"moment_rms\": ".len();
+        let end = start + text[start..].find(',').unwrap();
+        format!("{}2.5e-3{}", &text[..start], &text[end..])
+    };
+    check_fails(SIDECAR, change, &["golden_pin.json", "certificate.moment_rms", "found 2.5e-3", "at most 1e-3"]);
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! name the second.
 
 mod calibration;
+mod certificate;
 mod error;
 mod files;
 mod outline;
@@ -14,6 +15,7 @@ mod table;
 mod watermark;
 
 pub use calibration::{CalibrationFile, FaceFile, MOST_NOISE};
+pub use certificate::{Breach, Certificate};
 pub use error::Error;
 pub use files::{Digest, read_json, sha256, write_atomically, write_json};
 pub use outline::Outline;

@@ -7,7 +7,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
-use crate::{Error, FORMAT};
+use crate::{Certificate, Error, FORMAT};
 
 /// What a trace is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -93,6 +93,8 @@ pub struct Sidecar {
     pub csv_sha256: String,
     /// The object's outline, where there is one.
     pub contour: Option<Contour>,
+    /// How far the truth lies from theory, where the trace was simulated.
+    pub certificate: Option<Certificate>,
 }
 
 impl Sidecar {

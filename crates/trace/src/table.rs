@@ -9,7 +9,7 @@ use whisker::frames::{Base, Point, Pose, Twist, World};
 use crate::{Error, Outline, Sidecar, read_json, sha256, write_atomically, write_json};
 
 /// Names of the columns and the decimals with which each is written.
-pub const COLUMNS: [(&str, usize); 18] = [
+pub const COLUMNS: [(&str, usize); 19] = [
     ("t_s", 6),
     ("base_x_m", 10),
     ("base_y_m", 10),
@@ -21,6 +21,7 @@ pub const COLUMNS: [(&str, usize); 18] = [
     ("rotation_z_rad", 10),
     ("truth_touching", 0),
     ("truth_tip", 0),
+    ("truth_split", 0),
     ("truth_contact_x_m", 10),
     ("truth_contact_y_m", 10),
     ("truth_surface_x_m", 10),
@@ -52,6 +53,8 @@ pub struct TruthInstant {
     pub touching: Option<bool>,
     /// Whether it touches with its tip.
     pub tip: Option<bool>,
+    /// Whether it touches in places apart from one another, of which the contact is but the nearest.
+    pub split: Option<bool>,
     /// Contact on the centre line.
     pub contact: Option<Point<World>>,
     /// Contact on the object's surface.
@@ -179,6 +182,7 @@ fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
         known.rotation_z_rad,
         flag(truth.touching),
         flag(truth.tip),
+        flag(truth.split),
         truth.contact.map(|p| p.x()),
         truth.contact.map(|p| p.y()),
         truth.surface.map(|p| p.x()),
@@ -256,11 +260,12 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Recording, Truth), Error> {
         truth.push(TruthInstant {
             touching,
             tip: flag(10)?,
-            contact: point(11)?,
-            surface: point(13)?,
-            arc_m: optional(15)?,
-            force_n: optional(16)?,
-            tangent_rad: optional(17)?,
+            split: flag(11)?,
+            contact: point(12)?,
+            surface: point(14)?,
+            arc_m: optional(16)?,
+            force_n: optional(17)?,
+            tangent_rad: optional(18)?,
         });
     }
     if instants.is_empty() {

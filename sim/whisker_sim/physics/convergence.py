@@ -13,11 +13,11 @@ import msgspec
 import mujoco
 import numpy as np
 
+from whisker_sim.elastica import Touching, touching
 from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, NNM_PER_NM, SENSORS, build_model
 from whisker_sim.motions import Stage
 from whisker_sim.physics.cases import TAPERED, WHISKERS, rms
-from whisker_sim.physics.elastica import Touching, touching
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
 from whisker_sim.shapes import AnyShape
 from whisker_sim.shapes.circle import Circle
@@ -35,13 +35,13 @@ OBJECTS: dict[str, AnyShape] = {
     "corner": Rectangle(width_m=0.03, height_m=0.03, yaw_rad=np.radians(20.0)),
 }
 DEPTHS_M = {"shallow": 0.002, "large": 0.01}
-PLACES_M = 0.046 + 0.008 * (np.arange(8) + 0.5) / 8.0
-"""Arc lengths at which the undeflected whisker first faces the object: spread over one of ten segments."""
+_PLACES = 9
+PLACES_M = 0.046 + 0.008 * (np.arange(_PLACES) + 0.5) / _PLACES
+"""Arc lengths at which the undeflected whisker first faces the object, spread over one of ten segments. As their number is odd,
+they are spread as evenly over each of the shorter segments and their capsules, whose lengths are halved again and again."""
 
 _FIGURES = {"moment_error": "moment", "surface_error_m": "surface", "arc_error_m": "arc", "tip_error_m": "tip"}
 _DEFAULT_SEGMENTS = 40
-_LARGEST_FITTED = 80
-"""Of 160 segments the error is so small that the 10 nm by which the hard contact gives way show in it."""
 _SMALLEST_ERROR = 1e-12
 _TIMESTEP_S = 0.001
 _REST_S = 0.25
@@ -147,12 +147,17 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
     if not np.max(np.abs(data.qvel)) < _LARGEST_RATE:
         raise SimulationError(f"{whisker.name}, {whisker.segments} segments: the chain does not come to rest")
 
-    # The whisker's force shifts the base by nanometres; the elastica is solved for where the base is.
+    # The whisker's force shifts the base by nanometres; the elastica is solved for where the base is. It touches where the chain
+    # sinks in by nanometres, so the chain is lifted out as far, along the normal.
     pose = data.qpos[None, :3] / (MM_PER_M, MM_PER_M, 1.0)
+    sunk = nearest_contact(CenterLine.from_joints(whisker, pose, data.qpos[None, 3:]), stage.shape)
+    outward_m = sunk.contact_m - sunk.surface_m
+    penetration_m = -float(data.sensordata[SENSORS["distance"]]) / MM_PER_M
+    pose[:, :2] += penetration_m * outward_m / np.hypot(*outward_m[0])
     line = CenterLine.from_joints(whisker, pose, data.qpos[None, 3:])
     found = nearest_contact(line, stage.shape)
     exact = touching(whisker, stage.shape, stage.face, pose, near.arc_m, near.force_n)
-    if not (exact.solved[0] and data.sensordata[SENSORS["distance"]] < 0.0):
+    if not (exact.solved[0] and penetration_m > 0.0):
         raise SimulationError(f"{whisker.name}, {whisker.segments} segments: no contact on the whisker's side")
     moment_n_m = whisker.root_stiffness_n_m_rad * data.qpos[3]
     turn_rad = exact.tangent_rad[0] - float(whisker.rest_angle_rad(exact.arc_m[0]))
@@ -166,7 +171,7 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
         float(np.hypot(*(found.surface_m - exact.surface_m)[0])),
         float(found.arc_m[0] - exact.arc_m[0]),
         float(np.hypot(*(line.points_m[0, -1] - tip_m))),
-        -float(data.sensordata[SENSORS["distance"]]) / MM_PER_M,
+        penetration_m,
     )
 
 
@@ -201,7 +206,7 @@ def order(rows: list[Row], figure: str) -> float:
 
     At a corner the contact on the object is the corner itself, whatever the chain does; such rows say nothing.
     """
-    telling = [row for row in rows if row.segments <= _LARGEST_FITTED and getattr(row, figure) > _SMALLEST_ERROR]
+    telling = [row for row in rows if getattr(row, figure) > _SMALLEST_ERROR]
     lengths_m = sorted({row.segment_m for row in telling})
     errors = [np.mean([np.log(getattr(row, figure)) for row in telling if row.segment_m == length_m]) for length_m in lengths_m]
     return float(np.polyfit(np.log(lengths_m), errors, 1)[0])

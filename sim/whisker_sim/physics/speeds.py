@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from whisker_sim.certificate import SETTLING_S
 from whisker_sim.physics.cases import largest, rms
 from whisker_sim.physics.strokes import CASES, stroke
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
-from whisker_sim.physics.sweeps import SETTLING_S
 
 FIRST_S = 0.1
 SPEEDS_M_S = (0.02, 0.05, 0.1)

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from whisker_sim.certificate import SETTLING_S
 from whisker_sim.physics.cases import largest, rms
 from whisker_sim.physics.strokes import CASES, stroke
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
-from whisker_sim.physics.sweeps import SETTLING_S
 
 TIMESTEPS_S = (0.001, 0.0005, 0.00025)
 SPEED_M_S = 0.035

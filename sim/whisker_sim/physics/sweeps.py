@@ -1,10 +1,4 @@
-"""The standard suite's traces, as they were written, against the elastica at every quasi-static instant.
-
-An instant counts as quasi-static when the contact has lasted without a break for `SETTLING_S` and lasts for another `LEAVING_S`,
-and when the elastica's contact has not run along the whisker faster than `CONTACT_SPEED_M_S` for `CALM_S`: a straight whisker runs
-over the flat of a polygon, from one corner to the next, in some 30 ms, in which its inertia counts and the place of the contact on
-the flat is all but undetermined.
-"""
+"""The standard suite's traces, as they were written, against the elastica at every quasi-static instant."""
 
 import hashlib
 from functools import partial
@@ -12,20 +6,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from whisker_sim.certificate import Contacts, disagreement, quasi_static
 from whisker_sim.documents import read_document
 from whisker_sim.errors import InputError
 from whisker_sim.physics.cases import largest, rms
-from whisker_sim.physics.elastica import Touching, touching
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.scene import Scene
 from whisker_sim.trace import COLUMNS, Sidecar
 from whisker_sim.whisker import Array
-
-SETTLING_S = 0.3
-LEAVING_S = 0.02
-CALM_S = 0.05
-CONTACT_SPEED_M_S = 0.1
 
 
 class Row(NamedTuple):
@@ -78,79 +67,65 @@ def read_columns(folder: Path, sidecar: Sidecar) -> tuple[dict[str, Array], str]
     return {name: values[:, index] for index, (name, _) in enumerate(COLUMNS)}, found
 
 
-def solve(sidecar: Sidecar, columns: dict[str, Array], rows: NDArray[np.intp]) -> Touching:
-    """The elastica at the base poses of `rows`, looked for near the trace's contact and then near the solved neighbours'."""
-    scene = sidecar.scene
-    face = 1 if scene.face == "left" else -1
-    poses = np.stack([columns[name] for name in ("base_x_m", "base_y_m", "base_yaw_rad")], axis=-1)[rows]
-    found = touching(sidecar.whisker, scene.object, face, poses, columns["truth_arc_m"][rows], columns["truth_force_n"][rows])
-    missing = np.flatnonzero(~found.solved)
-    if 0 < len(missing) < len(rows):
-        known = np.flatnonzero(found.solved)
-        guess = [np.interp(missing, known, values[known]) for values in (found.arc_m, found.force_n)]
-        found = found.replaced(missing, touching(sidecar.whisker, scene.object, face, poses[missing], *guess))
-    return found
-
-
-def quasi_static(time_s: Array, arc_m: Array, recording_end_s: float) -> NDArray[np.bool_]:
-    """Which of the instants in contact are quasi-static, from their times (n,) and the elastica's arc lengths (n,).
-
-    An arc length that is not known counts as one that does not move.
-    """
-    interval_s = np.min(np.diff(time_s))
-    gap_s = np.diff(time_s, prepend=-np.inf)
-    broken = gap_s > 1.5 * interval_s
-    speed_m_s = np.nan_to_num(np.abs(np.diff(arc_m, prepend=arc_m[0])) / interval_s)
-    started_s = np.maximum.accumulate(np.where(broken, time_s, -np.inf))
-    hurried_s = np.maximum.accumulate(np.where((speed_m_s > CONTACT_SPEED_M_S) & ~broken, time_s, -np.inf))
-    # The instant before a fast one belongs to it.
-    hurried = (time_s - hurried_s < CALM_S) | np.append(speed_m_s[1:] > CONTACT_SPEED_M_S, False)
-    ends = np.append(broken[1:], True)
-    ended_s = np.minimum.accumulate(np.where(ends, time_s, np.inf)[::-1])[::-1]
-    # A contact that lasts to the end of the recording does not break there.
-    lasts = (ended_s - time_s >= LEAVING_S) | (ended_s == recording_end_s)
-    return (time_s - started_s >= SETTLING_S) & lasts & ~hurried
-
-
 def compare(path: Path) -> tuple[Row, list[Instant]]:
     """Compares the trace whose sidecar is at `path`."""
     sidecar = read_document(path, Sidecar)
     columns, digest = read_columns(path.parent, sidecar)
+    return compare_contacts(sidecar.name, sidecar.scene, contacts_of_columns(columns), digest)
+
+
+def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
+    """The instants of contact of a trace."""
+
+    def stacked(*names: str) -> Array:
+        return np.stack([columns[name] for name in names], axis=-1)[rows]
+
     rows = np.flatnonzero(columns["truth_touching"] == 1.0)
-    exact = solve(sidecar, columns, rows)
-    time_s, moment_n_m = columns["t_s"][rows], columns["moment_z_n_m"][rows]
-    slow = quasi_static(time_s, np.where(exact.solved, exact.arc_m, np.nan), columns["t_s"][-1])
-    good = slow & exact.solved
-    range_n_m = largest(moment_n_m)
-    surface_m = np.stack((columns["truth_surface_x_m"], columns["truth_surface_y_m"]), axis=-1)[rows]
-    contact_m = np.stack((columns["truth_contact_x_m"], columns["truth_contact_y_m"]), axis=-1)[rows]
-    moment_error = (moment_n_m - exact.moment_n_m) / range_n_m
-    surface_error_m = np.hypot(*(surface_m - exact.surface_m).T)
-    arc_error_m = columns["truth_arc_m"][rows] - exact.arc_m
-    penetration_m = sidecar.whisker.radius_m(columns["truth_arc_m"][rows]) - np.hypot(*(contact_m - surface_m).T)
-    following = good[1:] & good[:-1] & (np.diff(rows) == 1)
+    return Contacts(
+        time_s=columns["t_s"][rows],
+        base_pose=stacked("base_x_m", "base_y_m", "base_yaw_rad"),
+        moment_n_m=columns["moment_z_n_m"][rows],
+        contact_m=stacked("truth_contact_x_m", "truth_contact_y_m"),
+        surface_m=stacked("truth_surface_x_m", "truth_surface_y_m"),
+        arc_m=columns["truth_arc_m"][rows],
+        force_n=columns["truth_force_n"][rows],
+        on_the_side=((columns["truth_tip"] == 0.0) & (columns["truth_split"] == 0.0))[rows],
+        recording_end_s=float(columns["t_s"][-1]),
+    )
+
+
+def compare_contacts(trace: str, scene: Scene, contacts: Contacts, trace_sha256: str) -> tuple[Row, list[Instant]]:
+    """Compares the instants of contact of a trace; the instants' errors are given for lateral sweeps alone."""
+    slow = quasi_static(contacts)
+    found = disagreement(scene, contacts)
+    solved = found.exact.solved
+    good = slow & solved
+    range_n_m = largest(contacts.moment_n_m)
+    moment_error = found.moment_n_m / range_n_m
+    gaps_s = np.diff(contacts.time_s)
+    following = good[1:] & good[:-1] & (gaps_s < 1.5 * np.min(gaps_s))
     row = Row(
-        trace=sidecar.name,
-        role=sidecar.role,
-        touching=len(rows),
+        trace=trace,
+        role=scene.role,
+        touching=len(slow),
         quasi_static=int(np.sum(slow)),
-        unsolved=int(np.sum(slow & ~exact.solved)),
+        unsolved=int(np.sum(slow & ~solved)),
         range_n_m=range_n_m,
         moment_rms=rms(moment_error[good]),
         moment_worst=largest(moment_error[good]),
         moment_jump=largest(np.diff(moment_error)[following]),
-        surface_rms_m=rms(surface_error_m[good]),
-        surface_worst_m=largest(surface_error_m[good]),
-        arc_rms_m=rms(arc_error_m[good]),
-        arc_worst_m=largest(arc_error_m[good]),
-        penetration_m=float(np.max(penetration_m[slow])),
-        trace_sha256=digest,
+        surface_rms_m=rms(found.surface_m[good]),
+        surface_worst_m=largest(found.surface_m[good]),
+        arc_rms_m=rms(found.arc_m[good]),
+        arc_worst_m=largest(found.arc_m[good]),
+        penetration_m=float(np.max(found.penetration_m[slow])),
+        trace_sha256=trace_sha256,
     )
-    if sidecar.scene.motion_kind != "lateral_sweep":
+    if scene.motion_kind != "lateral_sweep":
         return row, []
-    values = (time_s, moment_n_m, moment_error * range_n_m, surface_error_m, arc_error_m, slow.astype(int))
-    instants = zip(*(array[exact.solved].tolist() for array in values), strict=True)
-    return row, [Instant(sidecar.name, *instant) for instant in instants]
+    values = (contacts.time_s, contacts.moment_n_m, found.moment_n_m, found.surface_m, found.arc_m, slow.astype(int))
+    instants = zip(*(array[solved].tolist() for array in values), strict=True)
+    return row, [Instant(trace, *instant) for instant in instants]
 
 
 def _tasks(dataset: Path) -> list[partial[tuple[Row, list[Instant]]]]:

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::bail;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use trace::{CalibrationFile, Outline, Suite, Trace, read_json};
+use trace::{CalibrationFile, Certificate, Outline, Suite, Trace, read_json};
 
 use super::{print, python};
 use crate::claims::MeasuredClaim;
@@ -143,7 +143,40 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
         0 => "truth unknown".into(),
         known => format!("touching {:.0} %", 100.0 * f64::from(touching) / f64::from(known)),
     };
-    Ok(format!("trace `{}`, {} rows, {last:.2} s, {truth}", sidecar.name, sidecar.rows))
+    let certificate = match &sidecar.certificate {
+        None => String::new(),
+        Some(certificate) => format!(", {}", certified(path, certificate)?),
+    };
+    Ok(format!("trace `{}`, {} rows, {last:.2} s, {truth}{certificate}", sidecar.name, sidecar.rows))
+}
+
+/// What the certificate says, in a line; an error where a figure lies above its bound.
+fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
+    let breaches: Vec<String> = certificate
+        .breaches()
+        .iter()
+        .map(|breach| format!("certificate.{}: found {:e}, expected at most {:e}", breach.key, breach.found, breach.bound))
+        .collect();
+    if !breaches.is_empty() {
+        bail!("{}: {}", path.with_extension("json").display(), breaches.join("; "));
+    }
+    let apart: String = [("tip", certificate.tip), ("split", certificate.split)]
+        .into_iter()
+        .filter(|(_, rows)| *rows > 0)
+        .map(|(what, rows)| format!(" ({rows} rows {what})"))
+        .collect();
+    let (Some(moment_rms), Some(surface_rms_m), Some(surface_worst_m)) =
+        (certificate.moment_rms, certificate.surface_rms_m, certificate.surface_worst_m)
+    else {
+        return Ok(format!("not certified: no quasi-static contact{apart}"));
+    };
+    Ok(format!(
+        "from theory at {} instants: moment {:.3} % RMS, surface contact {:.4} mm RMS, {:.4} mm worst{apart}",
+        certificate.sampled,
+        100.0 * moment_rms,
+        1e3 * surface_rms_m,
+        1e3 * surface_worst_m
+    ))
 }
 
 /// Shapes and motions are known to the generator alone, so it judges scenes.
