@@ -122,6 +122,23 @@ def test_every_figure_is_there_and_visible(opened, report):
         assert len(opened.locator(f"section#{name} figcaption").inner_text()) > 60, name
 
 
+def test_the_sweeps_are_shown_still_and_lead_to_their_animations(opened, address, report):
+    moving = sorted(file.name for file in (report.parent / "animations").glob("*.webp"))
+    links = opened.locator("section#sweeps a")
+    assert sorted(link.get_attribute("href") for link in links.all()) == [f"animations/{name}" for name in moving]
+    for link in links.all():
+        link.scroll_into_view_if_needed()
+        still = link.locator("img")
+        opened.wait_for_function("image => image.complete", arg=still.element_handle())
+        assert still.evaluate("image => image.naturalWidth") == 640
+        assert still.bounding_box()["width"] >= 250
+        assert len(still.get_attribute("alt")) > 40
+        assert "play" in link.inner_text()
+        animation = opened.request.get(f"{address.rpartition('/')[0]}/{link.get_attribute('href')}").body()
+        assert animation[:4] + animation[8:12] == b"RIFFWEBP"
+        assert b"ANIM" in animation[:64]
+
+
 def test_no_text_of_a_figure_is_cut_off(opened):
     cut = opened.evaluate(
         """() => [...document.querySelectorAll('figure svg')].flatMap(svg => {

@@ -1,17 +1,11 @@
 """What the tests share."""
 
 import json
-import os
-import sys
 from pathlib import Path
 
 import pytest
 
 from whisker_sim.scene import Run, load_runs
-
-# MuJoCo chooses its rendering back end when it is first imported, by whichever test comes first.
-if sys.platform == "linux":
-    os.environ.setdefault("MUJOCO_GL", "egl")
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"

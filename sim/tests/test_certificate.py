@@ -7,6 +7,7 @@ import numpy as np
 from whisker_sim.certificate import Contacts, certify, quasi_static
 from whisker_sim.simulate import simulate
 
+
 def contacts(time_s, arc_m, on_the_side):
     count = len(time_s)
     blank, points = np.zeros(count), np.zeros((count, 2))
@@ -46,7 +47,7 @@ def test_verif_certificate_notices_a_wrong_reading_and_a_wrong_place(make_run):
     simulated = simulate(run)
     stiffer = certify(run.scene, dataclasses.replace(simulated, rotations_rad=1.01 * simulated.rotations_rad))
     assert 2e-3 < stiffer.moment_rms < 1e-2
-    truth = dataclasses.replace(simulated.truth, surface_m=simulated.truth.surface_m + (1e-4, 0.0))
+    truth = dataclasses.replace(simulated.truth, surface_m=simulated.truth.surface_m + np.array((1e-4, 0.0)))
     moved = certify(run.scene, dataclasses.replace(simulated, truth=truth))
     assert 0.9e-4 < moved.surface_rms_m < 1.1e-4
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from whisker_sim.errors import SimulationError
+from whisker_sim.physics.scipy_elastica import contact_with_disc
 from whisker_sim.scene import load_runs
 from whisker_sim.simulate import simulate
 from whisker_sim.truth import CenterLine, nearest_contact
 
 from conftest import SCENES
-from elastica import contact_with_disc
 
 CASES = {
     "straight_pin": {"object": {"shape": "pin"}},
@@ -25,6 +25,8 @@ CASES = {
     },
     "tapered": {"whisker": {"preset": "straight", "name": "tapered", "tip_diameter_m": 0.00015}},
 }
+
+STEEP = {"preset": "straight", "name": "steep", "root_diameter_m": 0.0003, "tip_diameter_m": 0.00008}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -60,24 +62,32 @@ def test_verif_reading_has_no_jumps(make_run):
     assert np.max(np.abs(np.diff(reading, 2))) < 2e-3 * np.max(np.abs(reading))
 
 
-def test_verif_nearest_contact_against_brute_force(make_run):
-    """Golden sections find the nearest point that a dense sampling of the centre line brackets."""
-    run = make_run(
-        whisker="curved", face="right", object={"shape": "rectangle", "width_m": 0.03, "height_m": 0.03, "yaw_rad": 0.35}
-    )
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {
+            "whisker": "curved",
+            "face": "right",
+            "object": {"shape": "rectangle", "width_m": 0.03, "height_m": 0.03, "yaw_rad": 0.35},
+        },
+        # So steep a taper moves the contact on the circle by 0.07 mm.
+        {"whisker": STEEP, "object": {"shape": "circle", "radius_m": 0.05}},
+    ],
+    ids=["corner", "steep"],
+)
+def test_verif_nearest_contact_against_brute_force(make_run, settings):
+    """The contact is where, of a dense sampling of the centre line, the distance less the radius is least."""
+    run = make_run(**settings)
     simulated = simulate(run)
     rows = np.flatnonzero(simulated.touching)[::40]
     line = CenterLine.from_joints(run.scene.resolved_whisker, simulated.base_pose[rows], simulated.rotations_rad[rows])
     truth = nearest_contact(line, run.scene.object)
     arcs_m = np.linspace(0.0, run.scene.resolved_whisker.length_m, 8001)
     for index in range(len(rows)):
-        one = CenterLine(
-            np.repeat(line.points_m[index : index + 1], len(arcs_m), axis=0),
-            np.repeat(line.angles_rad[index : index + 1], len(arcs_m), axis=0),
-            line.step_m,
-        )
+        one = line.rows(np.full(len(arcs_m), index))
         _, distance_m = run.scene.object.closest(one.at(arcs_m)[0])
-        assert abs(arcs_m[np.argmin(distance_m)] - truth.arc_m[index]) < 1.5e-5
+        clearance_m = distance_m - run.scene.resolved_whisker.radius_m(arcs_m)
+        assert abs(arcs_m[np.argmin(clearance_m)] - truth.arc_m[index]) < 1.5e-5
 
 
 @pytest.mark.parametrize("name", ["pin_straight", "pin_curved", "circle_15_curved", "octagon_straight", "rectangle_curved"])

@@ -55,7 +55,7 @@ def test_verif_rows_and_sidecar_follow_the_format(golden_twice):
     sidecar = json.loads((folder / "golden_pin.json").read_text())
     assert list(sidecar) == [
         "format", "kind", "name", "role", "group", "object", "face", "seed", "rate_hz", "rows", "whisker", "scene", "generator",
-        "inputs_sha256", "csv_sha256", "contour",
+        "inputs_sha256", "csv_sha256", "contour", "certificate",
     ]  # fmt: skip
     assert sidecar["rows"] == len(times)
     contour = (folder / sidecar["contour"]["file"]).read_text().splitlines()

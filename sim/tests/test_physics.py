@@ -4,16 +4,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from whisker_sim.elastica import loaded, touching
 from whisker_sim.motions import Stage
 from whisker_sim.physics import convergence, frequencies, ringing
 from whisker_sim.physics.__main__ import main
 from whisker_sim.physics.cases import TAPERED, WHISKERS
-from whisker_sim.elastica import loaded, touching
+from whisker_sim.physics.scipy_elastica import contact_with_disc, static_contact
 from whisker_sim.physics.study import Bar
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS
-
-from elastica import contact_with_disc, static_contact
 
 OF_EVERY_KIND = [*(whisker for _, whisker in PRESETS.values()), TAPERED]
 
@@ -32,11 +31,12 @@ def test_val_oracle_against_scipy(whisker):
         np.testing.assert_allclose(fast.point_m[index], exact.point_m, atol=1e-9 * whisker.length_m)
 
 
-def test_val_contact_against_scipy():
+@pytest.mark.parametrize(("name", "face", "height_m"), [("curved", 1, 0.02), ("tapered", 1, 0.01), ("tapered", -1, -0.01)])
+def test_val_contact_against_scipy(name, face, height_m):
     """Both oracles find the same contact with a disc."""
-    whisker, disc = WHISKERS["curved"], Circle(radius_m=0.015, center_m=(0.05, 0.02))
-    arc_m, force_n, exact = contact_with_disc(whisker, np.array(disc.center_m), disc.radius_m, 1, (0.05, 3e-4))
-    found = touching(whisker, disc, 1, np.zeros((1, 3)), np.array([0.051]), np.array([2.5e-4]))
+    whisker, disc = WHISKERS[name], Circle(radius_m=0.015, center_m=(0.05, height_m))
+    arc_m, force_n, exact = contact_with_disc(whisker, np.array(disc.center_m), disc.radius_m, face, (0.05, 3e-4))
+    found = touching(whisker, disc, face, np.zeros((1, 3)), np.array([0.051]), np.array([2.5e-4]))
     assert found.solved[0]
     assert found.arc_m[0] == pytest.approx(arc_m, rel=1e-8)
     assert found.force_n[0] == pytest.approx(force_n, rel=1e-8)

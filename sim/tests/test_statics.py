@@ -1,5 +1,7 @@
 """The whisker against theory: large deflections, undeflected shape, natural frequencies."""
 
+from dataclasses import replace
+
 import msgspec
 import mujoco
 import numpy as np
@@ -8,11 +10,10 @@ from scipy.linalg import eigh
 from scipy.optimize import root
 
 from whisker_sim.model import MM_PER_M, build_model
+from whisker_sim.physics.scipy_elastica import static_contact
 from whisker_sim.shapes.pin import Pin
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import PRESETS, Arc, Whisker
-
-from elastica import static_contact
 
 FAR_AWAY = Pin(center_m=(1.0, 1.0))
 STRAIGHT = PRESETS["straight"][1]
@@ -111,7 +112,9 @@ def test_verif_center_line_is_that_of_the_model(whisker):
             np.testing.assert_allclose(line.points_m[0, index + 1], node_mm[:2] / MM_PER_M, atol=1e-12)
         if size == 0.0:
             arcs_m = rng.uniform(0.0, whisker.length_m, 50)
-            at_rest = CenterLine(*(np.repeat(field, 50, axis=0) for field in (line.points_m, line.angles_rad)), line.step_m)
+            at_rest = replace(
+                line, points_m=np.repeat(line.points_m, 50, axis=0), angles_rad=np.repeat(line.angles_rad, 50, axis=0)
+            )
             np.testing.assert_allclose(at_rest.at(arcs_m)[0], whisker.rest_point_m(arcs_m), atol=1e-8)
 
 

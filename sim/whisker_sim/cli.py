@@ -1,4 +1,4 @@
-"""The command line: `simulate`, `render`, `view`, `check` and `list`.
+"""The command line: `simulate`, `render`, `view`, `export`, `check` and `list`.
 
 Exit codes: 0 good, 1 failed, 2 wrong use or input, 3 finished with some traces failed, 130 interrupted.
 """
@@ -8,8 +8,9 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
@@ -22,7 +23,7 @@ from whisker_sim import __version__
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.motions import AnyMotion
-from whisker_sim.scene import Run, load_runs
+from whisker_sim.scene import SIMULATIONS, Run, load_runs, with_simulation
 from whisker_sim.shapes import AnyShape
 from whisker_sim.whisker import PRESETS
 
@@ -34,7 +35,7 @@ _DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 def main(arguments: list[str] | None = None) -> int:
     """Runs one command; gives the exit code."""
     options = _parser().parse_args(arguments)
-    return exit_code(lambda: options.command(options), "interrupted; finished traces are kept")
+    return exit_code(lambda: options.command(options), "interrupted; what is finished is kept")
 
 
 def exit_code(command: Callable[[], int], interrupted: str) -> int:
@@ -70,28 +71,55 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("simulate", help="simulate scenes and suites and write traces")
     command.add_argument("files", nargs="+", type=Path, metavar="SCENE_OR_SUITE")
     command.add_argument("--out", type=Path, metavar="DIR", help="folder of the traces (default: datasets/<suite>)")
+    add_jobs(command)
     command.add_argument(
-        "--jobs", type=_positive, default=os.cpu_count(), metavar="N", help="worker processes (default: one a core)"
+        "--simulation",
+        choices=SIMULATIONS,
+        metavar="NAME",
+        help=f"settings of the simulation, for every scene: {', '.join(SIMULATIONS)} (default: each scene's own); "
+        "the traces of a suite then go to datasets/<suite>_<name>",
     )
     command.add_argument("--force", action="store_true", help="simulate traces that are up to date as well")
     command.set_defaults(command=_simulate)
 
-    command = commands.add_parser("render", help="draw a scene from above: .png a picture, .gif or .webp the whole sweep")
-    command.add_argument("scene", type=Path, metavar="SCENE")
-    command.add_argument("--out", type=Path, required=True, metavar="FILE")
+    command = commands.add_parser("render", help="draw sweeps from above, of a scene or of each group and whisker of a suite")
+    command.add_argument("file", type=Path, metavar="SCENE_OR_SUITE")
+    command.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE_OR_DIR",
+        help="of a scene: .png a picture, .gif or .webp the whole sweep; of a suite: the folder of its pictures",
+    )
+    add_jobs(command)
+    command.add_argument("--force", action="store_true", help="draw pictures of a suite that are up to date as well")
     command.set_defaults(command=_render)
 
     command = commands.add_parser("view", help="open a scene in MuJoCo's viewer")
     command.add_argument("scene", type=Path, metavar="SCENE")
     command.set_defaults(command=_view)
 
+    command = commands.add_parser("export", help="write a scene as MJCF, for MuJoCo's own viewer")
+    command.add_argument("scene", type=Path, metavar="SCENE")
+    command.add_argument("--out", type=Path, required=True, metavar="FILE.xml")
+    command.set_defaults(command=_export)
+
     command = commands.add_parser("check", help="check scene and suite files")
     command.add_argument("files", nargs="+", type=Path, metavar="FILE")
     command.set_defaults(command=_check)
 
-    command = commands.add_parser("list", help="list whiskers, shapes and motions with their parameters")
+    command = commands.add_parser(
+        "list", help="list whiskers, settings of the simulation, shapes and motions with their parameters"
+    )
     command.set_defaults(command=_list)
     return parser
+
+
+def add_jobs(command: argparse.ArgumentParser) -> None:
+    """Adds the option `--jobs`."""
+    command.add_argument(
+        "--jobs", type=_positive, default=os.cpu_count(), metavar="N", help="worker processes (default: one a core)"
+    )
 
 
 def _positive(text: str) -> int:
@@ -106,49 +134,97 @@ def _simulate(options: argparse.Namespace) -> int:
         suite, runs = load_runs(file)
         if options.out is None and suite is None:
             raise InputError(f"{file}: a scene needs --out DIR; only a suite has a folder of its own")
-        waiting += [(options.out or _DATASETS / suite, run) for run in runs]
+        if options.simulation is None:
+            waiting += [(options.out or _DATASETS / suite, run) for run in runs]
+            continue
+        _, simulation = SIMULATIONS[options.simulation]
+        for run in runs:
+            run, folder = with_simulation(run, simulation), options.out or _DATASETS / f"{suite}_{options.simulation}"
+            if not options.force:
+                _keep_other_settings(folder, run)
+            waiting.append((folder, run))
     targets = [folder / run.name for folder, run in waiting]
     for (_, run), target in zip(waiting, targets, strict=True):
         if targets.count(target) > 1:
             raise InputError(f"{run.path}: expected traces of different names, found '{run.name}' {targets.count(target)} times")
 
-    failed = []
-    with _progress(len(waiting)) as report:
-        for outcome in _outcomes(waiting, options.jobs, options.force):
-            report(outcome)
-            failed += [outcome.code] if outcome.code != GOOD else []
-    if 0 < len(failed) < len(waiting):
-        print(f"{len(failed)} of {len(waiting)} traces failed", file=sys.stderr)
-        return SOME_FAILED
-    return max(failed, default=GOOD)
+    # An interrupt that comes while MuJoCo loads would be lost, or pass for a failure of the library.
+    with _interrupts_wait():
+        from whisker_sim.trace import is_up_to_date
+
+    chore = Chore("simulate", "trace", lambda run: run.name, is_up_to_date, make_trace)
+    return _do(chore, waiting, options.jobs, options.force)
+
+
+def _keep_other_settings(folder: Path, run: Run) -> None:
+    """Raises `InputError` where `folder` holds the trace of `run` with other settings, finer ones perhaps."""
+    path = folder / f"{run.name}.json"
+    try:
+        kept = msgspec.json.decode(path.read_bytes())["scene"]["simulation"]
+    except (OSError, msgspec.DecodeError, KeyError, TypeError):
+        return
+    if kept != msgspec.to_builtins(run.scene.simulation):
+        raise InputError(
+            f"{path}: expected a trace with {_values(run.scene.simulation)} or none, found one with "
+            f"{', '.join(f'{key} {value:g}' for key, value in kept.items())}; "
+            "another --out DIR keeps both, --force replaces it"
+        )
 
 
 class Outcome(NamedTuple):
-    """What became of one trace: an exit code, and one line for people."""
+    """What became of one item of a chore: an exit code, and one line for people."""
 
     code: int
     line: str
 
 
-def _outcomes(waiting: list[tuple[Path, Run]], jobs: int, force: bool) -> Iterator[Outcome]:
-    """Makes the traces that are not up to date; yields the outcome of each, as they finish."""
-    if not force:
-        from whisker_sim.trace import is_up_to_date
+class Chore(NamedTuple):
+    """Something to be made in a folder for each of many runs."""
 
-        fresh = [(folder, run) for folder, run in waiting if is_up_to_date(folder, run)]
-        yield from (Outcome(GOOD, f"{run.name}: up to date") for _, run in fresh)
+    verb: str
+    noun: str
+    """What is made, in the singular."""
+    name: Callable[[Run], str]
+    """Under which its files go, without their endings."""
+    is_up_to_date: Callable[[Path, Run], bool]
+    make: Callable[[Path, Run], Outcome]
+    """A function of this module, which worker processes can find."""
+
+
+def _do(chore: Chore, waiting: list[tuple[Path, Run]], jobs: int, force: bool) -> int:
+    """Does a chore for all that wait, in worker processes; gives the exit code."""
+    failed = []
+    with _progress(chore, len(waiting)) as report:
+        for outcome in _outcomes(chore, waiting, jobs, force):
+            report(outcome)
+            failed += [outcome.code] if outcome.code != GOOD else []
+    if 0 < len(failed) < len(waiting):
+        print(f"{len(failed)} of {len(waiting)} {chore.noun}s failed", file=sys.stderr)
+        return SOME_FAILED
+    return max(failed, default=GOOD)
+
+
+def _outcomes(chore: Chore, waiting: list[tuple[Path, Run]], jobs: int, force: bool) -> Iterator[Outcome]:
+    """Makes what is not up to date; yields the outcome of each, as they finish."""
+    from whisker_sim.trace import remove_leftovers
+
+    for folder, run in waiting:
+        remove_leftovers(folder, chore.name(run))
+    if not force:
+        fresh = [(folder, run) for folder, run in waiting if chore.is_up_to_date(folder, run)]
+        yield from (Outcome(GOOD, f"{chore.name(run)}: up to date") for _, run in fresh)
         waiting = [item for item in waiting if item not in fresh]
     jobs = min(jobs, len(waiting))
     if jobs <= 1:
-        yield from (make_trace(folder, run) for folder, run in waiting)
+        yield from (chore.make(folder, run) for folder, run in waiting)
         return
-    # No more than one trace a worker is handed out, so that an interruption waits for those and no others.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=_ignore_interrupts) as executor:
+    # No more than one item a worker is handed out, so that an interruption waits for those and no others.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=_outlive_nobody) as executor:
         rest = iter(waiting)
-        running = {executor.submit(make_trace, folder, run) for folder, run in islice(rest, jobs)}
+        running = _submit(executor, chore, islice(rest, jobs))
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {executor.submit(make_trace, folder, run) for folder, run in islice(rest, len(done))}
+            running |= _submit(executor, chore, islice(rest, len(done)))
             try:
                 yield from (future.result() for future in done)
             except BrokenProcessPool:
@@ -161,31 +237,81 @@ def make_trace(folder: Path, run: Run) -> Outcome:
     from whisker_sim.simulate import simulate
     from whisker_sim.trace import write_trace
 
-    try:
+    def work() -> str:
         simulated = simulate(run)
         write_trace(folder, run, simulated)
+        share = simulated.touching.mean()
+        return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * share:.0f} % in contact"
+
+    return _outcome(run, work)
+
+
+def make_pictures(folder: Path, run: Run) -> Outcome:
+    """Simulates `run` and draws it into `folder` for its group and whisker."""
+    from whisker_sim.render import render_set, set_name
+
+    def work() -> str:
+        render_set(folder, run)
+        return f"{set_name(run)}: drawn from {run.name}"
+
+    return _outcome(run, work)
+
+
+def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
+    """Does the work on `run`; its line for people, or what went wrong."""
+    try:
+        return Outcome(GOOD, work())
     except InputError as error:
         return Outcome(WRONG_INPUT, f"error: {error}")
     except WhiskerSimError as error:
         return Outcome(FAILED, f"error: {run.path}: {run.name}: {error}")
-    share = simulated.touching.mean()
-    return Outcome(GOOD, f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * share:.0f} % in contact")
 
 
-def _ignore_interrupts() -> None:
-    """Lets a worker finish the trace it is writing; the main process hands out no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _submit(executor: ProcessPoolExecutor, chore: Chore, items: Iterable[tuple[Path, Run]]) -> set[Future[Outcome]]:
+    """Hands out items to workers; they start here, where there are too few.
+
+    They never hear an interrupt, and finish the items they are making; the main process does, and hands out no more.
+    """
+    with _interrupts_wait():
+        return {executor.submit(chore.make, folder, run) for folder, run in items}
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
-    """Gives a function that reports one finished trace: a bar on a terminal, a line elsewhere; errors always as a line."""
+def _interrupts_wait() -> Iterator[None]:
+    """Puts interrupts off until its end; the processes that start within it never hear one."""
+    late: list[int] = []
+    # A blocked signal alone does not wait: a library's thread that does not block it would take it for the whole process.
+    heard = signal.signal(signal.SIGINT, lambda number, _: late.append(number))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, heard)
+        if late:
+            signal.raise_signal(signal.SIGINT)
+
+
+def _outlive_nobody() -> None:
+    """Ends a worker when the main process is killed: it would wait for work for ever."""
+    main_process = multiprocessing.parent_process()
+
+    def follow() -> None:
+        main_process.join()
+        os._exit(FAILED)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def _progress(chore: Chore, total: int) -> Iterator[Callable[[Outcome], None]]:
+    """Gives a function that reports one finished item: a bar on a terminal, a line elsewhere; errors always as a line."""
     if not sys.stderr.isatty():
         yield lambda outcome: print(outcome.line, file=sys.stderr, flush=True)
         return
     from tqdm import tqdm
 
-    with tqdm(total=total, unit="trace", desc="simulate", dynamic_ncols=True) as bar:
+    with tqdm(total=total, unit=chore.noun, desc=chore.verb, dynamic_ncols=True) as bar:
 
         def report(outcome: Outcome) -> None:
             if outcome.code != GOOD:
@@ -196,17 +322,30 @@ def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from whisker_sim.render import render
+    with _interrupts_wait():
+        from whisker_sim.render import first_of_each_set, is_rendered, render, set_name
 
-    render(_one_scene(options.scene), options.out)
-    print(options.out)
-    return GOOD
+    suite, runs = load_runs(options.file)
+    if suite is None:
+        render(runs[0], options.out)
+        print(options.out)
+        return GOOD
+    chore = Chore("render", "animation", set_name, is_rendered, make_pictures)
+    return _do(chore, [(options.out, run) for run in first_of_each_set(runs)], options.jobs, options.force)
 
 
 def _view(options: argparse.Namespace) -> int:
     from whisker_sim.render import view
 
     view(_one_scene(options.scene))
+    return GOOD
+
+
+def _export(options: argparse.Namespace) -> int:
+    from whisker_sim.export import export
+
+    export(_one_scene(options.scene), options.out)
+    print(options.out)
     return GOOD
 
 
@@ -222,7 +361,7 @@ def _check(options: argparse.Namespace) -> int:
         suite, runs = load_runs(file)
         for run in runs:
             try:
-                run.scene.motion.plan(run.scene.stage())
+                run.scene.plan()
             except ValueError as error:
                 raise located(run.path, str(error)) from None
         print(f"{file}: good, {'scene' if suite is None else f'suite of {len(runs)} traces'}")
@@ -230,10 +369,11 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _list(_: argparse.Namespace) -> int:
-    print("whiskers")
-    for name, (about, whisker) in PRESETS.items():
-        print(f"  {name:<18}{about}")
-        print(f"  {'':<18}{_values(whisker)}")
+    for title, presets in (("whiskers", PRESETS), ("simulations", SIMULATIONS)):
+        print(title)
+        for name, (about, values) in presets.items():
+            print(f"  {name:<18}{about}")
+            print(f"  {'':<18}{_values(values)}")
     for title, registry in (("shapes", AnyShape), ("motions", AnyMotion)):
         print(title)
         for row in registry.__args__:

@@ -1,13 +1,15 @@
 """The exact quasi-static whisker, for many base poses at once.
 
-A frictionless contact at the arc length s_c pushes the rod with a force F along its left normal; past the contact the rod is
-unloaded. With the contact at the origin and the tangent along +x, walk from s_c back to the root:
+A frictionless contact at the arc length s_c pushes the rod with a force F normal to its surface; past the contact the rod is
+unloaded. With the contact at the origin and the force along +y, walk from s_c back to the root:
 
     dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + M(s) / EI(s),  M(s) = -x(s) F.
 
-The root's bending moment M(0) turns the compliant root by M(0) / k. That gives shape and load of the rod for each (s_c, F), an
-initial-value problem. The contact with an object is the pair (s_c, F) for which the two surfaces touch and their normals are
-opposite. Nothing of the simulator is used but the whisker's parameters and the shapes' signed distances.
+At s_c the angle t is that between the tangent and the surface: zero but on a tapered rod, whose surface leans on the centre line
+by asin r', r(s) being the radius. The root's bending moment M(0) turns the compliant root by M(0) / k. That gives shape and load
+of the rod for each (s_c, F), an initial-value problem. The contact with an object is the pair (s_c, F) for which the two surfaces
+touch and their normals are opposite. Nothing of the simulator is used but the whisker's parameters and the shapes' signed
+distances.
 """
 
 from collections.abc import Callable
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from whisker_sim.shapes import Shape
 from whisker_sim.whisker import Array, Whisker
 
-_STEPS = 96
+_STEPS = 128
 """Steps of the Runge-Kutta rule in each piece of constant pre-curvature; the moment is then good to 1e-9 of its value."""
 _ITERATIONS = 40
 _TOLERANCE = 1e-10
@@ -29,7 +31,7 @@ _HALVINGS = 10
 
 @dataclass(frozen=True)
 class Loaded:
-    """Whiskers in Base, each under one force normal to it; n cases."""
+    """Whiskers in Base, each under one force; n cases."""
 
     point_m: Array
     """Points (n, 2) of the centre line where the forces act."""
@@ -67,9 +69,13 @@ class Touching:
         return Touching(*(getattr(self, field.name)[index : index + 1] for field in fields(self)))
 
 
-def loaded(whisker: Whisker, arc_m: Array, force_n: Array) -> Loaded:
-    """The whisker under forces `force_n` (n,), positive to the left, at the arc lengths `arc_m` (n,)."""
-    x, y, t = (np.zeros_like(arc_m) for _ in range(3))
+def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: float = 0.0) -> Loaded:
+    """The whisker under forces `force_n` (n,), positive to the left, at the arc lengths `arc_m` (n,).
+
+    The forces are across the whisker, or turned from there by `lean_rad`, counter-clockwise.
+    """
+    x, y = np.zeros_like(arc_m), np.zeros_like(arc_m)
+    t = np.full_like(arc_m, -lean_rad)
     ends_m = np.cumsum([arc.length_m for arc in whisker.curvature])
     starts_m = np.concatenate(([0.0], ends_m[:-1]))
     bending_per_m4 = whisker.youngs_modulus_pa * np.pi / 64.0
@@ -96,9 +102,10 @@ def loaded(whisker: Whisker, arc_m: Array, force_n: Array) -> Loaded:
     moment_n_m = -x * force_n
     base_rad = t - moment_n_m / whisker.root_stiffness_n_m_rad
     cos, sin = np.cos(base_rad), np.sin(base_rad)
-    return Loaded(np.stack((-cos * x - sin * y, sin * x - cos * y), axis=-1), -base_rad, moment_n_m)
+    return Loaded(np.stack((-cos * x - sin * y, sin * x - cos * y), axis=-1), -lean_rad - base_rad, moment_n_m)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Array, force_n: Array) -> Touching:
     """Whiskers on base poses (n, 3) in contact with `shape` on their side `face` (+1 left), by Newton's method.
 
@@ -107,21 +114,22 @@ def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Arr
     """
     bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.root_diameter_m**4 / 64.0
     scale = np.array((whisker.length_m, -face * bending_n_m2 / whisker.length_m**2))
+    lean_rad = face * float(np.arcsin(whisker.radius_slope))
 
     def state(unknown: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Loaded]:
         """Gap between the surfaces in lengths, angle from one normal to the other's opposite (m, 2); contact, surface, load."""
         arc_m = np.clip(unknown[:, 0], 1e-3, 1.0) * scale[0]
-        load = loaded(whisker, arc_m, unknown[:, 1] * scale[1])
+        load = loaded(whisker, arc_m, unknown[:, 1] * scale[1], lean_rad)
         x, y, yaw = poses[rows].T
         cos, sin = np.cos(yaw), np.sin(yaw)
         px, py = load.point_m.T
         contact_m = np.stack((x + cos * px - sin * py, y + sin * px + cos * py), axis=-1)
         surface_m, distance_m = shape.closest(contact_m)
         outward = (contact_m - surface_m) / distance_m[:, None]
-        angle = yaw + load.tangent_rad
-        tangent, normal = np.stack((np.cos(angle), np.sin(angle))), np.stack((-np.sin(angle), np.cos(angle)))
-        # The object's outward normal is opposite to the whisker's normal on the object's side.
-        miss_rad = np.arctan2(-face * np.sum(outward.T * tangent, axis=0), -face * np.sum(outward.T * normal, axis=0))
+        angle = yaw + load.tangent_rad + lean_rad
+        along, normal = np.stack((np.cos(angle), np.sin(angle))), np.stack((-np.sin(angle), np.cos(angle)))
+        # The object's outward normal is opposite to the normal of the whisker's surface on the object's side.
+        miss_rad = np.arctan2(-face * np.sum(outward.T * along, axis=0), -face * np.sum(outward.T * normal, axis=0))
         gap = (distance_m - whisker.radius_m(arc_m)) / whisker.length_m
         return np.stack((gap, miss_rad), axis=-1), contact_m, surface_m, load
 
@@ -132,7 +140,10 @@ def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Arr
         # One batch for the residual and its neighbours: a walk along the rod costs the same for few cases as for many.
         neighbours = (guess + _DIFFERENCE * np.array(((0, 0), (1, 0), (0, 1)))[:, None]).reshape(-1, 2)
         residual, *shifted = np.split(state(neighbours, np.tile(pending, 3))[0], 3)
-        update = _solve(np.stack([(other - residual) / _DIFFERENCE for other in shifted], axis=-1), residual)
+        # A case gone astray has no finite residual; it stays unsolved, and needs no warning.
+        with np.errstate(invalid="ignore"):
+            jacobian = np.stack([(other - residual) / _DIFFERENCE for other in shifted], axis=-1)
+        update = _solve(jacobian, residual)
 
         def retried(trial: Array, rows: NDArray[np.intp], pending: NDArray[np.intp] = pending) -> Array:
             return state(trial, pending[rows])[0]

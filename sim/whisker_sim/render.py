@@ -1,64 +1,66 @@
-"""Pictures of a scene from above, headless, and MuJoCo's viewer."""
+"""Pictures of sweeps as files, still and moving; and MuJoCo's viewer."""
 
+import hashlib
+import io
 import os
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
-# MuJoCo chooses its rendering back end when it is imported; EGL needs no display.
-if sys.platform == "linux":
-    os.environ.setdefault("MUJOCO_GL", "egl")
-
-import mujoco
-import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+import PIL
+from PIL import Image
+from PIL.ExifTags import Base as ExifTag
 from tqdm import tqdm
 
+import whisker_sim
+from whisker_sim import drawing
+from whisker_sim.drawing import Drawing
 from whisker_sim.errors import InputError, SimulationError
 from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.scene import Run
-from whisker_sim.simulate import Simulated, simulate
-from whisker_sim.truth import CenterLine
+from whisker_sim.simulate import simulate
+from whisker_sim.trace import inputs_sha256, write_atomically
 
-_WIDTH, _HEIGHT = 960, 720
-_FRAMES_HZ = 25.0
-_MARGIN = 1.15
-# A true wire is a pixel wide; drawn as wide as this share of the picture it can be seen.
-_WHISKER_SHARE = 0.004
-_ABOVE_ALL_MM = 100.0
-_ROOT_RGBA = (0.20, 0.20, 0.20, 1.0)
-_CONTACT_RGBA = (0.00, 0.45, 0.70, 1.0)
-_INK = (40, 40, 40)
+_FRAMES_HZ = 20.0
 
 
 def render(run: Run, path: Path) -> None:
     """Simulates `run` and draws it: `.png` the instant of the largest reading, `.gif` or `.webp` the sweep in real time.
 
-    Raises `InputError` for another ending, and `SimulationError` where there is no rendering back end.
+    Raises `InputError` for another ending, and what `simulate` raises.
     """
     if path.suffix not in (".png", ".gif", ".webp"):
         raise InputError(f"{path}: expected a name that ends in .png, .gif or .webp, found '{path.suffix}'")
-    simulated = simulate(run)
-    step = max(1, round(run.scene.rate_hz / _FRAMES_HZ))
-    still = path.suffix == ".png"
-    rows = [int(np.argmax(np.abs(simulated.rotations_rad[:, 0])))] if still else range(0, len(simulated.time_s), step)
-    with _Camera(run, simulated) as camera:
-        frames = [camera.frame(row) for row in tqdm(rows, unit="frame", desc="render", disable=still or not sys.stderr.isatty())]
+    sweep = Drawing(run, simulate(run))
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
-    try:
-        if still:
-            frames[0].save(temporary)
-        else:
-            # One palette for all frames keeps the colours from flickering.
-            if path.suffix == ".gif":
-                palette = frames[len(frames) // 2].quantize(64)
-                frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-            duration_ms = round(1e3 * step / run.scene.rate_hz)
-            frames[0].save(temporary, save_all=True, append_images=frames[1:], duration=duration_ms, loop=0)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    if path.suffix == ".png":
+        _write_still(path, sweep)
+    else:
+        _write_animation(path, sweep, shows_progress=sys.stderr.isatty())
+
+
+def first_of_each_set(runs: Iterable[Run]) -> list[Run]:
+    """The first trial of every group with every whisker."""
+    first: dict[str, Run] = {}
+    for run in runs:
+        if run.scene.role == "trial":
+            first.setdefault(set_name(run), run)
+    return list(first.values())
+
+
+def render_set(folder: Path, run: Run) -> None:
+    """Simulates `run` and writes, into `folder`, the animation `<group>.<whisker>.webp` and a still `<group>.<whisker>.png`."""
+    sweep = Drawing(run, simulate(run))
+    folder.mkdir(parents=True, exist_ok=True)
+    still, animation = _set_paths(folder, run)
+    _write_still(still, sweep)
+    _write_animation(animation, sweep, shows_progress=False)
+
+
+def is_rendered(folder: Path, run: Run) -> bool:
+    """Whether `folder` holds just the pictures that `render_set` would write, by what they say of themselves."""
+    return all(_description(path) == _provenance(run) for path in _set_paths(folder, run))
 
 
 def view(run: Run) -> None:
@@ -68,95 +70,73 @@ def view(run: Run) -> None:
     import mujoco.viewer
 
     simulated = simulate(run)
-    model, data = _posed_model(run)
+    model = build_model(run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s)
+    data = mujoco.MjData(model)
     with mujoco.viewer.launch_passive(model, data) as viewer:
         while viewer.is_running():
             start_s = time.monotonic()
             while viewer.is_running() and (elapsed_s := time.monotonic() - start_s) < simulated.time_s[-1]:
-                _pose(model, data, simulated, int(elapsed_s * run.scene.rate_hz))
+                row = int(elapsed_s * run.scene.rate_hz)
+                data.qpos[:3] = simulated.base_pose[row] * (MM_PER_M, MM_PER_M, 1.0)
+                data.qpos[3:] = simulated.rotations_rad[row]
+                mujoco.mj_kinematics(model, data)
                 viewer.sync()
                 time.sleep(1.0 / 60.0)
 
 
-class _Camera:
-    """Looks straight down on the part of the plane where the whisker moves."""
-
-    def __init__(self, run: Run, simulated: Simulated) -> None:
-        self._run, self._simulated = run, simulated
-        line = CenterLine.from_joints(run.scene.resolved_whisker, simulated.base_pose, simulated.rotations_rad)
-        surface_m = simulated.truth.surface_m[simulated.touching]
-        seen_mm = MM_PER_M * np.concatenate((line.points_m.reshape(-1, 2), surface_m))
-        low, high = seen_mm.min(axis=0), seen_mm.max(axis=0)
-        self._center_mm = 0.5 * (low + high)
-        width, height = high - low
-        self._height_mm = _MARGIN * max(height, width * _HEIGHT / _WIDTH)
-        self._model, self._data = _posed_model(run)
-        capsules = self._model.geom_contype == 1
-        self._dot_mm = _WHISKER_SHARE * self._height_mm
-        self._model.geom_size[capsules, 0] = np.maximum(self._model.geom_size[capsules, 0], self._dot_mm)
-        # A plan view: flat colours, and round objects round.
-        self._model.vis.headlight.ambient[:], self._model.vis.headlight.diffuse[:] = 1.0, 0.0
-        self._model.vis.headlight.specular[:] = 0.0
-        self._model.vis.quality.numslices, self._model.vis.quality.numstacks = 128, 4
-        self._model.vis.global_.orthographic = 1
-        self._model.vis.global_.fovy = self._height_mm
-        self._font = ImageFont.load_default(22)
-
-    def __enter__(self) -> "_Camera":
-        try:
-            self._renderer = mujoco.Renderer(self._model, _HEIGHT, _WIDTH)
-        except Exception as error:
-            raise SimulationError(f"no headless rendering: {error}; Debian has it in libegl1 and libgl1-mesa-dri") from None
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._renderer.close()
-
-    def frame(self, row: int) -> Image.Image:
-        """The picture at a row of the trace."""
-        simulated = self._simulated
-        _pose(self._model, self._data, simulated, row)
-        camera = mujoco.MjvCamera()
-        camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-        camera.lookat[:] = (*self._center_mm, 0.0)
-        camera.azimuth, camera.elevation = 90.0, -90.0
-        camera.distance = 4.0 * self._height_mm
-        camera.orthographic = 1
-        self._renderer.update_scene(self._data, camera)
-        self._dot(simulated.base_pose[row, :2], 2.2, _ROOT_RGBA)
-        if simulated.touching[row]:
-            self._dot(simulated.truth.surface_m[row], 1.8, _CONTACT_RGBA)
-        picture = Image.fromarray(self._renderer.render())
-        caption = f"{self._run.name}    t = {simulated.time_s[row]:.2f} s"
-        ImageDraw.Draw(picture).text((16, 12), caption, fill=_INK, font=self._font)
-        self._scale_bar(picture)
-        return picture
-
-    def _dot(self, point_m: np.ndarray, size: float, rgba: tuple[float, ...]) -> None:
-        scene = self._renderer.scene
-        mujoco.mjv_initGeom(
-            scene.geoms[scene.ngeom],
-            mujoco.mjtGeom.mjGEOM_SPHERE,
-            np.full(3, size * self._dot_mm),
-            np.array((*MM_PER_M * point_m, _ABOVE_ALL_MM)),
-            np.eye(3).ravel(),
-            np.array(rgba, dtype=np.float32),
-        )
-        scene.ngeom += 1
-
-    def _scale_bar(self, picture: Image.Image) -> None:
-        length = round(10.0 * _HEIGHT / self._height_mm)
-        draw = ImageDraw.Draw(picture)
-        draw.line(((16, _HEIGHT - 20), (16 + length, _HEIGHT - 20)), fill=_INK, width=3)
-        draw.text((16, _HEIGHT - 52), "10 mm", fill=_INK, font=self._font)
+def _write_still(path: Path, sweep: Drawing) -> None:
+    """Writes the picture at the largest reading."""
+    (picture,) = sweep.pictures([sweep.largest_reading_row])
+    buffer = io.BytesIO()
+    picture.save(buffer, "png", optimize=True, exif=_exif(sweep.run))
+    write_atomically(path, buffer.getvalue())
 
 
-def _posed_model(run: Run) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = build_model(run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s)
-    return model, mujoco.MjData(model)
+def _write_animation(path: Path, sweep: Drawing, shows_progress: bool) -> None:
+    """Writes the whole sweep in real time, over and over."""
+    rate_hz = sweep.run.scene.rate_hz
+    stride = max(1, round(rate_hz / _FRAMES_HZ))
+    rows = tqdm(range(0, sweep.rows, stride), unit="frame", desc="render", disable=not shows_progress)
+    first, *rest = sweep.pictures(rows)
+    # Flat colours are smaller without loss than with it.
+    options = {"lossless": True, "quality": 75, "method": 3, "exif": _exif(sweep.run)}
+    if path.suffix == ".gif":
+        options = {"comment": _provenance(sweep.run)}
+    buffer = io.BytesIO()
+    duration_ms = round(1e3 * stride / rate_hz)
+    first.save(buffer, path.suffix[1:], save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
+    write_atomically(path, buffer.getvalue())
 
 
-def _pose(model: mujoco.MjModel, data: mujoco.MjData, simulated: Simulated, row: int) -> None:
-    data.qpos[:3] = simulated.base_pose[row] * (MM_PER_M, MM_PER_M, 1.0)
-    data.qpos[3:] = simulated.rotations_rad[row]
-    mujoco.mj_kinematics(model, data)
+def set_name(run: Run) -> str:
+    """Name of the pictures of a set, the trials of one group with one whisker. Neither holds a dot, so no two are the same."""
+    return f"{run.scene.group}.{run.scene.resolved_whisker.name}"
+
+
+def _set_paths(folder: Path, run: Run) -> tuple[Path, Path]:
+    """The still and the animation of a set."""
+    return folder / f"{set_name(run)}.png", folder / f"{set_name(run)}.webp"
+
+
+def _exif(run: Run) -> Image.Exif:
+    exif = Image.Exif()
+    exif[ExifTag.Software] = f"whisker_sim {whisker_sim.__version__}"
+    exif[ExifTag.ImageDescription] = _provenance(run)
+    return exif
+
+
+def _provenance(run: Run) -> str:
+    """What a picture says of itself: the name of the trace, and a hash of all that determines the picture."""
+    digest = hashlib.sha256(f"{inputs_sha256(run.scene)} {PIL.__version__}".encode())
+    for source in (__file__, drawing.__file__):
+        digest.update(Path(source).read_bytes())
+    return f"{run.name}, inputs {digest.hexdigest()}"
+
+
+def _description(path: Path) -> str | None:
+    """What the picture at `path` says of itself; None where there is no picture."""
+    try:
+        with Image.open(path) as picture:
+            return picture.getexif().get(ExifTag.ImageDescription)
+    except OSError:
+        return None

@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from whisker_sim.documents import read_document, read_json
+from whisker_sim.documents import located, read_document, read_json
 from whisker_sim.errors import InputError
-from whisker_sim.motions import AnyMotion, Stage
+from whisker_sim.motions import AnyMotion, Plan, Stage
 from whisker_sim.shapes import AnyShape
+from whisker_sim.vibration import Vibration
 from whisker_sim.whisker import Positive, Whisker, WhiskerOverride, resolve_whisker
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
@@ -25,6 +26,22 @@ class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     timestep_s: Annotated[float, msgspec.Meta(ge=1e-5, le=0.002)] = 0.0005
 
 
+SIMULATIONS: dict[str, tuple[str, Simulation]] = {
+    "default": ("what the bounds of the physics are stated for", Simulation()),
+    "fast": ("twice as fast, with at most twice those bounds", Simulation(timestep_s=0.001)),
+}
+"""Settings of the simulation by name, each with one line about it."""
+
+
+def resolve_simulation(choice: str | Simulation) -> Simulation:
+    """The settings that a scene names or gives; raises `ValueError` for an unknown name."""
+    if isinstance(choice, Simulation):
+        return choice
+    if choice not in SIMULATIONS:
+        raise ValueError(f"simulation: expected one of {', '.join(SIMULATIONS)}, found '{choice}'")
+    return SIMULATIONS[choice][1]
+
+
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """One experiment: a whisker, an object, a motion."""
 
@@ -36,13 +53,16 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     whisker: str | WhiskerOverride
     object: AnyShape
     motion: AnyMotion
+    vibration: Vibration | None = None
     seed: Seed = 0
     duration_s: Positive | None = None
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
-    simulation: Simulation = Simulation()
+    simulation: str | Simulation = Simulation()
+    """A name stands for its settings: once read, a scene holds the settings themselves, and so does the sidecar of a trace."""
 
     def __post_init__(self) -> None:
         resolve_whisker(self.whisker)
+        msgspec.structs.force_setattr(self, "simulation", resolve_simulation(self.simulation))
         if self.motion.needs_duration and self.duration_s is None:
             raise ValueError(f"duration_s: the motion '{self.motion_kind}' needs it, found none")
         if not self.motion.needs_duration and self.duration_s is not None:
@@ -74,6 +94,16 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     def steps_per_row(self) -> int:
         """Time steps between two rows of the trace."""
         return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
+
+    def plan(self) -> Plan:
+        """The motion with what the vibration adds; raises `ValueError` where the scene's geometry does not allow it."""
+        stage = self.stage()
+        plan = self.motion.plan(stage)
+        if self.vibration is None:
+            return plan
+        # Drawn after the motion, so that it leaves the motion as it is.
+        added_m = self.vibration.displacement_m(len(plan.poses) - 1, stage.timestep_s, stage.rng)
+        return msgspec.structs.replace(plan, poses=plan.poses + np.pad(added_m, ((0, 0), (0, 1))))
 
     def stage(self) -> Stage:
         """What the motion may know. The random stream follows from the scene's name and seed alone."""
@@ -120,6 +150,14 @@ def load(path: Path) -> Scene | Suite:
         raise InputError(f"{path}: expected an object, found {type(value).__name__}")
     kind = Suite if "scenes" in value else Scene
     return read_document(path, kind)
+
+
+def with_simulation(run: Run, simulation: Simulation) -> Run:
+    """The same run with other settings of the simulation; raises `InputError` where its rows do not fit their time step."""
+    try:
+        return msgspec.structs.replace(run, scene=msgspec.structs.replace(run.scene, simulation=simulation))
+    except ValueError as error:
+        raise located(run.path, str(error)) from None
 
 
 def load_runs(path: Path) -> tuple[str | None, list[Run]]:

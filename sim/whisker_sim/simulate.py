@@ -57,7 +57,7 @@ def simulate(run: Run) -> Simulated:
     """
     scene = run.scene
     try:
-        plan = scene.motion.plan(scene.stage())
+        plan = scene.plan()
     except ValueError as error:
         raise located(run.path, str(error)) from None
     qpos, qvel, sensors = _integrate(scene, plan)
@@ -105,7 +105,7 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
         warmstart = data.qacc_warmstart.copy()
         after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
         _check_physics(after[0], start * timestep_s, timestep_s)
-        states.append(np.concatenate((state[None], after[0][:-1]))[::stride])
+        states += [state[None], after[0][stride - 1 : -1 : stride]]
         sensors.append(readings[0][::stride])
         state = after[0][-1]
     states, sensors = np.concatenate(states), np.concatenate(sensors)
@@ -114,18 +114,24 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
 
 
 def _extent_mm(places: Array) -> Array:
-    """Largest distance (n,) between two loaded places, from the sensor data (n, 6 x places); zero where there are not two."""
+    """Diagonal (n,) of the box around the loaded places, from the sensor data (n, 6 x places); zero where there are not two."""
     slots = places.reshape(len(places), -1, 6)
-    loaded, points_mm = np.any(slots[:, :, :3] != 0.0, axis=-1), slots[:, :, 3:]
-    distance_mm = np.linalg.norm(points_mm[:, :, None] - points_mm[:, None], axis=-1)
-    return np.max(distance_mm, axis=(1, 2), where=loaded[:, :, None] & loaded[:, None], initial=0.0)
+    loaded = np.any(slots[:, :, :3] != 0.0, axis=-1)
+    several = np.sum(loaded, axis=1) > 1
+    points_mm, where = slots[several, :, 3:], loaded[several, :, None]
+    highest = np.max(points_mm, axis=1, where=where, initial=-np.inf)
+    lowest = np.min(points_mm, axis=1, where=where, initial=np.inf)
+    extent_mm = np.zeros(len(places))
+    extent_mm[several] = np.linalg.norm(highest - lowest, axis=1)
+    return extent_mm
 
 
 def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:
     if _warnings:
         raise SimulationError(f"MuJoCo warns: {_warnings[0]}")
-    finite = np.all(np.isfinite(states), axis=1)
-    if not np.all(finite):
+    # What is not finite once stays so.
+    if not np.all(np.isfinite(states[-1])):
+        finite = np.all(np.isfinite(states), axis=1)
         raise SimulationError(f"state is not finite at {start_s + timestep_s * (int(np.argmin(finite)) + 1):.4f} s")
 
 
@@ -143,9 +149,12 @@ def _check(simulated: Simulated, plan: Plan) -> None:
         deep = (simulated.penetration_m > _PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
         if np.any(deep):
             raise SimulationError(
-                f"penetration of {np.max(simulated.penetration_m[deep]):.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
-                f"expected at most {_PENETRATION_LIMIT_M:.0e} m: the time step is too long"
+                f"penetration of {simulated.penetration_m[np.argmax(deep)]:.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
+                f"expected at most {_PENETRATION_LIMIT_M:.0e} m; a slower motion or a shorter time step may help"
             )
     at_tip = touching & simulated.truth.tip
+    if plan.may_slip_off:
+        promised = [(time_s >= start_s) & (time_s <= end_s) for start_s, end_s in plan.touching]
+        at_tip &= np.any(promised, axis=0)
     if np.any(at_tip):
         raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")

@@ -87,7 +87,7 @@ class Sidecar(msgspec.Struct, frozen=True):
 
 
 def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
-    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json` into `folder`."""
+    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json`, which says that all is there, into `folder`."""
     scene = run.scene
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
     outline_m = scene.object.outline_m()
@@ -113,6 +113,8 @@ def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
         certificate=certify(scene, simulated),
     )
     folder.mkdir(parents=True, exist_ok=True)
+    # A sidecar of before must not stand beside rows that it does not describe.
+    (folder / f"{run.name}.json").unlink(missing_ok=True)
     write_atomically(folder / f"{run.name}.csv", csv)
     write_atomically(folder / contour_name, contour)
     write_atomically(folder / f"{run.name}.json", to_json(sidecar))
@@ -169,16 +171,22 @@ def _format(values: Array, decimals: int) -> list[str]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Writes under a temporary name in the same folder and renames, so that a file that exists is complete."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    """Writes under a temporary name in the same folder and renames, so that a file that exists is complete.
+
+    Raises `OSError` that names `path`, not the temporary file, which nobody asked for.
+    """
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def remove_leftovers(folder: Path, name: str) -> None:

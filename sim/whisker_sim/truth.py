@@ -1,11 +1,15 @@
-"""Ground truth: the whisker's centre line from the joint angles, and the point of it nearest to the object.
+"""Ground truth: the whisker's centre line from the joint angles, and where its surface is nearest to the object.
 
 The centre line is the cubic Hermite curve through the middles of the links, where position and tangent of the chain are those of
 the rod (see `model`). It is smooth where the chain has corners, and takes the place of the solver's contact points, which jump
 from one capsule to the next.
+
+The whisker's surface is the envelope of circles about the centre line's points P(s), of the radius r(s). It is nearest to the
+object where the clearance dist(P(s)) - r(s) is least. There its slope, t n - r' with the tangent t and the object's outward normal
+n, is zero: on a tapered whisker the normal of the contact leans on the centre line as the surface does.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +17,7 @@ from numpy.typing import NDArray
 from whisker_sim.shapes import Shape
 from whisker_sim.whisker import Array, Whisker
 
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+_ARC_TOLERANCE_M = 1e-10
 _TIP_M = 1e-6
 """A contact nearer to the end than this lies at the tip."""
 
@@ -27,6 +31,8 @@ class CenterLine:
     angles_rad: Array
     """Tangent angles (n, N + 1) at the nodes, continuous along the whisker and in time."""
     step_m: float
+    radius_slope: float
+    """Change of the whisker's radius with the arc length."""
 
     @classmethod
     def from_joints(cls, whisker: Whisker, base_pose: Array, rotations_rad: Array) -> "CenterLine":
@@ -41,7 +47,11 @@ class CenterLine:
             rest_points_m[1:] - hinge_points_m, turn_rad[:, 1:]
         )
         points_m = base_pose[:, None, :2] + np.concatenate((np.zeros((len(base_pose), 1, 2)), np.cumsum(pieces_m, axis=1)), axis=1)
-        return cls(points_m, turn_rad + rest_angles_rad, whisker.segment_m)
+        return cls(points_m, turn_rad + rest_angles_rad, whisker.segment_m, whisker.radius_slope)
+
+    def rows(self, rows: NDArray[np.intp]) -> "CenterLine":
+        """The centre lines at the instants `rows` alone."""
+        return replace(self, points_m=self.points_m[rows], angles_rad=self.angles_rad[rows])
 
     def at(self, arc_m: Array) -> tuple[Array, Array]:
         """Points (n, 2) and tangent angles (n,) at one arc length (n,) for each instant."""
@@ -64,7 +74,7 @@ class CenterLine:
 
 @dataclass(frozen=True)
 class ContactTruth:
-    """Where the whisker is nearest to the object, at n instants, in World."""
+    """Where the whisker's surface is nearest to the object, at n instants, in World."""
 
     contact_m: Array
     """Points (n, 2) on the centre line."""
@@ -76,26 +86,40 @@ class ContactTruth:
 
 
 def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
-    """Finds the point of each centre line nearest to `shape`: the nearest node, then golden sections down to nanometres."""
+    """Finds the point of each centre line where the whisker's surface is nearest to `shape`.
+
+    Between the neighbours of the nearest node the clearance falls and then rises: its slope along the centre line, the cosine
+    between the tangent and the direction away from the object less the slope of the radius, has a zero, which false position
+    finds (the Illinois rule: an end that stays twice counts half). Where the slope keeps its sign, the nearest point is the
+    whisker's end.
+    """
     count, nodes, _ = line.points_m.shape
     _, distance_m = shape.closest(line.points_m.reshape(-1, 2))
-    node = np.argmin(distance_m.reshape(count, nodes), axis=1)
-    low = np.maximum(node - 1, 0) * line.step_m
-    high = np.minimum(node + 1, nodes - 1) * line.step_m
+    # The radius at the root is the same for all, and does not count.
+    clearance_m = distance_m.reshape(count, nodes) - line.radius_slope * line.step_m * np.arange(nodes)
+    node = np.argmin(clearance_m, axis=1)
+    low, high = np.maximum(node - 1, 0) * line.step_m, np.minimum(node + 1, nodes - 1) * line.step_m
 
-    def distance_at(arc_m: Array) -> Array:
-        return shape.closest(line.at(arc_m)[0])[1]
+    def slope_at(rows: NDArray[np.intp], arc_m: Array) -> Array:
+        point_m, tangent_rad = line.rows(rows).at(arc_m)
+        nearest_m, distance_m = shape.closest(point_m)
+        away_x, away_y = ((point_m - nearest_m) / distance_m[:, None]).T
+        return away_x * np.cos(tangent_rad) + away_y * np.sin(tangent_rad) - line.radius_slope
 
-    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    fa, fb = distance_at(a), distance_at(b)
-    while np.max(high - low, initial=0.0) > 1e-9:
-        left = fa < fb
-        low, high = np.where(left, low, a), np.where(left, b, high)
-        probe = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        value = distance_at(probe)
-        a, b = np.where(left, probe, b), np.where(left, a, probe)
-        fa, fb = np.where(left, value, fb), np.where(left, fa, value)
-    arc_m = 0.5 * (low + high)
+    rows, arc_m = np.arange(count), node * line.step_m
+    slope_low, slope_high = slope_at(rows, low), slope_at(rows, high)
+    fell = slope_low > 0.0
+    moving = (slope_low < 0.0) & (slope_high > 0.0)
+    while np.any(moving):
+        rows, low, high, slope_low, slope_high, fell = (values[moving] for values in (rows, low, high, slope_low, slope_high, fell))
+        probe = low + slope_low / (slope_low - slope_high) * (high - low)
+        slope = slope_at(rows, probe)
+        falls = slope < 0.0
+        fading = np.where(falls == fell, 0.5, 1.0)
+        low, high = np.where(falls, probe, low), np.where(falls, high, probe)
+        slope_low, slope_high = np.where(falls, slope, fading * slope_low), np.where(falls, fading * slope_high, slope)
+        moving = np.abs(probe - arc_m[rows]) > _ARC_TOLERANCE_M
+        arc_m[rows], fell = probe, falls
     contact_m, tangent_rad = line.at(arc_m)
     surface_m, _ = shape.closest(contact_m)
     return ContactTruth(contact_m, surface_m, arc_m, tangent_rad, arc_m > line.step_m * (nodes - 1) - _TIP_M)

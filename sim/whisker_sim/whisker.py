@@ -62,6 +62,11 @@ class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Radius at the arc lengths `arc_m`; any shape."""
         return 0.5 * self.diameter_m(arc_m)
 
+    @property
+    def radius_slope(self) -> float:
+        """Change of the radius with the arc length: the sine of the angle by which the surface leans on the centre line."""
+        return 0.5 * (self.tip_diameter_m - self.root_diameter_m) / self.length_m
+
     def compliance_rad_n_m(self, from_m: float, to_m: float) -> float:
         """Integral of ds / EI between two arc lengths, EI = E pi d^4 / 64: the rotation per unit of bending moment.
 
@@ -71,10 +76,10 @@ class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         integral = (to_m - from_m) * (da * da + da * db + db * db) / (3.0 * da**3 * db**3)
         return float(64.0 * integral / (np.pi * self.youngs_modulus_pa))
 
-    def mass_kg(self, from_m: float, to_m: float) -> float:
-        """Mass between two arc lengths: rho pi/12 (b - a) (da^2 + da db + db^2), the frustum's."""
-        da, db = self.diameter_m([from_m, to_m])
-        return float(self.density_kg_m3 * np.pi / 12.0 * (to_m - from_m) * (da * da + da * db + db * db))
+    def mass_kg(self, from_m: Array, to_m: Array) -> Array:
+        """Masses between pairs of arc lengths, of any shape: rho pi/12 (b - a) (da^2 + da db + db^2), the frustum's."""
+        da, db = self.diameter_m(from_m), self.diameter_m(to_m)
+        return self.density_kg_m3 * np.pi / 12.0 * (to_m - from_m) * (da * da + da * db + db * db)
 
     def rest_angle_rad(self, arc_m: ArrayLike) -> Array:
         """Tangent angle of the undeflected whisker in Base at `arc_m`; any shape."""

@@ -21,9 +21,12 @@ pub(crate) fn prepare() -> Outcome {
 
 /// Scenes to traces: `scenes/suites/<suite>.json` to `datasets/<suite>/`.
 pub(crate) fn simulate(suite: &str) -> Outcome {
-    let jobs = thread::available_parallelism().map_or(1, usize::from).to_string();
-    let (scenes, traces) = (suite_file(suite), format!("datasets/{suite}"));
-    step("simulate", || run(python(&["-m", "whisker_sim", "simulate", &scenes, "--out", &traces, "--jobs", &jobs])))
+    step("simulate", || generate("simulate", suite, &format!("datasets/{suite}")))
+}
+
+/// A sweep of each group and whisker to an animation: `datasets/<suite>/animations/`.
+pub(crate) fn animate(suite: &str) -> Outcome {
+    step("animate", || generate("render", suite, &animations(suite)))
 }
 
 /// Calibration traces to sensor models: `datasets/<suite>/calibrations/`.
@@ -36,9 +39,26 @@ pub(crate) fn evaluate(suite: &str) -> Outcome {
     step("evaluate", || run(whisker(&["evaluate", &suite_file(suite)])))
 }
 
-/// Scores to figures and a page: `results/<suite>/`.
+/// The same for a suite without calibrations of its own, with those of another, under this many seeds of the measurement noise.
+pub(crate) fn evaluate_with_calibrations_of(suite: &str, calibrated: &str, seeds: u32) -> Outcome {
+    let (calibrations, seeds) = (format!("datasets/{calibrated}/calibrations"), seeds.to_string());
+    let options = ["--calibrations", &calibrations, "--seeds", &seeds];
+    step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
+}
+
+/// Scores to figures and a page, which links the animations: `results/<suite>/`.
 pub(crate) fn report(suite: &str) -> Outcome {
-    step("report", || run(whisker(&["report", &format!("results/{suite}")])))
+    step("report", || run(whisker(&["report", &format!("results/{suite}"), "--animations", &animations(suite)])))
+}
+
+/// A command of the generator that makes files of a suite in a folder.
+fn generate(command: &str, suite: &str, out: &str) -> Outcome {
+    let jobs = thread::available_parallelism().map_or(1, usize::from).to_string();
+    run(python(&["-m", "whisker_sim", command, &suite_file(suite), "--out", out, "--jobs", &jobs]))
+}
+
+fn animations(suite: &str) -> String {
+    format!("datasets/{suite}/animations")
 }
 
 fn suite_file(suite: &str) -> String {

@@ -3,11 +3,13 @@
 from whisker_sim.motions.base import Motion, Plan, Stage
 from whisker_sim.motions.calibration_grid import CalibrationGrid
 from whisker_sim.motions.lateral_sweep import LateralSweep
+from whisker_sim.motions.lift_offs import LiftOffs
 from whisker_sim.motions.smooth import Smooth
 
 AnyMotion = (
     CalibrationGrid  #
     | LateralSweep
+    | LiftOffs
     | Smooth
 )
 """The motions that a scene's `motion` may name by the key `kind`."""

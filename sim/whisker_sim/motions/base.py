@@ -55,13 +55,14 @@ class Stage(msgspec.Struct, frozen=True):
         curve = self.whisker.rest_point_m(arc_m)
         angle = self.whisker.rest_angle_rad(arc_m)
         normal = self.face * np.stack((-np.sin(angle), np.cos(angle)), axis=-1)
+        curve_squared, twice_curve = np.sum(curve**2, axis=1), 2.0 * curve.T
         outline = self.shape.outline_m()[:-1]
         gap_m = np.empty(len(poses))
         for index, (x, y, yaw) in enumerate(poses):
             cos, sin = np.cos(yaw), np.sin(yaw)
             local = (outline - (x, y)) @ np.array(((cos, -sin), (sin, cos)))
-            squared = np.sum(local**2, axis=1)[:, None] - 2.0 * local @ curve.T + np.sum(curve**2, axis=1)
-            nearest = np.argmin(squared, axis=1)
+            # Squared distances but for what is the same for every point of the curve.
+            nearest = np.argmin(curve_squared - local @ twice_curve, axis=1)
             height = np.sum((local - curve[nearest]) * normal[nearest], axis=1) - self.whisker.radius_m(arc_m[nearest])
             gap_m[index] = np.min(height)
         return gap_m
@@ -74,6 +75,8 @@ class Plan(msgspec.Struct, frozen=True):
     """Poses (n + 1, 3) of the base in World, one a time step, the first at time zero: x, y in metres, yaw in radians."""
     touching: tuple[tuple[float, float], ...]
     """Spans of time, in seconds, in which the contact must not break."""
+    may_slip_off: bool = False
+    """Whether the contact may reach the tip outside these spans, to slip off it."""
 
 
 class Motion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw_only=True):

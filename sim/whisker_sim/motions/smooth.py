@@ -11,6 +11,8 @@ from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 _APPROACH_S = 0.24
 _RAMP_S = 0.5
 _WAVES = 4
+_LOOK_S = 0.02
+"""Time between the poses at which the depth is looked at; the base moves a fraction of a millimetre in it."""
 
 
 class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
@@ -56,11 +58,11 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         across_m = self.translation_m * self._waves(time_s, stage.rng)
         turn_rad = self.rotation_rad * self._waves(time_s, stage.rng)
 
-        settled = time_s >= settled_s
+        settled, every = time_s >= settled_s, max(1, round(_LOOK_S / stage.timestep_s))
         depth_m = self.depth_m
         for _ in range(10):
             poses = self._poses(stage, time_s, arc_m, depth_m, along_m, across_m, turn_rad)
-            missing_m = self.depth_min_m + float(np.max(stage.rest_gap_m(poses[settled][::20])))
+            missing_m = self.depth_min_m + float(np.max(stage.rest_gap_m(poses[settled][::every])))
             if missing_m <= 0.0:
                 break
             depth_m += missing_m

@@ -5,7 +5,6 @@ Exit codes: 0 every claim holds, 1 a claim does not hold or a study failed, 2 wr
 
 import argparse
 import multiprocessing
-import os
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -14,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from whisker_sim.cli import FAILED, GOOD, exit_code
+from whisker_sim.cli import FAILED, GOOD, add_jobs, exit_code
 from whisker_sim.errors import WhiskerSimError
 from whisker_sim.physics.results import write_results
 from whisker_sim.physics.studies import STUDIES
@@ -94,16 +93,8 @@ def _parser() -> argparse.ArgumentParser:
         "--dataset", type=Path, default=_REPOSITORY / "datasets/standard", metavar="DIR", help="traces of the standard suite"
     )
     parser.add_argument("--out", type=Path, default=_REPOSITORY / "results/physics", metavar="DIR", help="folder of the tables")
-    parser.add_argument(
-        "--jobs", type=_positive, default=os.cpu_count(), metavar="N", help="worker processes (default: one a core)"
-    )
+    add_jobs(parser)
     return parser
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"expected a number above zero, found '{text}'")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from whisker_sim.elastica import Touching, touching
 from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, NNM_PER_NM, SENSORS, build_model
 from whisker_sim.motions import Stage
-from whisker_sim.physics.cases import TAPERED, WHISKERS, rms
+from whisker_sim.physics.cases import WHISKERS, rms
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
 from whisker_sim.shapes import AnyShape
 from whisker_sim.shapes.circle import Circle
@@ -225,10 +225,8 @@ def _conclude(results: list[list[Row]]) -> Findings:
     ]
     bars = []
     for fit in orders:
-        # A tapered whisker collides as a flight of capsules, each as thick as its middle: those steps are of first order.
-        if fit.whisker != TAPERED.name:
-            claim = f"{fit.whisker} chain at rest: order of the {fit.figure}'s error in segment length"
-            bars.append(Bar(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
+        claim = f"{fit.whisker} chain at rest: order of the {fit.figure}'s error in segment length"
+        bars.append(Bar(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
     for whisker in WHISKERS:
         default = [row for row in rows if row.whisker == whisker and row.segments == _DEFAULT_SEGMENTS]
         for field, scale, bound, unit in (

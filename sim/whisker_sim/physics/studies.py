@@ -1,10 +1,12 @@
 """Registry of studies: one file and one row a study."""
 
-from whisker_sim.physics import convergence, frequencies, ringing, speeds, steps, sweeps
+from whisker_sim.physics import convergence, fast, frequencies, oracle, ringing, speeds, steps, sweeps
 
 STUDIES = (
+    oracle.STUDY,
     convergence.STUDY,
     sweeps.STUDY,
+    fast.STUDY,
     frequencies.STUDY,
     ringing.STUDY,
     steps.STUDY,

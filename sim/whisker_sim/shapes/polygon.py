@@ -37,13 +37,19 @@ class Polygon(Shape, frozen=True, forbid_unknown_fields=True):
 
     def local_closest(self, points_m: Array) -> tuple[Array, Array]:
         """Nearest point over all edges; a point is inside where it lies to the left of every edge."""
+        x, y = points_m.T
+        nearest_m, nearest_squared = np.empty_like(points_m), np.full(len(points_m), np.inf)
+        inside = np.ones(len(points_m), dtype=bool)
         start = self.vertices()
-        edge = np.roll(start, -1, axis=0) - start
-        offset = points_m[:, None, :] - start
-        share = np.clip(np.sum(offset * edge, axis=-1) / np.sum(edge * edge, axis=-1), 0.0, 1.0)
-        foot = start + share[..., None] * edge
-        distance_m = np.hypot(points_m[:, None, 0] - foot[..., 0], points_m[:, None, 1] - foot[..., 1])
-        nearest = np.argmin(distance_m, axis=1)
-        row = np.arange(len(points_m))
-        inside = np.all(edge[:, 0] * offset[..., 1] - edge[:, 1] * offset[..., 0] > 0.0, axis=1)
-        return foot[row, nearest], np.where(inside, -1.0, 1.0) * distance_m[row, nearest]
+        # One edge at a time: the arrays are then small and whole, which takes a fifth of the time.
+        for (start_x, start_y), (edge_x, edge_y) in zip(start, np.roll(start, -1, axis=0) - start, strict=True):
+            to_x, to_y = x - start_x, y - start_y
+            inside &= edge_x * to_y - edge_y * to_x > 0.0
+            share = np.clip((to_x * edge_x + to_y * edge_y) / (edge_x**2 + edge_y**2), 0.0, 1.0)
+            from_x, from_y = to_x - share * edge_x, to_y - share * edge_y
+            squared = from_x**2 + from_y**2
+            nearer = squared < nearest_squared
+            np.copyto(nearest_squared, squared, where=nearer)
+            np.copyto(nearest_m[:, 0], start_x + share * edge_x, where=nearer)
+            np.copyto(nearest_m[:, 1], start_y + share * edge_y, where=nearer)
+        return nearest_m, np.where(inside, -1.0, 1.0) * np.sqrt(nearest_squared)

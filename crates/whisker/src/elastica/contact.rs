@@ -1,8 +1,9 @@
 //! The contact with a convex object.
 //!
-//! The whisker's surface is its side, which ends in a round tip of the wire's radius `r`. One coordinate runs along it: the arc
-//! length `a` on the side, then the angle `beta` on the tip, from 0, where the side ends, forwards. With `nu` the angle of the
-//! object's outward normal, the object being on the side `e` (+1 left):
+//! The whisker's surface is the envelope of circles of the wire's radius `r` about its centre line: its side, which ends in a round
+//! tip. The normal leans forwards from across the centre line by the angle `beta`: on the side by as much as the surface tapers,
+//! `sin beta = -r'`, on the tip from there on. One coordinate runs along the surface: the arc length `a` on the side, then `beta` on
+//! the tip. With `nu` the angle of the object's outward normal, the object being on the side `e` (+1 left):
 //!
 //! ```text
 //! nu = phi - e (pi/2 + beta)    S = p - r (cos nu, sin nu)    force F (cos nu, sin nu), F >= 0
@@ -28,7 +29,7 @@ use crate::sensor::Face;
 const SIDE_PLACES: usize = 96;
 const TIP_PLACES: usize = 16;
 
-/// The tip is round as far as this angle past its side; beyond lies what the other face touches first.
+/// The tip is round as far as this angle from across the whisker; beyond lies what the other face touches first.
 const TIP_END_RAD: f64 = FRAC_PI_2;
 
 /// Depth, in lengths of the whisker, from which on another part of it is in the object: what a contact's own place, found by
@@ -44,7 +45,7 @@ const MOST_CHANGES: usize = 10;
 /// The part of the whisker that touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regime {
-    /// Its side: the force is across the whisker.
+    /// Its side: the force is across the whisker, but for the slope of a taper.
     Side,
     /// Its tip: the force is along the object's normal, at an angle to the whisker.
     Tip,
@@ -227,10 +228,15 @@ impl Elastica {
         }
     }
 
+    /// The angle `beta` of the whisker's side.
+    fn side_lean_rad(&self) -> f64 {
+        -self.radius_slope().asin()
+    }
+
     fn surface(&self, side: f64, regime: Regime, unknowns: Vector2<f64>) -> Option<Surface> {
         let force_n = unknowns.y;
         let (arc_m, beta) = match regime {
-            Regime::Side => (unknowns.x, 0.0),
+            Regime::Side => (unknowns.x, self.side_lean_rad()),
             Regime::Tip => (self.length_m, unknowns.x),
         };
         if !(arc_m > 0.0 && arc_m < 1.5 * self.length_m && beta.abs() < PI) {
@@ -238,22 +244,17 @@ impl Elastica {
         }
         let (sin, cos) = beta.sin_cos();
         let load = Load { arc_m, along_n: -force_n * sin, left_n: -side * force_n * cos };
-        let (deflection, slide, push) = match regime {
-            Regime::Side => {
-                let (deflection, [arc, left]) = self.respond(load, [Parameter::Arc, Parameter::Left])?;
-                (deflection, arc, left.times(-side))
-            }
-            Regime::Tip => {
-                let (deflection, [along, left]) = self.respond(load, [Parameter::Along, Parameter::Left])?;
-                let turn = along.times(-force_n * cos).plus(&left.times(side * force_n * sin));
-                (deflection, turn, along.times(-sin).plus(&left.times(-side * cos)))
-            }
+        let by_slide = match regime {
+            Regime::Side => Parameter::Arc,
+            Regime::Tip => Parameter::Force { along: -force_n * cos, left: side * force_n * sin },
         };
+        let by_force = Parameter::Force { along: -sin, left: -side * cos };
+        let (deflection, [slide, push]) = self.respond(load, [by_slide, by_force])?;
         let normal_rad = deflection.tangent_rad - side * (FRAC_PI_2 + beta);
         let (normal, across) = (direction(normal_rad), direction(normal_rad + FRAC_PI_2));
         let radius_m = self.radius_m(arc_m);
         let (own_turn, own_radius) = match regime {
-            Regime::Side => (0.0, self.radius_rate(arc_m)),
+            Regime::Side => (0.0, self.radius_slope()),
             Regime::Tip => (-side, 0.0),
         };
         let normal_rates = Vector2::new(slide.tangent + own_turn, push.tangent);
@@ -304,6 +305,7 @@ impl Elastica {
 
     /// The solution near `form`, in the form to which it belongs.
     fn solve_form(&self, placed: &Placed, side: f64, mut form: Form) -> Option<Form> {
+        let side_lean_rad = self.side_lean_rad();
         for _ in 0..MOST_CHANGES {
             form.unknowns = newton::solve(form.unknowns, self.length_m, |unknowns| {
                 let surface = self.surface(side, form.regime, unknowns)?;
@@ -313,9 +315,9 @@ impl Elastica {
             let next = Form { part: next_part(placed, form.part, &surface), ..form };
             let next = match form.regime {
                 Regime::Side if form.unknowns.x > self.length_m * (1.0 + 1e-12) => {
-                    Form { regime: Regime::Tip, unknowns: Vector2::new(0.0, form.unknowns.y), ..next }
+                    Form { regime: Regime::Tip, unknowns: Vector2::new(side_lean_rad, form.unknowns.y), ..next }
                 }
-                Regime::Tip if form.unknowns.x < -1e-12 => {
+                Regime::Tip if form.unknowns.x < side_lean_rad - 1e-12 => {
                     Form { regime: Regime::Side, unknowns: Vector2::new(self.length_m, form.unknowns.y), ..next }
                 }
                 _ => next,
@@ -323,7 +325,7 @@ impl Elastica {
             if (next.regime, next.part) == (form.regime, form.part) {
                 // Where side and tip meet, a solution may come out a rounding past its own.
                 let slide = &mut form.unknowns.x;
-                *slide = if form.regime == Regime::Side { slide.min(self.length_m) } else { slide.max(0.0) };
+                *slide = if form.regime == Regime::Side { slide.min(self.length_m) } else { slide.max(side_lean_rad) };
                 return Some(form);
             }
             form = next;
@@ -347,11 +349,15 @@ impl Elastica {
     /// Of the places where the whisker in the given shape (point and tangent at an arc length) runs parallel to the outline
     /// as in a contact, the one deepest in the object.
     fn deepest(&self, placed: &Placed, side: f64, shape: impl Fn(f64) -> (Point<Base>, f64)) -> Option<Nearby> {
+        let side_lean_rad = self.side_lean_rad();
         // How far the whisker at `u` (0 to 1 on its side, on to 2 on its tip) lies ahead of the outline's support.
         let compare = |u: f64| {
-            let (regime, slide) =
-                if u <= 1.0 { (Regime::Side, u * self.length_m) } else { (Regime::Tip, (u - 1.0) * TIP_END_RAD) };
-            let (arc_m, beta) = if regime == Regime::Side { (slide, 0.0) } else { (self.length_m, slide) };
+            let (regime, slide) = if u <= 1.0 {
+                (Regime::Side, u * self.length_m)
+            } else {
+                (Regime::Tip, side_lean_rad + (u - 1.0) * (TIP_END_RAD - side_lean_rad))
+            };
+            let (arc_m, beta) = if regime == Regime::Side { (slide, side_lean_rad) } else { (self.length_m, slide) };
             let (point, tangent_rad) = shape(arc_m);
             let normal_rad = tangent_rad - side * (FRAC_PI_2 + beta);
             let normal = direction(normal_rad);
@@ -418,20 +424,6 @@ impl Elastica {
             deflection: surface.deflection,
             form,
         }))
-    }
-}
-
-impl Rate {
-    fn times(&self, factor: f64) -> Self {
-        Self { point: factor * self.point, tangent: factor * self.tangent, moment: factor * self.moment }
-    }
-
-    fn plus(&self, other: &Self) -> Self {
-        Self {
-            point: self.point + other.point,
-            tangent: self.tangent + other.tangent,
-            moment: self.moment + other.moment,
-        }
     }
 }
 

@@ -22,8 +22,10 @@
 //!
 //! with `x = y = t = 0` at `s = a`. Walking back to `s = 0` is an initial-value problem, whatever the load: no shooting, no
 //! boundary-value problem (Euler's elastica; Frisch-Fay, "Flexible Bars", 1962). The suspension turns by `M / k`, hence
-//! `phi = M / k - t(0)` and the contact lies at `-R(phi) (x(0), y(0))` in Base. A frictionless contact on the side of the whisker
-//! has `f_t = 0`; at the tip the force is normal to the object instead, so `f_t` differs from zero.
+//! `phi = M / k - t(0)` and the contact lies at `-R(phi) (x(0), y(0))` in Base. A frictionless contact pushes along the
+//! normal that object and whisker share: across the whisker, `f_t = 0`, where the whisker does not taper. The surface of a tapered
+//! one leans on the centre line, and with it the force by the slope `r'` of the radius, `f_t = r' F`; at the tip it is the object
+//! that gives the direction.
 //!
 //! [`Elastica::deflect`] is this forward map. Its derivatives with respect to `(a, f_t, f_n)` come from the same recurrences
 //! (the variational equations), so the inverses are Newton iterations: [`Elastica::at_point`] for a contact at a known point,
@@ -32,8 +34,8 @@
 //! the whisker would snap).
 //!
 //! Not in the model: friction, shear, stretch (their shares are of the order of the square of diameter over length), weight,
-//! more than one contact at a time, touch elsewhere of a wire that has curled up. The slope of a taper, of the order of a
-//! milliradian, is left out where the wire's radius is laid off from its centre line.
+//! more than one contact at a time, touch elsewhere of a wire that has curled up. [`Elastica::at_point`] knows of no surface: its
+//! force is across the centre line, on a tapered whisker too.
 //!
 //! ```
 //! use whisker::elastica::{Elastica, Load};
@@ -88,7 +90,7 @@ pub use point::PointContact;
 pub struct Load {
     /// Arc length of the contact.
     pub arc_m: f64,
-    /// Force along the whisker's tangent at the contact, towards the tip; zero on the side of a frictionless whisker.
+    /// Force along the whisker's tangent at the contact, towards the tip; zero on the side of a whisker without friction or taper.
     pub along_n: f64,
     /// Force across the whisker, positive to its left: positive from an object on its right.
     pub left_n: f64,
@@ -243,12 +245,7 @@ impl Elastica {
         let point = turned(Vector2::new(-root.x_m, -root.y_m), tangent);
         let rates = std::array::from_fn(|i| {
             let rate = &rates[i];
-            let explicit = match parameters[i] {
-                Parameter::Arc => 0.0,
-                Parameter::Along => root.y_m,
-                Parameter::Left => -root.x_m,
-            };
-            let moment = rate.y_m * load.along_n - rate.x_m * load.left_n + explicit;
+            let moment = rate.y_m * load.along_n - rate.x_m * load.left_n + parameters[i].moment(root.x_m, root.y_m);
             let angle = moment / self.root_stiffness_n_m_rad - rate.t_rad;
             let shift = turned(Vector2::new(-rate.x_m, -rate.y_m), tangent);
             Rate { point: shift + angle * Vector2::new(-point.y, point.x), tangent: angle, moment }
@@ -261,14 +258,14 @@ impl Elastica {
         Some((Deflection { point, tangent_rad, moment_n_m, rotation_rad, tip }, rates))
     }
 
-    /// Radius of the wire.
+    /// Radius of the wire. Its surface goes on straight beyond the tip.
     fn radius_m(&self, arc_m: f64) -> f64 {
-        0.5 * (self.root_diameter_m + self.taper * arc_m.min(self.length_m))
+        0.5 * self.root_diameter_m + self.radius_slope() * arc_m
     }
 
     /// Change of the wire's radius per length.
-    fn radius_rate(&self, arc_m: f64) -> f64 {
-        if arc_m < self.length_m { 0.5 * self.taper } else { 0.0 }
+    fn radius_slope(&self) -> f64 {
+        0.5 * self.taper
     }
 }
 

@@ -42,7 +42,32 @@ impl Elastica {
     pub fn at_point(&self, point: Point<Base>) -> Result<PointContact, Failure> {
         finite("point.x", point.x())?;
         finite("point.y", point.y())?;
+        self.point_contact(self.follow_to(point.vector())?)
+    }
+
+    /// As [`Self::at_point`] on the whisker continued beyond its tip; with a contact nearby the solution to which that leads, if it leads
+    /// to one.
+    pub(crate) fn continued_at_point(&self, point: Point<Base>, near: Option<&Load>) -> Option<PointContact> {
         let goal = point.vector();
+        let unknowns = match near {
+            Some(near) => self.pass_through(goal, Vector2::new(near.arc_m, near.left_n)),
+            None => self.follow_to(goal).ok(),
+        };
+        self.contact_of(unknowns?)
+    }
+
+    /// The point of the undeflected whisker at this distance from the root, or its tip where it does not reach so far.
+    pub(crate) fn rest_at_radius(&self, radius_m: f64) -> Point<Base> {
+        self.rest.point(self.rest.arc_at_radius(radius_m))
+    }
+
+    /// The equilibrium under a force across the whisker, which may be continued beyond its tip.
+    pub(crate) fn continued_deflect(&self, load: &Load) -> Option<Deflection> {
+        self.respond(*load, []).map(|(deflection, [])| deflection)
+    }
+
+    /// Arc length and force of the contact that is reached from the undeflected whisker.
+    fn follow_to(&self, goal: Vector2<f64>) -> Result<Vector2<f64>, Failure> {
         let radius_m = goal.norm();
         let arc_m = self.rest.arc_at_radius(radius_m);
         let start = self.rest.point(arc_m).vector();
@@ -61,8 +86,7 @@ impl Elastica {
         let lost = |reached, arc_m| {
             if arc_m > 0.999 * self.length_m { Failure::SlippedOff { reached } } else { Failure::Buckled { reached } }
         };
-        let unknowns = unknowns.map_err(|(reached, last)| lost(reached, last.x))?;
-        self.point_contact(unknowns)
+        unknowns.map_err(|(reached, last)| lost(reached, last.x))
     }
 
     /// As [`Self::at_point`], from a contact nearby, such as the last sample's, by which the solution is chosen.
@@ -90,19 +114,25 @@ impl Elastica {
         if !(arc_m > 0.0 && arc_m < BEYOND * self.length_m) {
             return None;
         }
-        self.respond(Load { arc_m, along_n: 0.0, left_n: unknowns.y }, [Parameter::Arc, Parameter::Left])
+        self.respond(Load { arc_m, along_n: 0.0, left_n: unknowns.y }, [Parameter::Arc, Parameter::LEFT])
     }
 
     fn point_contact(&self, unknowns: Vector2<f64>) -> Result<PointContact, Failure> {
         // A contact at the very tip may come out a rounding beyond it.
         let arc_m =
             if unknowns.x <= self.length_m * (1.0 + 1e-12) { unknowns.x.min(self.length_m) } else { unknowns.x };
-        let solved = if arc_m <= self.length_m { self.press(Vector2::new(arc_m, unknowns.y)) } else { None };
-        let (deflection, rates) = solved.ok_or(Failure::SlippedOff { reached: 1.0 })?;
-        let inverse = place(&rates).try_inverse().ok_or(Failure::Buckled { reached: 1.0 })?;
+        if arc_m > self.length_m {
+            return Err(Failure::SlippedOff { reached: 1.0 });
+        }
+        self.contact_of(Vector2::new(arc_m, unknowns.y)).ok_or(Failure::Buckled { reached: 1.0 })
+    }
+
+    fn contact_of(&self, unknowns: Vector2<f64>) -> Option<PointContact> {
+        let (deflection, rates) = self.press(unknowns)?;
+        let inverse = place(&rates).try_inverse()?;
         let gradient = |by_arc: f64, by_force: f64| inverse.tr_mul(&Vector2::new(by_arc, by_force));
-        Ok(PointContact {
-            load: Load { arc_m, along_n: 0.0, left_n: unknowns.y },
+        Some(PointContact {
+            load: Load { arc_m: unknowns.x, along_n: 0.0, left_n: unknowns.y },
             deflection,
             moment_gradient_n: gradient(rates[0].moment, rates[1].moment),
             tangent_gradient_rad_m: gradient(rates[0].tangent, rates[1].tangent),

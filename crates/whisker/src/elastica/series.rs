@@ -30,13 +30,26 @@ pub(super) struct Stretch {
     pub(super) taper: f64,
 }
 
-/// What the equilibrium is differentiated by: the arc length of the contact and the components of the force along the
-/// tangent and to its left.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What the equilibrium is differentiated by.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Parameter {
+    /// The arc length of the contact.
     Arc,
-    Along,
-    Left,
+    /// A force that changes by these components, along the tangent and to its left.
+    Force { along: f64, left: f64 },
+}
+
+impl Parameter {
+    /// The force to the left.
+    pub(super) const LEFT: Self = Self::Force { along: 0.0, left: 1.0 };
+
+    /// Moment by which the section at `x, y` notices the parameter, its own place held fixed.
+    pub(super) fn moment(self, x: f64, y: f64) -> f64 {
+        match self {
+            Self::Arc => 0.0,
+            Self::Force { along, left } => y * along - x * left,
+        }
+    }
 }
 
 /// Position and tangent angle in the contact's frame, or their derivatives by one parameter.
@@ -153,12 +166,8 @@ pub(super) fn root<const N: usize>(
                 let mut line_rate = Expansion::at(*rate);
                 for k in 0..ORDER {
                     let next = 1.0 / (k as f64 + 1.0);
-                    let explicit = match by {
-                        Parameter::Arc => 0.0,
-                        Parameter::Along => line.y[k],
-                        Parameter::Left => -line.x[k],
-                    };
-                    moment[k] = line_rate.y[k] * load.along_n - line_rate.x[k] * load.left_n + explicit;
+                    moment[k] =
+                        line_rate.y[k] * load.along_n - line_rate.x[k] * load.left_n + by.moment(line.x[k], line.y[k]);
                     line_rate.x[k + 1] = -product(&sin, &line_rate.t, k) * next;
                     line_rate.y[k + 1] = product(&cos, &line_rate.t, k) * next;
                     line_rate.t[k + 1] = curvature(&moment, k) * next;

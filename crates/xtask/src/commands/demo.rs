@@ -11,6 +11,7 @@ pub(crate) fn run() -> Outcome {
     let started = Instant::now();
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
+    pipeline::animate(SUITE)?;
     pipeline::fit(SUITE)?;
     pipeline::evaluate(SUITE)?;
     pipeline::report(SUITE)?;

@@ -1,19 +1,48 @@
-//! The simulator against theory: the chain against the elastica, its dynamics against the analytic beam.
+//! The simulator against theory: the chain against the elastica, its dynamics against the analytic beam; and the figures.
 
-use crate::failure::Outcome;
+use std::fs;
+use std::path::Path;
+
+use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::pipeline;
 use crate::python::{self, Progress, Requirements};
-use crate::tools::{python as python_command, run as run_command};
+use crate::tools::{python as python_command, root, run as run_command, whisker};
 
 const SUITE: &str = "standard";
+/// Tables, figures and page.
+const RESULTS: &str = "results/physics";
+/// What `docs/PHYSICS.md` shows, and the folder in which it is kept.
+const KEPT: [&str; 5] =
+    ["claims.csv", "figures/convergence.svg", "figures/sweeps.svg", "figures/ringing.svg", "figures/speeds.svg"];
+const REFERENCE: &str = "results/reference/physics";
 
 pub(crate) fn run() -> Outcome {
     // SciPy, by which the studies find roots and eigenvalues, comes with the packages for development.
     python::install(Requirements::Development, Progress::Counter)?;
     pipeline::simulate(SUITE)?;
     let traces = format!("datasets/{SUITE}");
-    step("physics", || {
-        run_command(python_command(&["-m", "whisker_sim.physics", "--dataset", &traces, "--out", "results/physics"]))
-    })
+    let outcome = step("physics", || {
+        run_command(python_command(&["-m", "whisker_sim.physics", "--dataset", &traces, "--out", RESULTS]))
+    });
+    let results = root().join(RESULTS);
+    // A claim that does not hold is an outcome too, and is best seen in a figure.
+    if results.join("claims.csv").is_file() {
+        step("report", || run_command(whisker(&["report", RESULTS])))?;
+        keep(&results, &root().join(REFERENCE))?;
+    }
+    outcome
+}
+
+/// Copies what the documentation shows.
+fn keep(results: &Path, reference: &Path) -> Outcome {
+    let copy = |path: &str| {
+        let kept = reference.join(Path::new(path).file_name().unwrap_or_default());
+        let unfinished = kept.with_extension("partial");
+        fs::create_dir_all(reference)
+            .and_then(|()| fs::copy(results.join(path), &unfinished))
+            .and_then(|_| fs::rename(&unfinished, &kept))
+            .map_err(|error| Failure::new(format!("{}: cannot be written: {error}", kept.display())))
+    };
+    KEPT.into_iter().try_for_each(copy)
 }

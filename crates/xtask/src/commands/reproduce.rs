@@ -7,10 +7,20 @@ use crate::tools::{run as run_command, whisker};
 
 const SUITE: &str = "standard";
 
+/// Pins for the Monte-Carlo, on the whiskers that the standard suite calibrates.
+const PINS: &str = "pins100";
+
+/// Contacts that are lost on a shaking arm, on the same whiskers.
+const LIFT_OFFS: &str = "contact_events";
+
 pub(crate) fn run() -> Outcome {
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
     pipeline::fit(SUITE)?;
     pipeline::evaluate(SUITE)?;
+    pipeline::simulate(PINS)?;
+    pipeline::evaluate_with_calibrations_of(PINS, SUITE, 2)?;
+    pipeline::simulate(LIFT_OFFS)?;
+    pipeline::evaluate_with_calibrations_of(LIFT_OFFS, SUITE, 5)?;
     step("reproduce", || run_command(whisker(&["reproduce"])))
 }

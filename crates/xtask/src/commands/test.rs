@@ -44,6 +44,7 @@ fn end_to_end() -> Outcome {
     forget(&format!("results/{SUITE}"))?;
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
+    pipeline::animate(SUITE)?;
     pipeline::fit(SUITE)?;
     pipeline::evaluate(SUITE)?;
     pipeline::report(SUITE)?;

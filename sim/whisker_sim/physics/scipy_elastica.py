@@ -5,31 +5,30 @@ the rod is unloaded. Put the contact at the origin with the tangent along +x and
 
     dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + m(s) / EI(s),  m(s) = y(s) f_t - x(s) f_n.
 
-Without friction f_t is zero but at the tip. The root's bending moment m(0) turns the compliant root by m(0) / k. No part of the
-simulator is used but the whisker's parameters; no part of the oracle in Rust, which sums Taylor series instead of taking
-Runge-Kutta steps, and which `prove` compares with this one:
+Without friction the force is normal to the surface. On the side of the whisker f_t is then the force times the slope r' of the
+radius, zero where it does not taper; at the tip it is what the object makes it. The root's bending moment m(0) turns the
+compliant root by m(0) / k. No part of the simulator is used but the whisker's parameters, and nothing of the two other oracles:
+that in Rust, which sums Taylor series, and the one for many base poses at once (`whisker_sim.elastica`), which takes equal steps.
+The study `oracle` compares all three.
 
-    PYTHONPATH=sim python sim/tests/elastica.py prove 10000
+`python -m whisker_sim.physics.scipy_elastica` writes the golden cases that both languages test.
 """
 
-import argparse
-import os
-import subprocess
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from whisker_sim.whisker import PRESETS, Arc, Whisker
+from whisker_sim.errors import SimulationError
+from whisker_sim.trace import write_atomically
+from whisker_sim.whisker import PRESETS, Arc, Array, Whisker
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-GOLDEN = REPOSITORY / "datasets" / "golden" / "elastica.csv"
+REPOSITORY = Path(__file__).resolve().parents[3]
+GOLDEN = REPOSITORY / "datasets/golden/elastica.csv"
 GOLDEN_CASES = 200
 GOLDEN_SEED = 1
 HEADER = (
@@ -42,16 +41,16 @@ HEADER = (
 class StaticContact:
     """A loaded whisker, in Base."""
 
-    point_m: np.ndarray
+    point_m: Array
     angle_rad: float
     moment_n_m: float
-    tip_m: np.ndarray
+    tip_m: Array
 
 
 def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: float = 0.0) -> StaticContact:
     """The whisker under a force at the arc length `arc_m`: `force_n` to the left, `along_n` towards the tip."""
 
-    def slope(s, state, curvature_per_m):
+    def slope(s: float, state: Array, curvature_per_m: float) -> tuple[float, float, float]:
         x, y, t = state
         diameter_m = whisker.root_diameter_m + s / whisker.length_m * (whisker.tip_diameter_m - whisker.root_diameter_m)
         bending_n_m2 = whisker.youngs_modulus_pa * np.pi * diameter_m**4 / 64.0
@@ -77,29 +76,37 @@ def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: floa
     return StaticContact(point_m, angle_rad, moment_n_m, tip_m)
 
 
-def _turned(angle_rad: float, vector: np.ndarray) -> np.ndarray:
+def _turned(angle_rad: float, vector: Array) -> Array:
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array((cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]))
 
 
+def push(whisker: Whisker, face: int) -> tuple[float, float]:
+    """Direction in which an object on the whisker's side `face` (+1 left) pushes it, normal to its surface: to the left, along."""
+    return -face * float(np.sqrt(1.0 - whisker.radius_slope**2)), whisker.radius_slope
+
+
 def contact_with_disc(
-    whisker: Whisker, center_m: np.ndarray, radius_m: float, face: int, guess: tuple[float, float]
+    whisker: Whisker, center_m: Array, radius_m: float, face: int, guess: tuple[float, float]
 ) -> tuple[float, float, StaticContact]:
     """Solves for the contact with a disc at `center_m` (in Base) on the whisker's side `face` (+1 left).
 
     Gives arc length, force magnitude and the loaded whisker. `guess` holds the first two.
     """
+    left, along = push(whisker, face)
 
-    def miss(unknown):
+    def miss(unknown: Array) -> Array:
         arc_m, force_n = unknown * (1e-2, 1e-3)
-        contact = static_contact(whisker, arc_m, -face * force_n)
-        normal = face * np.array((-np.sin(contact.angle_rad), np.cos(contact.angle_rad)))
-        return 1e3 * (contact.point_m + (radius_m + whisker.radius_m(arc_m)) * normal - center_m)
+        contact = static_contact(whisker, arc_m, left * force_n, along * force_n)
+        # The disc lies where the force comes from.
+        towards_disc = _turned(contact.angle_rad, np.array((-along, -left)))
+        return 1e3 * (contact.point_m + (radius_m + whisker.radius_m(arc_m)) * towards_disc - center_m)
 
     solution = root(miss, np.array(guess) / (1e-2, 1e-3), tol=1e-12)
-    assert solution.success or np.max(np.abs(solution.fun)) < 1e-8, solution.message
+    if not (solution.success or np.max(np.abs(solution.fun)) < 1e-8):
+        raise SimulationError(f"{whisker.name}: SciPy finds no contact with the disc: {solution.message}")
     arc_m, force_n = solution.x * (1e-2, 1e-3)
-    return arc_m, force_n, static_contact(whisker, arc_m, -face * force_n)
+    return arc_m, force_n, static_contact(whisker, arc_m, left * force_n, along * force_n)
 
 
 def random_case(seed: int, index: int) -> tuple[Whisker, float, float, float]:
@@ -143,11 +150,9 @@ def solved_case(seed: int, index: int) -> str:
     return ",".join(numbers)
 
 
-def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float], np.ndarray]]:
+def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float], Array]]:
     """Whisker, load (arc length, along, left) and solution (point, tangent, moment, tip) of every row."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines[0] == HEADER
-    for line in lines[1:]:
+    for line in path.read_text(encoding="utf-8").splitlines()[1:]:
         fields = line.split(",")
         pieces = [[float(number) for number in piece.split(":")] for piece in fields[5].split(";")]
         length_m, root_diameter_m, tip_diameter_m, modulus_pa, stiffness_n_m_rad = map(float, fields[:5])
@@ -165,36 +170,10 @@ def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float]
         yield whisker, (arc_m, along_n, left_n), np.array(fields[9:], dtype=float)
 
 
-def write_cases(path: Path, count: int, seed: int) -> None:
-    """Writes `count` solved cases, on all cores."""
-    with ProcessPoolExecutor() as workers:
-        rows = list(workers.map(solved_case, [seed] * count, range(count), chunksize=50))
-    unfinished = path.with_suffix(".partial")
-    unfinished.write_text("\n".join((HEADER, *rows, "")), encoding="utf-8")
-    os.replace(unfinished, path)
-
-
-def main() -> None:
-    """The golden cases, or a proof over many."""
-    parser = argparse.ArgumentParser(description="the exact whisker by SciPy, against the one in Rust")
-    commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("golden", help=f"write the {GOLDEN_CASES} cases that both languages test")
-    prove = commands.add_parser("prove", help="solve random cases and compare the oracle in Rust with them, to 1e-9")
-    prove.add_argument("cases", type=int)
-    prove.add_argument("--seed", type=int, default=2)
-    arguments = parser.parse_args()
-    if arguments.command == "golden":
-        write_cases(GOLDEN, GOLDEN_CASES, GOLDEN_SEED)
-        return
-    with TemporaryDirectory() as folder:
-        cases = Path(folder) / "cases.csv"
-        write_cases(cases, arguments.cases, arguments.seed)
-        test = ["cargo", "test", "--quiet", "--release", "-p", "whisker", "--test", "elastica", "val_agrees_with_scipy"]
-        outcome = subprocess.run(
-            [*test, "--", "--nocapture"], cwd=REPOSITORY, env={**os.environ, "ELASTICA_CASES": str(cases)}, check=False
-        )
-    raise SystemExit(outcome.returncode)
+def write_cases(path: Path, rows: Iterable[str]) -> None:
+    """Writes solved cases, the rows of `solved_case`."""
+    write_atomically(path, "\n".join((HEADER, *rows, "")).encode())
 
 
 if __name__ == "__main__":
-    main()
+    write_cases(GOLDEN, (solved_case(GOLDEN_SEED, index) for index in range(GOLDEN_CASES)))

@@ -1,0 +1,67 @@
+"""SciPy's Butterworth band-pass filters, which the design in Rust is compared with.
+
+`python sim/tests/test_butterworth.py` writes the two golden files anew; the crate `whisker` tests itself against them.
+"""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+GOLDEN = Path(__file__).resolve().parents[2] / "datasets" / "golden"
+SECTIONS = GOLDEN / "butterworth_sections.csv"
+FILTERED = GOLDEN / "butterworth_filtered.csv"
+
+DESIGNS = {
+    "published": (3, 4.0, 16.0, 250.0),
+    "high_order": (6, 4.0, 16.0, 250.0),
+    "wide_with_real_poles": (3, 1.0, 100.0, 250.0),
+    "first_order": (1, 5.0, 12.0, 888.0),
+    "even_order": (4, 20.0, 60.0, 1000.0),
+}
+"""Order of the prototype, edges of the band and sampling rate, both in Hz."""
+
+
+def sections(design):
+    """Second-order sections (order, 6) of a design: b0, b1, b2, 1, a1, a2."""
+    order, low_hz, high_hz, rate_hz = DESIGNS[design]
+    return signal.butter(order, [low_hz, high_hz], "bandpass", fs=rate_hz, output="sos")
+
+
+def filtered():
+    """An input (200,) and the output of every design for it, by name."""
+    values = np.random.default_rng(4).standard_normal(200)
+    return {"input": values} | {design: signal.sosfilt(sections(design), values) for design in DESIGNS}
+
+
+def write():
+    """Writes the golden files."""
+    with SECTIONS.open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["design", "order", "low_hz", "high_hz", "rate_hz", "b0", "b1", "b2", "a1", "a2"])
+        for design, parameters in DESIGNS.items():
+            rows.writerows([design, *parameters, *section[:3], *section[4:]] for section in sections(design).tolist())
+    with FILTERED.open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        columns = filtered()
+        rows.writerow(columns)
+        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_regress_golden_filters(design):
+    """The files hold what SciPy says today, to rounding."""
+    with SECTIONS.open(newline="") as file:
+        kept = [
+            [float(row[key]) for key in ("b0", "b1", "b2", "a1", "a2")] for row in csv.DictReader(file) if row["design"] == design
+        ]
+    np.testing.assert_allclose(kept, np.delete(sections(design), 3, axis=1), rtol=1e-12, atol=1e-15)
+    with FILTERED.open(newline="") as file:
+        kept = [float(row[design]) for row in csv.DictReader(file)]
+    np.testing.assert_allclose(kept, filtered()[design], rtol=0.0, atol=1e-13)
+
+
+if __name__ == "__main__":
+    write()

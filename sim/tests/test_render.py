@@ -1,0 +1,116 @@
+"""Pictures of sweeps: what they show, that they are kept and redone, and that no graphics driver is needed."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from whisker_sim import drawing
+from whisker_sim.cli import main
+from whisker_sim.drawing import Drawing
+from whisker_sim.shapes import AnyShape
+from whisker_sim.simulate import simulate
+
+from conftest import SCENES
+
+COLOURS = {"whisker": (213, 94, 0), "contact and force": (0, 114, 178), "contacts so far": (0, 158, 115), "object": (226, 230, 235)}
+
+
+def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> np.ndarray:
+    """Places (n, 2) of a colour in the drawn field, y before x."""
+    values = np.asarray(picture.convert("RGB"))[drawing._CAPTION_HEIGHT : -drawing._LEGEND_HEIGHT]
+    return np.argwhere(np.all(values == colour, axis=-1)) + np.array((drawing._CAPTION_HEIGHT, 0))
+
+
+@pytest.mark.parametrize("shape", AnyShape.__args__, ids=lambda shape: shape.__struct_config__.tag)
+def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
+    """Whisker, object, contact and the contacts so far are seen; the animation tells the time in 50 ms."""
+    example = {"shape": shape.__struct_config__.tag, **shape.example}
+    scene = str(write_scene(object=example))
+    still, moving = tmp_path / "a.png", tmp_path / "a.webp"
+    assert main(["render", scene, "--out", str(still)]) == 0
+    assert main(["render", scene, "--out", str(moving)]) == 0
+    with Image.open(still) as picture:
+        for name, colour in COLOURS.items():
+            assert len(pixels(picture, colour)) > 0, name
+    with Image.open(moving) as animation:
+        assert animation.n_frames > 20
+        animation.load()
+        assert animation.info["duration"] == pytest.approx(50, abs=3)
+        assert len(pixels(animation, COLOURS["contact and force"])) == 0, "nothing is touched at first"
+
+
+def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object(make_run):
+    run = make_run()
+    simulated = simulate(run)
+    sweep = Drawing(run, simulated)
+    row = int(np.argmax(simulated.force_n))
+    arrows_m = sweep._arrow_end_m - simulated.truth.surface_m
+    lengths_m = np.hypot(*arrows_m.T)
+    np.testing.assert_allclose(lengths_m, 0.2 * 0.08 * simulated.force_n / simulated.force_n[row], atol=1e-12)
+    _, distance_m = run.scene.object.closest(sweep._arrow_end_m[simulated.touching])
+    np.testing.assert_allclose(distance_m, lengths_m[simulated.touching], atol=1e-7)
+
+
+def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
+    """The ring's middle is the true point to a pixel. The object lies above, so that the arrow leaves the ring downwards."""
+    run = make_run()
+    simulated = simulate(run)
+    sweep = Drawing(run, simulated)
+    row = int(np.flatnonzero(simulated.touching)[0])
+    (picture,) = sweep.pictures([row])
+    ring = pixels(picture, COLOURS["contact and force"])
+    top, (left, right) = ring[:, 0].min(), (ring[:, 1].min(), ring[:, 1].max() + 1)
+    middle = (0.5 * (left + right), top + drawing._RING_RADIUS)
+    np.testing.assert_allclose(middle, sweep._on_paper(simulated.truth.surface_m[row]), atol=1.0)
+
+
+@pytest.fixture
+def suite(write_scene, tmp_path):
+    """A suite of a calibration, and of three trials in two sets."""
+    write_scene(name="grid", role="calibration")
+    for name, group in (("first", "one"), ("second", "one"), ("third", "two")):
+        write_scene(name=name, group=group)
+    path = tmp_path / "suite.json"
+    entries = [{"scene": f"{name}.json"} for name in ("grid", "first", "second", "third")]
+    path.write_text(json.dumps({"format": 1, "name": "suite", "scenes": entries}))
+    return path
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_verif_a_suite_is_drawn_once_for_each_group_and_whisker(suite, tmp_path, capsys, jobs):
+    out = tmp_path / "animations"
+    command = ["render", str(suite), "--out", str(out), "--jobs", jobs]
+    assert main(command) == 0
+    names = ["one.straight.png", "one.straight.webp", "two.straight.png", "two.straight.webp"]
+    assert sorted(path.name for path in out.iterdir()) == names
+    assert "drawn from first" in capsys.readouterr().err
+
+    before = [(out / name).stat().st_mtime_ns for name in names]
+    assert main(command) == 0
+    assert capsys.readouterr().err.count("up to date") == 2
+    assert [(out / name).stat().st_mtime_ns for name in names] == before
+
+    (out / "one.straight.webp").write_bytes(b"cut short")
+    scene = json.loads((tmp_path / "third.json").read_text())
+    (tmp_path / "third.json").write_text(json.dumps({**scene, "seed": 1}))
+    assert main(command) == 0
+    assert "up to date" not in capsys.readouterr().err
+
+
+def test_verif_the_same_sweep_gives_the_same_bytes(write_scene, tmp_path):
+    scene = str(write_scene())
+    for ending in ("png", "gif", "webp"):
+        files = [tmp_path / f"{name}.{ending}" for name in "ab"]
+        for file in files:
+            assert main(["render", scene, "--out", str(file)]) == 0
+        assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_robust_a_picture_needs_a_known_ending(capsys, tmp_path):
+    assert main(["render", str(SCENES / "golden_circle.json"), "--out", str(tmp_path / "a.txt")]) == 2
+    error = capsys.readouterr().err
+    assert ".png, .gif or .webp, found '.txt'" in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,182 @@
+"""Killed and interrupted generators: what is there is whole, and what comes after makes up for it, byte for byte."""
+
+import hashlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from whisker_sim.cli import main, make_trace
+from whisker_sim.model import build_model
+from whisker_sim.trace import remove_leftovers
+
+from conftest import REPOSITORY, SCENES, SWEEP
+
+TRACES = 60
+KILLS = 20
+LONGEST_S = 30.0
+"""No run of the suite takes as long, on the slowest machine."""
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    """A suite of many traces, each of which is made in some 50 ms."""
+    folder = tmp_path_factory.mktemp("suite")
+    scene = json.loads((SCENES / "pin_curved.json").read_text()) | {"name": "short", "duration_s": 1.0}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    suite = {"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(TRACES))}]}
+    path = folder / "suite.json"
+    path.write_text(json.dumps(suite))
+    return path
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(suite, tmp_path_factory):
+    """Files of a run that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("uninterrupted")
+    assert _start(suite, folder).wait(timeout=LONGEST_S) == 0
+    return _contents(folder)
+
+
+def test_verif_killed_twenty_times_same_bytes(suite, uninterrupted, tmp_path):
+    """SIGKILL to all processes at twenty random moments; what is visible is whole each time, and the end is the same."""
+    rng = np.random.default_rng(20)
+    # So many traces are finished when a run is killed, within the time that another takes; the last kill leaves some to do.
+    finished = np.sort(rng.integers(0, TRACES - 6, KILLS))
+    for count, delay_s in zip(finished, rng.uniform(0.0, 0.1, KILLS), strict=True):
+        process = _start(suite, tmp_path)
+        _wait_for(lambda count=count: len(list(tmp_path.glob("*.json"))) >= count, process)
+        time.sleep(delay_s)
+        assert process.poll() is None, "the run ended before it was killed"
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        _assert_whole(tmp_path)
+    assert _start(suite, tmp_path).wait(timeout=LONGEST_S) == 0
+    assert _contents(tmp_path) == uninterrupted
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
+def test_robust_interrupted_at_any_moment(suite, uninterrupted, tmp_path, delay_s):
+    """Ctrl-C while libraries load, workers start or traces are made: code 130, at most one line, whole traces, no leftovers."""
+    process = _start(suite, tmp_path, stderr=subprocess.PIPE)
+    time.sleep(delay_s)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=LONGEST_S)
+    # A shell shows the end by a signal as 128 and its number.
+    assert process.returncode in (130, -signal.SIGINT), error
+    assert "Traceback" not in error
+    lines = [line for line in error.splitlines() if "in contact" not in line]
+    assert lines in ([], ["interrupted; what is finished is kept"])
+    _assert_whole(tmp_path)
+    made = _contents(tmp_path)
+    assert made == {name: uninterrupted[name] for name in made}
+    assert {name.split(".")[0] for name in made} == {path.stem for path in tmp_path.glob("*.json")}
+
+
+def test_robust_workers_do_not_outlive_the_main_process(suite, tmp_path):
+    """A main process killed alone leaves no worker behind, and nothing half-written."""
+    process = _start(suite, tmp_path, stderr=subprocess.DEVNULL)
+    _wait_for(lambda: list(tmp_path.glob("*.json")), process)
+    process.kill()
+    process.wait()
+    _wait_for(lambda: not _group_lives(process.pid))
+    _assert_whole(tmp_path)
+
+
+def test_robust_killed_while_writing(write_scene, tmp_path, monkeypatch):
+    """Death between the temporary file and its renaming: the trace is made again, and the leftovers are gone."""
+    out = tmp_path / "out"
+    command = ["simulate", str(write_scene()), "--out", str(out), "--jobs", "1"]
+    assert main(command) == 0
+
+    def die(*_):
+        raise SystemExit
+
+    for already_renamed in range(3):
+        # Other inputs give other rows: the sidecar of before must not stand beside them.
+        write_scene(motion={**SWEEP["motion"], "stroke_m": 0.005 + 1e-4 * already_renamed})
+        with monkeypatch.context() as patch:
+            patch.setattr("os.replace", _after(already_renamed, os.replace, die))
+            # A process that is killed does not clean up.
+            patch.setattr("os.unlink", lambda path, unlink=os.unlink: None if str(path).endswith(".tmp") else unlink(path))
+            with pytest.raises(SystemExit):
+                main(command)
+        assert len(list(out.glob(".*.tmp"))) == 1
+        _assert_whole(out)
+        assert main(command) == 0
+        assert sorted(path.name for path in out.iterdir()) == ["sweep.contour.csv", "sweep.csv", "sweep.json"]
+
+
+def test_robust_unstable_step_fails_with_name_and_time(make_run, tmp_path, monkeypatch):
+    """What MuJoCo warns of fails the trace, whose name and instant are told, and leaves no files."""
+
+    def unstable(*arguments) -> mujoco.MjModel:
+        model = build_model(*arguments)
+        # Without the implicit integrator the hinges would need steps of five microseconds.
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+        return model
+
+    monkeypatch.setattr("whisker_sim.simulate.build_model", unstable)
+    outcome = make_trace(tmp_path / "out", make_run())
+    assert outcome.code == 1
+    assert re.search(r"sweep\.json: sweep: MuJoCo warns: .*unstable.* Time = 0\.\d+", outcome.line)
+    assert not (tmp_path / "out").exists()
+
+
+def test_verif_only_own_leftovers_are_removed(tmp_path):
+    """Another trace may just be being written into the same folder."""
+    for name in (".pin.csv.x1.tmp", ".pin.contour.csv.x2.tmp", ".pin_00.csv.x3.tmp", "pin.csv"):
+        (tmp_path / name).touch()
+    remove_leftovers(tmp_path, "pin")
+    assert {path.name for path in tmp_path.iterdir()} == {".pin_00.csv.x3.tmp", "pin.csv"}
+
+
+def _start(suite: Path, folder: Path, **options) -> subprocess.Popen:
+    command = [sys.executable, "-m", "whisker_sim", "simulate", str(suite), "--out", str(folder), "--jobs", "2"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "sim")}
+    return subprocess.Popen(command, env=environment, start_new_session=True, text=True, **options)
+
+
+def _wait_for(condition, process=None) -> None:
+    """Waits until `condition` holds; fails when it takes too long or `process` ends before."""
+    deadline_s = time.monotonic() + LONGEST_S
+    while not condition():
+        assert process is None or process.poll() is None, "the run ended before its time"
+        assert time.monotonic() < deadline_s
+        time.sleep(0.002)
+
+
+def _group_lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def _after(calls: int, first, then):
+    """A function that is `first` for so many calls and `then` after that."""
+    left = iter([first] * calls)
+    return lambda *arguments: next(left, then)(*arguments)
+
+
+def _assert_whole(folder: Path) -> None:
+    """Every sidecar can be read, and the files that it names match its hashes."""
+    for path in folder.glob("*.json"):
+        sidecar = json.loads(path.read_text())
+        assert hashlib.sha256((folder / f"{path.stem}.csv").read_bytes()).hexdigest() == sidecar["csv_sha256"]
+        contour = sidecar["contour"]
+        assert hashlib.sha256((folder / contour["file"]).read_bytes()).hexdigest() == contour["sha256"]
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}

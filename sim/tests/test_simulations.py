@@ -1,0 +1,71 @@
+"""Named settings of the simulation: in scenes, on the command line, in sidecars."""
+
+import json
+
+import msgspec
+import pytest
+
+from whisker_sim import cli
+from whisker_sim.cli import main
+from whisker_sim.scene import SIMULATIONS, Simulation, load_runs
+
+
+@pytest.mark.parametrize("name", SIMULATIONS)
+def test_verif_a_name_stands_for_its_settings(write_scene, name):
+    """Once read, a scene holds the settings, whether they were named or given."""
+    _, settings = SIMULATIONS[name]
+    _, (named,) = load_runs(write_scene(simulation=name))
+    _, (given,) = load_runs(write_scene(simulation=msgspec.to_builtins(settings)))
+    assert named.scene == given.scene
+    assert named.scene.simulation == settings
+
+
+def test_verif_without_settings_the_default_ones(make_run):
+    assert make_run().scene.simulation == SIMULATIONS["default"][1] == Simulation()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("quick", ["scene.json:18:3: simulation", "expected one of default, fast", "found 'quick'"]),
+        ({"step_s": 0.1}, ["simulation.step_s", "unknown key", "timestep_s"]),
+        ({"timestep_s": 0.1}, ["simulation.timestep_s", "<= 0.002", "found 0.1"]),
+    ],
+)
+def test_robust_wrong_settings(write_scene, tmp_path, capsys, settings, words):
+    path = write_scene(simulation=settings).rename(tmp_path / "scene.json")
+    assert main(["check", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {path}")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+
+
+def test_verif_settings_for_a_whole_suite_go_to_a_folder_of_their_own(write_scene, tmp_path, monkeypatch):
+    """The sidecar states the settings, and the suite's own folder stays as it is."""
+    monkeypatch.setattr(cli, "_DATASETS", tmp_path / "datasets")
+    entry = {"scene": write_scene().name}
+    suite = tmp_path / "suite.json"
+    suite.write_text(json.dumps({"format": 1, "name": "mine", "scenes": [entry]}))
+    assert main(["simulate", str(suite), "--jobs", "1", "--simulation", "fast"]) == 0
+    assert [path.name for path in (tmp_path / "datasets").iterdir()] == ["mine_fast"]
+    sidecar = json.loads((tmp_path / "datasets/mine_fast/sweep.json").read_text())
+    assert sidecar["scene"]["simulation"] == {"timestep_s": 0.001}
+
+
+def test_robust_traces_with_other_settings_are_kept(write_scene, tmp_path, capsys):
+    """A folder that holds traces of the default settings is not overwritten with fast ones, unless by force."""
+    command = ["simulate", str(write_scene()), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    assert main(command) == 0
+    kept = (tmp_path / "out/sweep.csv").read_bytes()
+    capsys.readouterr()
+    assert main([*command, "--simulation", "fast"]) == 2
+    error = capsys.readouterr().err
+    for word in ("sweep.json", "expected a trace with timestep_s 0.001", "found one with timestep_s 0.0005", "--force"):
+        assert word in error
+    assert (tmp_path / "out/sweep.csv").read_bytes() == kept
+    assert main([*command, "--simulation", "default"]) == 0
+    assert "up to date" in capsys.readouterr().err
+    assert main([*command, "--simulation", "fast", "--force"]) == 0
+    assert (tmp_path / "out/sweep.csv").read_bytes() != kept

@@ -1,0 +1,251 @@
+"""A sweep on paper: a plan view of whisker, object, contact and force, drawn from the truth of the trace.
+
+The physics is planar, so a plan view shows all of it. It needs no graphics driver. Points of World are in metres; all other
+lengths are pixels of the finished picture, x to the right and y down.
+"""
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from whisker_sim.model import MM_PER_M
+from whisker_sim.scene import Run
+from whisker_sim.simulate import Simulated
+from whisker_sim.truth import CenterLine
+from whisker_sim.whisker import Array
+
+Colour = tuple[int, int, int]
+
+# Pictures are drawn larger and shrunk, which smooths every edge.
+_OVERSAMPLING = 3
+_WIDTH, _MOST_FIELD_HEIGHT, _MARGIN = 640, 400, 16
+_CAPTION_HEIGHT, _LEGEND_HEIGHT = 40, 44
+_FONT_SIZE = 15
+_WHISKER_WIDTH, _ARROW_WIDTH, _RING_WIDTH, _THIN_WIDTH = 3.0, 2.5, 2.0, 1.5
+_RING_RADIUS, _TRACE_RADIUS = 6.0, 2.0
+_HEAD_LENGTH, _HEAD_HALF_WIDTH = 10.0, 4.5
+_BASE_LENGTH, _BASE_HALF_WIDTH = 9.0, 6.0
+_FIELD_BORDER = 12.0
+"""Space around what is framed; the base's block behind the root lies within it."""
+_LONGEST_SAMPLE = 70.0
+"""Longest sample of a force or a length in the legend."""
+_ARROW_SHARE = 0.2
+"""Length of the arrow of the largest force, as a share of the whisker's length."""
+_BEYOND_SHARE = 0.3
+"""How far the object is shown beyond the whisker's reach, as a share of the whisker's length."""
+
+# Colours that people of any colour vision tell apart: Okabe and Ito, "Color Universal Design", 2008.
+_VERMILION, _BLUE, _GREEN = (213, 94, 0), (0, 114, 178), (0, 158, 115)
+_PAPER, _INK, _BODY, _EDGE = (255, 255, 255), (40, 40, 40), (226, 230, 235), (128, 137, 148)
+_SHADES = 7
+"""Shades from one colour to another that meets it at an edge."""
+
+
+class Drawing:
+    """A simulated sweep, ready to be drawn at any instant."""
+
+    def __init__(self, run: Run, simulated: Simulated) -> None:
+        self.run, self._simulated = run, simulated
+        whisker, truth = run.scene.resolved_whisker, simulated.truth
+        self._line_m = CenterLine.from_joints(whisker, simulated.base_pose, simulated.rotations_rad).points_m
+        largest_n = np.max(simulated.force_n)
+        self._m_per_n = _ARROW_SHARE * whisker.length_m / largest_n if largest_n > 0.0 else 0.0
+        # Without friction the force is normal to the surface: it points from there to the centre line.
+        offset_m = truth.contact_m - truth.surface_m
+        distance_m = np.hypot(*offset_m.T)
+        arrow_m = offset_m / np.where(distance_m > 0.0, distance_m, 1.0)[:, None]
+        arrow_m *= (self._m_per_n * simulated.force_n)[:, None]
+        self._arrow_end_m = truth.surface_m + arrow_m
+        self._frame_in()
+        self._font = ImageFont.load_default(_OVERSAMPLING * _FONT_SIZE)
+
+    @property
+    def rows(self) -> int:
+        """Number of instants."""
+        return len(self._simulated.time_s)
+
+    @property
+    def largest_reading_row(self) -> int:
+        """The instant of the largest reading; of several within 1 % of it the last, by when the most contacts are traced."""
+        reading = np.abs(self._simulated.rotations_rad[:, 0])
+        return int(np.flatnonzero(reading >= 0.99 * np.max(reading))[-1])
+
+    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+        """The pictures at `rows`, which rise; each shows the contact points up to its own."""
+        truth, touching = self._simulated.truth, self._simulated.touching
+        backdrop = self._backdrop()
+        traced = 0
+        for row in rows:
+            pen = _Pen(backdrop)
+            for surface_m in truth.surface_m[traced : row + 1][touching[traced : row + 1]]:
+                pen.dot(self._on_paper(surface_m), _TRACE_RADIUS, _GREEN)
+            traced = row + 1
+            picture = backdrop.copy()
+            self._draw_instant(_Pen(picture), row)
+            yield picture.reduce(_OVERSAMPLING).quantize(palette=_palette(), dither=Image.Dither.NONE)
+
+    def _draw_instant(self, pen: "_Pen", row: int) -> None:
+        simulated = self._simulated
+        pen.line(self._on_paper(self._line_m[row]), _WHISKER_WIDTH, _VERMILION)
+        x_m, y_m, yaw_rad = simulated.base_pose[row]
+        back = -np.array((math.cos(yaw_rad), -math.sin(yaw_rad)))
+        side = _BASE_HALF_WIDTH * np.array((-back[1], back[0]))
+        root, end = (self._on_paper(np.array((x_m, y_m))) + length * back for length in (0.0, _BASE_LENGTH))
+        pen.polygon(np.array((root - side, root + side, end + side, end - side)), _INK)
+        if simulated.touching[row]:
+            surface = self._on_paper(simulated.truth.surface_m[row])
+            pen.arrow(surface, self._on_paper(self._arrow_end_m[row]), _BLUE)
+            pen.ring(surface, _RING_RADIUS, _BLUE)
+        time = f"t = {simulated.time_s[row]:.2f} s"
+        pen.text((_WIDTH - _MARGIN, _CAPTION_HEIGHT / 2), time, self._font, anchor="rm")
+
+    def _frame_in(self) -> None:
+        """Chooses the part of the plane that is shown: all the whisker's ways, and the object near them."""
+        simulated = self._simulated
+        reached_m = np.concatenate((self._line_m.reshape(-1, 2), self._arrow_end_m[simulated.touching]))
+        low_m, high_m = reached_m.min(axis=0), reached_m.max(axis=0)
+        beyond_m = _BEYOND_SHARE * self.run.scene.resolved_whisker.length_m
+        near_m = np.clip(self.run.scene.object.outline_m(), low_m - beyond_m, high_m + beyond_m)
+        low_m, high_m = np.minimum(low_m, near_m.min(axis=0)), np.maximum(high_m, near_m.max(axis=0))
+        width_m, height_m = high_m - low_m
+        across, up = _WIDTH - 2.0 * (_MARGIN + _FIELD_BORDER), _MOST_FIELD_HEIGHT - 2.0 * _FIELD_BORDER
+        self._per_m = min(across / width_m, up / height_m)
+        self._bottom = _CAPTION_HEIGHT + math.ceil(self._per_m * height_m + 2.0 * _FIELD_BORDER)
+        self._center_m = 0.5 * (low_m + high_m)
+
+    def _on_paper(self, points_m: Array) -> Array:
+        """Points (..., 2) of World in pixels."""
+        center = (0.5 * _WIDTH, 0.5 * (_CAPTION_HEIGHT + self._bottom))
+        return center + self._per_m * (points_m - self._center_m) * (1.0, -1.0)
+
+    def _backdrop(self) -> Image.Image:
+        """What stays, oversampled: the object, the name and the legend."""
+        height = self._bottom + _LEGEND_HEIGHT
+        picture = Image.new("RGB", (_OVERSAMPLING * _WIDTH, _OVERSAMPLING * height), _PAPER)
+        pen = _Pen(picture)
+        outline = self._on_paper(self.run.scene.object.outline_m())
+        pen.polygon(outline, _BODY)
+        pen.line(outline, _THIN_WIDTH, _EDGE)
+        # The object may reach over the field's edges.
+        for top, bottom in ((0, _CAPTION_HEIGHT), (self._bottom, height)):
+            pen.polygon(np.array(((0, top), (_WIDTH, top), (_WIDTH, bottom), (0, bottom))), _PAPER)
+        pen.text((_MARGIN, _CAPTION_HEIGHT / 2), self.run.name, self._font, anchor="lm")
+        self._draw_legend(pen, self._bottom + _LEGEND_HEIGHT / 2)
+        return picture
+
+    def _draw_legend(self, pen: "_Pen", y: float) -> None:
+        """A row of samples, each with what it means, spread over the width."""
+        bar_m = _largest_round(_LONGEST_SAMPLE / self._per_m)
+        bar = self._per_m * bar_m
+
+        def whisker(x: float) -> None:
+            pen.line(np.array(((x, y), (x + 22.0, y))), _WHISKER_WIDTH, _VERMILION)
+
+        def contact(x: float) -> None:
+            pen.ring((x + _RING_RADIUS, y), _RING_RADIUS, _BLUE)
+
+        def trace(x: float) -> None:
+            for step in range(4):
+                pen.dot((x + _TRACE_RADIUS + 6.0 * step, y), _TRACE_RADIUS, _GREEN)
+
+        def scale(x: float) -> None:
+            pen.line(np.array(((x, y), (x + bar, y))), _THIN_WIDTH, _INK)
+            for end in (x, x + bar):
+                pen.line(np.array(((end, y - 4.0), (end, y + 4.0))), _THIN_WIDTH, _INK)
+
+        samples: list[tuple[Callable[[float], None], float, str]] = [
+            (whisker, 22.0, "whisker"),
+            (contact, 2.0 * _RING_RADIUS, "contact"),
+            (trace, 18.0 + 2.0 * _TRACE_RADIUS, "contacts so far"),
+            (scale, bar, f"{MM_PER_M * bar_m:g} mm"),
+        ]
+        if self._m_per_n > 0.0:
+            per_n = self._per_m * self._m_per_n
+            force_n = _largest_round(_LONGEST_SAMPLE / per_n)
+            arrow = per_n * force_n
+
+            def force(x: float) -> None:
+                pen.arrow(np.array((x, y)), np.array((x + arrow, y)), _BLUE)
+
+            samples.insert(3, (force, arrow, f"force, {1e3 * force_n:g} mN"))
+        gap = 6.0
+        widths = [width + gap + self._font.getlength(text) / _OVERSAMPLING for _, width, text in samples]
+        between = (_WIDTH - 2.0 * _MARGIN - sum(widths)) / (len(samples) - 1)
+        x = float(_MARGIN)
+        for (draw, sample_width, text), width in zip(samples, widths, strict=True):
+            draw(x)
+            pen.text((x + sample_width + gap, y), text, self._font, anchor="lm")
+            x += width + between
+
+
+class _Pen:
+    """Draws on an oversampled picture, in pixels of the finished one."""
+
+    def __init__(self, picture: Image.Image) -> None:
+        self._draw = ImageDraw.Draw(picture)
+
+    def line(self, points: Array, width: float, colour: Colour) -> None:
+        """A line through `points` (n, 2) with round corners."""
+        self._draw.line(_oversampled(points), fill=colour, width=round(_OVERSAMPLING * width), joint="curve")
+
+    def polygon(self, points: Array, colour: Colour) -> None:
+        """The filled polygon with the corners `points` (n, 2)."""
+        self._draw.polygon(_oversampled(points), fill=colour)
+
+    def dot(self, center: Iterable[float], radius: float, colour: Colour) -> None:
+        """A filled circle."""
+        self._draw.ellipse(_box(center, radius), fill=colour)
+
+    def ring(self, center: Iterable[float], radius: float, colour: Colour) -> None:
+        """A circle, through which one sees what lies below."""
+        self._draw.ellipse(_box(center, radius), outline=colour, width=round(_OVERSAMPLING * _RING_WIDTH))
+
+    def arrow(self, start: Array, end: Array, colour: Colour) -> None:
+        """An arrow with its point at `end`; a short one is all head."""
+        length = float(np.hypot(*(end - start)))
+        if length == 0.0:
+            return
+        along = (end - start) / length
+        share = min(1.0, length / _HEAD_LENGTH)
+        neck = end - share * _HEAD_LENGTH * along
+        wing = share * _HEAD_HALF_WIDTH * np.array((-along[1], along[0]))
+        self.line(np.array((start, neck)), _ARROW_WIDTH, colour)
+        self.polygon(np.array((end, neck + wing, neck - wing)), colour)
+
+    def text(self, position: tuple[float, float], text: str, font: ImageFont.FreeTypeFont, anchor: str) -> None:
+        """Text at `position`; `anchor` as Pillow names it."""
+        self._draw.text(tuple(_oversampled(np.array(position))), text, fill=_INK, font=font, anchor=anchor)
+
+
+def _oversampled(points: Array) -> list[float]:
+    return (_OVERSAMPLING * points).ravel().tolist()
+
+
+def _box(center: Iterable[float], radius: float) -> list[float]:
+    x, y = center
+    return _oversampled(np.array((x - radius, y - radius, x + radius, y + radius)))
+
+
+def _largest_round(most: float) -> float:
+    """The largest number that is 1, 2 or 5 times a power of ten and at most `most`, which is above zero."""
+    power = 10.0 ** math.floor(math.log10(most))
+    return max(factor * power for factor in (1.0, 2.0, 5.0) if factor == 1.0 or factor * power <= most)
+
+
+@functools.cache
+def _palette() -> Image.Image:
+    """The colours of every picture, and the shades between those that meet: files stay small, and colours do not flicker."""
+    on_top = (_VERMILION, _BLUE, _GREEN, _INK, _EDGE)
+    meeting = [*itertools.product(on_top, (_PAPER, _BODY)), *itertools.combinations((_VERMILION, _BLUE, _GREEN), 2)]
+    colours = {
+        tuple(np.round(np.array(a) + share * np.subtract(b, a)).astype(int).tolist())
+        for a, b in meeting
+        for share in np.linspace(0.0, 1.0, _SHADES)
+    }
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for colour in sorted(colours) for value in colour])
+    return palette

@@ -1,0 +1,60 @@
+"""A scene as plain MJCF, for MuJoCo's own viewer and other programs."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+
+import whisker_sim
+from whisker_sim.documents import located
+from whisker_sim.errors import InputError
+from whisker_sim.model import MM_PER_M, build_mjcf
+from whisker_sim.scene import Run
+from whisker_sim.shapes.base import mjcf
+from whisker_sim.trace import write_atomically
+from whisker_sim.whisker import Array
+
+
+def export(run: Run, path: Path) -> None:
+    """Writes the model that `simulate` steps as one MJCF file that needs no other, with the base where the motion begins.
+
+    The base's coordinates count from there, along World's axes. MuJoCo starts every coordinate, and every integrator of a
+    servo, at zero, and a viewer that opened the model with the base in World's origin would find it inside the object.
+
+    Raises `InputError` where `path` does not end in `.xml`, or the motion does not fit the scene.
+    """
+    if path.suffix != ".xml":
+        raise InputError(f"{path}: expected a name that ends in .xml, found '{path.suffix}'")
+    scene = run.scene
+    try:
+        start = scene.motion.plan(scene.stage()).poses[0]
+    except ValueError as error:
+        raise located(run.path, str(error)) from None
+    root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s))
+    root.set("model", run.name)
+    _put_base_at(root, start)
+    ET.indent(root)
+    # Two hyphens in a row would end the comment.
+    name = run.name.replace("--", "- -")
+    about = f"""<!--
+  Scene {name}, written by whisker_sim {whisker_sim.__version__}.
+  Units: millimetre, gram, second, radian; hence micronewton and nanonewton metre.
+  The controls are the velocities of the base: x and y in mm/s, yaw in rad/s.
+-->
+"""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, f"{about}{ET.tostring(root, encoding='unicode')}\n".encode())
+
+
+def _put_base_at(root: ET.Element, pose: Array) -> None:
+    """Moves the base onto a fixed body at `pose` (x and y in metres, yaw in radians, in World)."""
+    x_m, y_m, yaw_rad = pose
+    world = root.find("worldbody")
+    base = world.find("body[@name='base']")
+    world.remove(base)
+    start = {"pos": mjcf(MM_PER_M * x_m, MM_PER_M * y_m, 0.0), "euler": mjcf(0.0, 0.0, yaw_rad)}
+    ET.SubElement(world, "body", start, name="start").append(base)
+    # World's axes, seen from the turned body.
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    base.find("joint[@name='base_x']").set("axis", mjcf(cos, -sin, 0.0))
+    base.find("joint[@name='base_y']").set("axis", mjcf(sin, cos, 0.0))

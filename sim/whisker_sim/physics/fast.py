@@ -1,0 +1,38 @@
+"""The trials of the standard suite with the fast settings of the simulation, against the elastica at every quasi-static instant."""
+
+import hashlib
+from functools import partial
+from pathlib import Path
+
+from whisker_sim.certificate import contacts_of
+from whisker_sim.documents import read_document
+from whisker_sim.physics.study import Findings, Study
+from whisker_sim.physics.sweeps import Row, bars, compare_contacts
+from whisker_sim.scene import SIMULATIONS, Run, with_simulation
+from whisker_sim.simulate import simulate
+from whisker_sim.trace import COLUMNS, Sidecar, format_csv, trace_columns
+
+_, FAST = SIMULATIONS["fast"]
+TIMES_THE_BOUNDS = 2.0
+"""What the fast settings may cost."""
+
+
+def fast(run: Run) -> Row:
+    """Simulates `run` with the fast settings, writes nothing, and compares."""
+    run = with_simulation(run, FAST)
+    simulated = simulate(run)
+    rows = format_csv(trace_columns(simulated, run.scene.resolved_whisker), COLUMNS)
+    row, _ = compare_contacts(run.name, run.scene, contacts_of(run.scene, simulated), hashlib.sha256(rows).hexdigest())
+    return row
+
+
+def _tasks(dataset: Path) -> list[partial[Row]]:
+    sidecars = [(path, read_document(path, Sidecar)) for path in sorted(dataset.glob("*.json"))]
+    return [partial(fast, Run(sidecar.name, sidecar.scene, path)) for path, sidecar in sidecars if sidecar.role == "trial"]
+
+
+def _conclude(results: list[Row]) -> Findings:
+    return Findings({"fast": results}, bars("fast", "fast settings, trials", results, TIMES_THE_BOUNDS))
+
+
+STUDY = Study("fast", "trials of the standard suite with the fast settings against the elastica", _tasks, _conclude)

@@ -1,0 +1,233 @@
+"""The oracles against published values and against one another.
+
+There are three of the exact whisker, written apart from one another: in Rust, for sensor models; in NumPy, for many base poses at
+once; and one by SciPy's integrator, against which the other two are held. That in Rust answers through its own tests, which print
+what they find.
+"""
+
+import os
+import re
+import subprocess
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from scipy.optimize import brentq
+
+from whisker_sim.elastica import Loaded, loaded, touching
+from whisker_sim.errors import SimulationError
+from whisker_sim.physics.cases import WHISKERS
+from whisker_sim.physics.scipy_elastica import REPOSITORY, StaticContact, push, solved_case, static_contact, write_cases
+from whisker_sim.physics.study import Bar, Findings, Study
+from whisker_sim.shapes.circle import Circle
+from whisker_sim.whisker import PRESETS, Array, Whisker
+
+CASES = 10_000
+"""Random whiskers, contacts and loads that the oracle in Rust solves too."""
+SEED = 2
+LOADS = 500
+"""Random loads on each of the studies' whiskers, for the oracle in NumPy."""
+CONTACTS = 100
+"""Random contacts of each of those whiskers, on either side, with a disc of each of `RADII_M`."""
+RADII_M = (0.001, 0.015, 0.05)
+LARGEST_BEND_RAD = 1.0
+"""Of whisker and root under a random load, by the theory of small deflections."""
+
+PUBLISHED = ((1.0, 0.30172, 0.05643), (2.0, 0.49346, 0.16064), (5.0, 0.71379, 0.38763), (10.0, 0.81061, 0.55500))
+"""A cantilever under a load P at its end that keeps its direction: P L^2 / EI, deflection and shortening, in lengths (Mattiasson,
+International Journal for Numerical Methods in Engineering 17, 1981)."""
+_ROUNDING = 0.5e-5
+_AGREEMENT = 1e-9
+
+_CASES_A_TASK = 500
+_RUST_TESTS = ("val_mattiasson", "val_agrees_with_scipy", "val_discs_agree_with_scipy")
+_NUMBER = r"([-+0-9.eE]+)"
+_RUST_CANTILEVER = re.compile(rf"P L2/EI {_NUMBER}: w/L {_NUMBER}, u/L {_NUMBER}")
+_RUST_WORST = re.compile(
+    rf"(\d+) cases: worst relative error of point {_NUMBER}, tangent {_NUMBER}, moment {_NUMBER}, tip {_NUMBER}"
+)
+
+
+class Cantilever(NamedTuple):
+    """Deflection and shortening of the cantilever, in lengths."""
+
+    oracle: str
+    load: float
+    """P L^2 / EI."""
+    deflection: float
+    published_deflection: float
+    shortening: float
+    published_shortening: float
+
+
+class Agreement(NamedTuple):
+    """Largest disagreement with SciPy, relative; angles in radians."""
+
+    oracle: str
+    what: str
+    cases: int
+    worst: float
+
+
+def cantilever(load: float) -> tuple[float, float]:
+    """Deflection and shortening by SciPy, in lengths, under P L^2 / EI = `load`.
+
+    The load keeps its direction, so its parts along and across the end follow from the end's angle.
+    """
+    straight = PRESETS["straight"][1]
+    clamped = msgspec.structs.replace(straight, root_stiffness_n_m_rad=1e12)
+    bending_n_m2 = straight.youngs_modulus_pa * np.pi * straight.root_diameter_m**4 / 64.0
+    force_n = load * bending_n_m2 / straight.length_m**2
+
+    def pressed(angle_rad: float) -> StaticContact:
+        return static_contact(clamped, straight.length_m, force_n * np.cos(angle_rad), force_n * np.sin(angle_rad))
+
+    angle_rad = brentq(lambda angle_rad: pressed(angle_rad).angle_rad - angle_rad, 0.0, 0.5 * np.pi, xtol=1e-12)
+    x, y = pressed(angle_rad).point_m / straight.length_m
+    return float(y), float(1.0 - x)
+
+
+def _cantilevers() -> list[Cantilever]:
+    rows = []
+    for load, published_deflection, published_shortening in PUBLISHED:
+        deflection, shortening = cantilever(load)
+        rows.append(Cantilever("SciPy", load, deflection, published_deflection, shortening, published_shortening))
+    return rows
+
+
+def _solved(first: int) -> list[str]:
+    return [solved_case(SEED, index) for index in range(first, first + _CASES_A_TASK)]
+
+
+def _numpy_agreement(whisker_name: str) -> list[Agreement]:
+    """The oracle in NumPy against SciPy's: random loads to either side, and random contacts with discs."""
+    whisker = WHISKERS[whisker_name]
+    rng = np.random.default_rng((SEED, list(WHISKERS).index(whisker_name)))
+    arc_m, force_n = _random_loads(whisker, LOADS, rng)
+    exact = _solved_loads(whisker, arc_m, force_n, np.zeros(LOADS))
+    fast = loaded(whisker, arc_m, force_n)
+    worst_load = max(
+        float(np.max(np.hypot(*(fast.point_m - exact.point_m).T) / arc_m)),
+        float(np.max(np.abs(fast.tangent_rad - exact.tangent_rad))),
+        float(np.max(np.abs(fast.moment_n_m / exact.moment_n_m - 1.0))),
+    )
+    worst_contact = max(_worst_contact(whisker, radius_m, face, rng) for radius_m in RADII_M for face in (1, -1))
+    return [
+        Agreement("NumPy", f"random loads, {whisker_name}", LOADS, worst_load),
+        Agreement("NumPy", f"random contacts with discs, {whisker_name}", 2 * len(RADII_M) * CONTACTS, worst_contact),
+    ]
+
+
+def _worst_contact(whisker: Whisker, radius_m: float, face: int, rng: np.random.Generator) -> float:
+    """Largest disagreement over `CONTACTS` with a disc at World's origin on the whisker's side `face`.
+
+    The base is put where the disc lies against the whisker that SciPy has bent, so that contact and force are known.
+    """
+    arc_m, force_n = _random_loads(whisker, CONTACTS, rng)
+    force_n = np.abs(force_n)
+    left, along = push(whisker, face)
+    exact = _solved_loads(whisker, arc_m, left * force_n, along * force_n)
+    cos, sin = np.cos(exact.tangent_rad), np.sin(exact.tangent_rad)
+    # The disc lies where the force comes from.
+    towards_disc = np.stack((sin * left - cos * along, -sin * along - cos * left), axis=-1)
+    center_m = exact.point_m + (radius_m + whisker.radius_m(arc_m))[:, None] * towards_disc
+    yaw_rad = rng.uniform(-np.pi, np.pi, CONTACTS)
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y = center_m.T
+    poses = np.stack((sin * y - cos * x, -sin * x - cos * y, yaw_rad), axis=-1)
+    guess = arc_m * rng.uniform(0.98, 1.02, CONTACTS), force_n * rng.uniform(0.95, 1.05, CONTACTS)
+    found = touching(whisker, Circle(radius_m=radius_m), face, poses, *guess)
+    pairs = ((found.arc_m, arc_m), (found.force_n, force_n), (found.moment_n_m, exact.moment_n_m))
+    worst = max(float(np.max(np.abs(value / expected - 1.0))) for value, expected in pairs)
+    return worst if np.all(found.solved) else float("inf")
+
+
+def _random_loads(whisker: Whisker, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Arc lengths (count,) of random loads, and forces (count,) to the left."""
+    arc_m = whisker.length_m * rng.uniform(0.2, 0.95, count)
+    bending_rad_n_m = np.array([whisker.compliance_rad_n_m(0.0, place_m) for place_m in arc_m])
+    bend_rad_n = arc_m * (0.5 * bending_rad_n_m + 1.0 / whisker.root_stiffness_n_m_rad)
+    return arc_m, rng.uniform(-LARGEST_BEND_RAD, LARGEST_BEND_RAD, count) / bend_rad_n
+
+
+def _solved_loads(whisker: Whisker, arc_m: Array, left_n: Array, along_n: Array) -> Loaded:
+    """SciPy's answers to loads (n,)."""
+    cases = [static_contact(whisker, *load) for load in zip(arc_m, left_n, along_n, strict=True)]
+    return Loaded(*(np.array([getattr(case, name) for case in cases]) for name in ("point_m", "angle_rad", "moment_n_m")))
+
+
+def _ask_rust(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]:
+    """What the oracle in Rust finds in its own tests, given the solved cases `rows`; nothing where a test fails.
+
+    Raises `SimulationError` where the tests do not run.
+    """
+    with TemporaryDirectory() as folder:
+        cases = Path(folder) / "cases.csv"
+        write_cases(cases, rows)
+        command = ["cargo", "test", "--quiet", "--release", "--package", "whisker", "--test", "elastica"]
+        try:
+            run = subprocess.run(
+                [*command, "--", "--nocapture", *_RUST_TESTS],
+                cwd=REPOSITORY,
+                env={**os.environ, "ELASTICA_CASES": str(cases)},
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        except OSError as error:
+            raise SimulationError(f"the oracle in Rust cannot be asked: cargo does not start: {error.strerror}") from None
+    if "test result" not in run.stdout:
+        reason = (run.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise SimulationError(f"the oracle in Rust cannot be asked: `{' '.join(command)}` ends with: {reason}")
+    if run.returncode != 0:
+        return [], []
+    published = {load: values for load, *values in PUBLISHED}
+    cantilevers = []
+    for found in _RUST_CANTILEVER.findall(run.stdout):
+        load, deflection, shortening = map(float, found)
+        published_deflection, published_shortening = published[load]
+        cantilevers.append(Cantilever("Rust", load, deflection, published_deflection, shortening, published_shortening))
+    agreements = [
+        Agreement("Rust", f"random whiskers and loads, {what}", int(count), float(worst))
+        for count, *found in _RUST_WORST.findall(run.stdout)
+        for what, worst in zip(("point", "tangent", "moment", "tip"), found, strict=True)
+    ]
+    return cantilevers, agreements
+
+
+def _tasks(_: Path) -> list[partial[list[Any]]]:
+    return [
+        partial(_cantilevers),
+        *(partial(_numpy_agreement, whisker) for whisker in WHISKERS),
+        *(partial(_solved, first) for first in range(0, CASES, _CASES_A_TASK)),
+    ]
+
+
+def _conclude(results: list[list[Any]]) -> Findings:
+    cantilevers, *results = results
+    agreements = [row for rows in results[: len(WHISKERS)] for row in rows]
+    rust_cantilevers, rust_agreements = _ask_rust([row for rows in results[len(WHISKERS) :] for row in rows])
+    cantilevers, agreements = cantilevers + rust_cantilevers, rust_agreements + agreements
+    bars = []
+    for oracle in ("SciPy", "Rust"):
+        of_oracle = [row for row in cantilevers if row.oracle == oracle]
+        misses = [abs(row.deflection - row.published_deflection) for row in of_oracle]
+        misses += [abs(row.shortening - row.published_shortening) for row in of_oracle]
+        # Without all of the published values nothing is shown.
+        worst = max(misses) if len(of_oracle) == len(PUBLISHED) else float("nan")
+        claim = f"oracle by {oracle}: cantilever against Mattiasson's four loads, in lengths"
+        bars.append(Bar(f"oracle_mattiasson_{oracle.lower()}", claim, worst, "<=", _ROUNDING, ""))
+    for oracle, what in (("Rust", "random whiskers, contacts and loads"), ("NumPy", "loads and contacts with discs")):
+        of_oracle = [row for row in agreements if row.oracle == oracle]
+        worst = max((row.worst for row in of_oracle), default=float("nan"))
+        # The oracle in Rust answers to every case in four ways.
+        count = sum({row.what: row.cases for row in of_oracle}.values()) // (4 if oracle == "Rust" else 1)
+        claim = f"oracle by {oracle} against SciPy: {count} {what}, relative"
+        bars.append(Bar(f"oracle_{oracle.lower()}", claim, worst, "<=", _AGREEMENT, ""))
+    return Findings({"cantilever": cantilevers, "oracle": agreements}, bars)
+
+
+STUDY = Study("oracle", "the oracles against published values and one another", _tasks, _conclude)

@@ -1,0 +1,144 @@
+"""How fast traces are made: `python -m whisker_sim.physics.speed` measures, prints and judges.
+
+Times of one process are its processor's, not the clock's, so that other programs on the machine count little. What is compared is
+measured in turns; the medians are the figures. Workers are timed by the clock, on the whole standard suite, start included.
+
+Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong use, 130 interrupted.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+from whisker_sim.cli import FAILED, GOOD, exit_code
+from whisker_sim.errors import WhiskerSimError
+from whisker_sim.model import MM_PER_M, build_model
+from whisker_sim.physics.__main__ import claim_line
+from whisker_sim.physics.study import Bar
+from whisker_sim.scene import SIMULATIONS, Run, load_runs, with_simulation
+from whisker_sim.simulate import simulate
+from whisker_sim.trace import write_trace
+
+_SUITE = Path(__file__).resolve().parents[3] / "scenes/suites/standard.json"
+_TURNS = 7
+
+
+class Row(NamedTuple):
+    """Times of one trace, in seconds."""
+
+    trace: str
+    simulation: str
+    simulated_s: float
+    steps_s: float
+    """The `mj_step` calls alone."""
+    traced_s: float
+    """Plan, model, steps, logging and truth: all of `simulate`."""
+    written_s: float
+    """The same, the certificate and the files."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measures and prints; gives the exit code."""
+    parser = argparse.ArgumentParser(prog="whisker_sim.physics.speed", description="How fast traces are made.")
+    parser.parse_args(arguments)
+    return exit_code(_report, "interrupted")
+
+
+def _report() -> int:
+    # One of each object and whisker.
+    trials = {(run.scene.group, run.scene.whisker): run for run in load_runs(_SUITE)[1] if run.scene.role == "trial"}
+    print(f"{'trace':<20}{'simulation':<12}{'times real time':>16}{'over bare steps':>17}{'and written':>13}", flush=True)
+    rows = []
+    for run in trials.values():
+        for simulation in SIMULATIONS:
+            row = measure(run, simulation)
+            rows.append(row)
+            print(
+                f"{row.trace:<20}{row.simulation:<12}{row.simulated_s / row.traced_s:>16.1f}"
+                f"{row.traced_s / row.steps_s:>17.3f}{row.written_s / row.steps_s:>13.3f}",
+                flush=True,
+            )
+    claims = conclude(rows, two_workers())
+    print()
+    for claim in claims:
+        print(claim_line(claim))
+    return GOOD if all(claim.holds for claim in claims) else FAILED
+
+
+def measure(run: Run, simulation: str) -> Row:
+    """Times the trace of `run` with settings of the simulation, by name."""
+    run = with_simulation(run, SIMULATIONS[simulation][1])
+    with tempfile.TemporaryDirectory() as folder:
+        ways = (bare_steps(run), lambda: simulate(run), lambda: write_trace(Path(folder), run, simulate(run)))
+        times = np.array([[_processor_s(way) for way in ways] for _ in range(1 + _TURNS)])
+    # The first turn warms caches up.
+    return Row(run.name, simulation, simulate(run).time_s[-1], *np.median(times[1:], axis=0))
+
+
+def bare_steps(run: Run) -> Callable[[], object]:
+    """Makes a function that takes the trace's steps, with its controls, in one call of MuJoCo's, and looks at nothing.
+
+    The call keeps the state after each step; a loop of `mj_step` over the rows, which keeps nothing, takes as long to 1 %.
+    """
+    scene = run.scene
+    plan = scene.plan()
+    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
+    data = mujoco.MjData(model)
+    poses = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
+    data.qpos[:3] = data.act[:] = poses[0]
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    velocities = np.diff(poses, axis=0) / scene.simulation.timestep_s
+    return lambda: mujoco.rollout.rollout(model, data, state[None], velocities[None])
+
+
+def two_workers() -> float:
+    """How many times faster two workers make the standard suite than one, by the clock, from the command's start to its end."""
+    return _suite_s(1) / _suite_s(2)
+
+
+def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Bar]:
+    """The claims about the slowest traces."""
+
+    def times_real_time(row: Row) -> float:
+        return row.simulated_s / row.traced_s
+
+    claims = []
+    for simulation, bound in (("default", 7.0), ("fast", 14.0)):
+        slowest = min((row for row in rows if row.simulation == simulation), key=times_real_time)
+        claim = f"{simulation} settings, one core, times real time ({slowest.trace})"
+        claims.append(Bar(f"speed_{simulation}", claim, times_real_time(slowest), ">=", bound, ""))
+    most = max((row for row in rows if row.simulation == "default"), key=lambda row: row.traced_s / row.steps_s)
+    claim = f"whole trace over its bare steps ({most.trace})"
+    claims.append(Bar("overhead", claim, most.traced_s / most.steps_s, "<=", 1.1, ""))
+    claims.append(Bar("two_workers", "two workers, times faster than one", gain_of_two_workers, ">=", 1.8, ""))
+    return claims
+
+
+def _suite_s(jobs: int) -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "whisker_sim", "simulate", str(_SUITE), "--out", folder, "--jobs", str(jobs)]
+        start_s = time.perf_counter()
+        finished = subprocess.run(command, capture_output=True, text=True, check=False)
+        if finished.returncode != GOOD:
+            raise WhiskerSimError(f"`{' '.join(command)}` fails: {finished.stderr.strip()}")
+        return time.perf_counter() - start_s
+
+
+def _processor_s(work: Callable[[], object]) -> float:
+    start_s = time.process_time()
+    work()
+    return time.process_time() - start_s
+
+
+if __name__ == "__main__":
+    sys.exit(main())
