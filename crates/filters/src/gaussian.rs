@@ -17,6 +17,11 @@ impl<const N: usize> Gaussian<N> {
         Self { mean, covariance }
     }
 
+    /// Whether every number of it is finite.
+    pub fn is_finite(&self) -> bool {
+        self.mean.iter().chain(self.covariance.iter()).all(|value| value.is_finite())
+    }
+
     /// Fading memory: old knowledge is trusted less by scaling the covariance by `alpha` >= 1 once a step
     /// (Simon, *Optimal State Estimation*, 2006, section 7.4). The memory lasts `1 / (alpha - 1)` steps.
     pub fn fade(&mut self, alpha: f64) {
@@ -44,6 +49,16 @@ impl<const M: usize> Innovation<M> {
         let nis = residual.dot(&factor.solve(&residual));
         Self { residual, covariance, nis }
     }
+
+    /// The innovation with this residual; nothing unless the covariance is positive definite.
+    pub(crate) fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
+        covariance.cholesky().map(|factor| Self::new(residual, covariance, &factor))
+    }
+
+    /// Logarithm of the reading's probability density before it was known, `ln N(y; 0, S)`.
+    pub fn log_likelihood(&self) -> f64 {
+        -0.5 * (self.nis + log_determinant(&self.covariance) + M as f64 * std::f64::consts::TAU.ln())
+    }
 }
 
 /// Why an update left the belief as it was.
@@ -60,4 +75,9 @@ pub enum Skipped {
 /// Rounding makes covariances unsymmetric, which grows from step to step; the mean of both halves stops it.
 pub(crate) fn symmetrised<const N: usize>(p: SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
     (p + p.transpose()) * 0.5
+}
+
+/// Logarithm of a covariance's determinant; minus infinity where it is not positive definite.
+pub(crate) fn log_determinant<const N: usize>(p: &SMatrix<f64, N, N>) -> f64 {
+    p.cholesky().map_or(f64::NEG_INFINITY, |factor| 2.0 * factor.l().diagonal().map(f64::ln).sum())
 }

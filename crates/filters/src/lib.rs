@@ -41,12 +41,20 @@
 //! # Ok::<(), filters::Skipped>(())
 //! ```
 
+pub mod bank;
+pub mod batch;
+pub mod bound;
+pub mod bounded;
 pub mod extended;
 mod gaussian;
+pub mod iterated;
 mod model;
 pub mod particle;
+pub mod smoother;
 pub mod unscented;
 
+pub use bank::Bank;
+pub use bounded::Weighed;
 pub use gaussian::{Gaussian, Innovation, Skipped};
 pub use model::{Measurement, Process};
 pub use particle::Cloud;

@@ -6,8 +6,9 @@ use nalgebra::{SMatrix, SVector};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
+use crate::bounded::Noisier;
 use crate::gaussian::symmetrised;
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped, extended};
 
 /// A belief made of weighted particles.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +18,7 @@ pub struct Cloud<const N: usize> {
     weights: Vec<f64>,
     /// Kept between steps so that neither resampling nor weighing allocates.
     spare: Vec<SVector<f64, N>>,
+    spare_weights: Vec<f64>,
     logs: Vec<f64>,
 }
 
@@ -29,7 +31,13 @@ impl<const N: usize> Cloud<N> {
         assert!(!particles.is_empty(), "a cloud needs at least one particle");
         let weights = vec![1.0 / particles.len() as f64; particles.len()];
         let count = particles.len();
-        Self { particles, weights, spare: Vec::with_capacity(count), logs: Vec::with_capacity(count) }
+        Self {
+            particles,
+            weights,
+            spare: Vec::with_capacity(count),
+            spare_weights: Vec::with_capacity(count),
+            logs: Vec::with_capacity(count),
+        }
     }
 
     /// The particles.
@@ -102,8 +110,50 @@ impl<const N: usize> Cloud<N> {
         measurement: &impl Measurement<N, M>,
         z: &SVector<f64, M>,
     ) -> Result<Innovation<M>, Skipped> {
+        let innovation = self.expect(measurement, z)?;
+        self.weigh();
+        Ok(innovation)
+    }
+
+    /// Weighs the particles as [`Self::update`] does, unless that would leave an effective sample size below `share` of them: then the cloud
+    /// is drawn anew from where the reading says that the particles should have been.
+    ///
+    /// Each particle stands for a Gaussian kernel of `bandwidth` standard deviations of the cloud, drawn towards the mean so that mean and
+    /// covariance stay (Liu and West 2001). A kernel is chosen by how well it foretells the reading, and conditioned on it by an extended
+    /// Kalman update, from which the new particle is drawn (the auxiliary filter of Pitt and Shephard 1999, with the linearised optimal
+    /// proposal of Doucet, Godsill and Andrieu 2000). The weights correct for what the linearisation misses.
+    ///
+    /// # Errors
+    /// [`Skipped`] leaves the cloud as it was.
+    pub fn update_or_renew(
+        &mut self,
+        measurement: &impl Measurement<N, 1>,
+        z: &SVector<f64, 1>,
+        renewal: &Renewal,
+        rng: &mut impl Rng,
+    ) -> Result<Innovation<1>, Skipped> {
+        let innovation = self.expect(measurement, z)?;
+        let mut measurement = Noisier { model: measurement, factor: 1.0 };
+        if innovation.nis > renewal.gate_sds * renewal.gate_sds {
+            measurement = measurement.at_gate(&self.mean(), &innovation, renewal.gate_sds);
+            self.expect(&measurement, z)?;
+        }
+        self.spare_weights.clone_from(&self.weights);
+        self.weigh();
+        if self.effective_size() < renewal.share * self.particles.len() as f64 {
+            std::mem::swap(&mut self.weights, &mut self.spare_weights);
+            self.renew(&measurement, z, renewal.bandwidth, rng)?;
+        }
+        Ok(innovation)
+    }
+
+    /// Logarithms of what the weights would be with the reading, and the innovation of the cloud's mean prediction.
+    fn expect<const M: usize>(
+        &mut self,
+        measurement: &impl Measurement<N, M>,
+        z: &SVector<f64, M>,
+    ) -> Result<Innovation<M>, Skipped> {
         self.logs.clear();
-        let mut largest = f64::NEG_INFINITY;
         let mut shift = SVector::<f64, M>::zeros();
         let mut second = SMatrix::<f64, M, M>::zeros();
         let mut known = 0.0;
@@ -113,29 +163,88 @@ impl<const N: usize> Cloud<N> {
                 continue;
             };
             let r = measurement.noise(particle);
-            let factor = r.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
             let residual = measurement.residual(z, &expected);
-            let log = weight.ln() - 0.5 * residual.dot(&factor.solve(&residual)) - 0.5 * factor.determinant().ln();
-            self.logs.push(log);
-            largest = largest.max(log);
+            self.logs.push(weight.ln() + log_density(&residual, &r).ok_or(Skipped::NotPositiveDefinite)?);
             shift += residual * weight;
             second += (residual * residual.transpose() + r) * weight;
             known += weight;
         }
-        if !largest.is_finite() {
+        if !self.logs.iter().any(|log| log.is_finite()) {
             return Err(Skipped::NoPrediction);
         }
         let residual = shift / known;
         let covariance = symmetrised(second / known - residual * residual.transpose());
-        let factor = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+        Innovation::of(residual, covariance).ok_or(Skipped::NotPositiveDefinite)
+    }
+
+    /// Takes the weights from their logarithms.
+    fn weigh(&mut self) {
+        let largest = self.logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         for (weight, log) in self.weights.iter_mut().zip(&self.logs) {
             *weight = (log - largest).exp();
         }
         let total: f64 = self.weights.iter().sum();
-        for weight in &mut self.weights {
-            *weight /= total;
+        self.weights.iter_mut().for_each(|weight| *weight /= total);
+    }
+
+    /// Draws the cloud anew; see [`Self::update_or_renew`].
+    fn renew<const M: usize>(
+        &mut self,
+        measurement: &impl Measurement<N, M>,
+        z: &SVector<f64, M>,
+        bandwidth: f64,
+        rng: &mut impl Rng,
+    ) -> Result<(), Skipped> {
+        let moments = self.moments();
+        let kernel = moments.covariance * (bandwidth * bandwidth);
+        let spread = kernel.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+        let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
+        let mut conditioned = Vec::with_capacity(self.particles.len());
+        let before = std::mem::take(&mut self.logs);
+        for (particle, weight) in self.particles.iter().zip(&self.weights) {
+            let centre = moments.mean + (particle - moments.mean) * shrink;
+            let part = Conditioned::new(centre, &kernel, measurement, z);
+            self.logs.push(part.as_ref().map_or(f64::NEG_INFINITY, |part| weight.ln() + part.log_evidence));
+            conditioned.push(part);
         }
-        Ok(Innovation::new(residual, covariance, &factor))
+        if !self.logs.iter().any(|log| log.is_finite()) {
+            self.logs = before;
+            return Err(Skipped::NoPrediction);
+        }
+        self.weigh();
+        let sources = self.sources(rng);
+        self.logs.clear();
+        for (particle, source) in self.particles.iter_mut().zip(sources) {
+            let Some(part) = &conditioned[source] else { continue };
+            let normal = normal::<N>(rng);
+            *particle = part.mean + part.factor * normal;
+            let likelihood = measurement
+                .predict(particle)
+                .and_then(|expected| log_density(&measurement.residual(z, &expected), &measurement.noise(particle)));
+            let offset = *particle - part.centre;
+            let prior = -0.5 * offset.dot(&spread.solve(&offset)) - spread.l().diagonal().map(f64::ln).sum();
+            let proposal = -0.5 * normal.norm_squared() - part.factor.diagonal().map(f64::ln).sum();
+            self.logs.push(likelihood.map_or(f64::NEG_INFINITY, |log| log + prior - proposal - part.log_evidence));
+        }
+        self.weigh();
+        Ok(())
+    }
+
+    /// Indices of the particles that systematic resampling with one random number chooses (Kitagawa 1996).
+    fn sources<R: Rng>(&self, rng: &mut R) -> impl Iterator<Item = usize> + use<N, R> {
+        let count = self.particles.len();
+        let step = 1.0 / count as f64;
+        let start = rng.random::<f64>() * step;
+        let weights = self.weights.clone();
+        let (mut source, mut reached) = (0, weights[0]);
+        (0..count).map(move |i| {
+            let target = start + i as f64 * step;
+            while reached < target && source + 1 < count {
+                source += 1;
+                reached += weights[source];
+            }
+            source
+        })
     }
 
     /// Systematic resampling with one random number (Kitagawa 1996), then a Gaussian kernel of `bandwidth` standard deviations
@@ -143,19 +252,10 @@ impl<const N: usize> Cloud<N> {
     /// stay (Liu and West 2001).
     pub fn resample(&mut self, bandwidth: f64, rng: &mut impl Rng) {
         let moments = self.moments();
-        let count = self.particles.len();
-        let step = 1.0 / count as f64;
-        let mut target = rng.random::<f64>() * step;
-        let mut reached = self.weights[0];
-        let mut source = 0;
+        let step = 1.0 / self.particles.len() as f64;
         self.spare.clear();
-        for _ in 0..count {
-            while reached < target && source + 1 < count {
-                source += 1;
-                reached += self.weights[source];
-            }
+        for source in self.sources(rng) {
             self.spare.push(self.particles[source]);
-            target += step;
         }
         std::mem::swap(&mut self.particles, &mut self.spare);
         self.weights.fill(step);
@@ -168,6 +268,47 @@ impl<const N: usize> Cloud<N> {
             }
         }
     }
+}
+
+/// How [`Cloud::update_or_renew`] weighs a reading, and when and how it draws the cloud anew.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Renewal {
+    /// Least effective sample size, as a share of the particles.
+    pub share: f64,
+    /// Width of the kernels, in standard deviations of the cloud.
+    pub bandwidth: f64,
+    /// Bound of a reading's influence, as in [`crate::bounded`].
+    pub gate_sds: f64,
+}
+
+/// A kernel conditioned on the reading.
+struct Conditioned<const N: usize> {
+    centre: SVector<f64, N>,
+    mean: SVector<f64, N>,
+    /// Lower factor of the covariance.
+    factor: SMatrix<f64, N, N>,
+    log_evidence: f64,
+}
+
+impl<const N: usize> Conditioned<N> {
+    /// Nothing where the model has no prediction.
+    fn new<const M: usize>(
+        centre: SVector<f64, N>,
+        kernel: &SMatrix<f64, N, N>,
+        measurement: &impl Measurement<N, M>,
+        z: &SVector<f64, M>,
+    ) -> Option<Self> {
+        let mut belief = Gaussian::new(centre, *kernel);
+        let innovation = extended::update(&mut belief, measurement, z).ok()?;
+        let factor = belief.covariance.cholesky()?.l();
+        Some(Self { centre, mean: belief.mean, factor, log_evidence: innovation.log_likelihood() })
+    }
+}
+
+/// `ln N(y; 0, S)`, but for a constant; nothing unless S is positive definite.
+fn log_density<const M: usize>(y: &SVector<f64, M>, s: &SMatrix<f64, M, M>) -> Option<f64> {
+    let factor = s.cholesky()?;
+    Some(-0.5 * y.dot(&factor.solve(y)) - factor.l().diagonal().map(f64::ln).sum())
 }
 
 fn normal<const N: usize>(rng: &mut impl Rng) -> SVector<f64, N> {

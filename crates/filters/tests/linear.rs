@@ -1,5 +1,6 @@
 //! On a linear model every filter is the Kalman filter.
 
+use filters::bound::{self, Bound};
 use filters::unscented::Spread;
 use filters::{Cloud, Gaussian, Measurement, Process, extended, unscented};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SVector, Vector1, Vector2, matrix, vector};
@@ -143,4 +144,25 @@ fn verif_resampling_keeps_mean_and_covariance() {
     assert!((after.mean - before.mean).norm() < 0.01);
     assert!((after.covariance - before.covariance).norm() < 0.05 * before.covariance.norm());
     assert!((cloud.weights().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+}
+
+/// The recursion as it is printed: `D22 - D21 (J + D11)^-1 D12` with `D11 = F' Q^-1 F`, `D12 = -F' Q^-1` and `D22 = Q^-1 + H' R^-1 H`
+/// (Tichavsky et al. 1998).
+#[test]
+fn val_cramer_rao_bound_is_the_published_recursion() {
+    let x = vector![0.0, 0.0];
+    let (f, q) = (transition(), Process::noise(&Cart, &x));
+    let q_inverse = q.try_inverse().unwrap();
+    let h = RowVector2::new(1.0, 0.0);
+    let mut printed = Matrix2::identity();
+    let mut bound = Bound::new(&Matrix2::identity()).unwrap();
+    for _ in 0..200 {
+        let d11 = f.transpose() * q_inverse * f;
+        let d12 = -f.transpose() * q_inverse;
+        let d22 = q_inverse + h.transpose() * h / R;
+        printed = d22 - d12.transpose() * (printed + d11).try_inverse().unwrap() * d12;
+        bound.predict(&Cart, &x);
+        bound.update(bound::information(&Cart, &x).unwrap());
+        assert!((bound.information() - printed).norm() < 1e-9 * printed.norm());
+    }
 }

@@ -4,7 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use trace::{Role, Suite, Trace};
+use trace::{Role, Suite, Trace, read_json};
+
+use crate::front_end::default_noise;
 
 /// Traces to work on and the name under which their results go.
 #[derive(Clone, Debug)]
@@ -80,6 +82,18 @@ impl Dataset {
             bail!("{}: no traces with the role `{}`", self.folder.display(), role.name());
         }
         Ok(traces)
+    }
+
+    /// Measurement noise to add where none is asked for: see [`default_noise`]. A dataset with a simulated trace counts as simulated.
+    ///
+    /// # Errors
+    /// If a sidecar cannot be read.
+    pub fn default_noise(&self) -> anyhow::Result<f64> {
+        let mut noise = 0.0;
+        for path in &self.paths {
+            noise = default_noise(&read_json(&path.with_extension("json"))?).max(noise);
+        }
+        Ok(noise)
     }
 
     /// Where the calibrations of these traces stand.

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use rayon::prelude::*;
 use serde_json::Value;
 use trace::{CalibrationFile, Digest, FaceFile, Role, Trace, write_atomically, write_json};
 use whisker::Whisker;
-use whisker::sensor::{self, CalibratedFace, Face, Fit, Sample};
+use whisker::sensor::{self, CalibratedFace, Face, Fit, Material, ModelError, Sample};
 
 use crate::dataset::Dataset;
 use crate::front_end::FrontEnd;
@@ -24,14 +25,53 @@ const MOST_RESIDUALS: usize = 3000;
 /// Tables about a face that stand beside its calibration, for the report.
 pub const REPORT_TABLES: [&str; 2] = ["surface", "residuals"];
 
+/// Which sensor models to fit.
+#[derive(Clone, Debug)]
+pub enum Models {
+    /// Every candidate of the registry; cross-validation chooses.
+    Auto,
+    /// One.
+    One {
+        /// Its name in the registry.
+        kind: String,
+        /// Its settings; what is missing takes its default.
+        config: Value,
+    },
+}
+
+/// A sensor model to be fitted.
+struct Candidate {
+    row: &'static sensor::ModelRow,
+    /// The settings that were asked for; what is missing takes its default.
+    own: Value,
+    /// All settings.
+    config: Value,
+}
+
+impl Candidate {
+    fn new(row: &'static sensor::ModelRow, own: Value) -> anyhow::Result<Self> {
+        Ok(Self { row, config: merged((row.defaults)(), &own)?, own })
+    }
+}
+
+impl Models {
+    fn candidates(&self) -> anyhow::Result<Vec<Candidate>> {
+        match self {
+            Self::Auto => sensor::MODELS
+                .iter()
+                .flat_map(|row| (row.candidates)().into_iter().map(move |own| Candidate::new(row, own)))
+                .collect(),
+            Self::One { kind, config } => Ok(vec![Candidate::new(sensor::model(kind)?, config.clone())?]),
+        }
+    }
+}
+
 /// What to fit and how.
 #[derive(Clone, Debug)]
 pub struct FitSettings {
-    /// Sensor model, by its name in the registry.
-    pub model: String,
-    /// Its settings; what is missing takes its default.
-    pub config: Value,
-    /// Measurement noise, as a fraction of the largest reading of a whisker's calibration.
+    /// Sensor models.
+    pub models: Models,
+    /// Measurement noise that is added to simulated traces, as a fraction of the largest reading of a whisker's calibration.
     pub noise: f64,
     /// Seed of that noise.
     pub seed: u64,
@@ -46,6 +86,8 @@ pub struct Fitted {
     pub path: PathBuf,
     /// Whether it had to be made anew.
     pub is_new: bool,
+    /// Candidates that the data do not determine, with the reasons; known only where it was made anew.
+    pub left_out: Vec<String>,
 }
 
 /// Fits every whisker that the dataset calibrates and writes one calibration each, unless it is there already.
@@ -53,16 +95,20 @@ pub struct Fitted {
 /// # Errors
 /// If traces cannot be read, contradict one another, or do not determine the model.
 pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Result<Vec<Fitted>> {
-    let row = sensor::model(&settings.model)?;
+    let candidates = settings.models.candidates()?;
     let mut whiskers: BTreeMap<String, Vec<Trace>> = BTreeMap::new();
     for trace in dataset.read(Role::Calibration)? {
         whiskers.entry(trace.sidecar.whisker.name.clone()).or_default().push(trace);
     }
-    whiskers.values().map(|traces| fit_whisker(row, traces, settings, out)).collect()
+    whiskers.values().map(|traces| fit_whisker(&candidates, traces, settings, out)).collect()
 }
 
-fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings, out: &Path) -> anyhow::Result<Fitted> {
-    let config = merged((row.defaults)(), &settings.config)?;
+fn fit_whisker(
+    candidates: &[Candidate],
+    traces: &[Trace],
+    settings: &FitSettings,
+    out: &Path,
+) -> anyhow::Result<Fitted> {
     let whisker = &traces[0].sidecar.whisker;
     if let Some(other) = traces.iter().find(|trace| trace.sidecar.whisker != *whisker) {
         bail!(
@@ -77,14 +123,10 @@ fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings,
         data.add(&trace.sidecar.name).add(&trace.sidecar.csv_sha256).add(trace.sidecar.face.name());
     }
     let data_sha256 = data.finish();
-    let watermark = watermark([
-        data_sha256.as_str(),
-        &serde_json::to_string(whisker)?,
-        row.kind,
-        &config.to_string(),
-        &settings.noise.to_string(),
-        &settings.seed.to_string(),
-    ]);
+    let mut inputs = vec![data_sha256.clone(), serde_json::to_string(whisker)?];
+    inputs.extend(candidates.iter().map(|it| format!("{} {}", it.row.kind, it.config)));
+    inputs.extend([settings.noise.to_string(), settings.seed.to_string()]);
+    let watermark = watermark(inputs.iter().map(String::as_str));
     let path = out.join(format!("{}.json", whisker.name));
     let for_report = |face: &FaceFile| {
         REPORT_TABLES
@@ -95,7 +137,7 @@ fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings,
         && calibration.watermark.inputs_sha256 == watermark.inputs_sha256
         && calibration.faces.iter().all(for_report)
     {
-        return Ok(Fitted { calibration, path, is_new: false });
+        return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new() });
     }
 
     let largest = traces
@@ -103,38 +145,64 @@ fn fit_whisker(row: &sensor::ModelRow, traces: &[Trace], settings: &FitSettings,
         .flat_map(|trace| &trace.recording.instants)
         .map(|instant| instant.moment_z_n_m.abs())
         .fold(0.0, f64::max);
-    let front_end = FrontEnd { noise_sd_n_m: settings.noise * largest, seed: settings.seed };
+    // A recording has its own noise.
+    let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
+    let noise = if is_recorded { 0.0 } else { settings.noise };
+    let front_end = FrontEnd { noise_sd_n_m: noise * largest, seed: settings.seed };
     let mut faces = Vec::new();
+    let mut left_out = Vec::new();
     for face in [Face::Left, Face::Right] {
         let of_face: Vec<&Trace> = traces.iter().filter(|trace| trace.sidecar.face == face).collect();
-        if !of_face.is_empty() {
-            let fit = fit_face(row, &config, whisker, face, &of_face, &front_end)
-                .with_context(|| format!("whisker `{}`, face {}", whisker.name, face.name()))?;
-            write_for_report(&fit, whisker, &of_face, out)?;
-            faces.push(FaceFile::new(&fit));
+        if of_face.is_empty() {
+            continue;
         }
+        let place = || format!("whisker `{}`, face {}", whisker.name, face.name());
+        let (fits, failed) = fit_face(candidates, whisker, face, &of_face, &front_end).with_context(place)?;
+        left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
+        let file = FaceFile::new(&fits).expect("there is a fit");
+        let chosen = fits.iter().find(|fit| fit.face.label == file.chosen).expect("the chosen one is among the fits");
+        write_for_report(chosen, whisker, &of_face, out)?;
+        faces.push(file);
     }
     let names = traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
-    let (noise, seed) = (settings.noise, settings.seed);
-    let calibration = CalibrationFile::new(whisker.clone(), noise, seed, data_sha256, names, faces, watermark);
+    let calibration = CalibrationFile::new(whisker.clone(), noise, settings.seed, data_sha256, names, faces, watermark);
     write_json(&path, &calibration)?;
-    Ok(Fitted { calibration, path, is_new: true })
+    Ok(Fitted { calibration, path, is_new: true, left_out })
 }
 
+/// Fits of the candidates, at least one, and why others are left out.
 fn fit_face(
-    row: &sensor::ModelRow,
-    config: &Value,
+    candidates: &[Candidate],
     whisker: &Whisker,
     face: Face,
     traces: &[&Trace],
     front_end: &FrontEnd,
-) -> anyhow::Result<Fit> {
-    let noisy: Vec<Vec<Sample>> = traces
+) -> anyhow::Result<(Vec<Fit>, Vec<String>)> {
+    let measured: Vec<Vec<Sample>> = traces
         .iter()
         .map(|trace| contacts(trace, &front_end.readings_n_m(&trace.sidecar.name, &trace.recording)))
         .collect();
-    let clean: Vec<Vec<Sample>> = traces.iter().map(|trace| clean_contacts(trace)).collect();
-    Ok(sensor::fit(row, config, whisker, face, &noisy, &clean)?)
+    let reference: Vec<Vec<Sample>> = traces.iter().map(|trace| clean_contacts(trace)).collect();
+    let noise = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / traces.len() as f64;
+    let material =
+        Material { whisker, face, measured: &measured, reference: &reference, reference_noise_sd_n_m: noise.sqrt() };
+    let fitted: Vec<Result<Fit, ModelError>> =
+        candidates.par_iter().map(|it| sensor::fit(it.row, &it.config, &material)).collect();
+    let mut fits = Vec::new();
+    let mut failed = Vec::new();
+    for (candidate, fitted) in candidates.iter().zip(fitted) {
+        match fitted {
+            Ok(fit) => fits.push(fit),
+            Err(ModelError::Data(reason)) if candidates.len() > 1 => {
+                failed.push(format!("{} {}: {reason}", candidate.row.kind, candidate.own));
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    if fits.is_empty() {
+        bail!("no sensor model can be fitted; the first: {}", failed[0]);
+    }
+    Ok((fits, failed))
 }
 
 fn clean_contacts(trace: &Trace) -> Vec<Sample> {
@@ -168,7 +236,7 @@ fn write_for_report(fit: &Fit, whisker: &Whisker, traces: &[&Trace], out: &Path)
 
     // The largest are always kept: they are what a reader looks for.
     let stride = fit.samples.div_ceil(MOST_RESIDUALS);
-    let is_extreme = |residual: f64| residual.abs() > 0.8 * fit.heldout_worst_n_m;
+    let is_extreme = |residual: f64| residual.abs() > 0.8 * fit.face.heldout_worst_n_m;
     let mut rows = Vec::new();
     for (trace, residuals) in traces.iter().zip(&fit.residuals_n_m) {
         for (i, (sample, residual_n_m)) in clean_contacts(trace).iter().zip(residuals).enumerate() {

@@ -3,7 +3,12 @@
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
-use trace::{Digest, Recording};
+use trace::{Digest, Recording, Sidecar};
+
+/// Measurement noise to add where none is asked for, as a fraction of the largest reading: none to a recording, which has its own.
+pub fn default_noise(sidecar: &Sidecar) -> f64 {
+    if sidecar.recorded.is_some() { 0.0 } else { 0.01 }
+}
 
 /// White measurement noise from a seed.
 #[derive(Clone, Copy, Debug, PartialEq)]

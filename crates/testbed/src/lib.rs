@@ -8,8 +8,10 @@
 //! [`report`] draws it. [`claims`] checks what the documentation promises. The command `whisker` ([`cli`]) is a face to these.
 
 pub mod baseline;
+pub mod bound;
 pub mod claims;
 pub mod cli;
+pub mod consistency;
 pub mod dataset;
 pub mod evaluate;
 pub mod fit;

@@ -7,11 +7,10 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, Sidecar};
-use whisker::Whisker;
 use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Sample};
+use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::CalibratedFace;
-use whisker::touch::TouchConfig;
 
 use crate::front_end::derived_seed;
 
@@ -33,9 +32,16 @@ pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {
         .collect()
 }
 
-/// What a robot with this whisker knows before it touches anything.
-pub fn knowledge(whisker: &Whisker, faces: &[Arc<CalibratedFace>], noise_sd_n_m: f64) -> Arc<Knowledge> {
-    Arc::new(Knowledge { whisker: whisker.clone(), rest: whisker.rest_shape(), faces: faces.to_vec(), noise_sd_n_m })
+/// What a robot with the whisker of a trace knows before it touches anything.
+pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m: f64) -> Arc<Knowledge> {
+    Arc::new(Knowledge {
+        whisker: sidecar.whisker.clone(),
+        rest: sidecar.whisker.rest_shape(),
+        faces: faces.to_vec(),
+        noise_sd_n_m,
+        rate_hz: sidecar.rate_hz,
+        told: None,
+    })
 }
 
 /// A registered estimator, with the randomness that belongs to this trace and seed.
@@ -69,6 +75,17 @@ pub fn check_calibration(path: &Path, calibration: &CalibrationFile, sidecar: &S
     Ok(())
 }
 
+/// What the detection of contacts sees and concludes at each sample.
+pub fn signals(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<Signals> {
+    let mut detector = ContactDetector::new(touch, &knowledge.sensing());
+    samples.iter().map(|sample| detector.judge(sample.reading_n_m, sample.dt_s)).collect()
+}
+
+/// Whether the detection of contacts takes the whisker to touch, at each sample.
+pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<bool> {
+    signals(touch, knowledge, samples).iter().map(|signals| signals.touched.is_some()).collect()
+}
+
 /// Estimates of a replay, and how long it took.
 #[derive(Clone, Debug)]
 pub struct Replay {
@@ -81,6 +98,6 @@ pub struct Replay {
 /// Runs an estimator over samples.
 pub fn replay(estimator: &mut Estimator, samples: &[Sample]) -> Replay {
     let start = Clock::now();
-    let estimates = samples.iter().map(|sample| estimator.step(sample)).collect();
+    let estimates = estimator.run(samples);
     Replay { estimates, elapsed_ns: start.elapsed().as_nanos() }
 }

@@ -6,25 +6,47 @@
 //! summary.csv                           [`SummaryRow`], one a group, whisker, estimator and noise level
 //! failures.csv                          [`FailureRow`], one a trial that could not be scored
 //! error_over_time.csv                   [`ErrorBandRow`], spread of the error over trials against time since the touch
+//! consistency.csv                       [`ConsistencyRow`], NEES, NIS and bound over trials against time since the touch
 //! estimates/<trace>.<estimator>.csv     [`EstimateRow`], one an instant, for the first noise level and seed
+//! events/<trace>.<detector>.csv         [`EventRow`], one an instant, for the first noise level and seed
+//! bounds/<trace>.csv                    [`BoundRow`], one an instant of contact, for the first noise level
 //! outlines/<trace>.csv                  true outline of the object, `x_m,y_m`
 //! models/<whisker>_<face>.surface.csv   [`SurfaceRow`], the sensor model on a grid over its domain
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
 //! ```
+//!
+//! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
+//! ([`ScoreRow`]).
 
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use csv::{ReaderBuilder, StringRecord};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use whisker::touch::TouchConfig;
+use csv::{ReaderBuilder, StringRecord, WriterBuilder};
+use serde::de::{DeserializeOwned, Error as _, Visitor, value};
+use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
+use whisker::estimators::Kind;
+use whisker::events::TouchConfig;
 
-/// Scores of one trial under one estimator. Lengths are distances from the truth, unaligned; absent means that the
-/// estimator gave nothing to score.
+use crate::metrics::{METRICS, Metric, Scores};
+
+/// A row whose first columns are the fields of `Head` and whose others are the metrics, in the order of [`METRICS`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScoreRow<Head> {
+    /// What was scored.
+    pub head: Head,
+    /// Its metrics.
+    pub scores: Scores,
+}
+
+/// Scores of one estimator on one trial.
+pub type TrialRow = ScoreRow<TrialHead>;
+
+/// Scores of one estimator over all trials of one group with one whisker at one noise level, put together as each metric says.
+pub type SummaryRow = ScoreRow<SummaryHead>;
+
+/// What a row of `trials.csv` is about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TrialRow {
+pub struct TrialHead {
     /// Name of the trace.
     pub trace: String,
     /// Group of the trace.
@@ -45,31 +67,11 @@ pub struct TrialRow {
     pub samples: usize,
     /// Of those, samples without an estimate.
     pub missing: usize,
-    /// Root mean square contact error after the first two seconds of contact.
-    pub rmse_m: Option<f64>,
-    /// Median contact error after the first two seconds of contact.
-    pub median_m: Option<f64>,
-    /// 95th percentile of the contact error after the first two seconds of contact.
-    pub p95_m: Option<f64>,
-    /// Largest contact error after the first two seconds of contact.
-    pub worst_m: Option<f64>,
-    /// Root mean square contact error within the first two seconds of contact.
-    pub start_rmse_m: Option<f64>,
-    /// Time from the touch until the error stays below 1 mm to the end.
-    pub time_to_1mm_s: Option<f64>,
-    /// Time from the touch until the error stays below 0.3 mm to the end.
-    pub time_to_0p3mm_s: Option<f64>,
-    /// Median distance of the estimated surface points to the true outline, after two seconds of contact.
-    pub outline_median_m: Option<f64>,
-    /// 95th percentile of that distance.
-    pub outline_p95_m: Option<f64>,
 }
 
-/// Scores of one estimator over all trials of one group with one whisker at one noise level: medians over trials,
-/// except `worst_m` (the largest) and `never_1mm` (a share).
+/// What a row of `summary.csv` is about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SummaryRow {
+pub struct SummaryHead {
     /// Group of the trials.
     pub group: String,
     /// Whisker of the trials.
@@ -80,24 +82,17 @@ pub struct SummaryRow {
     pub estimator: String,
     /// Measurement noise as a fraction of the set's largest reading.
     pub noise: f64,
-    /// Number of trials.
+    /// Number of trials, each counted once for every noise seed.
     pub trials: usize,
-    /// Median over trials of the steady root mean square error.
-    pub rmse_m: Option<f64>,
-    /// Median over trials of the steady median error.
-    pub median_m: Option<f64>,
-    /// Median over trials of the steady 95th percentile.
-    pub p95_m: Option<f64>,
-    /// Largest steady error of any trial.
-    pub worst_m: Option<f64>,
-    /// Median time to stay below 1 mm; absent where most trials never do.
-    pub time_to_1mm_s: Option<f64>,
-    /// Median time to stay below 0.3 mm; absent where most trials never do.
-    pub time_to_0p3mm_s: Option<f64>,
-    /// Share of the trials that never stay below 1 mm.
-    pub never_1mm: f64,
     /// Mean wall-clock time of one estimator step.
     pub step_ns: f64,
+}
+
+impl<Head> ScoreRow<Head> {
+    /// The value of one metric.
+    pub fn get(&self, metric: &Metric) -> Option<f64> {
+        self.scores.get(metric)
+    }
 }
 
 /// A trial that could not be scored.
@@ -112,19 +107,6 @@ pub struct FailureRow {
     pub seed: u64,
     /// Why.
     pub reason: String,
-}
-
-impl FailureRow {
-    /// The table, with its header even where nothing failed.
-    ///
-    /// # Errors
-    /// If a row does not serialise.
-    pub fn csv(rows: &[Self]) -> anyhow::Result<Vec<u8>> {
-        if rows.is_empty() {
-            return Ok(b"trace,noise,seed,reason\n".to_vec());
-        }
-        csv_bytes(rows)
-    }
 }
 
 /// Spread of the contact error over the trials of a set at one time since the touch.
@@ -149,6 +131,57 @@ pub struct ErrorBandRow {
     pub median_m: f64,
     /// 90th percentile of the error.
     pub p90_m: f64,
+}
+
+/// Consistency over the trials of a set at one time since the touch, beside the physical limit. Averages come with the interval that holds 95 % of those of a
+/// consistent estimator; they are absent where no trial states what they are made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ConsistencyRow {
+    /// Group of the trials.
+    pub group: String,
+    /// Whisker of the trials.
+    pub whisker: String,
+    /// Name of the estimator in the registry.
+    pub estimator: String,
+    /// Measurement noise as a fraction of the set's largest reading.
+    pub noise: f64,
+    /// Time since the true first touch.
+    pub t_contact_s: f64,
+    /// Trials that have an estimate at that time.
+    pub trials: usize,
+    /// Root mean square error over those trials.
+    pub rmse_m: f64,
+    /// Root mean square over those trials of the posterior Cramer-Rao bound.
+    pub bound_m: Option<f64>,
+    /// Average normalised estimation error squared.
+    pub anees: Option<f64>,
+    /// Lower end of its interval.
+    pub anees_low: Option<f64>,
+    /// Upper end of its interval.
+    pub anees_high: Option<f64>,
+    /// Average normalised innovation squared.
+    pub anis: Option<f64>,
+    /// Lower end of its interval.
+    pub anis_low: Option<f64>,
+    /// Upper end of its interval.
+    pub anis_high: Option<f64>,
+    /// Median condition number of the information of the last half second.
+    pub condition: Option<f64>,
+}
+
+/// What the readings of a trace tell at one instant of contact, whatever the estimator. See [`crate::bound`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoundRow {
+    /// Time since the start of the trace.
+    pub t_s: f64,
+    /// Posterior Cramer-Rao bound of the root mean square error.
+    pub bound_m: f64,
+    /// The same from the readings of the last half second alone; absent where they tell of one direction at most.
+    pub window_m: Option<f64>,
+    /// Condition number of the information of that window.
+    pub condition: Option<f64>,
 }
 
 /// One instant of one replayed trial: what the robot knew, what the estimator said and what was true. Points in World.
@@ -189,6 +222,32 @@ pub struct EstimateRow {
     pub truth_surface_x_m: Option<f64>,
     /// True point of the object's surface.
     pub truth_surface_y_m: Option<f64>,
+}
+
+impl EstimateRow {
+    /// Distance of the estimated from the true contact.
+    pub fn contact_error_m(&self) -> Option<f64> {
+        let (dx_m, dy_m) = (self.contact_x_m? - self.truth_contact_x_m?, self.contact_y_m? - self.truth_contact_y_m?);
+        Some(dx_m.hypot(dy_m))
+    }
+}
+
+/// What a detector of contacts saw and concluded at one instant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EventRow {
+    /// Time since the start of the recording.
+    pub t_s: f64,
+    /// The reading.
+    pub reading_n_m: f64,
+    /// The filtered reading that it judges.
+    pub watched_n_m: f64,
+    /// The threshold that it holds its absolute value against.
+    pub threshold_n_m: f64,
+    /// Whether it takes the whisker to touch.
+    pub touched: bool,
+    /// Whether the whisker touches, where known.
+    pub truth_touching: Option<bool>,
 }
 
 /// The sensor model at one node of a grid over its domain.
@@ -271,6 +330,9 @@ impl Run {
     }
 }
 
+/// With it begin the names of the estimators that are configured as in the publication that the filters come from.
+pub const PAPER: &str = "paper-";
+
 /// One estimator of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -279,10 +341,22 @@ pub struct RunEstimator {
     pub name: String,
     /// One line about it.
     pub about: String,
-    /// Whether it is a baseline, there to be beaten.
-    pub is_baseline: bool,
+    /// What it may know of a recording, and what it is there for.
+    pub kind: Kind,
+    /// Label of the sensor model that it insists on; without one it takes the calibration's choice.
+    pub sensor_model: Option<String>,
     /// Its settings.
     pub config: serde_json::Value,
+}
+
+impl RunEstimator {
+    /// Its name for people. What hindsight knows, no other estimator can know: it says so wherever both stand side by side.
+    pub fn label(&self) -> String {
+        match self.kind {
+            Kind::Recursive | Kind::Baseline => self.name.clone(),
+            Kind::Hindsight => format!("{} (hindsight)", self.name),
+        }
+    }
 }
 
 /// Trials that are scored together.
@@ -321,16 +395,34 @@ pub struct RunCalibration {
     pub largest_reading_n_m: f64,
 }
 
-/// Rows as the bytes of a CSV with a header.
+/// Rows as the bytes of a CSV with a header, which stands there even without rows.
 ///
 /// # Errors
 /// If a row does not serialise.
-pub fn csv_bytes<Row: Serialize>(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
+pub fn csv_bytes<Row: Serialize + DeserializeOwned>(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
+    table_bytes(columns::<Row>(), rows.iter())
+}
+
+/// Rows of scores as the bytes of a CSV with a header.
+///
+/// # Errors
+/// If a row does not serialise.
+pub fn score_bytes<Head: Serialize + DeserializeOwned>(rows: &[ScoreRow<Head>]) -> anyhow::Result<Vec<u8>> {
+    table_bytes(&score_columns::<Head>(), rows.iter().map(|row| (&row.head, row.scores.values())))
+}
+
+fn table_bytes(columns: &[&str], rows: impl Iterator<Item: Serialize>) -> anyhow::Result<Vec<u8>> {
+    let mut writer = WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+    writer.write_record(columns)?;
     for row in rows {
         writer.serialize(row)?;
     }
     Ok(writer.into_inner()?)
+}
+
+/// Names of the columns of a table of scores.
+fn score_columns<Head: DeserializeOwned>() -> Vec<&'static str> {
+    columns::<Head>().iter().copied().chain(METRICS.iter().map(|metric| metric.name)).collect()
 }
 
 /// Reads a table whose columns are the fields of `T`.
@@ -338,6 +430,21 @@ pub fn csv_bytes<Row: Serialize>(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
 /// # Errors
 /// If the file cannot be read; for a damaged one, file, line and column, what was found and what was expected.
 pub fn read_rows<T: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<T>> {
+    read_table(path, parse_row)
+}
+
+/// Reads a table of scores.
+///
+/// # Errors
+/// As [`read_rows`], and if it has other columns than this program's metrics.
+pub fn read_scores<Head: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<ScoreRow<Head>>> {
+    read_table(path, parse_scores)
+}
+
+fn read_table<T>(
+    path: &Path,
+    parse: impl Fn(&StringRecord, &StringRecord) -> Result<T, String>,
+) -> anyhow::Result<Vec<T>> {
     let at = path.display();
     let mut reader = ReaderBuilder::new().from_path(path).with_context(|| format!("{at}: cannot be read"))?;
     let header = reader.headers().with_context(|| format!("{at}:1: cannot be read"))?.clone();
@@ -350,9 +457,31 @@ pub fn read_rows<T: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<T>> {
                 bail!("{at}:{line}: column `{column}`: found {field}, expected a finite number");
             }
         }
-        rows.push(parse_row(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {problem}"))?);
+        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {problem}"))?);
     }
     Ok(rows)
+}
+
+/// Parses a row of scores, or says in which column what was found.
+fn parse_scores<Head: DeserializeOwned>(
+    record: &StringRecord,
+    header: &StringRecord,
+) -> Result<ScoreRow<Head>, String> {
+    let expected = score_columns::<Head>();
+    for place in 0..expected.len().max(header.len()) {
+        let name = |name: Option<&str>| name.map_or("no more columns".into(), |name| format!("`{name}`"));
+        let (found, expected) = (name(header.get(place)), name(expected.get(place).copied()));
+        if found != expected {
+            let place = place + 1;
+            return Err(format!(
+                "column {place}: found {found}, expected {expected}; evaluate again with this version"
+            ));
+        }
+    }
+    let metrics = |row: &StringRecord| row.iter().skip(expected.len() - METRICS.len()).collect::<StringRecord>();
+    let values: Vec<Option<f64>> = parse_row(&metrics(record), &metrics(header))?;
+    let mut values = values.into_iter();
+    Ok(ScoreRow { head: parse_row(record, header)?, scores: Scores::from_fn(|_| values.next().flatten()) })
 }
 
 /// Parses a row, or says in which column what was found.
@@ -371,4 +500,89 @@ fn parse_row<T: DeserializeOwned>(record: &StringRecord, header: &StringRecord) 
             None => err.kind().to_string(),
         }
     })
+}
+
+/// Names of the fields of a type that reads as a struct, in their order: what it asks a deserializer for.
+fn columns<T: DeserializeOwned>() -> &'static [&'static str] {
+    let mut names: &'static [&'static str] = &[];
+    // The type gets no values: that its deserialization fails is how it ends.
+    _ = T::deserialize(FieldNames(&mut names));
+    names
+}
+
+/// A deserializer that holds nothing and keeps the names it is asked for.
+struct FieldNames<'a>(&'a mut &'static [&'static str]);
+
+impl<'de> Deserializer<'de> for FieldNames<'_> {
+    type Error = value::Error;
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        names: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, value::Error> {
+        *self.0 = names;
+        self.deserialize_any(visitor)
+    }
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, value::Error> {
+        Err(value::Error::custom("holds nothing"))
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
+        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row() -> SummaryRow {
+        let head = SummaryHead {
+            group: "pin".into(),
+            whisker: "straight".into(),
+            object: "pin".into(),
+            estimator: "ekf".into(),
+            noise: 0.01,
+            trials: 50,
+            step_ns: 500.0,
+        };
+        let mut next = 0.0;
+        let scores = Scores::from_fn(|_| {
+            next += 0.5;
+            (next != 1.5).then_some(next)
+        });
+        ScoreRow { head, scores }
+    }
+
+    fn read(bytes: &[u8]) -> anyhow::Result<Vec<SummaryRow>> {
+        let file = tempfile::NamedTempFile::new()?;
+        std::fs::write(file.path(), bytes)?;
+        read_scores(file.path())
+    }
+
+    #[test]
+    fn verif_scores_read_back_as_they_were_written() {
+        let bytes = score_bytes(&[row(), row()]).unwrap();
+        assert!(bytes.starts_with(b"group,whisker,object,estimator,noise,trials,step_ns,rmse_m,median_m,"));
+        assert_eq!(read(&bytes).unwrap(), [row(), row()]);
+        assert_eq!(csv_bytes::<FailureRow>(&[]).unwrap(), b"trace,noise,seed,reason\n");
+    }
+
+    #[test]
+    fn robust_other_metrics_and_damaged_scores_are_named() {
+        let text = String::from_utf8(score_bytes(&[row()]).unwrap()).unwrap();
+        for (from, to, expected) in [
+            ("rmse_m", "rmse_mm", "column 8: found `rmse_mm`, expected `rmse_m`"),
+            ("rmse_m,median_m", "median_m,rmse_m", "column 8: found `median_m`, expected `rmse_m`"),
+            ("500.0,0.5", "500.0,half", "column `rmse_m`: found `half`"),
+            (",50,", ",many,", "column `trials`: found `many`"),
+        ] {
+            let message = read(text.replacen(from, to, 1).as_bytes()).expect_err(expected).to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
 }

@@ -22,9 +22,15 @@ pub(crate) fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Opt
     median(scores.map(|score| score.unwrap_or(f64::INFINITY))).filter(|median| median.is_finite())
 }
 
+/// Mean, nothing of nothing.
+pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let (count, sum) = values.into_iter().fold((0, 0.0), |(count, sum), value| (count + 1, sum + value));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
 /// Root mean square, nothing of nothing.
 pub(crate) fn rms(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
+    mean(values.iter().map(|value| value * value)).map(f64::sqrt)
 }
 
 #[cfg(test)]

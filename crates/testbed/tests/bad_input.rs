@@ -195,7 +195,7 @@ fn robust_unknown_names_list_the_known() {
     fails(&["evaluate", "datasets/golden", "--estimators", "ekv"], &["ekv", "ekf", "particle"]);
     fails(&["evaluate", "datasets/golden", "--estimators", "ekf,ekf"], &["ekf", "twice"]);
     fails(&["evaluate", "datasets/golden", "--noise", "0.01,0.01"], &["0.01", "twice"]);
-    fails(&["fit", "datasets/golden", "--model", "spline"], &["spline", "polynomial"]);
+    fails(&["fit", "datasets/golden", "--model", "wavelet"], &["wavelet", "polynomial"]);
 }
 
 #[test]

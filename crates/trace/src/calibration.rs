@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
-use whisker::sensor::{self, CalibratedFace, Domain, Face, Fit};
+use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
 
 use crate::sidecar::plain_name;
 use crate::{Error, FORMAT, Watermark, read_json, sha256};
@@ -57,30 +57,63 @@ pub struct FaceFile {
     pub face: Face,
     /// Region that was calibrated.
     pub domain: Domain,
-    /// The sensor model, tagged by `kind`.
-    pub model: Value,
     /// Samples that were fitted.
     pub samples: usize,
+    /// Largest absolute reading.
+    pub largest_reading_n_m: f64,
+    /// Label of the model that predicts held-out traces best.
+    pub chosen: String,
+    /// The fitted models.
+    pub models: Vec<ModelFile>,
+}
+
+/// One fitted sensor model of a face.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    /// Name that tells it from the others.
+    pub label: String,
     /// Root mean square residual on held-out data.
     pub heldout_rms_n_m: f64,
     /// Largest residual on held-out data.
     pub heldout_worst_n_m: f64,
-    /// Largest absolute reading.
-    pub largest_reading_n_m: f64,
+    /// The model's own error over the region.
+    pub error: ErrorMap,
+    /// The sensor model, tagged by `kind`.
+    pub model: Value,
 }
 
 impl FaceFile {
-    /// The entry of a fit.
-    pub fn new(fit: &Fit) -> Self {
-        Self {
-            face: fit.face.face,
-            domain: fit.face.domain.clone(),
-            model: fit.face.model.to_json(),
-            samples: fit.samples,
+    /// The entry of several fits to the same samples; the one with the smallest held-out error is chosen, the first of equals.
+    /// Nothing without any.
+    pub fn new(fits: &[Fit]) -> Option<Self> {
+        let best = fits.iter().min_by(|a, b| a.face.heldout_rms_n_m.total_cmp(&b.face.heldout_rms_n_m))?;
+        let models = fits.iter().map(|fit| ModelFile {
+            label: fit.face.label.clone(),
             heldout_rms_n_m: fit.face.heldout_rms_n_m,
-            heldout_worst_n_m: fit.heldout_worst_n_m,
-            largest_reading_n_m: fit.face.largest_reading_n_m,
-        }
+            heldout_worst_n_m: fit.face.heldout_worst_n_m,
+            error: fit.face.error.clone(),
+            model: fit.face.model.to_json(),
+        });
+        Some(Self {
+            face: best.face.face,
+            domain: best.face.domain.clone(),
+            samples: best.samples,
+            largest_reading_n_m: best.face.largest_reading_n_m,
+            chosen: best.face.label.clone(),
+            models: models.collect(),
+        })
+    }
+
+    /// Path of a key of this face, for errors.
+    fn key(&self, name: &str) -> String {
+        format!("faces.{}.{name}", self.face.name())
+    }
+
+    /// The model of this label, or without one the chosen one.
+    pub fn model(&self, label: Option<&str>) -> Option<&ModelFile> {
+        let label = label.unwrap_or(&self.chosen);
+        self.models.iter().find(|model| model.label == label)
     }
 }
 
@@ -133,69 +166,93 @@ impl CalibrationFile {
         file.whisker
             .validate()
             .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))?;
-        file.calibrated(path)?;
+        file.check_faces(path)?;
         Ok(file)
     }
 
-    /// The calibrated faces, ready for use; `path` is for errors.
+    /// The calibrated faces with the model of this label, or without one with that which was chosen; `path` is for errors.
     ///
     /// # Errors
-    /// [`Error::Value`] where a face does not describe a region and a model.
-    pub fn calibrated(&self, path: &Path) -> Result<Vec<Arc<CalibratedFace>>, Error> {
+    /// [`Error::Value`] where a face has no model of this label, or does not describe a region and a model.
+    pub fn calibrated(&self, path: &Path, label: Option<&str>) -> Result<Vec<Arc<CalibratedFace>>, Error> {
+        self.faces
+            .iter()
+            .map(|face| {
+                let model = face.model(label).ok_or_else(|| {
+                    let (key, found) = label.map_or(("chosen", face.chosen.as_str()), |label| ("models", label));
+                    let known: Vec<_> = face.models.iter().map(|model| model.label.as_str()).collect();
+                    let expected = format!("one of the fitted models: {}", known.join(", "));
+                    Error::value(path, face.key(key), format!("`{found}`"), expected)
+                })?;
+                Ok(Arc::new(self.load(path, face, model)?))
+            })
+            .collect()
+    }
+
+    fn check_faces(&self, path: &Path) -> Result<(), Error> {
         if self.faces.is_empty() {
             return Err(Error::value(path, "faces", "none", "at least one"));
         }
         let found = faces_sha256(&self.faces);
         if found != self.faces_sha256 {
-            return Err(Error::value(
-                path,
-                "faces_sha256",
-                &self.faces_sha256,
-                format!("{found}, the hash of the faces"),
-            ));
+            let expected = format!("{found}, the hash of the faces");
+            return Err(Error::value(path, "faces_sha256", &self.faces_sha256, expected));
         }
-        let faces: Vec<Arc<CalibratedFace>> =
-            self.faces.iter().map(|face| self.face(path, face)).collect::<Result<_, _>>()?;
-        for (i, face) in faces.iter().enumerate() {
-            if faces[..i].iter().any(|other| other.face == face.face) {
+        for (i, face) in self.faces.iter().enumerate() {
+            if self.faces[..i].iter().any(|other| other.face == face.face) {
                 return Err(Error::value(path, "faces", format!("`{}` twice", face.face.name()), "each face once"));
             }
+            if !face.domain.is_valid(self.whisker.length_m) {
+                let found = format!("{:?}", face.domain);
+                let expected =
+                    "evenly spaced nodes along the whisker, with lower_m <= 0 and lower_m <= upper_m <= its length";
+                return Err(Error::value(path, face.key("domain"), found, expected));
+            }
+            if !(face.largest_reading_n_m.is_finite() && face.largest_reading_n_m > 0.0) {
+                let key = face.key("largest_reading_n_m");
+                return Err(Error::value(path, key, face.largest_reading_n_m, "a positive number"));
+            }
+            for model in &face.models {
+                self.load(path, face, model)?;
+            }
         }
-        Ok(faces)
+        self.calibrated(path, None).map(|_| ())
     }
 
-    fn face(&self, path: &Path, file: &FaceFile) -> Result<Arc<CalibratedFace>, Error> {
-        let key = |name: &str| format!("faces.{}.{name}", file.face.name());
-        if !file.domain.is_valid(self.whisker.length_m) {
-            let found = format!("{:?}", file.domain);
-            let expected =
-                "evenly spaced nodes along the whisker, with lower_m <= 0 and lower_m <= upper_m <= its length";
-            return Err(Error::value(path, key("domain"), found, expected));
-        }
-        if !(file.largest_reading_n_m.is_finite() && file.largest_reading_n_m > 0.0) {
-            return Err(Error::value(path, key("largest_reading_n_m"), file.largest_reading_n_m, "a positive number"));
-        }
+    fn load(&self, path: &Path, face: &FaceFile, model: &ModelFile) -> Result<CalibratedFace, Error> {
+        let key = |name: &str| face.key(&format!("models.{}.{name}", model.label));
         for (name, residual) in
-            [("heldout_rms_n_m", file.heldout_rms_n_m), ("heldout_worst_n_m", file.heldout_worst_n_m)]
+            [("heldout_rms_n_m", model.heldout_rms_n_m), ("heldout_worst_n_m", model.heldout_worst_n_m)]
         {
             if !(residual.is_finite() && residual >= 0.0) {
                 return Err(Error::value(path, key(name), residual, "a number of 0 or more"));
             }
         }
-        let kind = file.model.get("kind").and_then(Value::as_str).unwrap_or_default();
+        if !model.error.is_valid() {
+            let found = format!("{:?}", model.error);
+            return Err(Error::value(path, key("error"), found, "along x away positive numbers, at least 2 x 2"));
+        }
+        let kind = model.model.get("kind").and_then(Value::as_str).unwrap_or_default();
         let row = sensor::model(kind).map_err(|_| {
             let known: Vec<_> = sensor::MODELS.iter().map(|row| row.kind).collect();
             Error::value(path, key("model.kind"), format!("`{kind}`"), format!("one of: {}", known.join(", ")))
         })?;
-        let model = (row.load)(&file.model)
-            .map_err(|error| Error::value(path, key("model"), &file.model, format!("a stored model ({error})")))?;
-        Ok(Arc::new(CalibratedFace {
-            face: file.face,
+        let region = Region { whisker: &self.whisker, face: face.face, domain: &face.domain };
+        let loaded = (row.load)(&region, &model.model)
+            .map_err(|error| Error::value(path, key("model"), &model.model, format!("a stored model ({error})")))?;
+        if loaded.label() != model.label {
+            return Err(Error::value(path, key("label"), format!("`{}`", model.label), loaded.label()));
+        }
+        Ok(CalibratedFace {
+            face: face.face,
             rest: self.whisker.rest_shape(),
-            domain: file.domain.clone(),
-            model,
-            heldout_rms_n_m: file.heldout_rms_n_m,
-            largest_reading_n_m: file.largest_reading_n_m,
-        }))
+            domain: face.domain.clone(),
+            label: loaded.label(),
+            model: loaded,
+            error: model.error.clone(),
+            heldout_rms_n_m: model.heldout_rms_n_m,
+            heldout_worst_n_m: model.heldout_worst_n_m,
+            largest_reading_n_m: face.largest_reading_n_m,
+        })
     }
 }

@@ -70,7 +70,9 @@ impl Certificate {
             ("penetration_worst_m", self.penetration_worst_m, Self::PENETRATION_WORST_M),
         ]
         .into_iter()
-        .filter_map(|(key, found, bound)| found.filter(|found| *found > bound).map(|found| Breach { key, found, bound }))
+        .filter_map(|(key, found, bound)| {
+            found.filter(|found| *found > bound).map(|found| Breach { key, found, bound })
+        })
         .collect()
     }
 }

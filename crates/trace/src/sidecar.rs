@@ -10,7 +10,7 @@ use whisker::sensor::Face;
 use crate::{Certificate, Error, FORMAT};
 
 /// What a trace is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
     /// Estimators are tried on it.
@@ -37,12 +37,30 @@ pub struct Generator {
     pub name: String,
     /// Its version.
     pub version: String,
-    /// Version of MuJoCo.
-    pub mujoco: String,
+    /// Version of MuJoCo, where it simulated.
+    pub mujoco: Option<String>,
     /// Commit of the program, where known.
     pub git_commit: Option<String>,
     /// Hash of the program's sources.
     pub source_sha256: String,
+}
+
+/// What is to be known of a recording of a real sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recorded {
+    /// Where the times come from.
+    pub clock: String,
+    /// `c1, c2, c3` by which readings became nominal moments: `counts - rest_counts = c1 M + c2 M^2 + c3 M^3`, `M` in N m.
+    pub characteristic: [f64; 3],
+    /// Root mean square of the readings of the calibration that this and the whisker leave unexplained.
+    pub residual_counts: f64,
+    /// Reading at rest.
+    pub rest_counts: f64,
+    /// Standard deviation of the noise that the readings have of themselves, at rest.
+    pub noise_sd_n_m: f64,
+    /// How far from rest a reading is taken for a contact.
+    pub touch_counts: f64,
 }
 
 /// The object's outline.
@@ -95,9 +113,17 @@ pub struct Sidecar {
     pub contour: Option<Contour>,
     /// How far the truth lies from theory, where the trace was simulated.
     pub certificate: Option<Certificate>,
+    /// What is to be known of the recording, where it was not simulated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<Recorded>,
 }
 
 impl Sidecar {
+    /// Standard deviation of the noise that the readings have of themselves: none where they were simulated.
+    pub fn own_noise_sd_n_m(&self) -> f64 {
+        self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)
+    }
+
     pub(crate) fn validate(&self, path: &Path) -> Result<(), Error> {
         if self.format != FORMAT {
             return Err(Error::value(path, "format", self.format, FORMAT));
@@ -107,6 +133,9 @@ impl Sidecar {
         }
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(Error::value(path, "rate_hz", self.rate_hz, "a positive number"));
+        }
+        if let Some(recorded) = &self.recorded {
+            recorded.validate(path)?;
         }
         plain_name(path, "name", &self.name)?;
         plain_name(path, "whisker.name", &self.whisker.name)?;
@@ -119,6 +148,26 @@ impl Sidecar {
         self.whisker
             .validate()
             .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))
+    }
+}
+
+impl Recorded {
+    fn validate(&self, path: &Path) -> Result<(), Error> {
+        let key = |name: &str| format!("recorded.{name}");
+        if self.characteristic[0] == 0.0 {
+            return Err(Error::value(path, key("characteristic"), "0 at first", "a sensor that reads something"));
+        }
+        let not_negative = [
+            ("residual_counts", self.residual_counts),
+            ("noise_sd_n_m", self.noise_sd_n_m),
+            ("touch_counts", self.touch_counts),
+        ];
+        for (name, found) in not_negative {
+            if !(found.is_finite() && found >= 0.0) {
+                return Err(Error::value(path, key(name), found, "a number of 0 or more"));
+            }
+        }
+        Ok(())
     }
 }
 

@@ -9,10 +9,10 @@
 
 pub mod elastica;
 pub mod estimators;
+pub mod events;
 pub mod frames;
 mod rest;
 pub mod sensor;
-pub mod touch;
 mod wire;
 
 pub use rest::{Foot, RestShape};

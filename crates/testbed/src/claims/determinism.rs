@@ -2,39 +2,34 @@
 
 use std::path::Path;
 
-use super::{Claim, Context, Relation};
+use super::{Claim, Context};
 use crate::evaluate::{EvaluateSettings, evaluate};
-use crate::results::{SummaryRow, csv_bytes, read_rows};
+use crate::results::{SummaryRow, read_scores, score_bytes};
 use anyhow::Context as _;
 use indicatif::ProgressBar;
 
 pub(super) fn claims() -> Vec<Claim> {
-    vec![Claim {
-        id: "determinism".into(),
-        claim:
-            "trials.csv and summary.csv (but for its timing column) of two runs, one thread and two: files that differ"
-                .into(),
-        unit: "files",
-        relation: Relation::AtMost,
-        bound: 0.0,
-        measure: Box::new(|context| {
-            let folder = tempfile::tempdir()?;
-            let one = tables(context, folder.path(), 1)?;
-            let two = tables(context, folder.path(), 2)?;
-            Ok(Some(one.iter().zip(&two).filter(|(one, two)| one != two).count() as f64))
-        }),
-    }]
+    let claim =
+        "trials.csv and summary.csv (but for its timing column) of two runs, one thread and two: files that differ";
+    vec![Claim::at_most("determinism".into(), claim.into(), 0.0, "files", |context| {
+        let folder = tempfile::tempdir()?;
+        let one = tables(context, folder.path(), 1)?;
+        let two = tables(context, folder.path(), 2)?;
+        Ok(Some(one.iter().zip(&two).filter(|(one, two)| one != two).count() as f64))
+    })]
 }
 
 /// The bytes of `trials.csv` and of `summary.csv` without timing, on this many threads.
 fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[Vec<u8>; 2]> {
+    let run = &context.standard().run;
     let settings = EvaluateSettings {
         name: format!("threads-{threads}"),
-        estimators: context.run.estimators.iter().map(|estimator| estimator.name.clone()).collect(),
+        estimators: run.estimators.iter().map(|estimator| estimator.name.clone()).collect(),
         config: Default::default(),
-        touch: context.run.touch,
-        noise: context.run.noise.clone(),
-        seeds: context.run.seeds.iter().take(2).copied().collect(),
+        touch: run.touch,
+        noise: run.noise.clone(),
+        seeds: run.seeds.iter().take(2).copied().collect(),
+        starts: Default::default(),
         calibrations: None,
         results: results.into(),
     };
@@ -42,9 +37,9 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
     let evaluated =
         pool.install(|| evaluate(std::slice::from_ref(&context.dataset), &settings, &ProgressBar::hidden()))?;
     let trials = evaluated.folder.join("trials.csv");
-    let mut summary: Vec<SummaryRow> = read_rows(&evaluated.folder.join("summary.csv"))?;
+    let mut summary: Vec<SummaryRow> = read_scores(&evaluated.folder.join("summary.csv"))?;
     for row in &mut summary {
-        row.step_ns = 0.0;
+        row.head.step_ns = 0.0;
     }
-    Ok([std::fs::read(&trials).with_context(|| trials.display().to_string())?, csv_bytes(&summary)?])
+    Ok([std::fs::read(&trials).with_context(|| trials.display().to_string())?, score_bytes(&summary)?])
 }

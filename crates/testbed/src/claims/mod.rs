@@ -2,22 +2,28 @@
 //!
 //! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
 
+mod contact_events;
 mod contours;
 mod determinism;
+mod monte_carlo;
 mod noiseless;
 mod pins;
 mod sensor_model;
 
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
+use std::path::Path;
 
+use anyhow::bail;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use trace::write_atomically;
 
-use whisker::estimators::ESTIMATORS;
+use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
 
 use crate::dataset::Dataset;
-use crate::results::{ErrorBandRow, Run, SummaryRow, TrialRow, csv_bytes, read_rows};
+use crate::metrics::Metric;
+use crate::results::{ErrorBandRow, PAPER, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores};
+use crate::statistics::mean;
 
 /// Whether a figure has to stay below its bound or above it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,9 +52,44 @@ pub struct Claim {
     measure: Measure,
 }
 
+impl Claim {
+    fn at_most(
+        id: String,
+        claim: String,
+        bound: f64,
+        unit: &'static str,
+        measure: impl Fn(&Context) -> anyhow::Result<Option<f64>> + 'static,
+    ) -> Self {
+        Self { id, claim, unit, relation: Relation::AtMost, bound, measure: Box::new(measure) }
+    }
+
+    fn at_least(
+        id: String,
+        claim: String,
+        bound: f64,
+        unit: &'static str,
+        measure: impl Fn(&Context) -> anyhow::Result<Option<f64>> + 'static,
+    ) -> Self {
+        Self { relation: Relation::AtLeast, ..Self::at_most(id, claim, bound, unit, measure) }
+    }
+}
+
 /// The registry of topics: each lists its claims.
-pub const TOPICS: &[fn() -> Vec<Claim>] =
-    &[sensor_model::claims, pins::claims, noiseless::claims, contours::claims, determinism::claims];
+pub const TOPICS: &[fn() -> Vec<Claim>] = &[
+    sensor_model::claims,
+    pins::claims,
+    monte_carlo::claims,
+    noiseless::claims,
+    contours::claims,
+    contact_events::claims,
+    determinism::claims,
+];
+
+/// The evaluated suites that claims are measured on. Their runs bear the same names.
+pub(crate) const RUNS: &[&str] = &[STANDARD, monte_carlo::RUN, contact_events::RUN];
+
+/// The run that claims are measured on unless they name another.
+pub(crate) const STANDARD: &str = "standard";
 
 /// Every claim.
 pub fn claims() -> Vec<Claim> {
@@ -75,55 +116,90 @@ pub struct MeasuredClaim {
     pub holds: bool,
 }
 
-/// What claims are measured on: the evaluated standard suite.
+/// What claims are measured on: evaluated runs, and the traces of the standard suite.
 pub struct Context {
-    /// The run.
-    pub run: Run,
-    /// Folder of the run.
-    pub folder: PathBuf,
-    /// Its traces.
-    pub dataset: Dataset,
-    /// Its summary.
-    pub summary: Vec<SummaryRow>,
-    /// Its trials.
-    pub trials: Vec<TrialRow>,
-    /// Spread of the error over time.
-    pub bands: Vec<ErrorBandRow>,
+    /// The runs of [`RUNS`], by name.
+    runs: BTreeMap<&'static str, Evaluation>,
+    /// The standard suite.
+    dataset: Dataset,
+}
+
+/// An evaluated run.
+struct Evaluation {
+    run: Run,
+    summary: Vec<SummaryRow>,
+    trials: Vec<TrialRow>,
+    bands: Vec<ErrorBandRow>,
 }
 
 impl Context {
-    /// Opens an evaluated run and its suite.
+    /// Opens the evaluated runs in the folder of results, and the standard suite.
     ///
     /// # Errors
     /// If a file is missing or does not parse.
-    pub fn open(folder: &Path, suite: &Path) -> anyhow::Result<Self> {
+    pub fn open(results: &Path) -> anyhow::Result<Self> {
+        let mut runs = BTreeMap::new();
+        for name in RUNS {
+            runs.insert(*name, Evaluation::open(&results.join(name))?);
+        }
+        let suite = Path::new("scenes/suites").join(STANDARD).with_extension("json");
+        Ok(Self { runs, dataset: Dataset::open(&suite, None)? })
+    }
+
+    /// The run of the standard suite.
+    fn standard(&self) -> &Evaluation {
+        self.run(STANDARD)
+    }
+
+    /// One of [`RUNS`].
+    fn run(&self, name: &str) -> &Evaluation {
+        &self.runs[name]
+    }
+}
+
+impl Evaluation {
+    fn open(folder: &Path) -> anyhow::Result<Self> {
+        if !folder.join("run.json").is_file() {
+            bail!("{}: no such run; `cargo xtask reproduce` makes it", folder.display());
+        }
         Ok(Self {
             run: Run::read(&folder.join("run.json"))?,
-            folder: folder.into(),
-            dataset: Dataset::open(suite, None)?,
-            summary: read_rows(&folder.join("summary.csv"))?,
-            trials: read_rows(&folder.join("trials.csv"))?,
+            summary: read_scores(&folder.join("summary.csv"))?,
+            trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
         })
     }
 
-    /// The summary of one set at the run's first noise level.
+    /// The summary of an estimator on one set at the run's first noise level.
     fn summary(&self, group: &str, whisker: &str, estimator: &str) -> Option<&SummaryRow> {
-        self.summary.iter().find(|row| {
-            row.group == group && row.whisker == whisker && row.estimator == estimator && row.noise == self.run.noise[0]
+        self.summary.iter().find(|SummaryRow { head, .. }| {
+            head.group == group
+                && head.whisker == whisker
+                && head.estimator == estimator
+                && head.noise == self.run.noise[0]
         })
     }
 
-    /// Trials of one set at the run's first noise level.
-    fn trials<'a>(
-        &'a self,
-        group: &'a str,
-        whisker: &'a str,
-        estimator: &'a str,
-    ) -> impl Iterator<Item = &'a TrialRow> {
-        self.trials.iter().filter(move |row| {
-            row.group == group && row.whisker == whisker && row.estimator == estimator && row.noise == self.run.noise[0]
-        })
+    /// The best value that any of some estimators has of a metric of which less is better.
+    fn best<'a>(
+        &self,
+        group: &str,
+        whisker: &str,
+        estimators: impl Iterator<Item = &'a str>,
+        metric: &Metric,
+    ) -> Option<f64> {
+        estimators.filter_map(|name| self.summary(group, whisker, name)?.get(metric)).min_by(f64::total_cmp)
+    }
+
+    /// Share of the trials of an estimator on one set, at the run's first noise level, that meet a condition.
+    fn share(&self, group: &str, whisker: &str, estimator: &str, condition: impl Fn(&TrialRow) -> bool) -> Option<f64> {
+        let of_set = self.trials.iter().filter(|TrialRow { head, .. }| {
+            head.group == group
+                && head.whisker == whisker
+                && head.estimator == estimator
+                && head.noise == self.run.noise[0]
+        });
+        mean(of_set.map(|trial| f64::from(condition(trial))))
     }
 }
 
@@ -157,9 +233,10 @@ pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow:
     Ok(measured)
 }
 
-/// The filters under test, as opposed to the baselines.
+/// The filters under test, as opposed to the baselines, to those that look back and to the configurations of the publication.
 fn filters() -> impl Iterator<Item = &'static str> {
-    ESTIMATORS.iter().filter(|row| !row.is_baseline).map(|row| row.name)
+    let is_own = |row: &&EstimatorRow| row.kind == Kind::Recursive && !row.name.starts_with(PAPER);
+    ESTIMATORS.iter().filter(is_own).map(|row| row.name)
 }
 
 /// The whiskers of the standard suite.

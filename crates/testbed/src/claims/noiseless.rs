@@ -1,5 +1,6 @@
 //! Without noise, with readings from the fitted sensor model itself and a contact that truly rests, a filter has nothing left to be wrong
-//! about: its error must vanish. A particle filter is left with the Monte-Carlo error of its cloud: over several of its own seeds its estimates
+//! about: its error must vanish. Filters are told that the contact rests, and a Gaussian one that what it learnt at the start, before its
+//! linearisation was good, is to be forgotten. A particle filter is left with the Monte-Carlo error of its cloud: over several of its own seeds its estimates
 //! scatter, but must scatter about the truth. It is told that the contact neither wanders nor is forgotten, as is true here: readings without noise
 //! are untypically good for a filter that expects a wandering contact, which it takes as evidence for places where the reading says little.
 
@@ -9,11 +10,11 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use trace::{CalibrationFile, Role, Trace};
 use whisker::estimators::{self, Sample};
+use whisker::events::TouchConfig;
 use whisker::frames::{Point, World};
 use whisker::sensor::CalibratedFace;
-use whisker::touch::TouchConfig;
 
-use super::{Claim, Context, Relation, WHISKERS, filters};
+use super::{Claim, Context, WHISKERS, filters};
 use crate::replay::{estimator, knowledge, replay, samples};
 use crate::settings::merged;
 use crate::statistics::quantile;
@@ -31,25 +32,24 @@ pub(super) fn claims() -> Vec<Claim> {
     let mut claims = Vec::new();
     for whisker in WHISKERS {
         for filter in filters() {
-            let is_random = filter == "particle";
+            let is_random = has_particles(filter);
             let score = if is_random {
                 "mean final offset over its seeds, relative to their scatter, worst trace"
             } else {
                 "final error, worst trace"
             };
-            claims.push(Claim {
-                id: format!("noiseless_{whisker}_{filter}"),
-                claim: format!(
-                    "pin at rest, readings of the model itself, no noise, {whisker} whisker, {filter}: {score}"
-                ),
-                unit: if is_random { "Monte-Carlo sd" } else { "um" },
-                relation: Relation::AtMost,
-                bound: if is_random { MOST_OFFSET } else { 1.0 },
-                measure: Box::new(move |context| {
+            let (bound, unit) = if is_random { (MOST_OFFSET, "Monte-Carlo sd") } else { (1.0, "um") };
+            claims.push(Claim::at_most(
+                format!("noiseless_{whisker}_{filter}"),
+                format!("pin at rest, readings of the model itself, no noise, {whisker} whisker, {filter}: {score}"),
+                bound,
+                unit,
+                move |context| {
                     let (seeds, at_rest) = if is_random {
-                        (SEEDS, json!({"fading": 1.0, "wander_m_sqrt_s": 1e-9}))
+                        let motion = json!({"kind": "resting", "wander_m_sqrt_s": 1e-9});
+                        (SEEDS, json!({"fading": 1.0, "motion": motion}))
                     } else {
-                        (1, json!({}))
+                        (1, json!({"fading": 1.004, "motion": {"kind": "resting"}}))
                     };
                     let offsets = final_offsets(context, whisker, filter, &at_rest, seeds)?;
                     let score = |of_trace: &Vec<Vector2<f64>>| {
@@ -59,11 +59,15 @@ pub(super) fn claims() -> Vec<Claim> {
                         if is_random { mean.norm() / sd } else { mean.norm() * 1e6 }
                     };
                     Ok(quantile(&offsets.iter().map(score).collect::<Vec<_>>(), 1.0))
-                }),
-            });
+                },
+            ));
         }
     }
     claims
+}
+
+fn has_particles(filter: &str) -> bool {
+    estimators::estimator(filter).is_some_and(|row| (row.defaults)().get("particles").is_some())
 }
 
 /// Offsets of the last estimate from the truth, in m, by trace and seed.
@@ -75,7 +79,7 @@ fn final_offsets(
     seeds: u64,
 ) -> anyhow::Result<Vec<Vec<Vector2<f64>>>> {
     let path = context.dataset.calibrations().join(format!("{whisker}.json"));
-    let faces = CalibrationFile::read(&path)?.calibrated(&path)?;
+    let faces = CalibrationFile::read(&path)?.calibrated(&path, None)?;
     let row = estimators::estimator(filter).context("a registered estimator")?;
     let config = merged((row.defaults)(), settings)?;
     let mut ideals = Vec::new();
@@ -92,7 +96,7 @@ fn final_offsets(
         .par_iter()
         .map(|(trace, contact, samples)| {
             let sidecar = &trace.sidecar;
-            let knowledge = knowledge(&sidecar.whisker, &faces, 0.0);
+            let knowledge = knowledge(sidecar, &faces, 0.0);
             let last_base = trace.recording.instants[samples.len() - 1].base;
             let offset = |seed| {
                 let touch = TouchConfig::default();

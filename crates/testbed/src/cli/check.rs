@@ -11,7 +11,8 @@ use trace::{CalibrationFile, Certificate, Outline, Suite, Trace, read_json};
 use super::{print, python};
 use crate::claims::MeasuredClaim;
 use crate::results::{
-    ErrorBandRow, EstimateRow, FailureRow, ResidualRow, Run, SummaryRow, SurfaceRow, TrialRow, read_rows,
+    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, ResidualRow, Run, SummaryHead, SurfaceRow,
+    TrialHead, read_rows, read_scores,
 };
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
@@ -70,8 +71,12 @@ fn check(path: &Path) -> anyhow::Result<String> {
     if let Some(table) = TABLES.iter().find(|table| name.ends_with(table.name)) {
         return Ok(format!("{} with {} rows", table.about, (table.rows)(path)?));
     }
-    if path.parent().is_some_and(|folder| folder.ends_with("estimates")) {
+    let is_in = |name: &str| path.parent().is_some_and(|folder| folder.ends_with(name));
+    if is_in("estimates") {
         return Ok(format!("estimates with {} rows", count::<EstimateRow>(path)?));
+    }
+    if is_in("bounds") {
+        return Ok(format!("bound with {} rows", count::<BoundRow>(path)?));
     }
     if name.ends_with(".csv") {
         return check_trace(path);
@@ -84,9 +89,11 @@ fn check(path: &Path) -> anyhow::Result<String> {
             let faces: Vec<String> = calibration
                 .faces
                 .iter()
-                .map(|face| {
-                    let share = 100.0 * face.heldout_rms_n_m / face.largest_reading_n_m;
-                    format!("{} (held-out RMS {share:.3} % of the largest reading)", face.face.name())
+                .filter_map(|face| {
+                    let model = face.model(None)?;
+                    let share = 100.0 * model.heldout_rms_n_m / face.largest_reading_n_m;
+                    let (face, label) = (face.face.name(), &model.label);
+                    Some(format!("{face} ({label}, held-out RMS {share:.3} % of the largest reading)"))
                 })
                 .collect();
             Ok(format!("calibration of `{}`: {}", calibration.whisker.name, faces.join(", ")))
@@ -118,9 +125,10 @@ struct Table {
 }
 
 const TABLES: &[Table] = &[
-    Table { name: "trials.csv", about: "trials", rows: count::<TrialRow> },
-    Table { name: "summary.csv", about: "summary", rows: count::<SummaryRow> },
+    Table { name: "trials.csv", about: "trials", rows: count_scores::<TrialHead> },
+    Table { name: "summary.csv", about: "summary", rows: count_scores::<SummaryHead> },
     Table { name: "error_over_time.csv", about: "errors over time", rows: count::<ErrorBandRow> },
+    Table { name: "consistency.csv", about: "consistency over time", rows: count::<ConsistencyRow> },
     Table { name: "failures.csv", about: "failed trials", rows: count::<FailureRow> },
     Table { name: "claims.csv", about: "claims", rows: count::<MeasuredClaim> },
     Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
@@ -129,6 +137,10 @@ const TABLES: &[Table] = &[
 
 fn count<Row: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
     Ok(read_rows::<Row>(path)?.len())
+}
+
+fn count_scores<Head: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
+    Ok(read_scores::<Head>(path)?.len())
 }
 
 fn check_trace(path: &Path) -> anyhow::Result<String> {
@@ -155,7 +167,9 @@ fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
     let breaches: Vec<String> = certificate
         .breaches()
         .iter()
-        .map(|breach| format!("certificate.{}: found {:e}, expected at most {:e}", breach.key, breach.found, breach.bound))
+        .map(|breach| {
+            format!("certificate.{}: found {:e}, expected at most {:e}", breach.key, breach.found, breach.bound)
+        })
         .collect();
     if !breaches.is_empty() {
         bail!("{}: {}", path.with_extension("json").display(), breaches.join("; "));

@@ -9,11 +9,12 @@ use serde::Deserialize;
 use serde_json::Value;
 use trace::read_json;
 use whisker::estimators::ESTIMATORS;
-use whisker::touch::TouchConfig;
+use whisker::events::TouchConfig;
 
 use super::{FINISHED_WITH_FAILURES, noise_fraction, print, progress_bar, table};
 use crate::dataset::Dataset;
-use crate::evaluate::{EvaluateSettings, evaluate};
+use crate::evaluate::{EvaluateSettings, Starts, evaluate};
+use crate::metrics::{bound, consistency, error};
 use crate::results::SummaryRow;
 
 /// Replay every trial of a suite or folder through the estimators and score them against the truth
@@ -31,15 +32,19 @@ pub(super) struct Arguments {
     /// Estimators, by comma [default: all; `whisker list` names them]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
-    /// File with settings by estimator, and of the touch detection: {"ekf": {"fading": 1.01}, "touch": {"samples": 3}}
+    /// File with settings by estimator, and of the touch detection: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}}
     #[arg(long)]
     config: Option<PathBuf>,
-    /// Noise levels, as fractions of the largest reading of each set, by comma
-    #[arg(long, value_delimiter = ',', default_value = "0.01", value_parser = noise_fraction)]
-    noise: Vec<f64>,
+    /// Noise levels to add, as fractions of the largest reading of each set, by comma [default: 0.01; 0 to recordings, which have
+    /// their own]
+    #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
+    noise: Option<Vec<f64>>,
     /// Number of noise seeds a trial, from 1 upwards
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
+    /// What the estimators are told of the first touch
+    #[arg(long, value_enum, default_value_t)]
+    starts: Starts,
     /// Name of the run [default: that of the suite or folder, several joined by +]
     #[arg(long)]
     name: Option<String>,
@@ -64,7 +69,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         estimators: arguments.estimators.clone().unwrap_or_else(all),
         config,
         touch,
-        noise: arguments.noise.clone(),
+        noise: match &arguments.noise {
+            Some(levels) => levels.clone(),
+            None => vec![default_noise(&datasets)?],
+        },
+        starts: arguments.starts,
         seeds: (1..=arguments.seeds).collect(),
         calibrations: arguments.calibrations.clone(),
         results: arguments.results.clone(),
@@ -81,7 +90,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for failure in &evaluated.failures {
         eprintln!("failed: {} at noise {}, seed {}: {}", failure.trace, failure.noise, failure.seed, failure.reason);
     }
+    if !evaluated.unscored.is_empty() {
+        eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
+    }
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// The largest that a dataset asks for.
+fn default_noise(datasets: &[Dataset]) -> anyhow::Result<f64> {
+    datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise()?)))
 }
 
 /// A file of settings.
@@ -102,31 +119,37 @@ fn summary_table(summary: &[SummaryRow]) -> String {
         "noise",
         "trials",
         "RMSE, mm",
-        "median, mm",
+        "over bound",
         "95 %, mm",
         "worst, mm",
         "< 1 mm, s",
         "< 0.3 mm, s",
         "never < 1 mm",
+        "NEES",
+        "NIS",
+        "in 95 %",
         "step, ns",
     ];
     let rows: Vec<Vec<String>> = summary
         .iter()
         .map(|row| {
             vec![
-                row.group.clone(),
-                row.whisker.clone(),
-                row.estimator.clone(),
-                format!("{} %", row.noise * 100.0),
-                row.trials.to_string(),
-                table::millimetres(row.rmse_m),
-                table::millimetres(row.median_m),
-                table::millimetres(row.p95_m),
-                table::millimetres(row.worst_m),
-                table::seconds(row.time_to_1mm_s),
-                table::seconds(row.time_to_0p3mm_s),
-                format!("{:.0} %", row.never_1mm * 100.0),
-                format!("{:.0}", row.step_ns),
+                row.head.group.clone(),
+                row.head.whisker.clone(),
+                row.head.estimator.clone(),
+                format!("{} %", row.head.noise * 100.0),
+                row.head.trials.to_string(),
+                table::millimetres(row.get(&error::RMSE)),
+                table::number(row.get(&bound::RATIO)),
+                table::millimetres(row.get(&error::P95)),
+                table::millimetres(row.get(&error::WORST)),
+                table::number(row.get(&error::TIME_TO_1MM)),
+                table::number(row.get(&error::TIME_TO_0P3MM)),
+                table::percent(row.get(&error::NEVER_1MM)),
+                table::number(row.get(&consistency::NEES)),
+                table::number(row.get(&consistency::NIS)),
+                table::percent(row.get(&consistency::COVERAGE)),
+                format!("{:.0}", row.head.step_ns),
             ]
         })
         .collect();

@@ -1,14 +1,21 @@
 //! `whisker fit`: calibration traces to calibration files.
 
-use std::path::PathBuf;
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
+use anyhow::{Context, bail};
 use serde_json::Value;
-use whisker::sensor;
+use trace::CalibrationFile;
+use whisker::sensor::Face;
 
 use super::{json, noise_fraction, print, table};
 use crate::dataset::Dataset;
-use crate::fit::{FitSettings, fit};
+use crate::fit::{FitSettings, Models, fit};
+
+/// In the place of a model's name: find the best.
+const AUTO: &str = "auto";
 
 /// Fit sensor models to the calibration traces of a suite or folder
 #[derive(clap::Args)]
@@ -21,13 +28,13 @@ pub(super) struct Arguments {
     /// Folder for the calibrations [default: calibrations/ beside the traces]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Sensor model; `whisker list` names them
-    #[arg(long, default_value = sensor::MODELS[0].kind)]
+    /// Sensor model; `whisker list` names them, `auto` fits all and takes the one that predicts held-out traces best
+    #[arg(long, default_value = AUTO)]
     model: String,
     /// Settings of the model as JSON, for example '{"degree": 7}'
-    #[arg(long, default_value = "{}", value_parser = json)]
-    config: Value,
-    /// Measurement noise, as a fraction of the largest reading
+    #[arg(long, value_parser = json)]
+    config: Option<Value>,
+    /// Measurement noise added to simulated traces, as a fraction of the largest reading
     #[arg(long, default_value = "0.01", value_parser = noise_fraction)]
     noise: f64,
     /// Seed of that noise
@@ -37,30 +44,69 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let dataset = Dataset::open(&arguments.input, arguments.traces.as_deref())?;
-    let settings = FitSettings {
-        model: arguments.model.clone(),
-        config: arguments.config.clone(),
-        noise: arguments.noise,
-        seed: arguments.seed,
+    let models = match (arguments.model.as_str(), &arguments.config) {
+        (AUTO, None) => Models::Auto,
+        (AUTO, Some(_)) => bail!("--config: settings belong to one model; name it by --model"),
+        (kind, config) => {
+            let config = config.clone().unwrap_or_else(|| Value::Object(Default::default()));
+            Models::One { kind: kind.into(), config }
+        }
     };
+    let settings = FitSettings { models, noise: arguments.noise, seed: arguments.seed };
     let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations());
     let fitted = fit(&dataset, &settings, &out)?;
+    for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
+        eprintln!("left out: {reason}");
+    }
     let mut rows = Vec::new();
     for whisker in &fitted {
         for face in &whisker.calibration.faces {
-            let share = |reading: f64| format!("{:.3} %", 100.0 * reading / face.largest_reading_n_m);
-            rows.push(vec![
-                whisker.calibration.whisker.name.clone(),
-                face.face.name().into(),
-                face.samples.to_string(),
-                format!("{:.2}", face.largest_reading_n_m * 1e6),
-                share(face.heldout_rms_n_m),
-                share(face.heldout_worst_n_m),
-                whisker.path.display().to_string() + if whisker.is_new { "" } else { " (up to date)" },
-            ]);
+            let best = face.model(None).map_or(f64::NAN, |model| model.heldout_rms_n_m);
+            for model in &face.models {
+                let share = |reading: f64| format!("{:.4} %", 100.0 * reading / face.largest_reading_n_m);
+                let is_chosen = model.label == face.chosen;
+                rows.push(vec![
+                    whisker.calibration.whisker.name.clone(),
+                    face.face.name().into(),
+                    model.label.clone(),
+                    share(model.heldout_rms_n_m),
+                    share(model.heldout_worst_n_m),
+                    format!("{:.0}", evaluation_ns(&whisker.calibration, &whisker.path, &model.label, face.face)?),
+                    if is_chosen { "chosen".into() } else { format!("{:.2} x", model.heldout_rms_n_m / best) },
+                ]);
+            }
         }
     }
-    let header = ["whisker", "face", "samples", "largest, uN m", "held-out RMS", "held-out worst", "file"];
-    print(&table::render(&header, &rows, 2))?;
+    let header = ["whisker", "face", "model", "held-out RMS", "held-out worst", "ns a call", "error"];
+    print(&table::render(&header, &rows, 3))?;
+    for whisker in &fitted {
+        let state = if whisker.is_new { "" } else { " (up to date)" };
+        print(&format!("{}{state}\n", whisker.path.display()))?;
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Wall-clock time of one prediction with its gradient over the calibrated region, the quickest of a few rounds.
+fn evaluation_ns(calibration: &CalibrationFile, path: &Path, label: &str, face: Face) -> anyhow::Result<f64> {
+    const ROUNDS: usize = 5;
+    const ALONG: usize = 64;
+    const AWAY: usize = 32;
+    let faces = calibration.calibrated(path, Some(label))?;
+    let face = faces.iter().find(|known| known.face == face).context("the face is in the file")?;
+    let (low, high) = face.domain.arc_range_m();
+    let mut contacts = Vec::with_capacity(ALONG * AWAY);
+    for i in 0..ALONG {
+        let arc_m = low + (high - low) * i as f64 / (ALONG - 1) as f64;
+        let (lower, upper) = face.domain.away_range_m(arc_m);
+        contacts
+            .extend((0..AWAY).map(|j| face.contact_at(arc_m, lower + (upper - lower) * j as f64 / (AWAY - 1) as f64)));
+    }
+    let round = || {
+        let start = Instant::now();
+        for &contact in &contacts {
+            black_box(face.model.predict(black_box(contact)));
+        }
+        start.elapsed().as_secs_f64() * 1e9 / contacts.len() as f64
+    };
+    Ok((0..ROUNDS).map(|_| round()).fold(f64::INFINITY, f64::min))
 }

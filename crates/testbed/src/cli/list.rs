@@ -8,9 +8,10 @@ use whisker::sensor::MODELS;
 
 use super::{print, python};
 use crate::claims::claims;
-use crate::report::FIGURES;
+use crate::metrics::{METRICS, Metric};
+use crate::report::{FIGURES, physics};
 
-/// Print the registries: estimators, sensor models, figures, claims, and the generator's
+/// Print the registries: estimators, sensor models, metrics, figures, claims, and the generator's
 #[derive(clap::Args)]
 pub(super) struct Arguments {}
 
@@ -22,7 +23,11 @@ pub(super) fn run(_: &Arguments) -> anyhow::Result<ExitCode> {
     sections.push(("estimators", estimators.collect::<String>()));
     let models = MODELS.iter().map(|row| with_defaults(row.kind, row.about, (row.defaults)()));
     sections.push(("sensor models", models.collect()));
+    let metric = |row: &Metric| format!("  {:<28} {} ({} over trials)\n", row.name, row.about, row.summary.name());
+    sections.push(("metrics", METRICS.iter().map(metric).collect()));
     sections.push(("figures", FIGURES.iter().map(|row| format!("  {:<28} {}\n", row.name, row.title)).collect()));
+    let of_physics = physics::FIGURES.iter().map(|row| format!("  {:<28} {}\n", row.name, row.title));
+    sections.push(("figures of the physics study", of_physics.collect()));
     sections.push(("claims", claims().iter().map(|row| format!("  {:<36} {}\n", row.id, row.claim)).collect()));
     let text: String = sections.iter().map(|(name, rows)| format!("{name}\n{rows}\n")).collect();
     print(&text)?;

@@ -5,6 +5,7 @@
 mod check;
 mod evaluate;
 mod fit;
+mod import;
 mod list;
 mod python;
 mod replay;
@@ -33,6 +34,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Simulate(simulate::Arguments),
+    Import(import::Arguments),
     Fit(fit::Arguments),
     Replay(replay::Arguments),
     Evaluate(evaluate::Arguments),
@@ -49,6 +51,7 @@ enum Command {
 pub fn run() -> anyhow::Result<ExitCode> {
     match Arguments::parse().command {
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -7,13 +7,13 @@ use anyhow::Context;
 use serde_json::Value;
 use trace::{CalibrationFile, Trace, write_atomically};
 use whisker::estimators;
-use whisker::touch::TouchConfig;
+use whisker::events::TouchConfig;
 
 use super::{json, noise_fraction, print};
 use crate::evaluate::estimate_rows;
-use crate::front_end::FrontEnd;
+use crate::front_end::{FrontEnd, default_noise};
 use crate::metrics::Trial;
-use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
+use crate::replay::{check_calibration, estimator, knowledge, replay, samples, touched};
 use crate::results::csv_bytes;
 use crate::settings::merged;
 
@@ -31,9 +31,9 @@ pub(super) struct Arguments {
     /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace]
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Measurement noise, as a fraction of the trace's largest reading
-    #[arg(long, default_value = "0.01", value_parser = noise_fraction)]
-    noise: f64,
+    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 to a recording, which has its own]
+    #[arg(long, value_parser = noise_fraction)]
+    noise: Option<f64>,
     /// Seed of that noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -55,18 +55,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     })?;
     let config = merged((row.defaults)(), &arguments.config)?;
     let largest = trace.recording.instants.iter().map(|i| i.moment_z_n_m.abs()).fold(0.0, f64::max);
-    let front_end = FrontEnd { noise_sd_n_m: arguments.noise * largest, seed: arguments.seed };
-    let knowledge = knowledge(&sidecar.whisker, &calibration.calibrated(&path)?, front_end.noise_sd_n_m);
+    let noise = arguments.noise.unwrap_or_else(|| default_noise(sidecar));
+    let front_end = FrontEnd { noise_sd_n_m: noise * largest, seed: arguments.seed };
+    let noise_sd_n_m = front_end.noise_sd_n_m.hypot(sidecar.own_noise_sd_n_m());
+    let knowledge = knowledge(sidecar, &calibration.calibrated(&path, None)?, noise_sd_n_m);
     let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
-    let mut estimator = estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?;
-    let replayed = replay(&mut estimator, &samples(&trace.recording, &readings_n_m));
+    let touch = TouchConfig::default();
+    let mut estimator = estimator(row, &config, touch, &knowledge, &sidecar.name, arguments.seed)?;
+    let samples = samples(&trace.recording, &readings_n_m);
+    let replayed = replay(&mut estimator, &samples);
     let trial = Trial {
         trace: &trace,
         outline: None,
         knowledge: &knowledge,
         readings_n_m: &readings_n_m,
-        noise: arguments.noise,
-        seed: arguments.seed,
+        touched: &touched(touch, &knowledge, &samples),
+        bound: None,
     };
     let bytes = csv_bytes(&estimate_rows(&trial, &replayed.estimates))?;
     match &arguments.out {

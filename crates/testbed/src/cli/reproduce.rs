@@ -9,7 +9,7 @@ use trace::write_atomically;
 
 use super::table::render;
 use super::{print, progress_bar};
-use crate::claims::{Context, measure};
+use crate::claims::{Context, RUNS, STANDARD, measure};
 use crate::report::report;
 
 /// The figure that the README shows.
@@ -18,25 +18,24 @@ const README_FIGURE: &str = "error_over_time.svg";
 /// Measure every claim of the documentation and write results/reference/
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Evaluated run of the standard suite
-    #[arg(long, default_value = "results/standard")]
-    run: PathBuf,
-    /// Suite of that run
-    #[arg(long, default_value = "scenes/suites/standard.json")]
-    suite: PathBuf,
+    /// Folder of the evaluated runs
+    #[arg(long, default_value = "results")]
+    results: PathBuf,
     /// Folder for the table of claims and the figure that the README shows
     #[arg(long, default_value = "results/reference")]
     out: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let context = Context::open(&arguments.run, &arguments.suite)?;
+    let context = Context::open(&arguments.results)?;
     let table = arguments.out.join("claims.csv");
     let progress = progress_bar("measuring");
     let claims = measure(&context, &table, &progress)?;
     progress.finish_and_clear();
-    report(&arguments.run)?;
-    let figure = arguments.run.join("figures").join(README_FIGURE);
+    for run in RUNS {
+        report(&arguments.results.join(run))?;
+    }
+    let figure = arguments.results.join(STANDARD).join("figures").join(README_FIGURE);
     let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
     write_atomically(&arguments.out.join(README_FIGURE), &picture)?;
     let rows: Vec<Vec<String>> = claims

@@ -30,7 +30,12 @@ pub(super) fn millimetres(length_m: Option<f64>) -> String {
     length_m.map_or("-".into(), |length| format!("{:.3}", length * 1e3))
 }
 
-/// A time in seconds, for people; a dash where there is none.
-pub(super) fn seconds(time_s: Option<f64>) -> String {
-    time_s.map_or("-".into(), |time| format!("{time:.2}"))
+/// A number with two decimals, for people; a dash where there is none.
+pub(super) fn number(value: Option<f64>) -> String {
+    value.map_or("-".into(), |value| format!("{value:.2}"))
+}
+
+/// A share in per cent, for people; a dash where there is none.
+pub(super) fn percent(share: Option<f64>) -> String {
+    share.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share))
 }

@@ -11,6 +11,9 @@ use super::style::{FINE_GRID, FRAME, GRID, HAIRLINE_PX, LABEL, Look, MARKER_PX, 
 /// How far [`Panel::tile`] moves corners outwards along either axis, in CSS pixels.
 const TILE_GROWTH_PX: f64 = 0.4;
 
+/// Distance of the vertical axis' name from the frame, further where long numbers stand between.
+const LEAST_NAME_PX: f64 = 46.0;
+
 /// Fewest numbers along an axis.
 const LEAST_TICKS: usize = 3;
 
@@ -82,12 +85,14 @@ pub(super) struct Axis {
     logarithmic: bool,
     numbered: bool,
     grid: bool,
+    /// The values with a number, where they are not left to the axis.
+    marks: Option<Vec<f64>>,
 }
 
 impl Axis {
     /// A linear axis from `from` to `to`.
     pub(super) fn linear(label: &str, from: f64, to: f64) -> Self {
-        Self { label: label.to_owned(), from, to, logarithmic: false, numbered: true, grid: true }
+        Self { label: label.to_owned(), from, to, logarithmic: false, numbered: true, grid: true, marks: None }
     }
 
     /// A linear axis that holds all finite values with 5 % to spare on either side.
@@ -108,13 +113,27 @@ impl Axis {
         let lower = steps(from).into_iter().rfind(|step| *step <= from);
         let upper = steps(to).into_iter().find(|step| *step >= to);
         let (from, to) = (lower.unwrap_or(from), upper.unwrap_or(to));
+        Self::logarithmic_between(label, from, if to > from { to } else { 2.0 * from })
+    }
+
+    /// A logarithmic axis from `from` to `to`, both positive.
+    pub(super) fn logarithmic_between(label: &str, from: f64, to: f64) -> Self {
+        Self { logarithmic: true, ..Self::linear(label, from, to) }
+    }
+
+    /// A logarithmic axis that holds the positive values and has a number at each of them and nowhere else.
+    pub(super) fn marked(label: &str, mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        let (first, last) = extent(values.iter().copied()).unwrap_or((1.0, 10.0));
+        // A tenth of the axis to spare on either side.
+        let spare = (last / first).powf(0.1);
         Self {
-            label: label.to_owned(),
-            from,
-            to: if to > from { to } else { 2.0 * from },
+            from: first / spare,
+            to: last * spare,
             logarithmic: true,
-            numbered: true,
-            grid: true,
+            marks: Some(values),
+            ..Self::linear(label, 0.0, 1.0)
         }
     }
 
@@ -151,6 +170,9 @@ impl Axis {
         if !self.grid {
             return Vec::new();
         }
+        if let Some(marks) = &self.marks {
+            return marks.iter().map(|&value| (value, format_log(value))).collect();
+        }
         if self.logarithmic {
             let few_decades = self.decade_steps().filter(|(step, _)| *step == 1).count() < LEAST_TICKS;
             return self
@@ -181,7 +203,7 @@ impl Axis {
 
     /// Values between the numbered ones; none on a linear axis.
     fn fine_ticks(&self) -> Vec<f64> {
-        if !self.logarithmic {
+        if !self.logarithmic || self.marks.is_some() {
             return Vec::new();
         }
         self.decade_steps().map(|(_, value)| value).collect()
@@ -287,16 +309,18 @@ impl<'a, 'b> Panel<'a, 'b> {
                 self.canvas.text(number, anchor, SMALL.aligned(Align::Center))?;
             }
         }
+        let mut name_px = LEAST_NAME_PX;
         if self.y.numbered {
             for (value, number) in &y_ticks {
                 let y = self.y_at(*value);
                 let anchor = (left - 6.0, y);
                 self.canvas.text(number, anchor, SMALL.aligned(Align::Right))?;
+                name_px = name_px.max(self.canvas.text_width_px(number, SMALL)? + 18.0);
             }
         }
         let below = (0.5 * (left + right), bottom + 32.0);
         self.canvas.text(&self.x.label, below, LABEL.aligned(Align::Center))?;
-        let beside = (left - 46.0, 0.5 * (top + bottom));
+        let beside = (left - name_px, 0.5 * (top + bottom));
         self.canvas.text(&self.y.label, beside, LABEL.aligned(Align::Upwards))
     }
 
@@ -401,6 +425,20 @@ impl<'a, 'b> Panel<'a, 'b> {
         }
         self.canvas.dashes((left, height), (right, height), color.to_rgba())?;
         self.canvas.text(word, (right + 6.0, height), SMALL)
+    }
+
+    /// A dashed line between two points.
+    pub(super) fn dashes(&self, from: (f64, f64), to: (f64, f64), color: RGBColor) -> Result<()> {
+        match clip_segment(self.at(from), self.at(to), &self.frame) {
+            Some((from, to)) => self.canvas.dashes(from, to, color.to_rgba()),
+            None => Ok(()),
+        }
+    }
+
+    /// A marker at every point in the frame; `filled` or only its outline.
+    pub(super) fn marks(&self, points: &[(f64, f64)], look: Look, filled: bool) -> Result<()> {
+        let inside = points.iter().map(|&point| self.at(point)).filter(|at| self.frame.contains(*at));
+        inside.into_iter().try_for_each(|at| look.mark(self.canvas, at, MARKER_PX, filled))
     }
 
     /// A grid line from bottom to top.

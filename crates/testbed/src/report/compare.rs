@@ -1,5 +1,6 @@
 //! Filters against the baseline.
 
+use crate::metrics::error;
 use crate::results::{RunSet, TrialRow};
 
 use super::run_data::RunData;
@@ -28,10 +29,10 @@ impl Phase {
     }
 
     fn rmse_m(self, trial: &TrialRow) -> Option<f64> {
-        match self {
-            Self::Start => trial.start_rmse_m,
-            Self::Steady => trial.rmse_m,
-        }
+        trial.get(match self {
+            Self::Start => &error::START_RMSE,
+            Self::Steady => &error::RMSE,
+        })
     }
 }
 

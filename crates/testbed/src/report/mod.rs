@@ -1,30 +1,32 @@
-//! Draws a run: every figure as SVG and PNG, and one page that needs no other file.
+//! Draws results: every figure as SVG and PNG, and one page that needs no other file.
 //!
-//! The report knows the files of a run (see [`crate::results`]) and nothing else: it can be drawn again at any time, and
-//! the same run gives the same bytes.
+//! There are two kinds of results, evaluated runs (see [`crate::results`]) and the study of the physics (see [`physics`]). The
+//! report knows their files and nothing else: it can be drawn again at any time, and the same results give the same bytes.
 
-use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use trace::write_atomically;
 
+mod all_metrics;
+mod animations;
 mod axes;
 mod canvas;
 mod compare;
+mod consistency;
+mod figure;
 mod figures;
 mod outline;
 mod page;
+pub(crate) mod physics;
 mod run_data;
 mod style;
 mod surface;
 #[cfg(test)]
 mod tests;
 
-use canvas::Picture;
+use figure::draw_all;
 pub(crate) use figures::FIGURES;
-use figures::Figure;
 use run_data::RunData;
 
 /// What [`report`] wrote.
@@ -36,45 +38,31 @@ pub struct ReportPaths {
     pub figures: Vec<PathBuf>,
 }
 
-/// A figure and, where the run has something to show in it, its picture.
-type Drawn = (&'static Figure, Option<Picture>);
-
-/// Reads the run in a folder and writes `index.html` and `figures/<name>.svg` and `.png` there.
+/// Copies the animations of a run's sets from a folder into that of the run, from which the report links them.
 ///
 /// # Errors
-/// When a file of the run is missing or damaged, holds no scores, or a file cannot be written; the error names the file
-/// and, for a damaged one, line and column.
-pub fn report(run_dir: &Path) -> Result<ReportPaths> {
-    let data = RunData::read(run_dir)?;
-    let folder = run_dir.join("figures");
-    fs::create_dir_all(&folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
-    let mut drawn: Vec<Drawn> = Vec::new();
-    let mut paths = Vec::new();
-    for figure in FIGURES {
-        let picture = (figure.draw)(&data).with_context(|| format!("figure `{}`", figure.name))?;
-        let [svg, png] = ["svg", "png"].map(|kind| folder.join(format!("{}.{kind}", figure.name)));
-        if let Some(picture) = &picture {
-            write_atomically(&svg, picture.to_standalone_svg(figure.title)?.as_bytes())?;
-            picture.write_png(&png)?;
-            paths.extend([svg, png]);
-        } else {
-            // A picture of an earlier run must not stand beside a page that leaves it out.
-            remove(&svg)?;
-            remove(&png)?;
-        }
-        drawn.push((figure, picture));
-    }
-    let page = run_dir.join("index.html");
-    write_atomically(&page, page::html(&data, &drawn)?.as_bytes())?;
-    Ok(ReportPaths { page, figures: paths })
+/// When a folder is missing, or a file cannot be copied; the error names it.
+pub fn take_animations(run: &Path, from: &Path) -> Result<()> {
+    animations::take(run, from)
 }
 
-/// Removes a file, if it is there.
-fn remove(path: &Path) -> Result<()> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("{}: cannot be removed", path.display()))
-        }
-        _ => Ok(()),
-    }
+/// Reads the results in a folder and writes `index.html` and `figures/<name>.svg` and `.png` there.
+///
+/// # Errors
+/// When a file of the results is missing or damaged, holds no scores, or a file cannot be written; the error names the file
+/// and, for a damaged one, line and column.
+pub fn report(folder: &Path) -> Result<ReportPaths> {
+    let (html, figures) = if physics::is_study(folder) {
+        let data = physics::Data::read(folder)?;
+        let (drawn, figures) = draw_all(folder, physics::FIGURES, &data)?;
+        (physics::html(&data, &drawn)?, figures)
+    } else {
+        let data = RunData::read(folder)?;
+        let (drawn, figures) = draw_all(folder, FIGURES, &data)?;
+        let animations = animations::read(folder, &data.run.sets)?;
+        (page::html(&data, &animations, &drawn)?, figures)
+    };
+    let page = folder.join("index.html");
+    write_atomically(&page, html.as_bytes())?;
+    Ok(ReportPaths { page, figures })
 }

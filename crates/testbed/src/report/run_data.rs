@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use whisker::estimators::Kind;
 
+use crate::metrics::{Metric, error, outline};
 use crate::results::{
-    ErrorBandRow, EstimateRow, ResidualRow, Run, RunCalibration, RunSet, SummaryRow, SurfaceRow, TrialRow, read_rows,
+    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, PAPER, ResidualRow, Run, RunCalibration,
+    RunEstimator, RunSet, SummaryRow, SurfaceRow, TrialRow, read_rows, read_scores,
 };
-use crate::statistics::median_of_scores;
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
-pub(super) struct RunData {
+pub(crate) struct RunData {
     folder: PathBuf,
     /// What was run, on what, by what.
     pub(super) run: Run,
@@ -21,6 +23,7 @@ pub(super) struct RunData {
     /// One row a group, whisker, estimator and noise level.
     pub(super) summary: Vec<SummaryRow>,
     pub(super) bands: Vec<ErrorBandRow>,
+    consistency: Vec<ConsistencyRow>,
 }
 
 impl RunData {
@@ -33,7 +36,7 @@ impl RunData {
         let run_file = folder.join("run.json");
         ensure!(run_file.is_file(), "{}: does not exist; is this the folder of a run?", run_file.display());
         let mut run = Run::read(&run_file)?;
-        let summary: Vec<SummaryRow> = read_rows(&folder.join("summary.csv"))?;
+        let summary: Vec<SummaryRow> = read_scores(&folder.join("summary.csv"))?;
         ensure!(
             !summary.is_empty(),
             "{}: found no rows, expected at least one: the run scored nothing",
@@ -41,12 +44,13 @@ impl RunData {
         );
         // The summary is in the order of the suite, which puts like things side by side.
         run.sets.sort_by_key(|set| {
-            let of_set = |row: &SummaryRow| row.group == set.group && row.whisker == set.whisker;
+            let of_set = |row: &SummaryRow| row.head.group == set.group && row.head.whisker == set.whisker;
             summary.iter().position(of_set)
         });
         Ok(Self {
-            trials: read_rows(&folder.join("trials.csv"))?,
+            trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
+            consistency: read_rows(&folder.join("consistency.csv"))?,
             folder: folder.to_owned(),
             run,
             summary,
@@ -63,14 +67,30 @@ impl RunData {
         self.run.estimators.iter().map(|estimator| estimator.name.as_str())
     }
 
-    /// Names of the estimators that are no baselines.
+    /// What figures and tables call them, in the same order.
+    pub(super) fn labels(&self) -> Vec<String> {
+        self.run.estimators.iter().map(RunEstimator::label).collect()
+    }
+
+    /// Names of the filters: the estimators that know no more than the readings so far and are no baselines.
     pub(super) fn filters(&self) -> impl Iterator<Item = &str> {
-        self.run.estimators.iter().filter(|estimator| !estimator.is_baseline).map(|estimator| estimator.name.as_str())
+        self.of_kind(Kind::Recursive)
+    }
+
+    /// Names of the estimators that are there neither to be beaten nor to show what a publication saw.
+    pub(super) fn under_test(&self) -> impl Iterator<Item = &str> {
+        let is_own = |estimator: &&RunEstimator| estimator.kind != Kind::Baseline && !estimator.name.starts_with(PAPER);
+        self.run.estimators.iter().filter(is_own).map(|estimator| estimator.name.as_str())
     }
 
     /// Names of the baselines.
     pub(super) fn baselines(&self) -> impl Iterator<Item = &str> {
-        self.run.estimators.iter().filter(|estimator| estimator.is_baseline).map(|estimator| estimator.name.as_str())
+        self.of_kind(Kind::Baseline)
+    }
+
+    fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &str> {
+        let of_kind = self.run.estimators.iter().filter(move |estimator| estimator.kind == kind);
+        of_kind.map(|estimator| estimator.name.as_str())
     }
 
     /// The place of an estimator in the run, which gives it its look.
@@ -100,8 +120,8 @@ impl RunData {
 
     /// The scores of an estimator on a set at a noise level.
     pub(super) fn summary_at(&self, set: &RunSet, estimator: &str, noise: f64) -> Option<&SummaryRow> {
-        self.summary.iter().find(|row| {
-            row.group == set.group && row.whisker == set.whisker && row.estimator == estimator && row.noise == noise
+        self.summary.iter().find(|SummaryRow { head, .. }| {
+            head.group == set.group && head.whisker == set.whisker && head.estimator == estimator && head.noise == noise
         })
     }
 
@@ -111,8 +131,8 @@ impl RunData {
     }
 
     fn trials_at(&self, set: &RunSet, estimator: &str, noise: f64) -> impl Iterator<Item = &TrialRow> {
-        self.trials.iter().filter(move |row| {
-            row.group == set.group && row.whisker == set.whisker && row.estimator == estimator && row.noise == noise
+        self.trials.iter().filter(move |TrialRow { head, .. }| {
+            head.group == set.group && head.whisker == set.whisker && head.estimator == estimator && head.noise == noise
         })
     }
 
@@ -121,7 +141,7 @@ impl RunData {
     pub(super) fn silent_share(&self, set: &RunSet, estimator: &str, noise: f64) -> f64 {
         let (missing, samples) = self
             .trials_at(set, estimator, noise)
-            .fold((0, 0), |(missing, samples), trial| (missing + trial.missing, samples + trial.samples));
+            .fold((0, 0), |(missing, samples), row| (missing + row.head.missing, samples + row.head.samples));
         if samples == 0 { 0.0 } else { missing as f64 / samples as f64 }
     }
 
@@ -136,28 +156,36 @@ impl RunData {
         self.bands.iter().filter(matches).collect()
     }
 
+    /// Consistency of an estimator on a set over the time since the touch, where at least half of the trials have an estimate.
+    pub(super) fn consistency_of(&self, set: &RunSet, estimator: &str) -> Vec<&ConsistencyRow> {
+        let trials = self.summary_of(set, estimator).map_or(0, |row| row.head.trials);
+        let matches = |row: &&ConsistencyRow| {
+            row.group == set.group
+                && row.whisker == set.whisker
+                && row.estimator == estimator
+                && row.noise == self.noise()
+                && 2 * row.trials >= trials
+        };
+        self.consistency.iter().filter(matches).collect()
+    }
+
     /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.
     pub(super) fn outline_distance_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
-        median_of_scores(self.trials_of(set, estimator).into_iter().map(|trial| trial.outline_median_m))
+        self.summary_of(set, estimator)?.get(&outline::MEDIAN)
     }
 
     /// The estimator with the smallest median error in steady state, added up over the [`Self::leading_sets`]: the same
     /// one for every whisker.
     pub(super) fn steadiest<'a>(&self, estimators: impl Iterator<Item = &'a str>) -> Option<&'a str> {
         let sets = self.leading_sets();
-        smallest(estimators, |name| sets.iter().map(|set| self.summary_of(set, name)?.median_m).sum())
+        smallest(estimators, |name| sets.iter().map(|set| self.summary_of(set, name)?.get(&error::MEDIAN)).sum())
     }
 
     /// The trial of a set whose score under an estimator is the median one, with the seed whose estimates the run keeps.
-    pub(super) fn typical_trial(
-        &self,
-        set: &RunSet,
-        estimator: &str,
-        score: fn(&TrialRow) -> Option<f64>,
-    ) -> Option<&TrialRow> {
+    pub(super) fn typical_trial(&self, set: &RunSet, estimator: &str, metric: &Metric) -> Option<&TrialRow> {
         let mut trials = self.trials_of(set, estimator);
-        trials.retain(|trial| Some(&trial.seed) == self.run.seeds.first());
-        let score = |trial: &TrialRow| score(trial).unwrap_or(f64::INFINITY);
+        trials.retain(|trial| Some(&trial.head.seed) == self.run.seeds.first());
+        let score = |trial: &TrialRow| trial.get(metric).unwrap_or(f64::INFINITY);
         trials.sort_by(|a, b| score(a).total_cmp(&score(b)));
         trials.get(trials.len().saturating_sub(1) / 2).copied()
     }
@@ -174,6 +202,22 @@ impl RunData {
     /// When the file is damaged.
     pub(super) fn estimates(&self, trace: &str, estimator: &str) -> Result<Option<Vec<EstimateRow>>> {
         self.optional_table(&format!("estimates/{trace}.{estimator}.csv"))
+    }
+
+    /// What the readings of a trace tell over time, if the run kept it.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn bound(&self, trace: &str) -> Result<Option<Vec<BoundRow>>> {
+        self.optional_table(&format!("bounds/{trace}.csv"))
+    }
+
+    /// What a detector of contacts saw in a trace, if the run kept it.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn events(&self, trace: &str, detector: &str) -> Result<Option<Vec<EventRow>>> {
+        self.optional_table(&format!("events/{trace}.{detector}.csv"))
     }
 
     /// Outline of the object of a trace in metres, if the run kept it.

@@ -186,8 +186,9 @@ pub(super) fn stretch_end(canvas: &Canvas, at: Px, color: RGBColor) -> Result<()
     canvas.disc(at, 3.25, color.to_rgba())
 }
 
-/// Draws the entries in a row from the left and starts a new row 22 px below where the next entry would not fit.
-pub(super) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) -> Result<()> {
+/// Draws the entries in a row from the left and starts a new row 22 px below where the next entry would not fit; gives the height of the
+/// last row.
+pub(super) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) -> Result<f64> {
     let (mut x, mut y) = (left, top);
     for entry in entries {
         let width = 32.0 + canvas.text_width_px(entry.text, LABEL)? + 24.0;
@@ -198,7 +199,7 @@ pub(super) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) 
         canvas.text(entry.text, (x + 32.0, y), LABEL)?;
         x += width;
     }
-    Ok(())
+    Ok(y)
 }
 
 /// A name from the data as figures and tables print it.
@@ -210,4 +211,29 @@ pub(super) fn plain(name: &str) -> String {
 pub(super) fn two_digits(value: f64) -> String {
     let decimals = (1.0 - value.log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{value:.decimals$}")
+}
+
+/// A number with three digits that count; one below a ten-thousandth as a multiple of a power of ten.
+pub(super) fn three_digits(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let text = if value.abs() < 1e-4 {
+        format!("{value:.2e}").replacen('e', "·10^", 1)
+    } else {
+        let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+        format!("{value:.decimals$}")
+    };
+    text.replace('-', "−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_three_digits_count() {
+        let printed = [0.0, 1.0, 0.02224, -151.6, 4.26e-12, -6.4e-16].map(three_digits);
+        assert_eq!(printed, ["0", "1.00", "0.0222", "−152", "4.26·10^−12", "−6.40·10^−16"]);
+    }
 }

@@ -5,11 +5,16 @@ use std::path::Path;
 
 use serde::Serialize;
 use serde_json::json;
+use whisker::events::{DETECTORS, TouchConfig};
 
-use super::{FIGURES, report};
-use crate::results::{ErrorBandRow, EstimateRow, ResidualRow, SummaryRow, SurfaceRow, TrialRow};
+use super::{FIGURES, report, take_animations};
+use crate::metrics::Scores;
+use crate::results::{
+    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, ResidualRow, SummaryHead, SummaryRow, SurfaceRow,
+    TrialHead, TrialRow, score_bytes,
+};
 
-const ESTIMATORS: [&str; 2] = ["ekf", "euler-bernoulli"];
+const ESTIMATORS: [&str; 3] = ["ekf", "euler-bernoulli", "paper-ekf"];
 
 fn write_table<T: Serialize>(path: &Path, rows: &[T]) {
     fs::create_dir_all(path.parent().expect("a folder")).expect("created");
@@ -36,19 +41,19 @@ fn write_run(folder: &Path, whole: bool) {
     let run = json!({
         "format": 1, "kind": "run", "name": "small",
         "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
-        "noise": [0.01], "seeds": [1], "touch": {},
-        "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "is_baseline": name != "ekf", "config": {"fading": 1.004}})),
+        "noise": [0.01], "seeds": [1], "touch": TouchConfig::default(),
+        "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "kind": if name.ends_with("ekf") { "recursive" } else { "baseline" }, "sensor_model": null, "config": {"fading": 1.004}})),
         "sets": objects.iter().map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
     });
     fs::write(folder.join("run.json"), run.to_string()).expect("written");
 
-    let (mut trials, mut summary, mut bands) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut trials, mut summary, mut bands, mut consistency) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for object in objects {
         for (index, estimator) in ESTIMATORS.iter().enumerate() {
             let error_m = if index == 0 { 2e-4 } else { 5e-3 };
             trials.push(trial(object, estimator, error_m));
-            summary.push(scores(object, estimator, error_m));
+            summary.push(summary_row(object, estimator, error_m));
             bands.extend((0..50).map(|step| ErrorBandRow {
                 group: (*object).to_owned(),
                 whisker: "straight".to_owned(),
@@ -60,25 +65,51 @@ fn write_run(folder: &Path, whole: bool) {
                 median_m: error_m,
                 p90_m: 2.0 * error_m,
             }));
+            consistency.extend((0..50).map(|step| ConsistencyRow {
+                group: (*object).to_owned(),
+                whisker: "straight".to_owned(),
+                estimator: (*estimator).to_owned(),
+                noise: 0.01,
+                t_contact_s: f64::from(step) * 0.1 + 0.05,
+                trials: 1,
+                rmse_m: error_m,
+                bound_m: Some(1e-4),
+                anees: Some(2.0),
+                anees_low: Some(0.05),
+                anees_high: Some(7.4),
+                anis: Some(1.0),
+                anis_low: Some(0.001),
+                anis_high: Some(5.0),
+                condition: Some(100.0),
+            }));
             if whole {
                 let rows: Vec<_> = (0..1000).map(|step| estimate(step, error_m)).collect();
                 write_table(&folder.join(format!("estimates/{object}_straight.{estimator}.csv")), &rows);
+            }
+        }
+        if whole {
+            let bounds: Vec<_> = (100..1000).map(bound).collect();
+            write_table(&folder.join(format!("bounds/{object}_straight.csv")), &bounds);
+            let events: Vec<_> = (0..1000).map(event).collect();
+            for detector in DETECTORS {
+                write_table(&folder.join(format!("events/{object}_straight.{}.csv", detector.name)), &events);
             }
         }
         fs::create_dir_all(folder.join("outlines")).expect("created");
         let outline = "x_m,y_m\n0.05,0\n0.06,0.01\n0.05,0.02\n0.04,0.01\n0.05,0\n";
         fs::write(folder.join(format!("outlines/{object}_straight.csv")), outline).expect("written");
     }
-    write_table(&folder.join("trials.csv"), &trials);
-    write_table(&folder.join("summary.csv"), &summary);
+    fs::write(folder.join("trials.csv"), score_bytes(&trials).expect("scores")).expect("written");
+    fs::write(folder.join("summary.csv"), score_bytes(&summary).expect("scores")).expect("written");
     write_table(&folder.join("error_over_time.csv"), &bands);
+    write_table(&folder.join("consistency.csv"), &consistency);
     if whole {
         write_model(folder);
     }
 }
 
 fn trial(object: &str, estimator: &str, error_m: f64) -> TrialRow {
-    TrialRow {
+    let head = TrialHead {
         trace: format!("{object}_straight"),
         group: object.to_owned(),
         whisker: "straight".to_owned(),
@@ -89,35 +120,30 @@ fn trial(object: &str, estimator: &str, error_m: f64) -> TrialRow {
         touch_s: 0.4,
         samples: 900,
         missing: 0,
-        rmse_m: Some(error_m),
-        median_m: Some(error_m),
-        p95_m: Some(2.0 * error_m),
-        worst_m: Some(3.0 * error_m),
-        start_rmse_m: Some(4.0 * error_m),
-        time_to_1mm_s: None,
-        time_to_0p3mm_s: None,
-        outline_median_m: Some(0.5 * error_m),
-        outline_p95_m: Some(error_m),
-    }
+    };
+    TrialRow { head, scores: scores(error_m) }
 }
 
-fn scores(object: &str, estimator: &str, error_m: f64) -> SummaryRow {
-    SummaryRow {
+fn summary_row(object: &str, estimator: &str, error_m: f64) -> SummaryRow {
+    let head = SummaryHead {
         group: object.to_owned(),
         whisker: "straight".to_owned(),
         object: object.to_owned(),
         estimator: estimator.to_owned(),
         noise: 0.01,
         trials: 1,
-        rmse_m: Some(error_m),
-        median_m: Some(error_m),
-        p95_m: Some(2.0 * error_m),
-        worst_m: Some(3.0 * error_m),
-        time_to_1mm_s: None,
-        time_to_0p3mm_s: None,
-        never_1mm: 1.0,
         step_ns: 500.0,
-    }
+    };
+    SummaryRow { head, scores: scores(error_m) }
+}
+
+/// Lengths are about the error; it never falls below a millimetre for good.
+fn scores(error_m: f64) -> Scores {
+    Scores::from_fn(|metric| match metric.name {
+        name if name.ends_with("_m") => Some(error_m),
+        name if name.ends_with("_s") => None,
+        _ => Some(1.0),
+    })
 }
 
 fn estimate(step: u32, error_m: f64) -> EstimateRow {
@@ -142,6 +168,24 @@ fn estimate(step: u32, error_m: f64) -> EstimateRow {
         truth_contact_y_m: at(0.0),
         truth_surface_x_m: at(0.05),
         truth_surface_y_m: at(0.0),
+    }
+}
+
+fn bound(step: u32) -> BoundRow {
+    let t_s = f64::from(step) * 0.004;
+    BoundRow { t_s, bound_m: 1e-4 / t_s, window_m: Some(2e-4), condition: (step > 110).then_some(100.0) }
+}
+
+fn event(step: u32) -> EventRow {
+    let estimate = estimate(step, 1e-4);
+    let touched = estimate.contact_x_m.is_some();
+    EventRow {
+        t_s: estimate.t_s,
+        reading_n_m: estimate.reading_n_m,
+        watched_n_m: estimate.reading_n_m,
+        threshold_n_m: 1e-6,
+        touched,
+        truth_touching: Some(touched),
     }
 }
 
@@ -190,6 +234,44 @@ fn verif_every_figure_is_drawn_and_stands_on_the_page() {
 }
 
 #[test]
+fn verif_animations_are_copied_into_the_run_linked_and_forgotten_again() {
+    let [folder, drawn] = [(); 2].map(|()| tempfile::tempdir().expect("temporary folder"));
+    write_run(folder.path(), false);
+    let page = || {
+        take_animations(folder.path(), drawn.path()).expect("copied");
+        fs::read_to_string(report(folder.path()).expect("drawn").page).expect("page")
+    };
+    fs::write(drawn.path().join("pin.straight.webp"), "pin.straight.webp").expect("written");
+    assert!(!page().contains("id=\"sweeps\""), "an animation without its still");
+
+    for name in ["pin.straight.png", "other.straight.webp"] {
+        fs::write(drawn.path().join(name), name).expect("written");
+    }
+    let with_animation = page();
+    assert!(with_animation.contains("href=\"animations/pin.straight.webp\""));
+    // The still of the pin, `pin.straight.png`, in base 64.
+    assert!(
+        with_animation
+            .contains("src=\"data:image/png;base64,cGluLnN0cmFpZ2h0LnBuZw==\" loading=\"lazy\" alt=\"Plan view")
+    );
+    let copied = folder.path().join("animations/pin.straight.webp");
+    assert_eq!(fs::read(&copied).expect("copied"), b"pin.straight.webp");
+    assert!(!folder.path().join("animations/other.straight.webp").exists(), "of no set of the run");
+
+    fs::remove_file(drawn.path().join("pin.straight.webp")).expect("removed");
+    assert!(!page().contains("id=\"sweeps\""));
+    assert!(!copied.exists());
+}
+
+#[test]
+fn robust_animations_from_nowhere_give_one_error() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), false);
+    let message = format!("{:#}", take_animations(folder.path(), &folder.path().join("none")).expect_err("no folder"));
+    assert!(message.ends_with("none: found no folder, expected that of the animations"), "{message}");
+}
+
+#[test]
 fn verif_the_same_run_gives_the_same_bytes() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
@@ -206,15 +288,19 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
     report(folder.path()).expect("drawn");
-    for part in ["estimates", "models"] {
+    for part in ["bounds", "estimates", "events", "models"] {
         fs::remove_dir_all(folder.path().join(part)).expect("removed");
     }
     write_run(folder.path(), false);
     let paths = report(folder.path()).expect("drawn");
     assert!(!folder.path().join("figures/contours.svg").exists(), "a picture of the earlier run");
     let page = fs::read_to_string(&paths.page).expect("page");
-    assert_eq!(page.matches("Left out").count(), 3, "contours, sample trace, sensor model");
-    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 3));
+    assert_eq!(
+        page.matches("Left out").count(),
+        5,
+        "observability, contours, sample trace, sensor model, contact events"
+    );
+    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 5));
 }
 
 #[test]
@@ -222,8 +308,8 @@ fn verif_the_summary_keeps_the_order_of_the_run_and_tells_who_was_silent() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
     let mut trials = vec![trial("pin", "ekf", 2e-4), trial("pin", "euler-bernoulli", 5e-3)];
-    trials[1].missing = 45;
-    write_table(&folder.path().join("trials.csv"), &trials);
+    trials[1].head.missing = 45;
+    fs::write(folder.path().join("trials.csv"), score_bytes(&trials).expect("scores")).expect("written");
     let page = fs::read_to_string(report(folder.path()).expect("drawn").page).expect("page");
     let (_, summary) = page.split_once("id=\"summary\"").expect("a summary");
     let at = |text: &str| summary.find(text).unwrap_or_else(|| panic!("{text}"));

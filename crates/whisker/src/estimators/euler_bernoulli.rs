@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::settings::{Settings, SettingsError, parse, within};
-use super::{Estimate, Knowledge, Method, Sample, Tracker};
+use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
 use crate::sensor::CalibratedFace;
@@ -84,12 +84,12 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, source: Source) -> Result<B
 }
 
 impl Method for EulerBernoulli {
-    fn begin(&self, face: &Arc<CalibratedFace>, _seed: u64) -> Box<dyn Tracker> {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         Box::new(Baseline {
             config: self.config,
             source: self.source,
             knowledge: self.knowledge.clone(),
-            face: face.clone(),
+            face: touch.face.clone(),
             state: State::Onset { since_touch: Pose::new(0.0, 0.0, 0.0), history: Vec::new() },
         })
     }
@@ -266,6 +266,7 @@ impl Tracker for Baseline {
             face: self.face.face,
             covariance_m2: None,
             calibrated: self.face.predict(contact).is_some(),
+            at_tip: false,
             innovation: None,
         })
     }

@@ -1,70 +1,214 @@
-//! What the filters with a Gaussian belief share: they differ in their two verbs only.
+//! What the filters with Gaussian hypotheses share: they differ in their two verbs only.
 
+use std::fmt::Debug;
 use std::sync::Arc;
 
-use filters::{Gaussian, Innovation, Skipped};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, Skipped, Weighed, bounded};
+use nalgebra::Vector1;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::model::{ContactReading, StaticContact, hold, start};
-use super::settings::{ContactSettings, Settings, SettingsError, parse};
-use super::{Estimate, Knowledge, Method, Sample, Tracker};
-use crate::sensor::CalibratedFace;
+use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::settings::{Settings, SettingsError, parse, within};
+use super::side::{ContactReading, Side};
+use super::start::{EarlierReading, Start, earlier};
+use super::{Estimate, Knowledge, Method, Sample, Told, Touch, Tracker};
 
-/// A filter with a Gaussian belief; the type holds its settings.
-pub(super) trait GaussianFilter: Settings + Copy + Send + Sync + 'static {
-    /// Memory, wander and start.
-    fn contact(&self) -> ContactSettings;
+/// The two verbs of a filter with a Gaussian belief; the type holds its own settings.
+pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + Send + Sync + 'static {
+    /// Checks every value.
+    fn validate(&self) -> Result<(), SettingsError> {
+        Ok(())
+    }
 
     /// Carries the belief through the process.
-    fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped>;
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped>;
 
     /// Conditions the belief on a reading.
-    fn update(
+    fn update<const N: usize>(
         &self,
-        belief: &mut Gaussian<2>,
-        measurement: &ContactReading<'_>,
-        reading_n_m: f64,
+        belief: &mut Gaussian<N>,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
     ) -> Result<Innovation<1>, Skipped>;
 }
 
-struct GaussianMethod<Filter> {
-    filter: Filter,
-    knowledge: Arc<Knowledge>,
+/// Settings of a filter with Gaussian hypotheses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, bound = "Filter: Verbs")]
+pub(super) struct Config<Filter> {
+    /// One Gaussian, or several along the whisker.
+    pub start: Start,
+    /// How the contact moves.
+    pub motion: MotionSettings,
+    /// Fading memory: the prior covariance is scaled by it at each step.
+    pub fading: f64,
+    /// A reading farther off than this, in standard deviations, is taken to be as noisy as to lie there.
+    pub gate_sds: f64,
+    /// Weight of a hypothesis, relative to the heaviest, below which it is dropped.
+    pub prune_share: f64,
+    /// Loss, as a divergence between the beliefs before and after, below which two hypotheses are merged.
+    pub merge_loss: f64,
+    /// What only this filter has.
+    pub filter: Filter,
 }
 
-pub(super) fn build<Filter: GaussianFilter>(
-    config: &Value,
-    knowledge: &Arc<Knowledge>,
-) -> Result<Box<dyn Method>, SettingsError> {
-    Ok(Box::new(GaussianMethod::<Filter> { filter: parse(config)?, knowledge: knowledge.clone() }))
-}
-
-impl<Filter: GaussianFilter> Method for GaussianMethod<Filter> {
-    fn begin(&self, face: &Arc<CalibratedFace>, _seed: u64) -> Box<dyn Tracker> {
-        Box::new(GaussianTracker {
-            filter: self.filter,
-            noise_sd_n_m: self.knowledge.noise_sd_n_m,
-            belief: start(face, self.filter.contact().start_away_sd_m),
-            face: face.clone(),
-        })
+impl<Filter: Verbs> Default for Config<Filter> {
+    fn default() -> Self {
+        Self {
+            start: Start::Hypotheses { count: 16 },
+            motion: MotionSettings::Round(Round::default()),
+            fading: 1.0,
+            gate_sds: 5.0,
+            prune_share: 1e-4,
+            merge_loss: 1e-2,
+            filter: Filter::default(),
+        }
     }
 }
 
-struct GaussianTracker<Filter> {
-    filter: Filter,
-    noise_sd_n_m: f64,
-    face: Arc<CalibratedFace>,
-    belief: Gaussian<2>,
+impl<Filter: Verbs> Settings for Config<Filter> {
+    fn validate(&self) -> Result<(), SettingsError> {
+        self.start.validate()?;
+        self.motion.validate()?;
+        within("fading", self.fading, 1.0..=2.0)?;
+        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("prune_share", self.prune_share, 0.0..=0.5)?;
+        within("merge_loss", self.merge_loss, 0.0..=1.0)?;
+        self.filter.validate()
+    }
 }
 
-impl<Filter: GaussianFilter> Tracker for GaussianTracker<Filter> {
+/// A filter as a method.
+pub(super) fn build<Filter: Verbs>(
+    config: &Value,
+    knowledge: &Arc<Knowledge>,
+) -> Result<Box<dyn Method>, SettingsError> {
+    let config: Config<Filter> = parse(config)?;
+    Ok(Box::new(Filtering { config, knowledge: knowledge.clone() }))
+}
+
+struct Filtering<Filter> {
+    config: Config<Filter>,
+    knowledge: Arc<Knowledge>,
+}
+
+impl<Filter: Verbs> Method for Filtering<Filter> {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        match self.config.motion {
+            MotionSettings::Resting(motion) => {
+                Box::new(Follower::<Filter, Resting, 2>::new(self.config, motion, touch, &self.knowledge))
+            }
+            MotionSettings::Round(motion) => {
+                Box::new(Follower::<Filter, Round, 4>::new(self.config, motion, touch, &self.knowledge))
+            }
+        }
+    }
+}
+
+/// Follows one contact with a bank of hypotheses.
+pub(super) struct Follower<Filter, Model, const N: usize> {
+    config: Config<Filter>,
+    pub(super) motion: Model,
+    pub(super) side: Side,
+    noise_sd_n_m: f64,
+    told: Option<Told>,
+    /// Samples before the touch, until the first step.
+    history: Vec<Sample>,
+    /// Nothing before the first step.
+    bank: Option<Bank<N>>,
+}
+
+impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
+    pub(super) fn new(config: Config<Filter>, motion: Model, touch: &Touch<'_>, knowledge: &Knowledge) -> Self {
+        Self {
+            config,
+            motion,
+            side: Side::new(touch.face, knowledge),
+            noise_sd_n_m: knowledge.noise_sd_n_m,
+            told: touch.told,
+            history: touch.history.to_vec(),
+            bank: None,
+        }
+    }
+
+    /// The gate of the readings, in standard deviations.
+    pub(super) fn gate_sds(&self) -> f64 {
+        self.config.gate_sds
+    }
+
+    /// The measurement.
+    pub(super) fn reading(&self) -> ContactReading<'_> {
+        ContactReading::of::<Model, N>(&self.side)
+    }
+
+    /// The bank at the touch: what the start says, and what the readings before it do.
+    fn begin(&self, touch: &Sample) -> Bank<N> {
+        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
+        let beliefs = places.iter().map(|(place, log_weight)| (self.motion.belief(place), *log_weight));
+        let mut bank = Bank::new(beliefs);
+        for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
+            let back = self.motion.step(&self.side, &sample);
+            let reading = EarlierReading { back, reading: self.reading() };
+            // A reading that says nothing leaves the bank as it is.
+            let _ = self.condition(&mut bank, &reading, sample.reading_n_m);
+        }
+        bank
+    }
+
+    fn condition<Reading: Measurement<N, 1>>(
+        &self,
+        bank: &mut Bank<N>,
+        reading: &Reading,
+        z_n_m: f64,
+    ) -> Result<Innovation<1>, Skipped> {
+        let (filter, z) = (&self.config.filter, Vector1::new(z_n_m));
+        let innovation = bank.update(|belief| -> Result<Weighed<1>, Skipped> {
+            bounded::update(belief, reading, self.config.gate_sds, &z, |belief, reading, z| {
+                filter.update(belief, reading, z)
+            })
+        });
+        bank.prune(self.config.prune_share);
+        bank.merge(self.config.merge_loss);
+        bank.map(|belief| self.side.hold(&mut belief.mean));
+        innovation
+    }
+
+    /// Takes a sample; what the whole mixture believes before and after it.
+    pub(super) fn advance(&mut self, sample: &Sample) -> Option<Advance<N>> {
+        let Some(mut bank) = self.bank.take() else {
+            let bank = self.begin(sample);
+            let belief = bank.moments()?;
+            self.bank = Some(bank);
+            return Some(Advance { predicted: belief, filtered: belief, innovation: None });
+        };
+        let process = self.motion.step(&self.side, sample);
+        bank.predict(|belief| {
+            self.config.filter.predict(belief, &process)?;
+            belief.fade(self.config.fading);
+            Ok(())
+        });
+        let predicted = bank.moments()?;
+        let innovation = self.condition(&mut bank, &self.reading(), sample.reading_n_m).ok();
+        let filtered = bank.moments()?;
+        self.bank = Some(bank);
+        Some(Advance { predicted, filtered, innovation })
+    }
+}
+
+/// What a sample changed.
+pub(super) struct Advance<const N: usize> {
+    /// Belief before the reading.
+    pub(super) predicted: Gaussian<N>,
+    /// Belief after it.
+    pub(super) filtered: Gaussian<N>,
+    pub(super) innovation: Option<Innovation<1>>,
+}
+
+impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let process = StaticContact::new(&self.face, sample, self.filter.contact().wander_m_sqrt_s);
-        // A belief whose covariance has lost its definiteness says nothing any more.
-        self.filter.predict(&mut self.belief, &process).ok()?;
-        self.belief.fade(self.filter.contact().fading);
-        let measurement = ContactReading::new(&self.face, self.noise_sd_n_m);
-        let innovation = self.filter.update(&mut self.belief, &measurement, sample.reading_n_m).ok();
-        Some(hold(&mut self.belief, &self.face, innovation))
+        let Advance { filtered, innovation, .. } = self.advance(sample)?;
+        Some(self.side.estimate(&filtered, innovation))
     }
 }

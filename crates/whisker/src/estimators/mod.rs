@@ -2,30 +2,38 @@
 //!
 //! A robot knows how its base moved between two samples and what the sensor read: a [`Sample`]. An [`Estimator`] takes samples in the
 //! order of time and answers with an [`Estimate`] while the whisker touches. Touch and release are found the same way for all
-//! ([`crate::touch`]); what differs is the [`Method`], which begins a [`Tracker`] at each touch.
+//! ([`crate::events`]); what differs is the [`Method`], which begins a [`Tracker`] at each touch.
 //!
 //! To add an estimator: one file with a `Method`, and one row in [`ESTIMATORS`].
 
+mod batch;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
-mod model;
+mod iterated;
+mod motion;
+mod paper;
 mod particle;
 pub(crate) mod settings;
+mod side;
+mod smoother;
+mod start;
 mod unscented;
 
 pub use settings::SettingsError;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use filters::Innovation;
 use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::events::{ContactDetector, Sensing, TouchConfig};
 use crate::frames::{Base, Point, Pose, Root};
 use crate::rest::direction;
 use crate::sensor::{CalibratedFace, Face};
-use crate::touch::{TouchConfig, TouchDetector};
 use crate::{RestShape, Whisker};
 
 /// What the robot learns from one instant to the next.
@@ -50,6 +58,8 @@ pub struct Estimate {
     pub covariance_m2: Option<Matrix2<f64>>,
     /// Whether the contact lies where the sensor model was calibrated.
     pub calibrated: bool,
+    /// Whether the contact may lie at the very tip, where the reading means something else.
+    pub at_tip: bool,
     /// What the last update learnt, where the method has such a thing.
     pub innovation: Option<Innovation<1>>,
 }
@@ -65,32 +75,68 @@ pub struct Knowledge {
     pub faces: Vec<Arc<CalibratedFace>>,
     /// Standard deviation of the sensor's measurement noise.
     pub noise_sd_n_m: f64,
+    /// Readings a second, for the filters of the contact detection.
+    pub rate_hz: f64,
+    /// Where the robot was told that it touches; without it the first touch lies anywhere along the undeflected whisker.
+    pub told: Option<Told>,
+}
+
+/// What somebody claims of the place of the first touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// The contact at the touch.
+    pub contact: Point<Base>,
+    /// Standard deviation of the claim, in every direction.
+    pub sd_m: f64,
 }
 
 impl Knowledge {
+    /// What the contact detection is fitted to.
+    pub fn sensing(&self) -> Sensing {
+        let largest_reading_n_m = self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
+        Sensing::new(&self.whisker, self.rate_hz, self.noise_sd_n_m, largest_reading_n_m)
+    }
+
     /// The calibration of a face, if there is one.
     pub fn face(&self, face: Face) -> Option<&Arc<CalibratedFace>> {
         self.faces.iter().find(|calibrated| calibrated.face == face)
     }
 
-    /// Tangent angle of the deflected whisker at a contact, in Base.
+    /// Tangent angle of the deflected whisker at an estimated contact, in Base: the sensor model's, where that knows mechanics.
     ///
-    /// The root is turned by reading over stiffness. In the clamped wire's frame a straight cantilever whose loaded point
+    /// Otherwise the root is turned by reading over stiffness. In the clamped wire's frame a straight cantilever whose loaded point
     /// lies at polar angle theta has the tangent 1.5 theta there (within 1.6 % to 60 degrees, Solomon and Hartmann 2010);
     /// for a pre-curved one theta counts from the undeflected point at the same distance from the root. \[inferred\]
-    pub fn tangent_rad(&self, contact: Point<Base>, reading_n_m: f64) -> f64 {
-        let root_rad = reading_n_m / self.whisker.root_stiffness_n_m_rad;
-        let clamp: Pose<Root, Base> = Pose::new(0.0, 0.0, root_rad);
-        let seen = clamp.inverse().apply(contact);
-        let arc_m = self.rest.arc_at_radius(seen.vector().norm());
-        let undeflected = self.rest.point(arc_m);
-        let theta_rad = seen.y().atan2(seen.x()) - undeflected.y().atan2(undeflected.x());
-        root_rad + self.rest.tangent_rad(arc_m) + 1.5 * theta_rad
+    pub fn tangent_rad(&self, estimate: &Estimate, reading_n_m: f64) -> f64 {
+        let known = self.face(estimate.face).and_then(|face| face.model.tangent_rad(estimate.contact));
+        known.unwrap_or_else(|| {
+            let root_rad = reading_n_m / self.whisker.root_stiffness_n_m_rad;
+            let clamp: Pose<Root, Base> = Pose::new(0.0, 0.0, root_rad);
+            let seen = clamp.inverse().apply(estimate.contact);
+            let arc_m = self.rest.arc_at_radius(seen.vector().norm());
+            let undeflected = self.rest.point(arc_m);
+            let theta_rad = seen.y().atan2(seen.x()) - undeflected.y().atan2(undeflected.x());
+            root_rad + self.rest.tangent_rad(arc_m) + 1.5 * theta_rad
+        })
+    }
+
+    /// Whether an estimated contact may lie at the tip: whether the arc length up to it comes within three standard deviations of the whole.
+    ///
+    /// A contact pushed aside by `d` at the foot `s` lies at the arc length `s + c d^2 / s` of the bent whisker, to second order, with c from 0.5 for a
+    /// straight wire that only turns at its root to 0.6 for a clamped one; here their mean.
+    fn may_be_tip(&self, estimate: &Estimate) -> bool {
+        const STRETCH: f64 = 0.55;
+        const SDS: f64 = 3.0;
+        let foot = self.rest.foot(estimate.contact);
+        let tangent = self.rest.tangent(foot.arc_m);
+        let sd_m = estimate.covariance_m2.map_or(0.0, |p| tangent.dot(&(p * tangent)).max(0.0).sqrt());
+        let arc_m = foot.arc_m + STRETCH * foot.left_m * foot.left_m / foot.arc_m.max(f64::MIN_POSITIVE);
+        arc_m + SDS * sd_m >= self.rest.length_m()
     }
 
     /// The point of the object's surface that belongs to an estimate: the wire's radius towards the object.
     pub fn surface(&self, estimate: &Estimate, reading_n_m: f64) -> Point<Base> {
-        let tangent = direction(self.tangent_rad(estimate.contact, reading_n_m));
+        let tangent = direction(self.tangent_rad(estimate, reading_n_m));
         let left = Vector2::new(-tangent.y, tangent.x);
         let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(estimate.contact).arc_m);
         estimate.contact.shifted(left * (-estimate.face.away_sign() * radius_m))
@@ -101,20 +147,44 @@ impl Knowledge {
 pub trait Tracker: Send {
     /// Takes one sample; the first is that of the touch. No estimate means that the method does not know yet.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
+
+    /// Called once, at the release or at the end of the recording: what hindsight says of every sample since the touch, in their order.
+    /// Nothing where the method does not look back.
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        None
+    }
+}
+
+/// A touch that begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Touch<'a> {
+    /// The face that is touched.
+    pub face: &'a Arc<CalibratedFace>,
+    /// The samples before that of the touch, in the order of time: the whisker was free then, or had touched without its being noticed.
+    pub history: &'a [Sample],
+    /// Where the robot was told that it touches.
+    pub told: Option<Told>,
+    /// For methods that draw random numbers.
+    pub seed: u64,
 }
 
 /// A way to follow contacts.
 pub trait Method: Send + Sync {
-    /// Begins at a touch on `face`. `seed` is for methods that draw random numbers.
-    fn begin(&self, face: &Arc<CalibratedFace>, seed: u64) -> Box<dyn Tracker>;
+    /// Begins at a touch, the sample of which is the first that the tracker is given.
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker>;
 }
+
+/// Samples of the free whisker that are kept for the next touch.
+const HISTORY: usize = 50;
 
 /// Runs a method over a recording: waits for the touch, follows the contact, lets go.
 pub struct Estimator {
     method: Box<dyn Method>,
     knowledge: Arc<Knowledge>,
-    detector: TouchDetector,
+    detector: ContactDetector,
     tracker: Option<Box<dyn Tracker>>,
+    /// The last samples of the free whisker.
+    history: VecDeque<Sample>,
     seed: u64,
     touches: u64,
 }
@@ -122,9 +192,9 @@ pub struct Estimator {
 impl Estimator {
     /// An estimator that follows contacts by `method`.
     pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, touch: TouchConfig, seed: u64) -> Self {
-        let largest = knowledge.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
-        let detector = TouchDetector::new(touch, knowledge.noise_sd_n_m, largest);
-        Self { method, knowledge, detector, tracker: None, seed, touches: 0 }
+        let detector = ContactDetector::new(touch, &knowledge.sensing());
+        let history = VecDeque::with_capacity(HISTORY);
+        Self { method, knowledge, detector, tracker: None, history, seed, touches: 0 }
     }
 
     /// Takes the next sample in the order of time. Nothing while free, or while the method does not know yet, or on a face that was
@@ -132,15 +202,75 @@ impl Estimator {
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !self.detector.step(sample.reading_n_m, sample.dt_s) {
             self.tracker = None;
+            self.remember(sample);
             return None;
         }
+        self.follow(sample)
+    }
+
+    /// Steps through a whole recording, and where the method has hindsight puts what it says in the place of what was said at the time.
+    pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
+        let mut estimates = Vec::with_capacity(samples.len());
+        for sample in samples {
+            let touching = self.detector.step(sample.reading_n_m, sample.dt_s);
+            if !touching {
+                self.look_back(&mut estimates);
+                self.remember(sample);
+            }
+            estimates.push(if touching { self.follow(sample) } else { None });
+        }
+        self.look_back(&mut estimates);
+        estimates
+    }
+
+    /// Keeps a sample of the free whisker.
+    fn remember(&mut self, sample: &Sample) {
+        if self.history.len() == HISTORY {
+            self.history.pop_front();
+        }
+        self.history.push_back(*sample);
+    }
+
+    /// Takes a sample of a touch.
+    fn follow(&mut self, sample: &Sample) -> Option<Estimate> {
         if self.tracker.is_none() {
-            let face = self.knowledge.face(Face::of_reading(sample.reading_n_m))?;
-            self.tracker = Some(self.method.begin(face, self.seed.wrapping_add(self.touches)));
+            let face = self.knowledge.face(self.detector.face()?)?;
+            let told = self.knowledge.told.filter(|_| self.touches == 0);
+            let seed = self.seed.wrapping_add(self.touches);
+            let touch = Touch { face, history: self.history.make_contiguous(), told, seed };
+            self.tracker = Some(self.method.begin(&touch));
+            self.history.clear();
             self.touches += 1;
         }
-        self.tracker.as_mut()?.step(sample)
+        let estimate = self.tracker.as_mut()?.step(sample)?;
+        Some(self.placed(estimate))
     }
+
+    /// The estimate with what its place says about the tip.
+    fn placed(&self, estimate: Estimate) -> Estimate {
+        Estimate { at_tip: self.knowledge.may_be_tip(&estimate), ..estimate }
+    }
+
+    /// Ends the present touch, if there is one, and revises its estimates, which are the last.
+    fn look_back(&mut self, estimates: &mut [Option<Estimate>]) {
+        let Some(revised) = self.tracker.take().and_then(|mut tracker| tracker.hindsight()) else { return };
+        let since = estimates.len() - revised.len();
+        for (estimate, revised) in estimates[since..].iter_mut().zip(revised) {
+            *estimate = revised.map(|revised| self.placed(revised));
+        }
+    }
+}
+
+/// What an estimator may know of a recording, and what it is there for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// States at each sample what the samples so far tell.
+    Recursive,
+    /// Looks back over the whole contact when it has ended.
+    Hindsight,
+    /// Recursive, and there to be beaten.
+    Baseline,
 }
 
 /// A row of the registry of estimators.
@@ -149,8 +279,10 @@ pub struct EstimatorRow {
     pub name: &'static str,
     /// One line about it.
     pub about: &'static str,
-    /// Whether it is a baseline, there to be beaten.
-    pub is_baseline: bool,
+    /// What it may know of the recording, and what it is there for.
+    pub kind: Kind,
+    /// Label of the sensor model that it insists on; without one it takes the calibration's choice.
+    pub sensor_model: Option<&'static str>,
     /// Default settings.
     pub defaults: fn() -> Value,
     /// Makes the method from its settings and what the robot knows.
@@ -163,39 +295,100 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 /// The registry of estimators.
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
+        name: "recommended",
+        about: "what to use: extended Kalman filter on a round contact, from several hypotheses",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<gaussian::Config<extended::Extended>>,
+        build: gaussian::build::<extended::Extended>,
+    },
+    EstimatorRow {
         name: "ekf",
-        about: "extended Kalman filter with fading memory (Lin et al. 2022)",
-        is_baseline: false,
-        defaults: defaults::<extended::Ekf>,
-        build: gaussian::build::<extended::Ekf>,
+        about: "extended Kalman filter",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<gaussian::Config<extended::Extended>>,
+        build: gaussian::build::<extended::Extended>,
+    },
+    EstimatorRow {
+        name: "iekf",
+        about: "iterated extended Kalman filter (Bell and Cathey 1993)",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<gaussian::Config<iterated::Iterated>>,
+        build: gaussian::build::<iterated::Iterated>,
     },
     EstimatorRow {
         name: "ukf",
-        about: "unscented Kalman filter with fading memory (Lin et al. 2022)",
-        is_baseline: false,
-        defaults: defaults::<unscented::Ukf>,
-        build: gaussian::build::<unscented::Ukf>,
+        about: "unscented Kalman filter (Julier and Uhlmann 2004)",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<gaussian::Config<unscented::Unscented>>,
+        build: gaussian::build::<unscented::Unscented>,
     },
     EstimatorRow {
         name: "particle",
-        about: "particle filter with fading memory (Lin et al. 2022)",
-        is_baseline: false,
+        about: "particle filter whose proposal looks at the reading",
+        kind: Kind::Recursive,
+        sensor_model: None,
         defaults: defaults::<particle::Config>,
         build: particle::build,
     },
     EstimatorRow {
+        name: "smoother",
+        about: "fixed-interval smoother behind the iterated filter (Rauch, Tung and Striebel 1965)",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: defaults::<smoother::Config>,
+        build: smoother::build,
+    },
+    EstimatorRow {
+        name: "batch",
+        about: "the most probable trajectory given the whole contact, by Gauss-Newton (Bell 1994)",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: defaults::<batch::Config>,
+        build: batch::build,
+    },
+    EstimatorRow {
         name: "euler-bernoulli",
         about: "slip along an analytic cantilever (Solomon and Hartmann 2010), on the compliant root",
-        is_baseline: true,
+        kind: Kind::Baseline,
+        sensor_model: None,
         defaults: defaults::<euler_bernoulli::Config>,
         build: euler_bernoulli::build_analytic,
     },
     EstimatorRow {
         name: "euler-bernoulli-calibrated",
         about: "the same with moment and its slope from the calibrated map (as in Lin et al. 2022)",
-        is_baseline: true,
+        kind: Kind::Baseline,
+        sensor_model: None,
         defaults: defaults::<euler_bernoulli::Config>,
         build: euler_bernoulli::build_calibrated,
+    },
+    EstimatorRow {
+        name: "paper-ekf",
+        about: "extended Kalman filter as published (Lin et al. 2022)",
+        kind: Kind::Recursive,
+        sensor_model: Some(paper::SENSOR_MODEL),
+        defaults: defaults::<paper::Config<extended::Extended>>,
+        build: paper::build::<extended::Extended>,
+    },
+    EstimatorRow {
+        name: "paper-ukf",
+        about: "unscented Kalman filter as published (Lin et al. 2022)",
+        kind: Kind::Recursive,
+        sensor_model: Some(paper::SENSOR_MODEL),
+        defaults: defaults::<paper::Config<unscented::Unscented>>,
+        build: paper::build::<unscented::Unscented>,
+    },
+    EstimatorRow {
+        name: "paper-particle",
+        about: "particle filter as published (Lin et al. 2022)",
+        kind: Kind::Recursive,
+        sensor_model: Some(paper::SENSOR_MODEL),
+        defaults: defaults::<paper::ParticleConfig>,
+        build: paper::build_particle,
     },
 ];
 

@@ -1,48 +1,71 @@
-//! The particle filter on the contact's place.
+//! The particle filter on the contact.
 
 use std::sync::Arc;
 
 use filters::Cloud;
-use nalgebra::{Vector1, Vector2, vector};
+use filters::particle::Renewal;
+use nalgebra::{SMatrix, SVector, Vector1};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::model::{ContactReading, StaticContact, hold};
-use super::settings::{ContactSettings, Settings, SettingsError, parse, within};
-use super::{Estimate, Knowledge, Method, Sample, Tracker};
-use crate::sensor::CalibratedFace;
+use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::settings::{Settings, SettingsError, parse, within};
+use super::side::{ContactReading, Side};
+use super::start::{EarlierReading, Start, earlier};
+use super::{Estimate, Knowledge, Method, Sample, Told, Touch, Tracker};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
+    /// From what the particles are drawn, in equal numbers: one Gaussian, or several along the whisker.
+    pub start: Start,
+    /// How the contact moves.
+    pub motion: MotionSettings,
     /// Fading memory: the cloud's covariance is scaled by it at each step.
     pub fading: f64,
-    /// How far the contact may wander in the world, as the standard deviation after one second, in m.
-    pub wander_m_sqrt_s: f64,
-    /// Standard deviation of the contact's distance from the undeflected whisker at the touch.
-    pub start_away_sd_m: f64,
+    /// A reading farther off than this, in standard deviations, is taken to be as noisy as to lie there.
+    pub gate_sds: f64,
     /// Number of particles.
     pub particles: usize,
-    /// Resample where the effective sample size falls below this share of the particles.
-    pub resample_share: f64,
-    /// Kernel of the resampling, in standard deviations of the cloud.
+    /// The cloud is drawn anew where the effective sample size falls below this share of the particles.
+    pub renew_share: f64,
+    /// Kernel of the new cloud, in standard deviations of the old.
     pub kernel: f64,
 }
 
 impl Default for Config {
     fn default() -> Self {
         Self {
-            fading: 1.004,
-            wander_m_sqrt_s: 1e-4,
-            start_away_sd_m: 1e-3,
+            start: Start::Hypotheses { count: 100 },
+            motion: MotionSettings::Round(Round::default()),
+            fading: 1.0,
+            gate_sds: 5.0,
             particles: 1000,
-            resample_share: 0.5,
-            kernel: 0.1,
+            renew_share: 0.5,
+            kernel: 0.3,
         }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        self.start.validate()?;
+        self.motion.validate()?;
+        within("fading", self.fading, 1.0..=2.0)?;
+        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("particles", self.particles as f64, 1.0..=1e7)?;
+        within("renew_share", self.renew_share, 0.0..=1.0)?;
+        within("kernel", self.kernel, 0.0..=1.0)
+    }
+}
+
+impl Config {
+    fn renewal(&self) -> Renewal {
+        Renewal { share: self.renew_share, bandwidth: self.kernel, gate_sds: self.gate_sds }
     }
 }
 
@@ -51,71 +74,97 @@ struct ParticleFilter {
     knowledge: Arc<Knowledge>,
 }
 
-impl Settings for Config {
-    fn validate(&self) -> Result<(), SettingsError> {
-        let Self { fading, wander_m_sqrt_s, start_away_sd_m, .. } = *self;
-        ContactSettings { fading, wander_m_sqrt_s, start_away_sd_m }.validate()?;
-        within("particles", self.particles as f64, 1.0..=1e7)?;
-        within("resample_share", self.resample_share, 0.0..=1.0)?;
-        within("kernel", self.kernel, 0.0..=1.0)
-    }
-}
-
 pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     Ok(Box::new(ParticleFilter { config: parse(config)?, knowledge: knowledge.clone() }))
 }
 
 impl Method for ParticleFilter {
-    fn begin(&self, face: &Arc<CalibratedFace>, seed: u64) -> Box<dyn Tracker> {
-        let mut rng = Pcg64::seed_from_u64(seed);
-        let particles = spread(face, &self.config, &mut rng);
-        Box::new(Filter {
-            config: self.config,
-            noise_sd_n_m: self.knowledge.noise_sd_n_m,
-            face: face.clone(),
-            cloud: Cloud::new(particles),
-            rng,
-        })
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        match self.config.motion {
+            MotionSettings::Resting(motion) => {
+                Box::new(Follower::<Resting, 2>::new(self.config, motion, touch, &self.knowledge))
+            }
+            MotionSettings::Round(motion) => {
+                Box::new(Follower::<Round, 4>::new(self.config, motion, touch, &self.knowledge))
+            }
+        }
     }
 }
 
-struct Filter {
+struct Follower<Model, const N: usize> {
     config: Config,
+    motion: Model,
+    side: Side,
     noise_sd_n_m: f64,
-    face: Arc<CalibratedFace>,
-    cloud: Cloud<2>,
+    told: Option<Told>,
+    /// Samples before the touch, until the first step.
+    history: Vec<Sample>,
     rng: Pcg64,
+    /// Nothing before the first step.
+    cloud: Option<Cloud<N>>,
 }
 
-/// Contacts spread evenly along the undeflected whisker's calibrated part, at distances away from it as a normal deviate has
-/// from zero.
-fn spread(face: &CalibratedFace, config: &Config, rng: &mut Pcg64) -> Vec<Vector2<f64>> {
-    let (low, high) = face.domain.arc_range_m();
-    (0..config.particles)
-        .map(|i| {
-            let arc_m = low + (high - low) * (i as f64 + rng.random::<f64>()) / config.particles as f64;
-            let away_m = rng.sample::<f64, _>(StandardNormal).abs() * config.start_away_sd_m;
-            vector![arc_m, away_m]
-        })
-        .collect()
-}
-
-impl Tracker for Filter {
-    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let face = &self.face;
-        self.cloud.predict(&StaticContact::new(face, sample, self.config.wander_m_sqrt_s), &mut self.rng);
-        self.cloud.fade(self.config.fading);
-        self.cloud.map(|x| {
-            let (arc_m, away_m) = face.domain.clamp(x[0], x[1]);
-            vector![arc_m, away_m]
-        });
-        let reading = ContactReading::new(face, self.noise_sd_n_m);
-        let innovation = self.cloud.update(&reading, &Vector1::new(sample.reading_n_m)).ok();
-        let mut belief = self.cloud.moments();
-        let share = self.cloud.effective_size() / self.cloud.particles().len() as f64;
-        if share < self.config.resample_share {
-            self.cloud.resample(self.config.kernel, &mut self.rng);
+impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
+    fn new(config: Config, motion: Model, touch: &Touch<'_>, knowledge: &Knowledge) -> Self {
+        Self {
+            config,
+            motion,
+            side: Side::new(touch.face, knowledge),
+            noise_sd_n_m: knowledge.noise_sd_n_m,
+            told: touch.told,
+            history: touch.history.to_vec(),
+            rng: Pcg64::seed_from_u64(touch.seed),
+            cloud: None,
         }
-        Some(hold(&mut belief, face, innovation))
+    }
+
+    /// The cloud at the touch: drawn from what the start says, and weighed by the readings before it.
+    fn begin(&mut self, touch: &Sample) -> Cloud<N> {
+        let beliefs = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
+        let total: f64 = beliefs.iter().map(|(_, log_weight)| log_weight.exp()).sum();
+        let mut particles = Vec::with_capacity(self.config.particles);
+        let mut due = 0.0;
+        for (place, log_weight) in &beliefs {
+            let belief = self.motion.belief(place);
+            let factor = belief.covariance.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
+            due += log_weight.exp() / total * self.config.particles as f64;
+            while particles.len() < due.round() as usize {
+                let normal = SVector::from_fn(|_, _| self.rng.sample(StandardNormal));
+                particles.push(self.held(belief.mean + factor * normal));
+            }
+        }
+        let mut cloud = Cloud::new(particles);
+        let renewal = self.config.renewal();
+        for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
+            let back = self.motion.step(&self.side, &sample);
+            let reading = EarlierReading { back, reading: ContactReading::of::<Model, N>(&self.side) };
+            // A reading that says nothing leaves the cloud as it is.
+            let _ = cloud.update_or_renew(&reading, &Vector1::new(sample.reading_n_m), &renewal, &mut self.rng);
+        }
+        cloud
+    }
+
+    fn held(&self, mut x: SVector<f64, N>) -> SVector<f64, N> {
+        self.side.hold(&mut x);
+        x
+    }
+}
+
+impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let Some(mut cloud) = self.cloud.take() else {
+            let cloud = self.begin(sample);
+            let estimate = self.side.estimate(&cloud.moments(), None);
+            self.cloud = Some(cloud);
+            return Some(estimate);
+        };
+        cloud.predict(&self.motion.step(&self.side, sample), &mut self.rng);
+        cloud.fade(self.config.fading);
+        cloud.map(|x| self.held(*x));
+        let (reading, z) = (ContactReading::of::<Model, N>(&self.side), Vector1::new(sample.reading_n_m));
+        let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
+        let estimate = self.side.estimate(&cloud.moments(), innovation);
+        self.cloud = Some(cloud);
+        Some(estimate)
     }
 }

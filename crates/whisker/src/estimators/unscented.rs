@@ -1,25 +1,18 @@
-//! The unscented Kalman filter on the contact's place.
+//! The unscented Kalman filter on the contact.
 
 use filters::unscented::{self, Spread};
-use filters::{Gaussian, Innovation, Skipped};
+use filters::{Gaussian, Innovation, Measurement, Process, Skipped};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
-use super::gaussian::GaussianFilter;
-use super::model::{ContactReading, StaticContact};
-use super::settings::{ContactSettings, Settings, SettingsError, within};
+use super::gaussian::Verbs;
+use super::settings::{SettingsError, within};
 
-/// Settings.
+/// Its own settings: how far the sigma points spread, as [`Spread`] says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(super) struct Ukf {
-    /// Fading memory: the prior covariance is scaled by it at each step.
-    fading: f64,
-    /// How far the contact may wander in the world, as the standard deviation after one second, in m.
-    wander_m_sqrt_s: f64,
-    /// Standard deviation of the contact's distance from the undeflected whisker at the touch.
-    start_away_sd_m: f64,
-    /// Scale of the sigma points' spread; see [`Spread`].
+pub(super) struct Unscented {
+    /// Scale of the spread.
     alpha: f64,
     /// Prior knowledge of the distribution, 2 for a Gaussian.
     beta: f64,
@@ -27,43 +20,35 @@ pub(super) struct Ukf {
     kappa: f64,
 }
 
-impl Default for Ukf {
+impl Default for Unscented {
     fn default() -> Self {
-        Self { fading: 1.004, wander_m_sqrt_s: 1e-4, start_away_sd_m: 1e-3, alpha: 1.0, beta: 2.0, kappa: 1.0 }
+        Self { alpha: 1.0, beta: 2.0, kappa: 0.0 }
     }
 }
 
-impl Ukf {
+impl Unscented {
     fn spread(&self) -> Spread {
         Spread { alpha: self.alpha, beta: self.beta, kappa: self.kappa }
     }
 }
 
-impl Settings for Ukf {
+impl Verbs for Unscented {
     fn validate(&self) -> Result<(), SettingsError> {
-        self.contact().validate()?;
-        within("alpha", self.alpha, 1e-3..=2.0)?;
-        within("beta", self.beta, 0.0..=10.0)?;
-        within("kappa", self.kappa, -1.0..=10.0)
-    }
-}
-
-impl GaussianFilter for Ukf {
-    fn contact(&self) -> ContactSettings {
-        let Self { fading, wander_m_sqrt_s, start_away_sd_m, .. } = *self;
-        ContactSettings { fading, wander_m_sqrt_s, start_away_sd_m }
+        within("filter.alpha", self.alpha, 1e-3..=2.0)?;
+        within("filter.beta", self.beta, 0.0..=10.0)?;
+        within("filter.kappa", self.kappa, -1.0..=10.0)
     }
 
-    fn predict(&self, belief: &mut Gaussian<2>, process: &StaticContact<'_>) -> Result<(), Skipped> {
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped> {
         unscented::predict(belief, process, &self.spread())
     }
 
-    fn update(
+    fn update<const N: usize>(
         &self,
-        belief: &mut Gaussian<2>,
-        measurement: &ContactReading<'_>,
-        reading_n_m: f64,
+        belief: &mut Gaussian<N>,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
     ) -> Result<Innovation<1>, Skipped> {
-        unscented::update(belief, measurement, &self.spread(), &Vector1::new(reading_n_m))
+        unscented::update(belief, measurement, &self.spread(), z)
     }
 }

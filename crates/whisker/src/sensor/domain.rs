@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Largest number of nodes along the whisker; fewer where the calibration is sparse.
 const MOST_NODES: usize = 32;
 
+/// Samples that the extremes at a node are taken from: where lines cross the whisker aslant, one sample tells little of how far they go.
+const LEAST_SAMPLES: usize = 5;
+
 /// Nodes that the gap between two lines of a calibration may span.
 const GAP: usize = 2;
 
@@ -22,25 +25,29 @@ pub struct Domain {
 
 impl Domain {
     /// The region covered by samples given as (arc length, distance away): around each node the extremes of the samples that
-    /// are nearest to it, with as many nodes as leave none without samples; a calibration goes along lines, and what lies
-    /// between two of them counts as calibrated. Nothing where the samples do not spread along the whisker.
+    /// are nearest to it, with as many nodes as have [`LEAST_SAMPLES`] each, or one where there are too few for that; a calibration goes
+    /// along lines, and what lies between two of them counts as calibrated. Nothing where the samples do not spread along the whisker.
     pub fn covering(samples: &[(f64, f64)]) -> Option<Self> {
         let low = samples.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
         let high = samples.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
-        (high > low).then(|| (2..=MOST_NODES).rev().find_map(|nodes| Self::with_nodes(samples, low, high, nodes)))?
+        let finest =
+            |least| (2..=MOST_NODES).rev().find_map(|nodes| Self::with_nodes(samples, low, high, nodes, least));
+        (high > low).then(|| finest(LEAST_SAMPLES).or_else(|| finest(1)))?
     }
 
-    fn with_nodes(samples: &[(f64, f64)], low: f64, high: f64, nodes: usize) -> Option<Self> {
+    fn with_nodes(samples: &[(f64, f64)], low: f64, high: f64, nodes: usize, least: usize) -> Option<Self> {
         let pitch = (high - low) / (nodes - 1) as f64;
         let mut lower_m = vec![0.0; nodes];
         let mut upper_m = vec![f64::NEG_INFINITY; nodes];
+        let mut counts = vec![0; nodes];
         for &(arc_m, away_m) in samples {
             let node = ((arc_m - low) / pitch).round() as usize;
+            counts[node] += 1;
             lower_m[node] = away_m.min(lower_m[node]);
             upper_m[node] = away_m.max(upper_m[node]);
         }
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
-        upper_m.iter().all(|upper| upper.is_finite()).then(|| Self { arc_m, lower_m, upper_m: closed(&upper_m) })
+        counts.iter().all(|&count| count >= least).then(|| Self { arc_m, lower_m, upper_m: closed(&upper_m) })
     }
 
     /// Whether the lists describe a region beside a whisker of this length.
@@ -74,6 +81,16 @@ impl Domain {
         let part = position - node as f64;
         let between = |values: &[f64]| values[node] + part * (values[node + 1] - values[node]);
         (between(&self.lower_m), between(&self.upper_m))
+    }
+
+    /// Where a contact lies in the region, from 0 to 1: along, from the first calibrated arc length to the last, and away, from the
+    /// smallest calibrated distance there to the largest. What lies outside is taken for the border.
+    pub fn shares(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
+        let (low, high) = self.arc_range_m();
+        let (lower, upper) = self.away_range_m(arc_m);
+        let along = ((arc_m - low) / (high - low)).clamp(0.0, 1.0);
+        let away = if upper > lower { ((away_m - lower) / (upper - lower)).clamp(0.0, 1.0) } else { 0.0 };
+        (along, away)
     }
 
     /// Whether a contact with these coordinates was calibrated.

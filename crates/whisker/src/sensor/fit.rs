@@ -2,11 +2,16 @@
 
 use serde_json::Value;
 
-use super::{CalibratedFace, Domain, Face, ModelError, ModelRow, Sample};
+use super::error_map::{ErrorMap, Residual};
+use super::{CalibratedFace, Domain, Face, ModelError, ModelRow, Region, Sample};
 use crate::Whisker;
+use crate::frames::{Base, Point};
 
 /// Blocks into which a single calibration trace is cut so that parts of it can be held out.
 const BLOCKS: usize = 5;
+
+/// Smallest error that a model is granted, relative to the largest reading.
+const SMALLEST_ERROR: f64 = 1e-6;
 
 /// A fitted face and its residuals on held-out data.
 #[derive(Debug)]
@@ -18,27 +23,33 @@ pub struct Fit {
     /// Predicted less true reading of each sample, under the model fitted without the trace it belongs to; in the order
     /// of the input.
     pub residuals_n_m: Vec<Vec<f64>>,
-    /// The largest of them, absolute.
-    pub heldout_worst_n_m: f64,
+}
+
+/// What a model is fitted to: the calibration traces of one face.
+#[derive(Clone, Copy, Debug)]
+pub struct Material<'a> {
+    /// The whisker.
+    pub whisker: &'a Whisker,
+    /// Side of the whisker on which the object lies.
+    pub face: Face,
+    /// The samples of each trace as the sensor gave them. The fit sees these.
+    pub measured: &'a [Vec<Sample>],
+    /// The same samples with readings that held-out predictions are compared with: free of noise, where that is known.
+    pub reference: &'a [Vec<Sample>],
+    /// Standard deviation of the noise that is left in the reference.
+    pub reference_noise_sd_n_m: f64,
 }
 
 /// Fits the model `row` with `config` to the traces of one face.
 ///
-/// `noisy` and `clean` hold the same traces with and without measurement noise: the fit sees the first, residuals are taken against
-/// the second, so that they show the model's error alone. Each trace is judged by the model fitted to the others; a single trace is
-/// cut into blocks that take the part of traces.
+/// Each trace is judged by the model fitted to the others; a single trace is cut into blocks that take the part of traces. The noise of
+/// the reference is taken off the residuals' mean square, so that they show the model's error alone.
 ///
 /// # Errors
 /// [`ModelError`] where the settings are wrong or the data do not determine the model.
-pub fn fit(
-    row: &ModelRow,
-    config: &Value,
-    whisker: &Whisker,
-    face: Face,
-    noisy: &[Vec<Sample>],
-    clean: &[Vec<Sample>],
-) -> Result<Fit, ModelError> {
-    let all = noisy.concat();
+pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fit, ModelError> {
+    let &Material { whisker, face, measured, reference, .. } = material;
+    let all = measured.concat();
     let rest = whisker.rest_shape();
     let coordinates: Vec<(f64, f64)> = all
         .iter()
@@ -49,36 +60,76 @@ pub fn fit(
         .collect();
     let domain = Domain::covering(&coordinates)
         .ok_or_else(|| ModelError::Data("the calibration's contacts do not spread along the whisker".into()))?;
+    let region = Region { whisker, face, domain: &domain };
 
-    let largest_reading_n_m = clean.iter().flatten().map(|s| s.reading_n_m.abs()).fold(0.0, f64::max);
-    let folds = folds(noisy);
-    let mut residuals_n_m: Vec<Vec<f64>> = clean.iter().map(|trace| vec![0.0; trace.len()]).collect();
+    let largest_reading_n_m = reference.iter().flatten().map(|s| s.reading_n_m.abs()).fold(0.0, f64::max);
+    let nodes = region.places(&ErrorMap::nodes());
+    let folds = folds(measured);
+    let mut residuals_n_m: Vec<Vec<f64>> = reference.iter().map(|trace| vec![0.0; trace.len()]).collect();
+    let mut heldout_variance = vec![0.0; nodes.len()];
     for fold in 0..folds.count {
-        let training: Vec<Sample> = noisy
+        let training: Vec<Sample> = measured
             .iter()
             .enumerate()
             .flat_map(|(trace, samples)| samples.iter().enumerate().map(move |(i, sample)| (trace, i, sample)))
             .filter(|&(trace, i, _)| folds.of(trace, i) != fold)
             .map(|(_, _, sample)| *sample)
             .collect();
-        let model = (row.fit)(&training, config)?;
-        for (trace, samples) in clean.iter().enumerate() {
+        let learnt = (row.fit)(&region, &training, config)?;
+        for (trace, samples) in reference.iter().enumerate() {
             for (i, sample) in samples.iter().enumerate().filter(|&(i, _)| folds.of(trace, i) == fold) {
-                residuals_n_m[trace][i] = model.reading_n_m(sample.contact) - sample.reading_n_m;
+                residuals_n_m[trace][i] = learnt.model.reading_n_m(sample.contact) - sample.reading_n_m;
             }
         }
+        for (sum, &node) in heldout_variance.iter_mut().zip(&nodes) {
+            *sum += (learnt.variance_n2_m2)(node) / folds.count as f64;
+        }
     }
-    let count = all.len() as f64;
+    let learnt = (row.fit)(&region, &all, config)?;
+
     let flat = || residuals_n_m.iter().flatten();
-    let heldout_rms_n_m = (flat().map(|r| r * r).sum::<f64>() / count).sqrt();
-    let heldout_worst_n_m = flat().map(|r| r.abs()).fold(0.0, f64::max);
-    let model = (row.fit)(&all, config)?;
+    let noise_n2_m2 = material.reference_noise_sd_n_m.powi(2);
+    // What the noise of so many samples may hide counts as error, and so does a millionth of the range: no model is exact.
+    let count = all.len() as f64;
+    let least_n2_m2 = (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2));
+    let mean_square = flat().map(|r| r * r).sum::<f64>() / count;
+    let residuals: Vec<Residual> = coordinates
+        .iter()
+        .zip(flat())
+        .map(|(&(arc_m, away_m), r)| Residual { shares: domain.shares(arc_m, away_m), squared: r * r })
+        .collect();
+    let remaining: Vec<f64> = nodes.iter().map(|&node| (learnt.variance_n2_m2)(node)).collect();
     Ok(Fit {
-        face: CalibratedFace { face, rest, domain, model, heldout_rms_n_m, largest_reading_n_m },
+        face: CalibratedFace {
+            face,
+            rest,
+            label: learnt.model.label(),
+            model: learnt.model,
+            error: ErrorMap::new(&residuals, &heldout_variance, &remaining, noise_n2_m2, least_n2_m2),
+            heldout_rms_n_m: (mean_square - noise_n2_m2).max(least_n2_m2).sqrt(),
+            heldout_worst_n_m: flat().map(|r| r.abs()).fold(0.0, f64::max),
+            largest_reading_n_m,
+            domain,
+        },
         samples: all.len(),
         residuals_n_m,
-        heldout_worst_n_m,
     })
+}
+
+impl Region<'_> {
+    /// Contacts at places given as shares of the region.
+    fn places(&self, shares: &[(f64, f64)]) -> Vec<Point<Base>> {
+        let rest = self.whisker.rest_shape();
+        let (low, high) = self.domain.arc_range_m();
+        shares
+            .iter()
+            .map(|&(along, away)| {
+                let arc_m = low + along * (high - low);
+                let (lower, upper) = self.domain.away_range_m(arc_m);
+                rest.beside(arc_m, (lower + away * (upper - lower)) * self.face.away_sign())
+            })
+            .collect()
+    }
 }
 
 struct Folds {

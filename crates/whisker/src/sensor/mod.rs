@@ -7,8 +7,15 @@
 //! To add a model: one file beside `polynomial.rs`, and one row in [`MODELS`].
 
 mod domain;
+mod elastica;
+mod error_map;
 mod fit;
+mod mechanics;
+mod polar;
 mod polynomial;
+mod regression;
+mod spline;
+mod table;
 
 use std::fmt::Debug;
 
@@ -16,12 +23,12 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::RestShape;
 use crate::frames::{Base, Point};
+use crate::{RestShape, Whisker};
 
 pub use domain::Domain;
-pub use fit::{Fit, fit};
-pub use polynomial::{Polynomial, PolynomialConfig};
+pub use error_map::ErrorMap;
+pub use fit::{Fit, Material, fit};
 
 /// The side of the whisker on which the object lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -105,6 +112,11 @@ pub trait SensorModel: Debug + Send + Sync {
     /// Name in the registry.
     fn kind(&self) -> &'static str;
 
+    /// Name that tells it from the others of a calibration: the kind, and what of its settings sets it apart.
+    fn label(&self) -> String {
+        self.kind().into()
+    }
+
     /// Expected reading of a contact.
     fn reading_n_m(&self, contact: Point<Base>) -> f64;
 
@@ -125,6 +137,22 @@ pub trait SensorModel: Debug + Send + Sync {
             gradient_n: Vector2::new(slope(Vector2::x() * STEP_M), slope(Vector2::y() * STEP_M)),
         }
     }
+
+    /// Angle in Base of the deflected whisker's tangent at the contact, where the model knows mechanics.
+    fn tangent_rad(&self, _contact: Point<Base>) -> Option<f64> {
+        None
+    }
+}
+
+/// The part of the plane beside a whisker that a calibration covers.
+#[derive(Clone, Copy, Debug)]
+pub struct Region<'a> {
+    /// The whisker.
+    pub whisker: &'a Whisker,
+    /// Side of the whisker on which the object lies.
+    pub face: Face,
+    /// What is calibrated there.
+    pub domain: &'a Domain,
 }
 
 /// A row of the registry of sensor models.
@@ -135,23 +163,53 @@ pub struct ModelRow {
     pub about: &'static str,
     /// Default settings.
     pub defaults: fn() -> Value,
+    /// Settings that a calibration tries where it is to find the best model by itself.
+    pub candidates: fn() -> Vec<Value>,
     /// Fits the model to samples of one face.
-    pub fit: fn(&[Sample], &Value) -> Made,
+    pub fit: fn(&Region<'_>, &[Sample], &Value) -> Result<Learnt, ModelError>,
     /// Loads what [`SensorModel::to_json`] wrote.
-    pub load: fn(&Value) -> Made,
+    pub load: fn(&Region<'_>, &Value) -> Made,
 }
 
-/// A model that was fitted or loaded.
+/// What a fit yields.
+pub struct Learnt {
+    /// The model.
+    pub model: Box<dyn SensorModel>,
+    /// Variance of its reading at a contact that is left by the noise and the number of the samples, in N2 m2. What the formula
+    /// itself cannot follow is not in it: held-out data show that.
+    pub variance_n2_m2: Box<dyn Fn(Point<Base>) -> f64 + Send>,
+}
+
+/// A model that was loaded.
 pub type Made = Result<Box<dyn SensorModel>, ModelError>;
 
 /// The registry of sensor models.
-pub const MODELS: &[ModelRow] = &[ModelRow {
-    kind: polynomial::KIND,
-    about: "bivariate polynomial of any total degree in the contact's coordinates (Lin et al. 2022, degree 5)",
-    defaults: polynomial::defaults,
-    fit: polynomial::fit,
-    load: polynomial::load,
-}];
+pub const MODELS: &[ModelRow] = &[
+    ModelRow {
+        kind: polynomial::KIND,
+        about: "bivariate polynomial of any total degree in the contact's coordinates (Lin et al. 2022, degree 5)",
+        defaults: polynomial::defaults,
+        candidates: polynomial::candidates,
+        fit: polynomial::fit,
+        load: polynomial::load,
+    },
+    ModelRow {
+        kind: spline::KIND,
+        about: "smooth map without mechanics: penalised tensor-product spline, smoothed by generalised cross-validation",
+        defaults: spline::defaults,
+        candidates: spline::candidates,
+        fit: spline::fit,
+        load: spline::load,
+    },
+    ModelRow {
+        kind: elastica::KIND,
+        about: "exact quasi-static whisker whose stiffnesses, pre-curvature, gain, offset and mounting are fitted",
+        defaults: elastica::defaults,
+        candidates: elastica::candidates,
+        fit: elastica::fit,
+        load: elastica::load,
+    },
+];
 
 /// The registry's row of this name.
 ///
@@ -173,10 +231,16 @@ pub struct CalibratedFace {
     pub rest: RestShape,
     /// The calibrated region.
     pub domain: Domain,
+    /// Name of the formula among those of the calibration.
+    pub label: String,
     /// The formula.
     pub model: Box<dyn SensorModel>,
-    /// Root mean square residual on data that the fit did not see: the model's own error.
+    /// The formula's own error over the region.
+    pub error: ErrorMap,
+    /// Root mean square residual on data that the fit did not see.
     pub heldout_rms_n_m: f64,
+    /// The largest such residual, absolute.
+    pub heldout_worst_n_m: f64,
     /// Largest absolute reading of the calibration.
     pub largest_reading_n_m: f64,
 }
@@ -207,6 +271,15 @@ impl CalibratedFace {
     pub fn predict(&self, contact: Point<Base>) -> Option<Prediction> {
         let (arc_m, away_m) = self.along_and_away(contact);
         self.domain.contains(arc_m, away_m).then(|| self.model.predict(contact))
+    }
+
+    /// Variance by which the true reading scatters around the expected one, measurement noise apart: the model's own error, as
+    /// held-out data and the number of samples show it. An estimator adds it to the variance of the measurement noise. It is an error
+    /// that comes back at the same place, not one that averages out.
+    pub fn model_variance_n2_m2(&self, contact: Point<Base>) -> f64 {
+        let (arc_m, away_m) = self.along_and_away(contact);
+        let (along, away) = self.domain.shares(arc_m, away_m);
+        self.error.variance_n2_m2(along, away)
     }
 
     /// The contact itself where it is calibrated, else a near one at the border of the calibrated region.

@@ -1,23 +1,28 @@
-//! Bivariate polynomial of total degree `n` in the scaled coordinates of the contact (Lin et al. 2022 use `n` = 5).
+//! Bivariate polynomial of total degree `n` in the contact's coordinates in Base (Lin et al. 2022 use `n` = 5).
 //!
-//! With `u = (x - x0) / a`, `v = (y - y0) / b`, both within [-1, 1] over the calibration: `g(x, y) = sum c_ij u^i v^j`, `i + j <= n`.
-//! Scaling keeps the least-squares problem well conditioned, which raw metres to the fifth power would not be.
+//! With `u = (x - x0) / a`, `v = (y - y0) / b`, both within [-1, 1] over the calibration: `g(x, y) = sum c_ij T_i(u) T_j(v)`, `i + j <= n`,
+//! `T_i` the Chebyshev polynomials. They span what the monomials `x^i y^j` do, and stay apart from one another where those of a high
+//! degree look alike to the last digit.
 
 use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use super::{Made, ModelError, Prediction, Sample, SensorModel};
+use super::regression::Triangle;
+use super::{Learnt, Made, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::frames::{Base, Point};
 
 pub(super) const KIND: &str = "polynomial";
 
+/// Largest degree.
+const MOST_DEGREE: usize = 24;
+
 /// Settings of the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct PolynomialConfig {
+pub(super) struct PolynomialConfig {
     /// Total degree.
-    pub degree: usize,
+    degree: usize,
 }
 
 impl Default for PolynomialConfig {
@@ -29,7 +34,7 @@ impl Default for PolynomialConfig {
 /// The fitted polynomial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Polynomial {
+pub(super) struct Polynomial {
     kind: String,
     degree: usize,
     center_m: [f64; 2],
@@ -38,8 +43,26 @@ pub struct Polynomial {
     coefficients_n_m: Vec<f64>,
 }
 
-/// Largest degree: beyond it the coefficients of monomials lose all digits.
-const MOST_DEGREE: usize = 20;
+/// `T_0` to `T_n` of an argument and their derivatives; what lies beyond `n` is not used.
+struct Chebyshev {
+    values: [f64; MOST_DEGREE + 1],
+    slopes: [f64; MOST_DEGREE + 1],
+}
+
+impl Chebyshev {
+    /// By the recurrence `T_(i+1) = 2 u T_i - T_(i-1)` and its derivative.
+    fn new(u: f64, degree: usize) -> Self {
+        let (mut values, mut slopes) = ([1.0; MOST_DEGREE + 1], [0.0; MOST_DEGREE + 1]);
+        if degree > 0 {
+            (values[1], slopes[1]) = (u, 1.0);
+        }
+        for i in 1..degree {
+            values[i + 1] = 2.0 * u * values[i] - values[i - 1];
+            slopes[i + 1] = 2.0 * (values[i] + u * slopes[i]) - slopes[i - 1];
+        }
+        Self { values, slopes }
+    }
+}
 
 fn check_degree(degree: usize) -> Result<(), ModelError> {
     if degree > MOST_DEGREE {
@@ -60,15 +83,14 @@ fn middle_and_half(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 }
 
 impl Polynomial {
-    /// Least-squares fit by a QR decomposition.
+    /// Least-squares fit, and the variance that it leaves to a prediction.
     ///
     /// # Errors
     /// [`ModelError::Data`] where the samples do not determine the coefficients.
-    pub fn fit(samples: &[Sample], config: PolynomialConfig) -> Result<Self, ModelError> {
-        let degree = config.degree;
+    fn fit(samples: &[Sample], degree: usize) -> Result<Learnt, ModelError> {
         check_degree(degree)?;
         let count = terms(degree);
-        if samples.len() < count {
+        if samples.len() <= count {
             return Err(ModelError::Data(format!(
                 "a polynomial of degree {degree} has {count} coefficients, the calibration only {} samples",
                 samples.len()
@@ -76,39 +98,39 @@ impl Polynomial {
         }
         let (x0, a) = middle_and_half(samples.iter().map(|s| s.contact.x()));
         let (y0, b) = middle_and_half(samples.iter().map(|s| s.contact.y()));
-        let mut design = DMatrix::zeros(samples.len(), count);
-        for (row, sample) in samples.iter().enumerate() {
-            let (u, v) = ((sample.contact.x() - x0) / a, (sample.contact.y() - y0) / b);
-            let mut column = 0;
-            for i in 0..=degree {
-                for j in 0..=degree - i {
-                    design[(row, column)] = u.powi(i as i32) * v.powi(j as i32);
-                    column += 1;
-                }
-            }
-        }
-        let readings = DVector::from_iterator(samples.len(), samples.iter().map(|s| s.reading_n_m));
-        let qr = design.qr();
-        let r = qr.r();
-        let diagonal = r.diagonal().abs();
-        let is_determined = diagonal.min() > 1e-12 * diagonal.max();
-        // Samples without extent have no scale, and NaN for a diagonal, which is not greater either.
-        if !is_determined {
-            return Err(ModelError::Data(format!(
+        let mut model =
+            Self { kind: KIND.into(), degree, center_m: [x0, y0], scale_m: [a, b], coefficients_n_m: vec![0.0; count] };
+        let triangle = Triangle::new(count, samples, |sample, row| {
+            model.basis(sample.contact, row);
+            sample.reading_n_m
+        });
+        let estimate = triangle.estimate(&DMatrix::zeros(0, count)).ok_or_else(|| {
+            ModelError::Data(format!(
                 "the calibration's contacts do not determine a polynomial of degree {degree}: they must spread in both directions"
-            )));
-        }
-        let projected = qr.q().transpose() * readings;
-        let coefficients = r.solve_upper_triangular(&projected).ok_or_else(|| {
-            ModelError::Data(format!("the calibration does not determine a polynomial of degree {degree}"))
+            ))
         })?;
-        Ok(Self {
-            kind: KIND.into(),
-            degree,
-            center_m: [x0, y0],
-            scale_m: [a, b],
-            coefficients_n_m: coefficients.iter().copied().collect(),
-        })
+        model.coefficients_n_m = estimate.coefficients.iter().copied().collect();
+        let of_basis = model.clone();
+        let variance_n2_m2 = move |contact| {
+            let mut basis = DVector::zeros(count);
+            of_basis.basis(contact, basis.as_mut_slice());
+            estimate.variance(&basis)
+        };
+        Ok(Learnt { model: Box::new(model), variance_n2_m2: Box::new(variance_n2_m2) })
+    }
+
+    fn scaled(&self, contact: Point<Base>) -> (f64, f64) {
+        ((contact.x() - self.center_m[0]) / self.scale_m[0], (contact.y() - self.center_m[1]) / self.scale_m[1])
+    }
+
+    /// The products `T_i T_j` in the order of the coefficients.
+    fn basis(&self, contact: Point<Base>, row: &mut [f64]) {
+        let (u, v) = self.scaled(contact);
+        let (by_u, by_v) = (Chebyshev::new(u, self.degree), Chebyshev::new(v, self.degree));
+        let pairs = (0..=self.degree).flat_map(|i| (0..=self.degree - i).map(move |j| (i, j)));
+        for (product, (i, j)) in row.iter_mut().zip(pairs) {
+            *product = by_u.values[i] * by_v.values[j];
+        }
     }
 }
 
@@ -117,29 +139,33 @@ impl SensorModel for Polynomial {
         KIND
     }
 
+    fn label(&self) -> String {
+        format!("{KIND}-{}", self.degree)
+    }
+
     fn reading_n_m(&self, contact: Point<Base>) -> f64 {
         self.predict(contact).reading_n_m
     }
 
-    /// Value and gradient together by Horner's rule, in `u` over polynomials in `v`.
     fn predict(&self, contact: Point<Base>) -> Prediction {
-        let u = (contact.x() - self.center_m[0]) / self.scale_m[0];
-        let v = (contact.y() - self.center_m[1]) / self.scale_m[1];
-        let (mut value, mut by_u, mut by_v) = (0.0, 0.0, 0.0);
-        let mut end = self.coefficients_n_m.len();
-        for i in (0..=self.degree).rev() {
-            let start = end - (self.degree - i + 1);
-            let (mut row, mut row_by_v) = (0.0, 0.0);
-            for &coefficient in self.coefficients_n_m[start..end].iter().rev() {
-                row_by_v = row_by_v * v + row;
-                row = row * v + coefficient;
-            }
-            by_u = by_u * u + value;
-            by_v = by_v * u + row_by_v;
-            value = value * u + row;
-            end = start;
+        let (u, v) = self.scaled(contact);
+        let (by_u, by_v) = (Chebyshev::new(u, self.degree), Chebyshev::new(v, self.degree));
+        let (mut value, mut slope_u, mut slope_v) = (0.0, 0.0, 0.0);
+        let mut start = 0;
+        for i in 0..=self.degree {
+            let end = start + self.degree - i + 1;
+            let row = &self.coefficients_n_m[start..end];
+            let along_v = |terms: &[f64]| -> f64 { row.iter().zip(terms).map(|(c, term)| c * term).sum() };
+            let (sum, sum_slope) = (along_v(&by_v.values), along_v(&by_v.slopes));
+            value += by_u.values[i] * sum;
+            slope_u += by_u.slopes[i] * sum;
+            slope_v += by_u.values[i] * sum_slope;
+            start = end;
         }
-        Prediction { reading_n_m: value, gradient_n: Vector2::new(by_u / self.scale_m[0], by_v / self.scale_m[1]) }
+        Prediction {
+            reading_n_m: value,
+            gradient_n: Vector2::new(slope_u / self.scale_m[0], slope_v / self.scale_m[1]),
+        }
     }
 
     fn to_json(&self) -> Value {
@@ -155,12 +181,16 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(PolynomialConfig::default()).expect("a struct of numbers serialises")
 }
 
-pub(super) fn fit(samples: &[Sample], config: &Value) -> Made {
-    let config = PolynomialConfig::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
-    Ok(Box::new(Polynomial::fit(samples, config)?))
+pub(super) fn candidates() -> Vec<Value> {
+    [5, 7, 9].map(|degree| json!({ "degree": degree })).into()
 }
 
-pub(super) fn load(value: &Value) -> Made {
+pub(super) fn fit(_: &Region<'_>, samples: &[Sample], config: &Value) -> Result<Learnt, ModelError> {
+    let config = PolynomialConfig::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    Polynomial::fit(samples, config.degree)
+}
+
+pub(super) fn load(_: &Region<'_>, value: &Value) -> Made {
     let model = Polynomial::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_degree(model.degree)?;
     let expected = terms(model.degree);
@@ -188,8 +218,8 @@ mod tests {
     fn samples(g: impl Fn(f64, f64) -> f64) -> Vec<Sample> {
         let mut samples = Vec::new();
         for i in 0..30 {
-            for j in 0..12 {
-                let (x, y) = (0.02 + 0.002 * f64::from(i), -0.02 + 0.0015 * f64::from(j) + 0.1 * 0.002 * f64::from(i));
+            for j in 0..24 {
+                let (x, y) = (0.02 + 0.002 * f64::from(i), -0.02 + 0.75e-3 * f64::from(j) + 0.2e-3 * f64::from(i));
                 samples.push(Sample { contact: Point::new(x, y), reading_n_m: g(x, y) });
             }
         }
@@ -199,7 +229,7 @@ mod tests {
     #[test]
     fn val_recovers_a_polynomial_of_its_own_degree() {
         let g = |x: f64, y: f64| 3e-5 + 2e-3 * y + 40.0 * x * y * y - 900.0 * x.powi(3) * y * y;
-        let model = Polynomial::fit(&samples(g), PolynomialConfig { degree: 5 }).unwrap();
+        let model = Polynomial::fit(&samples(g), 5).unwrap().model;
         for (x, y) in [(0.031_f64, -0.011_f64), (0.055, -0.004), (0.077, -0.016)] {
             let by_x = 40.0 * y * y - 2700.0 * x * x * y * y;
             let by_y = 2e-3 + 80.0 * x * y - 1800.0 * x.powi(3) * y;
@@ -210,20 +240,13 @@ mod tests {
     }
 
     #[test]
-    fn verif_survives_writing_and_reading() {
-        let model = Polynomial::fit(&samples(|x, y| x * y), PolynomialConfig { degree: 3 }).unwrap();
-        let text = serde_json::to_string(&model.to_json()).unwrap();
-        let again = load(&serde_json::from_str(&text).unwrap()).unwrap();
-        assert_eq!(again.to_json(), model.to_json());
-    }
-
-    #[test]
-    fn robust_refuses_data_that_do_not_determine_it() {
-        let on_a_line: Vec<_> =
-            (0..100).map(|i| Sample { contact: Point::new(f64::from(i) * 1e-3, 0.0), reading_n_m: 0.0 }).collect();
-        for samples in [&on_a_line[..], &on_a_line[..3]] {
-            let error = Polynomial::fit(samples, PolynomialConfig::default()).unwrap_err();
-            assert!(matches!(error, ModelError::Data(_)));
-        }
+    fn val_high_degrees_keep_their_digits() {
+        let g = |x: f64, y: f64| (60.0 * x).sin() * (80.0 * y).exp();
+        let worst = |degree: usize| {
+            let model = Polynomial::fit(&samples(g), degree).unwrap().model;
+            let miss = |s: &Sample| (model.reading_n_m(s.contact) - s.reading_n_m).abs();
+            samples(g).iter().map(miss).fold(0.0, f64::max)
+        };
+        assert!(worst(6) > 1e-6 && worst(18) < 1e-12, "{} {}", worst(6), worst(18));
     }
 }

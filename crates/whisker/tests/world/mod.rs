@@ -4,9 +4,9 @@
 use std::sync::Arc;
 
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Sample};
+use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::{self, CalibratedFace, Face};
-use whisker::touch::TouchConfig;
 use whisker::{Curvature, Whisker};
 
 /// Samples a second.
@@ -45,9 +45,23 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
         })
         .collect();
     let row = sensor::model("polynomial").unwrap();
-    let fit = sensor::fit(row, &(row.defaults)(), &whisker, Face::Left, &traces, &traces).unwrap();
+    let material = sensor::Material {
+        whisker: &whisker,
+        face: Face::Left,
+        measured: &traces,
+        reference: &traces,
+        reference_noise_sd_n_m: 0.0,
+    };
+    let fit = sensor::fit(row, &(row.defaults)(), &material).unwrap();
     let face: CalibratedFace = fit.face;
-    Arc::new(Knowledge { rest: whisker.rest_shape(), whisker, faces: vec![Arc::new(face)], noise_sd_n_m })
+    Arc::new(Knowledge {
+        rest: whisker.rest_shape(),
+        whisker,
+        faces: vec![Arc::new(face)],
+        noise_sd_n_m,
+        rate_hz: RATE_HZ,
+        told: None,
+    })
 }
 
 /// The base's pose: at rest and free for 0.2 s, then into touch and about.

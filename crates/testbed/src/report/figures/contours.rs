@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 use anyhow::Result;
 use plotters::style::Color;
 
+use crate::metrics::consistency::CHI2_95;
+use crate::metrics::outline;
 use crate::report::axes::{Panel, Rect, equal, extent};
 use crate::report::canvas::{Canvas, Picture};
 use crate::report::outline::touched_stretch;
@@ -14,8 +16,6 @@ use crate::report::style::{
 };
 use crate::results::{EstimateRow, RunSet};
 
-/// Square of the radius that holds 95 % of a planar Gaussian, in standard deviations: -2 ln 0.05.
-const CHI2_95: f64 = 5.991_464_547_107_98;
 /// Ellipses drawn in a panel.
 const ELLIPSES: usize = 12;
 /// Estimated points drawn in a panel.
@@ -92,14 +92,15 @@ fn contour(data: &RunData, set: &RunSet) -> Result<Option<Contour>> {
     let Some(best) = smallest(data.filters(), |name| data.outline_distance_m(set, name)) else {
         return Ok(None);
     };
-    let Some(trial) = data.typical_trial(set, best, |trial| trial.outline_median_m) else {
+    let Some(trial) = data.typical_trial(set, best, &outline::MEDIAN) else {
         return Ok(None);
     };
-    let (Some(outline), Some(rows)) = (data.outline(&trial.trace)?, data.estimates(&trial.trace, best)?) else {
+    let (Some(outline), Some(rows)) = (data.outline(&trial.head.trace)?, data.estimates(&trial.head.trace, best)?)
+    else {
         return Ok(None);
     };
     let outline: Points = outline.iter().map(|(x, y)| (1e3 * x, 1e3 * y)).collect();
-    let steady: Vec<&EstimateRow> = rows.iter().filter(|row| row.t_s >= trial.touch_s + STEADY_S).collect();
+    let steady: Vec<&EstimateRow> = rows.iter().filter(|row| row.t_s >= trial.head.touch_s + STEADY_S).collect();
     let touched = steady.iter().map(|row| point_mm(row.truth_surface_x_m, row.truth_surface_y_m));
     let seen: Vec<&EstimateRow> = steady.iter().copied().filter(|row| row.surface_x_m.is_some()).collect();
     let distance = data

@@ -56,7 +56,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let end_s = values().map(|row| row[0]).fold(0.0, f64::max);
     let errors = values().flat_map(|row| row[1..].to_vec()).filter(|error| *error < LARGEST_MM);
     let error = Axis::logarithmic("contact error (mm)", without_dips(errors));
-    let names: Vec<String> = data.estimators().map(str::to_owned).collect();
+    let names = data.labels();
     let bands: Vec<_> = banded.iter().map(|name| Look::of(data.place_of(name)).color.mix(2.0 * BAND_OPACITY)).collect();
     let bands_text = format!("10 to 90 %: {}", banded.join(", "));
 
@@ -66,8 +66,8 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
         if !bands.is_empty() {
             entries.push(LegendEntry::bands(&bands_text, bands.clone()));
         }
-        legend(canvas, (64.0, 18.0), &entries)?;
-        let frames = Rect::inside(canvas, [64.0, 64.0, 56.0, 48.0]).columns(&equal(sets.len()), 62.0);
+        let below = legend(canvas, (64.0, 18.0), &entries)?;
+        let frames = Rect::inside(canvas, [64.0, below + 46.0, 56.0, 48.0]).columns(&equal(sets.len()), 62.0);
         for (column, ((title, curves), frame)) in sets.iter().zip(frames).enumerate() {
             let error = if column == 0 { error.clone() } else { error.clone().bare() };
             for (row, (frame, until_s)) in frame.rows(&equal(2), 60.0).into_iter().zip([end_s, ZOOM_S]).enumerate() {

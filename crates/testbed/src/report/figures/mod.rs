@@ -1,31 +1,22 @@
-//! The figures of a report. To add one: a file in this folder and a row in [`FIGURES`].
+//! The figures of an evaluated run. To add one: a file in this folder and a row in [`FIGURES`].
 
-use anyhow::Result;
-
-use super::canvas::Picture;
+use super::figure::Figure;
 use super::run_data::RunData;
 
+mod consistency;
+mod contact_events;
 mod contours;
 mod error_over_time;
 mod objects;
+mod observability;
+mod physical_limit;
+mod published;
 mod sample_trace;
 mod sensor_model;
 mod start_and_steady;
 
-/// One figure of the report.
-pub(crate) struct Figure {
-    /// Name of its files.
-    pub(crate) name: &'static str,
-    /// Its heading on the page.
-    pub(crate) title: &'static str,
-    /// What is seen, in plain text.
-    pub(super) caption: &'static str,
-    /// Lays it out; absent where the run holds nothing of the kind.
-    pub(super) draw: fn(&RunData) -> Result<Option<Picture>>,
-}
-
 /// All figures, in the order of the page.
-pub(crate) const FIGURES: &[Figure] = &[
+pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "error_over_time",
         title: "Error over time",
@@ -45,6 +36,54 @@ pub(crate) const FIGURES: &[Figure] = &[
                   of filters and baselines cover different times, and the table above compares them at common ones. \
                   Factor: error of the better baseline over that of the filter in steady state, as in that table.",
         draw: start_and_steady::draw,
+    },
+    Figure {
+        name: "physical_limit",
+        title: "Against the physical limit",
+        caption: "Above, the root mean square error over trials and noise seeds, and the least that the readings so far allow \
+                  whatever the estimator: the posterior Cramér–Rao bound for the same traces, sensor model and noise, of one \
+                  who is told how the contact slides. Below, their ratio: 1 is the physical limit. It is a limit on the average: \
+                  with few trials a curve strays about it, and long, since an error lives on in a filter. Hindsight knows the \
+                  readings that were still to come, and has no ratio.",
+        draw: physical_limit::draw,
+    },
+    Figure {
+        name: "consistency",
+        title: "As sure as they may be",
+        caption: "Errors and innovations in units of the standard deviations that the filter states, squared, average over trials \
+                  and noise seeds. In the band they are consistent (95 % interval of the chi-square distribution over that many \
+                  independent runs); above it the filter is overconfident, below it underconfident. Bars: share of the \
+                  stated 95 % ellipses that hold the truth, over the whole contact, between 90 and 98 % in the band; the \
+                  verdict is that of the average over the whole contact, with each run as one sample.",
+        draw: consistency::draw,
+    },
+    Figure {
+        name: "observability",
+        title: "When the motion tells where the contact is",
+        caption: "One trial a whisker. Left, the path of the base: dark where the readings of the last half second by \
+                  themselves tell the contact's place to a fraction of a millimetre, pale where they tell little. Right, the reading; how \
+                  much longer than wide the ellipse is in which that half second leaves the contact, the root of the condition \
+                  number of its information: large where it tells of one direction only; and the least error that it \
+                  allows, beside that of all readings so far and the filter's.",
+        draw: observability::draw,
+    },
+    Figure {
+        name: "published",
+        title: "Beside the published figures",
+        caption: "The filters configured as published (Lin et al. 2022). Left, median error over trials and noise seeds; hollow \
+                  markers are read off the published plots: from that time on the error stays below that value. Right, steady \
+                  state: dots are root mean square errors of each trial, bars their median, boxes the published range. Sensor, motions \
+                  and noise of the publication are not known exactly: compare the picture, not the digits.",
+        draw: published::draw,
+    },
+    Figure {
+        name: "contact_events",
+        title: "Touches and lost contacts",
+        caption: "The first trial in which a contact is lost, as each detector sees it: the reading, the filtered reading \
+                  that the detector watches and the thresholds it holds that against, one for a touch and a lower one for \
+                  its end. Bars on top: contacts found; ground: true contacts. A released whisker rings, which neither ends nor \
+                  begins a contact.",
+        draw: contact_events::draw,
     },
     Figure {
         name: "contours",

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 
+use crate::metrics::error;
 use crate::report::axes::{Axis, Panel, Rect, equal};
 use crate::report::canvas::{Align, Canvas, Picture};
 use crate::report::run_data::RunData;
@@ -20,7 +21,7 @@ struct Cell {
 type Metric = fn(&RunData, &RunSet, &str) -> Option<f64>;
 
 const METRICS: [(&str, &str, Metric); 2] = [
-    ("contact", "RMS contact error (mm)", |data, set, estimator| data.summary_of(set, estimator)?.rmse_m),
+    ("contact", "RMS contact error (mm)", |data, set, estimator| data.summary_of(set, estimator)?.get(&error::RMSE)),
     ("outline", "distance to outline (mm)", RunData::outline_distance_m),
 ];
 
@@ -42,13 +43,13 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     if rows.iter().any(|(_, cells)| cells.iter().all(|cell| cell.dots.is_empty())) {
         return Ok(None);
     }
-    let names: Vec<String> = data.estimators().map(str::to_owned).collect();
+    let names = data.labels();
 
     let paint = move |canvas: &Canvas| {
         let entries: Vec<_> =
             names.iter().enumerate().map(|(index, name)| LegendEntry::marker(name, Look::of(index), true)).collect();
-        legend(canvas, (60.0, 18.0), &entries)?;
-        let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 34.0]);
+        let below = legend(canvas, (60.0, 18.0), &entries)?;
+        let plot = Rect::inside(canvas, [64.0, below + 46.0, 16.0, 34.0]);
         for ((label, cells), frame) in rows.iter().zip(plot.rows(&equal(rows.len()), 66.0)) {
             let values = cells.iter().flat_map(|cell| cell.dots.iter().map(|dot| dot.2));
             let axis = Axis::logarithmic(label, values);

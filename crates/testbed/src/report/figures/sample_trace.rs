@@ -3,6 +3,7 @@
 use anyhow::Result;
 use plotters::style::RGBColor;
 
+use crate::metrics::error;
 use crate::report::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::report::canvas::{Canvas, Picture};
 use crate::report::run_data::RunData;
@@ -77,20 +78,20 @@ fn values(series: &Series) -> Vec<f64> {
 }
 
 fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>> {
-    let Some(scores) = data.typical_trial(set, estimator, |trial| trial.median_m) else {
+    let Some(scores) = data.typical_trial(set, estimator, &error::MEDIAN) else {
         return Ok(None);
     };
-    let Some(rows) = data.estimates(&scores.trace, estimator)? else {
+    let Some(rows) = data.estimates(&scores.head.trace, estimator)? else {
         return Ok(None);
     };
     let first = rows[0].clone();
     let series =
         |value: &dyn Fn(&EstimateRow) -> f64| -> Series { rows.iter().map(|row| (row.t_s, value(row))).collect() };
     Ok(Some(Trial {
-        title: format!("{} whisker: {}", set.whisker, scores.trace),
+        title: format!("{} whisker: {}", set.whisker, scores.head.trace),
         error_title: format!("error of {estimator}"),
         look: Look::of(data.place_of(estimator)),
-        touch_s: scores.touch_s,
+        touch_s: scores.head.touch_s,
         end_s: rows[rows.len() - 1].t_s,
         reading_un_m: series(&|row| 1e6 * row.reading_n_m),
         position_mm: [
@@ -98,14 +99,9 @@ fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>>
             series(&|row| 1e3 * (row.base_y_m - first.base_y_m)),
         ],
         yaw_deg: series(&|row| (row.base_yaw_rad - first.base_yaw_rad).to_degrees()),
-        error_mm: series(&|row| 1e3 * contact_error_m(row).unwrap_or(f64::NAN)),
+        error_mm: series(&|row| 1e3 * row.contact_error_m().unwrap_or(f64::NAN)),
         claimed_mm: series(&|row| 1e3 * claimed_deviation_m(row).unwrap_or(f64::NAN)),
     }))
-}
-
-/// Distance of the estimated from the true contact.
-fn contact_error_m(row: &EstimateRow) -> Option<f64> {
-    Some((row.contact_x_m? - row.truth_contact_x_m?).hypot(row.contact_y_m? - row.truth_contact_y_m?))
 }
 
 /// Root of the trace of the covariance: the root mean square error that the estimator claims.

@@ -15,7 +15,7 @@ const ROW_PX: u32 = 34;
 
 /// One estimator in one panel.
 struct Strip {
-    estimator: String,
+    label: String,
     look: Look,
     errors_mm: Vec<f64>,
     factor: Option<f64>,
@@ -24,13 +24,14 @@ struct Strip {
 /// Lays the figure out.
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let sets = data.leading_sets();
+    let labels = data.labels();
     let panels: Vec<Vec<(String, Vec<Strip>)>> = Phase::ALL
         .into_iter()
         .map(|phase| {
             sets.iter()
                 .map(|set| {
                     let strip = |(index, estimator): (usize, &str)| Strip {
-                        estimator: estimator.to_owned(),
+                        label: labels[index].clone(),
                         look: Look::of(index),
                         errors_mm: phase_errors(data, set, estimator, phase).map(|error| 1e3 * error).collect(),
                         // At the start the dots of filter and baseline cover different times, the factor common ones.
@@ -60,7 +61,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
         let mut names_px = 0.0f64;
         for (_, strips) in panels.iter().flatten() {
             for strip in strips {
-                names_px = names_px.max(canvas.text_width_px(&strip.estimator, LABEL)?);
+                names_px = names_px.max(canvas.text_width_px(&strip.label, LABEL)?);
             }
         }
         let plot = Rect::inside(canvas, [names_px + 32.0, 36.0, 8.0, 48.0]);
@@ -105,7 +106,7 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
             canvas.text(&text, (factors_x, y), LABEL.aligned(Align::Center))?;
         }
         if named {
-            canvas.text(&strip.estimator, (frame.left - 24.0, y), LABEL.aligned(Align::Right))?;
+            canvas.text(&strip.label, (frame.left - 24.0, y), LABEL.aligned(Align::Right))?;
             strip.look.mark(canvas, (frame.left - 12.0, y), 4.0, true)?;
         }
         if strip.errors_mm.is_empty() {

@@ -2,6 +2,10 @@
 //!
 //! Trials run in parallel; what they yield is put together in their order, so the results do not depend on the number of threads.
 
+mod part_folder;
+mod starts;
+mod tables;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,26 +15,31 @@ use anyhow::{Context, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, Outline, Role, Trace, is_plain_name, read_json, sha256, write_atomically, write_json};
-use whisker::estimators::{self, Estimate, EstimatorRow};
+use trace::{
+    CalibrationFile, Outline, Role, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically, write_json,
+};
+use whisker::estimators::{self, EstimatorRow, Knowledge, Told};
+use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
-use whisker::touch::TouchConfig;
 
+use crate::bound::TraceBound;
 use crate::dataset::Dataset;
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::FrontEnd;
-use crate::metrics::{ContactError, Trial, score};
+use crate::metrics::{Scored, Scores, Trial, Unscored};
 use crate::provenance::watermark;
 use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
-    ErrorBandRow, EstimateRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialRow, csv_bytes,
-    read_rows,
+    FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes, read_rows,
+    read_scores, score_bytes,
 };
 use crate::settings::merged;
-use crate::statistics::{median_of_scores, quantile};
 
-/// Width of the time bins of `error_over_time.csv`.
-const BIN_S: f64 = 0.02;
+use part_folder::PartFolder;
+use tables::OverTime;
+
+pub use starts::Starts;
+pub use tables::estimate_rows;
 
 /// What to evaluate and how.
 #[derive(Clone, Debug)]
@@ -47,6 +56,8 @@ pub struct EvaluateSettings {
     pub noise: Vec<f64>,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
+    /// What the estimators are told of the first touch.
+    pub starts: Starts,
     /// Folder of the calibrations; without it, that beside the traces.
     pub calibrations: Option<PathBuf>,
     /// Folder under which the run's folder is made.
@@ -64,22 +75,28 @@ pub struct Evaluated {
     pub is_new: bool,
     /// Trials that could not be scored.
     pub failures: Vec<FailureRow>,
+    /// Trials that were replayed but not scored, for nobody knows where the contact was.
+    pub unscored: Vec<String>,
 }
 
 /// A set: trials of one group with one whisker, which share a noise level.
 type SetKey = (String, String);
 
 /// One trial, one noise level, one seed.
-struct Job {
-    trial: usize,
+struct Job<'a> {
+    trial: &'a BenchTrial,
     noise: f64,
     seed: u64,
+    /// What no estimator can do better than, the same for every seed.
+    bound: Option<&'a TraceBound>,
 }
 
 /// A trace and its object's outline.
 struct BenchTrial {
     trace: Trace,
     outline: Option<Outline>,
+    /// What the estimators are told of the first touch.
+    told: Option<Told>,
 }
 
 /// Everything a trial needs, prepared once.
@@ -94,13 +111,14 @@ struct Calibration {
     path: PathBuf,
     file: CalibrationFile,
     sha256: String,
-    faces: Vec<Arc<CalibratedFace>>,
+    /// Faces by label of the sensor model; without a label, with the model that the calibration chose.
+    faces: BTreeMap<Option<&'static str>, Vec<Arc<CalibratedFace>>>,
 }
 
 /// What one trial yields for one estimator.
 struct Outcome {
     row: TrialRow,
-    errors: Vec<ContactError>,
+    over_time: OverTime,
     elapsed_ns: u128,
     steps: usize,
 }
@@ -117,17 +135,22 @@ pub fn evaluate(
     let folder = target(settings)?;
     let bench = Bench::open(datasets, settings)?;
     let run = bench.run(settings)?;
+    let unscored = bench.unscored();
     if bench.is_up_to_date(&folder, &run) {
-        let summary = read_rows(&folder.join("summary.csv"))?;
+        let summary = read_scores(&folder.join("summary.csv"))?;
         let failures = read_rows(&folder.join("failures.csv"))?;
-        return Ok(Evaluated { folder, summary, is_new: false, failures });
+        return Ok(Evaluated { folder, summary, is_new: false, failures, unscored });
     }
 
     let part = PartFolder::new(&folder)?;
-    let jobs: Vec<Job> = (0..bench.trials.len())
-        .flat_map(|trial| {
-            let seeds = || settings.seeds.iter();
-            settings.noise.iter().flat_map(move |&noise| seeds().map(move |&seed| Job { trial, noise, seed }))
+    let levels: Vec<(&BenchTrial, f64)> =
+        bench.trials.iter().flat_map(|trial| settings.noise.iter().map(move |&noise| (trial, noise))).collect();
+    let bounds: Vec<Option<TraceBound>> = levels.par_iter().map(|&(trial, noise)| bench.bound(trial, noise)).collect();
+    let jobs: Vec<Job> = levels
+        .iter()
+        .zip(&bounds)
+        .flat_map(|(&(trial, noise), bound)| {
+            settings.seeds.iter().map(move |&seed| Job { trial, noise, seed, bound: bound.as_ref() })
         })
         .collect();
     progress.set_length(jobs.len() as u64);
@@ -149,16 +172,19 @@ pub fn evaluate(
         }
     }
     if outcomes.is_empty() {
-        bail!("no trial could be scored; the first: {}: {}", failures[0].trace, failures[0].reason);
+        let reason = match failures.first() {
+            Some(first) => format!("the first: {}: {}", first.trace, first.reason),
+            None => Unscored::TruthUnknown.to_string(),
+        };
+        bail!("no trial could be scored; {reason}");
     }
-    let summary = summarise(&outcomes);
-    let rows: Vec<&TrialRow> = outcomes.iter().map(|outcome| &outcome.row).collect();
-    let bands = error_bands(&outcomes);
+    let summary = tables::summarise(&outcomes);
     let tables = [
-        ("trials.csv", csv_bytes(&rows)?),
-        ("summary.csv", csv_bytes(&summary)?),
-        ("error_over_time.csv", csv_bytes(&bands)?),
-        ("failures.csv", FailureRow::csv(&failures)?),
+        ("error_over_time.csv", csv_bytes(&tables::error_bands(&outcomes))?),
+        ("consistency.csv", csv_bytes(&tables::consistency(&outcomes))?),
+        ("summary.csv", score_bytes(&summary)?),
+        ("trials.csv", score_bytes(&outcomes.into_iter().map(|outcome| outcome.row).collect::<Vec<_>>())?),
+        ("failures.csv", csv_bytes(&failures)?),
     ];
     for (name, bytes) in tables {
         write_atomically(&part.path().join(name), &bytes)?;
@@ -166,7 +192,7 @@ pub fn evaluate(
     bench.copy_for_report(part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
     part.finish()?;
-    Ok(Evaluated { folder, summary, is_new: true, failures })
+    Ok(Evaluated { folder, summary, is_new: true, failures, unscored })
 }
 
 /// Folder of the run, which may only take the place of another run.
@@ -180,61 +206,6 @@ fn target(settings: &EvaluateSettings) -> anyhow::Result<PathBuf> {
         bail!("{}: exists and is no run; evaluate under another --name", folder.display());
     }
     Ok(folder)
-}
-
-/// The folder in which a run is built. It takes the place of the run's folder when it is whole; until then that stays as it was. What an
-/// interrupted evaluation left behind is cleared away by the next.
-struct PartFolder<'a> {
-    part: tempfile::TempDir,
-    folder: &'a Path,
-}
-
-/// A hidden folder beside another.
-fn beside(folder: &Path, what: &str) -> PathBuf {
-    folder.with_file_name(format!(".{}.{what}", folder.file_name().unwrap_or_default().display()))
-}
-
-impl<'a> PartFolder<'a> {
-    fn new(folder: &'a Path) -> anyhow::Result<Self> {
-        let part = beside(folder, "part");
-        let context = || part.display().to_string();
-        let old = beside(folder, "old");
-        if old.exists() && !folder.exists() {
-            // Killed between the two renames of `finish`: the old run is the one that counts.
-            fs::rename(&old, folder).with_context(|| old.display().to_string())?;
-        }
-        for left in [&part, &old] {
-            if left.exists() {
-                fs::remove_dir_all(left).with_context(|| left.display().to_string())?;
-            }
-        }
-        let results = folder.parent().unwrap_or(Path::new("."));
-        fs::create_dir_all(results).with_context(context)?;
-        let name = part.file_name().unwrap_or_default();
-        let part = tempfile::Builder::new().prefix(name).rand_bytes(0).tempdir_in(results).with_context(context)?;
-        Ok(Self { part, folder })
-    }
-
-    fn path(&self) -> &Path {
-        self.part.path()
-    }
-
-    /// Puts the whole run in its place.
-    fn finish(self) -> anyhow::Result<()> {
-        let context = || self.folder.display().to_string();
-        // Temporary folders are private; results are to be read by others.
-        #[cfg(unix)]
-        fs::set_permissions(self.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).with_context(context)?;
-        let old = beside(self.folder, "old");
-        if self.folder.exists() {
-            fs::rename(self.folder, &old).with_context(context)?;
-        }
-        fs::rename(self.part.keep(), self.folder).with_context(context)?;
-        if old.exists() {
-            fs::remove_dir_all(&old).with_context(context)?;
-        }
-        Ok(())
-    }
 }
 
 impl Bench {
@@ -268,7 +239,10 @@ impl Bench {
                 let whisker = &sidecar.whisker.name;
                 let path = folder.join(format!("{whisker}.json"));
                 match calibrations.get(whisker) {
-                    None => _ = calibrations.insert(whisker.clone(), Calibration::read(&path)?),
+                    None => {
+                        let labels = methods.iter().map(|(row, _)| row.sensor_model);
+                        calibrations.insert(whisker.clone(), Calibration::read(&path, labels)?);
+                    }
                     Some(known) if known.path == path => {}
                     Some(known) => {
                         let other = known.path.display();
@@ -280,7 +254,13 @@ impl Bench {
                 }
                 check_calibration(&path, &calibrations[whisker].file, sidecar)?;
                 let outline = trace.outline(&dataset.folder)?;
-                trials.push(BenchTrial { trace, outline });
+                if settings.starts == Starts::Wrong {
+                    trials.extend(starts::wrong(&trace).into_iter().map(|(trace, told)| {
+                        let outline = outline.clone();
+                        BenchTrial { trace, outline, told: Some(told) }
+                    }));
+                }
+                trials.push(BenchTrial { trace, outline, told: None });
             }
         }
         check_distinct("trace", trials.iter().map(|trial| trial.trace.sidecar.name.clone()))?;
@@ -299,11 +279,18 @@ impl Bench {
     /// Makes every method once, so that wrong settings are found before anything is run.
     fn check_methods(&self, settings: &EvaluateSettings) -> anyhow::Result<()> {
         let sidecar = &self.trials[0].trace.sidecar;
-        let knowledge = knowledge(&sidecar.whisker, &self.calibrations[&sidecar.whisker.name].faces, 0.0);
         for (row, config) in &self.methods {
+            let faces = &self.calibrations[&sidecar.whisker.name].faces[&row.sensor_model];
+            let knowledge = knowledge(sidecar, faces, 0.0);
             replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, 0)?;
         }
         Ok(())
+    }
+
+    /// Trials without a known contact.
+    fn unscored(&self) -> Vec<String> {
+        let is_unknown = |trial: &&BenchTrial| trial.trace.truth.instants.iter().all(|truth| truth.touching.is_none());
+        self.trials.iter().filter(is_unknown).map(|trial| trial.trace.sidecar.name.clone()).collect()
     }
 
     /// Whether a run from the same inputs is there, with all that belongs to it.
@@ -318,12 +305,24 @@ impl Bench {
             .iter()
             .filter(|trial| trial.outline.is_some())
             .map(|trial| format!("outlines/{}.csv", trial.trace.sidecar.name));
-        let tables = ["trials.csv", "summary.csv", "error_over_time.csv", "failures.csv"].map(String::from);
+        let bounds = self
+            .trials
+            .iter()
+            .filter(|_| run.noise[0] > 0.0)
+            .map(|trial| format!("bounds/{}.csv", trial.trace.sidecar.name));
+        let events = self
+            .trials
+            .iter()
+            .flat_map(|trial| DETECTORS.iter().map(|row| format!("events/{}", event_file(&trial.trace.sidecar, row))));
+        let tables = ["trials.csv", "summary.csv", "error_over_time.csv", "consistency.csv", "failures.csv"];
         read_json::<Run>(&folder.join("run.json")).is_ok_and(same)
             && tables
                 .into_iter()
+                .map(String::from)
                 .chain(estimates)
                 .chain(outlines)
+                .chain(bounds)
+                .chain(events)
                 .chain(self.model_files().map(|(_, name)| format!("models/{name}")))
                 .all(|name| folder.join(name).is_file())
     }
@@ -336,7 +335,8 @@ impl Bench {
             .map(|(row, config)| RunEstimator {
                 name: row.name.into(),
                 about: row.about.into(),
-                is_baseline: row.is_baseline,
+                kind: row.kind,
+                sensor_model: row.sensor_model.map(Into::into),
                 config: config.clone(),
             })
             .collect();
@@ -359,19 +359,25 @@ impl Bench {
             .calibrations
             .values()
             .flat_map(|calibration| {
-                calibration.faces.iter().zip(&calibration.file.faces).map(|(face, file)| RunCalibration {
+                calibration.faces[&None].iter().map(|face| RunCalibration {
                     whisker: calibration.file.whisker.name.clone(),
                     face: face.face.name().into(),
                     model: face.model.about(),
                     sha256: calibration.sha256.clone(),
-                    heldout_rms_n_m: file.heldout_rms_n_m,
-                    heldout_worst_n_m: file.heldout_worst_n_m,
-                    largest_reading_n_m: file.largest_reading_n_m,
+                    heldout_rms_n_m: face.heldout_rms_n_m,
+                    heldout_worst_n_m: face.heldout_worst_n_m,
+                    largest_reading_n_m: face.largest_reading_n_m,
                 })
             })
             .collect();
         let mut inputs = vec![
-            serde_json::to_string(&(&settings.name, &settings.noise, &settings.seeds, &settings.touch))?,
+            serde_json::to_string(&(
+                &settings.name,
+                &settings.noise,
+                &settings.seeds,
+                &settings.touch,
+                settings.starts,
+            ))?,
             serde_json::to_string(&(&estimators, &sets, &calibrations))?,
         ];
         for trial in &self.trials {
@@ -393,46 +399,95 @@ impl Bench {
         })
     }
 
-    /// Replays one trial through every estimator; writes the estimates where a folder is given. A trial that cannot be scored is no
+    /// Standard deviation of the measurement noise that is added to a trial at a noise level.
+    fn added_noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
+        noise * self.largest_readings[&set_key(&trial.trace)]
+    }
+
+    /// Standard deviation of all of its measurement noise: what is added, and what a recording has of itself.
+    fn noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
+        self.added_noise_sd_n_m(trial, noise).hypot(trial.trace.sidecar.own_noise_sd_n_m())
+    }
+
+    /// What no estimator can do better than on a trial at a noise level.
+    fn bound(&self, trial: &BenchTrial, noise: f64) -> Option<TraceBound> {
+        let sidecar = &trial.trace.sidecar;
+        let faces = &self.calibrations[&sidecar.whisker.name].faces[&None];
+        let face = faces
+            .iter()
+            .find(|face| face.face == sidecar.face)
+            .expect("the face was checked when the trial was opened");
+        TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
+    }
+
+    /// Replays one trial through every estimator; writes the estimates and the bound where a folder is given. A trial that cannot be scored is no
     /// error of the batch.
     fn run_trial(
         &self,
-        job: &Job,
+        job: &Job<'_>,
         settings: &EvaluateSettings,
         out: Option<&Path>,
     ) -> anyhow::Result<Result<Vec<Outcome>, FailureRow>> {
-        let &Job { trial, noise, seed } = job;
-        let BenchTrial { trace, outline } = &self.trials[trial];
+        let &Job { trial: BenchTrial { trace, outline, told }, noise, seed, bound } = job;
         let sidecar = &trace.sidecar;
-        let faces = &self.calibrations[&sidecar.whisker.name].faces;
-        let front_end = FrontEnd { noise_sd_n_m: noise * self.largest_readings[&set_key(trace)], seed };
-        let knowledge = knowledge(&sidecar.whisker, faces, front_end.noise_sd_n_m);
+        let calibration = &self.calibrations[&sidecar.whisker.name];
+        let front_end = FrontEnd { noise_sd_n_m: self.added_noise_sd_n_m(job.trial, noise), seed };
+        let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
         let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
         let samples = samples(&trace.recording, &readings_n_m);
-        let trial =
-            Trial { trace, outline: outline.as_ref(), knowledge: &knowledge, readings_n_m: &readings_n_m, noise, seed };
+        if let (Some(folder), Some(bound)) = (out, bound) {
+            let path = folder.join("bounds").join(format!("{}.csv", sidecar.name));
+            write_atomically(&path, &csv_bytes(&tables::bound_rows(trace, bound))?)?;
+        }
+        let robot = knowledge(sidecar, &calibration.faces[&None], noise_sd_n_m);
+        let touched = replay::touched(settings.touch, &robot, &samples);
+        if let Some(folder) = out {
+            for row in DETECTORS {
+                let touch = if settings.touch.is_of(row) { settings.touch } else { (row.config)() };
+                let rows = tables::event_rows(trace, &readings_n_m, &replay::signals(touch, &robot, &samples));
+                write_atomically(&folder.join("events").join(event_file(sidecar, row)), &csv_bytes(&rows)?)?;
+            }
+        }
         let mut outcomes = Vec::with_capacity(self.methods.len());
         for (row, config) in &self.methods {
+            let faces = &calibration.faces[&row.sensor_model];
+            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
+            let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
             let mut estimator = replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, seed)?;
-            let replayed = replay::replay(&mut estimator, &samples);
+            let replay = replay::replay(&mut estimator, &samples);
+            let outline = outline.as_ref();
+            let trial =
+                Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, touched: &touched, bound };
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{}.csv", sidecar.name, row.name));
-                write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replayed.estimates))?)?;
+                write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
             }
-            match score(&trial, row.name, &replayed.estimates) {
-                Ok((row, errors)) => {
-                    let (elapsed_ns, steps) = (replayed.elapsed_ns, samples.len());
-                    outcomes.push(Outcome { row, errors, elapsed_ns, steps });
+            let scored = match Scored::new(&trial, &replay.estimates) {
+                Ok(scored) => scored,
+                Err(Unscored::TruthUnknown) => continue,
+                Err(unscored @ Unscored::NeverTouches) => {
+                    let (trace, reason) = (sidecar.name.clone(), unscored.to_string());
+                    return Ok(Err(FailureRow { trace, noise, seed, reason }));
                 }
-                Err(unscored) => {
-                    return Ok(Err(FailureRow {
-                        trace: sidecar.name.clone(),
-                        noise,
-                        seed,
-                        reason: unscored.to_string(),
-                    }));
-                }
-            }
+            };
+            let head = TrialHead {
+                trace: sidecar.name.clone(),
+                group: sidecar.group.clone(),
+                whisker: sidecar.whisker.name.clone(),
+                object: sidecar.object.clone(),
+                estimator: row.name.into(),
+                noise,
+                seed,
+                touch_s: scored.touch_s,
+                samples: scored.steady().len(),
+                missing: scored.missing(),
+            };
+            outcomes.push(Outcome {
+                row: TrialRow { head, scores: Scores::of(&scored) },
+                over_time: OverTime::of(&scored),
+                elapsed_ns: replay.elapsed_ns,
+                steps: samples.len(),
+            });
         }
         Ok(Ok(outcomes))
     }
@@ -441,7 +496,7 @@ impl Bench {
     fn model_files(&self) -> impl Iterator<Item = (&Path, String)> {
         self.calibrations.iter().flat_map(|(whisker, calibration)| {
             let folder = calibration.path.parent().unwrap_or(Path::new("."));
-            calibration.faces.iter().flat_map(move |face| {
+            calibration.faces[&None].iter().flat_map(move |face| {
                 REPORT_TABLES.map(|table| (folder, format!("{}.{table}.csv", face_stem(whisker, face.face))))
             })
         })
@@ -449,7 +504,7 @@ impl Bench {
 
     /// Copies what the report needs, so that it can be drawn from the run alone.
     fn copy_for_report(&self, folder: &Path) -> anyhow::Result<()> {
-        for BenchTrial { trace, outline } in &self.trials {
+        for BenchTrial { trace, outline, .. } in &self.trials {
             if let Some(outline) = outline {
                 let mut text = String::from("x_m,y_m\n");
                 for vertex in outline.vertices() {
@@ -481,130 +536,26 @@ fn check_distinct(what: &str, names: impl Iterator<Item = String>) -> anyhow::Re
 }
 
 impl Calibration {
-    fn read(path: &Path) -> anyhow::Result<Self> {
+    /// Reads a calibration with the sensor models of these labels.
+    fn read(path: &Path, labels: impl Iterator<Item = Option<&'static str>>) -> anyhow::Result<Self> {
         if !path.is_file() {
             bail!("{}: no such calibration; `whisker fit` makes it", path.display());
         }
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;
-        let faces = file.calibrated(path)?;
+        let mut faces = BTreeMap::new();
+        for label in labels.chain([None]) {
+            faces.insert(label, file.calibrated(path, label)?);
+        }
         Ok(Self { path: path.into(), file, sha256: sha256(bytes), faces })
     }
 }
 
+/// Name of the table of what a detector saw in a trace.
+fn event_file(sidecar: &Sidecar, detector: &DetectorRow) -> String {
+    format!("{}.{}.csv", sidecar.name, detector.name)
+}
+
 fn set_key(trace: &Trace) -> SetKey {
     (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone())
-}
-
-/// Rows of `estimates/<trace>.<estimator>.csv`.
-pub fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<EstimateRow> {
-    let instants = trial.trace.recording.instants.iter().zip(&trial.trace.truth.instants);
-    instants
-        .zip(trial.readings_n_m)
-        .zip(estimates)
-        .map(|(((known, truth), &reading_n_m), estimate)| {
-            let contact = estimate.map(|e| known.base.apply(e.contact));
-            let surface = estimate.map(|e| known.base.apply(trial.knowledge.surface(&e, reading_n_m)));
-            let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
-            EstimateRow {
-                t_s: known.t_s,
-                base_x_m: known.base.origin().x(),
-                base_y_m: known.base.origin().y(),
-                base_yaw_rad: known.base.yaw_rad(),
-                reading_n_m,
-                contact_x_m: contact.map(|p| p.x()),
-                contact_y_m: contact.map(|p| p.y()),
-                surface_x_m: surface.map(|p| p.x()),
-                surface_y_m: surface.map(|p| p.y()),
-                cov_xx_m2: covariance.map(|p| p[(0, 0)]),
-                cov_xy_m2: covariance.map(|p| p[(0, 1)]),
-                cov_yy_m2: covariance.map(|p| p[(1, 1)]),
-                calibrated: estimate.map(|e| e.calibrated),
-                truth_contact_x_m: truth.contact.map(|p| p.x()),
-                truth_contact_y_m: truth.contact.map(|p| p.y()),
-                truth_surface_x_m: truth.surface.map(|p| p.x()),
-                truth_surface_y_m: truth.surface.map(|p| p.y()),
-            }
-        })
-        .collect()
-}
-
-/// Outcomes by group, whisker, noise level and estimator, in the order in which they first appear.
-fn by_set(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
-    let mut sets: Vec<Vec<&Outcome>> = Vec::new();
-    let key = |row: &TrialRow| (row.group.clone(), row.whisker.clone(), row.noise.to_bits(), row.estimator.clone());
-    let mut places: BTreeMap<_, usize> = BTreeMap::new();
-    for outcome in outcomes {
-        let place = *places.entry(key(&outcome.row)).or_insert_with(|| {
-            sets.push(Vec::new());
-            sets.len() - 1
-        });
-        sets[place].push(outcome);
-    }
-    sets
-}
-
-fn summarise(outcomes: &[Outcome]) -> Vec<SummaryRow> {
-    by_set(outcomes)
-        .iter()
-        .map(|set| {
-            let first = &set[0].row;
-            let median = |score: fn(&TrialRow) -> Option<f64>| median_of_scores(set.iter().map(|o| score(&o.row)));
-            let never = set.iter().filter(|o| o.row.time_to_1mm_s.is_none()).count();
-            let elapsed: u128 = set.iter().map(|o| o.elapsed_ns).sum();
-            let steps: usize = set.iter().map(|o| o.steps).sum();
-            let worst = set.iter().map(|o| o.row.worst_m.unwrap_or(f64::INFINITY)).fold(0.0, f64::max);
-            SummaryRow {
-                group: first.group.clone(),
-                whisker: first.whisker.clone(),
-                object: first.object.clone(),
-                estimator: first.estimator.clone(),
-                noise: first.noise,
-                trials: set.len(),
-                rmse_m: median(|row| row.rmse_m),
-                median_m: median(|row| row.median_m),
-                p95_m: median(|row| row.p95_m),
-                worst_m: Some(worst).filter(|worst| worst.is_finite()),
-                time_to_1mm_s: median(|row| row.time_to_1mm_s),
-                time_to_0p3mm_s: median(|row| row.time_to_0p3mm_s),
-                never_1mm: never as f64 / set.len() as f64,
-                step_ns: elapsed as f64 / steps as f64,
-            }
-        })
-        .collect()
-}
-
-fn error_bands(outcomes: &[Outcome]) -> Vec<ErrorBandRow> {
-    let mut rows = Vec::new();
-    for set in by_set(outcomes) {
-        let mut bins: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
-        for outcome in &set {
-            // One sample a trial and bin, the last.
-            let mut of_trial: BTreeMap<u64, f64> = BTreeMap::new();
-            for error in &outcome.errors {
-                if let Some(error_m) = error.error_m {
-                    of_trial.insert((error.t_contact_s / BIN_S).floor() as u64, error_m);
-                }
-            }
-            for (bin, error_m) in of_trial {
-                bins.entry(bin).or_default().push(error_m);
-            }
-        }
-        let first = &set[0].row;
-        for (bin, errors) in bins {
-            let at = |q| quantile(&errors, q).expect("a bin holds at least one trial");
-            rows.push(ErrorBandRow {
-                group: first.group.clone(),
-                whisker: first.whisker.clone(),
-                estimator: first.estimator.clone(),
-                noise: first.noise,
-                t_contact_s: (bin as f64 + 0.5) * BIN_S,
-                trials: errors.len(),
-                p10_m: at(0.1),
-                median_m: at(0.5),
-                p90_m: at(0.9),
-            });
-        }
-    }
-    rows
 }

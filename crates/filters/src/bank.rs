@@ -1,0 +1,184 @@
+//! A bank of weighted Gaussian hypotheses: a mixture whose parts are filtered apart and weighed by their evidence (Alspach and Sorenson,
+//! "Nonlinear Bayesian estimation using Gaussian sum approximations", IEEE Transactions on Automatic Control 17(4), 1972). Parts that the
+//! readings speak against are pruned, parts that say the same are merged at the least loss (Runnalls, "Kullback-Leibler approach to Gaussian
+//! mixture reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::gaussian::{log_determinant, symmetrised};
+use crate::{Gaussian, Innovation, Skipped, Weighed};
+
+/// One part of the mixture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hypothesis<const N: usize> {
+    /// What it believes.
+    pub belief: Gaussian<N>,
+    /// Logarithm of its probability.
+    log_weight: f64,
+    /// What the reading in hand speaks for it.
+    log_evidence: Option<f64>,
+}
+
+impl<const N: usize> Hypothesis<N> {
+    /// Its probability.
+    pub fn weight(&self) -> f64 {
+        self.log_weight.exp()
+    }
+}
+
+/// A mixture of Gaussians whose weights add up to 1. One without hypotheses knows nothing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bank<const N: usize> {
+    hypotheses: Vec<Hypothesis<N>>,
+}
+
+impl<const N: usize> Bank<N> {
+    /// Beliefs and the logarithms of their weights, which need not add up to 1.
+    pub fn new(parts: impl IntoIterator<Item = (Gaussian<N>, f64)>) -> Self {
+        let parts = parts.into_iter();
+        let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
+        let mut bank = Self { hypotheses: parts.map(hypothesis).collect() };
+        bank.normalise();
+        bank
+    }
+
+    /// The hypotheses.
+    pub fn hypotheses(&self) -> &[Hypothesis<N>] {
+        &self.hypotheses
+    }
+
+    /// Changes every belief, for example to hold it within bounds.
+    pub fn map(&mut self, mut change: impl FnMut(&mut Gaussian<N>)) {
+        self.hypotheses.iter_mut().for_each(|hypothesis| change(&mut hypothesis.belief));
+    }
+
+    /// Carries every hypothesis through the process by a filter's `predict`. Those that cannot be carried, or not to
+    /// finite numbers, are dropped.
+    pub fn predict(&mut self, mut predict: impl FnMut(&mut Gaussian<N>) -> Result<(), Skipped>) {
+        let before = self.hypotheses.len();
+        self.hypotheses
+            .retain_mut(|hypothesis| predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.is_finite());
+        if self.hypotheses.len() < before {
+            self.normalise();
+        }
+    }
+
+    /// Conditions every hypothesis on a reading by a filter's `update` and weighs it by the evidence `N(y; 0, S)`. The innovation
+    /// is that of the whole mixture. A hypothesis that cannot be updated is dropped if another can.
+    ///
+    /// # Errors
+    /// [`Skipped`] leaves the bank as it was: no hypothesis could be updated.
+    pub fn update<const M: usize>(
+        &mut self,
+        mut update: impl FnMut(&mut Gaussian<N>) -> Result<Weighed<M>, Skipped>,
+    ) -> Result<Innovation<M>, Skipped> {
+        let mut why = Skipped::NoPrediction;
+        let mut mean = SVector::<f64, M>::zeros();
+        let mut second = SMatrix::<f64, M, M>::zeros();
+        let mut known = 0.0;
+        for hypothesis in &mut self.hypotheses {
+            let (weight, before) = (hypothesis.weight(), hypothesis.belief);
+            hypothesis.log_evidence = match update(&mut hypothesis.belief) {
+                Ok(_) if !hypothesis.belief.is_finite() => {
+                    hypothesis.belief = before;
+                    None
+                }
+                Ok(Weighed { innovation, log_evidence }) => {
+                    mean += innovation.residual * weight;
+                    second += (innovation.residual * innovation.residual.transpose() + innovation.covariance) * weight;
+                    known += weight;
+                    Some(log_evidence)
+                }
+                Err(skipped) => {
+                    why = skipped;
+                    None
+                }
+            };
+        }
+        if known == 0.0 {
+            return Err(why);
+        }
+        self.hypotheses.retain_mut(|hypothesis| {
+            hypothesis.log_evidence.inspect(|evidence| hypothesis.log_weight += evidence).is_some()
+        });
+        self.normalise();
+        let residual = mean / known;
+        let covariance = symmetrised(second / known - residual * residual.transpose());
+        Innovation::of(residual, covariance).ok_or(Skipped::NotPositiveDefinite)
+    }
+
+    /// Drops the hypotheses whose weight is below a share of the heaviest.
+    pub fn prune(&mut self, share: f64) {
+        let before = self.hypotheses.len();
+        let heaviest = self.hypotheses.iter().map(|hypothesis| hypothesis.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        self.hypotheses.retain(|hypothesis| hypothesis.log_weight >= heaviest + share.ln());
+        if self.hypotheses.len() < before {
+            self.normalise();
+        }
+    }
+
+    /// Merges pairs of hypotheses, always the pair with the least loss, as long as that is below `most_loss`. The loss is the upper bound of the
+    /// Kullback-Leibler divergence between the mixtures before and after (Runnalls 2007, equation 21).
+    pub fn merge(&mut self, most_loss: f64) {
+        while let Some((i, j)) = self.closest(most_loss) {
+            let other = self.hypotheses.swap_remove(j);
+            let (merged, weight) = merged(&self.hypotheses[i], &other);
+            let one = &mut self.hypotheses[i];
+            (one.belief, one.log_weight) = (merged, weight.ln());
+        }
+    }
+
+    /// The pair `i < j` whose merging loses least, if that is less than `most_loss`.
+    fn closest(&self, most_loss: f64) -> Option<(usize, usize)> {
+        let mut best = (most_loss, None);
+        for (i, one) in self.hypotheses.iter().enumerate() {
+            for (j, other) in self.hypotheses.iter().enumerate().skip(i + 1) {
+                let (together, weight) = merged(one, other);
+                let spread = |weight: f64, belief: &Gaussian<N>| weight * log_determinant(&belief.covariance);
+                let apart = spread(one.weight(), &one.belief) + spread(other.weight(), &other.belief);
+                let loss = 0.5 * (spread(weight, &together) - apart);
+                if loss < best.0 {
+                    best = (loss, Some((i, j)));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Mean and covariance of the mixture; nothing where it is empty.
+    pub fn moments(&self) -> Option<Gaussian<N>> {
+        if let [only] = &self.hypotheses[..] {
+            return Some(only.belief);
+        }
+        let mean = self.hypotheses.iter().map(|one| one.belief.mean * one.weight()).sum::<SVector<f64, N>>();
+        let covariance = self.hypotheses.iter().map(|one| {
+            let apart = one.belief.mean - mean;
+            (one.belief.covariance + apart * apart.transpose()) * one.weight()
+        });
+        let covariance = symmetrised(covariance.sum());
+        (!self.hypotheses.is_empty()).then(|| Gaussian::new(mean, covariance))
+    }
+
+    /// The most probable hypothesis; nothing where there is none.
+    pub fn heaviest(&self) -> Option<&Hypothesis<N>> {
+        self.hypotheses.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight))
+    }
+
+    /// Makes the weights add up to 1.
+    fn normalise(&mut self) {
+        let heaviest = self.hypotheses.iter().map(|hypothesis| hypothesis.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let total: f64 = self.hypotheses.iter().map(|hypothesis| (hypothesis.log_weight - heaviest).exp()).sum();
+        for hypothesis in &mut self.hypotheses {
+            hypothesis.log_weight -= heaviest + total.ln();
+        }
+    }
+}
+
+/// Two hypotheses as one of the same mean and covariance, and its weight.
+fn merged<const N: usize>(one: &Hypothesis<N>, other: &Hypothesis<N>) -> (Gaussian<N>, f64) {
+    let weight = one.weight() + other.weight();
+    let (a, b) = (one.weight() / weight, other.weight() / weight);
+    let apart = one.belief.mean - other.belief.mean;
+    let covariance = one.belief.covariance * a + other.belief.covariance * b + apart * apart.transpose() * (a * b);
+    (Gaussian::new(one.belief.mean * a + other.belief.mean * b, symmetrised(covariance)), weight)
+}

@@ -1,0 +1,100 @@
+//! The iterated extended Kalman filter: the update linearises at its own result, not at the prior mean. That is Gauss-Newton's method for
+//! the most probable state (Bell and Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE Transactions on Automatic
+//! Control 38(2), 1993), here with a line search, so that no step makes the state less probable.
+
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
+
+use crate::gaussian::symmetrised;
+use crate::{Gaussian, Innovation, Measurement, Skipped};
+
+pub use crate::extended::predict;
+
+/// When the search for the most probable state ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    /// Most steps.
+    pub iterations: usize,
+    /// Step, in standard deviations of the prior, that is too small to matter.
+    pub tolerance_sds: f64,
+}
+
+/// Halvings of a step before it counts as no step at all.
+const HALVINGS: usize = 6;
+
+/// Conditions the belief on a reading. The innovation is that of the extended filter: its residual is taken at the prior mean.
+///
+/// # Errors
+/// [`Skipped`] leaves the belief as it was: no prediction on the way, or a degenerate covariance.
+pub fn update<const N: usize, const M: usize>(
+    belief: &mut Gaussian<N>,
+    measurement: &impl Measurement<N, M>,
+    search: &Search,
+    z: &SVector<f64, M>,
+) -> Result<Innovation<M>, Skipped> {
+    let prior = *belief;
+    let spread = prior.covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let r = measurement.noise(&prior.mean);
+    let noise = r.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let cost = |x: &SVector<f64, N>| {
+        let residual = measurement.residual(z, &measurement.predict(x).ok_or(Skipped::NoPrediction)?);
+        Ok(squared(&noise, &residual) + squared(&spread, &(x - prior.mean)))
+    };
+
+    let mut x = prior.mean;
+    let mut least = cost(&x)?;
+    let first = linearised(&prior, measurement, &r, &x, z)?;
+    let mut last = first;
+    for iteration in 0..search.iterations {
+        if iteration > 0 {
+            last = linearised(&prior, measurement, &r, &x, z)?;
+        }
+        let step = last.mean - x;
+        let shorter = (0..HALVINGS).map(|halving| x + step * 0.5f64.powi(halving as i32));
+        let better = shorter.into_iter().find_map(|x| cost(&x).ok().filter(|&cost| cost < least).map(|cost| (x, cost)));
+        let Some((found, lower)) = better else { break };
+        let is_small = squared(&spread, &(found - x)) < search.tolerance_sds * search.tolerance_sds;
+        (x, least) = (found, lower);
+        if is_small {
+            break;
+        }
+    }
+    let keep = SMatrix::<f64, N, N>::identity() - last.gain * last.h;
+    let covariance = symmetrised(keep * prior.covariance * keep.transpose() + last.gain * r * last.gain.transpose());
+    *belief = Gaussian::new(x, covariance);
+    let factor = first.covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    Ok(Innovation::new(first.residual, first.covariance, &factor))
+}
+
+/// The update with the measurement linearised at a given state.
+#[derive(Clone, Copy)]
+struct Linearised<const N: usize, const M: usize> {
+    /// Updated mean.
+    mean: SVector<f64, N>,
+    gain: SMatrix<f64, N, M>,
+    h: SMatrix<f64, M, N>,
+    /// Innovation and its covariance.
+    residual: SVector<f64, M>,
+    covariance: SMatrix<f64, M, M>,
+}
+
+/// `x_hat + K (z - h(x) - H (x_hat - x))`, with H and K taken at `x` (Bell and Cathey 1993, equation 11).
+fn linearised<const N: usize, const M: usize>(
+    prior: &Gaussian<N>,
+    measurement: &impl Measurement<N, M>,
+    r: &SMatrix<f64, M, M>,
+    x: &SVector<f64, N>,
+    z: &SVector<f64, M>,
+) -> Result<Linearised<N, M>, Skipped> {
+    let expected = measurement.predict(x).ok_or(Skipped::NoPrediction)?;
+    let h = measurement.jacobian(x).ok_or(Skipped::NoPrediction)?;
+    let residual = measurement.residual(z, &expected) - h * (prior.mean - x);
+    let cross = h * prior.covariance;
+    let covariance = symmetrised(cross * h.transpose() + r);
+    let gain = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?.solve(&cross).transpose();
+    Ok(Linearised { mean: prior.mean + gain * residual, gain, h, residual, covariance })
+}
+
+/// `v' A^-1 v`, with the factor of A.
+fn squared<const D: usize>(factor: &Cholesky<f64, Const<D>>, v: &SVector<f64, D>) -> f64 {
+    v.dot(&factor.solve(v))
+}

@@ -1,0 +1,166 @@
+//! Banks of hypotheses and updates of bounded influence.
+
+use filters::bounded::{self, Noisier};
+use filters::iterated::{self, Search};
+use filters::{Bank, Gaussian, Innovation, Measurement, Skipped, Weighed, extended};
+use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, vector};
+
+const SEARCH: Search = Search { iterations: 20, tolerance_sds: 1e-9 };
+
+/// Position of which a linear share is measured.
+struct Share {
+    row: RowVector2<f64>,
+    variance: f64,
+}
+
+impl Measurement<2, 1> for Share {
+    fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
+        Some(self.row * x)
+    }
+    fn noise(&self, _: &Vector2<f64>) -> Matrix1<f64> {
+        Matrix1::new(self.variance)
+    }
+}
+
+/// The square of the distance from the origin.
+struct Squared;
+
+impl Measurement<2, 1> for Squared {
+    fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
+        Some(Vector1::new(x.norm_squared()))
+    }
+    fn noise(&self, _: &Vector2<f64>) -> Matrix1<f64> {
+        Matrix1::new(1e-2)
+    }
+}
+
+fn weighed(innovation: Innovation<1>) -> Weighed<1> {
+    Weighed { innovation, log_evidence: innovation.log_likelihood() }
+}
+
+fn readings() -> impl Iterator<Item = (Share, f64)> {
+    (0..30).map(|i| {
+        let angle = 0.4 * f64::from(i);
+        (Share { row: RowVector2::new(angle.cos(), angle.sin()), variance: 0.05 }, 0.3 * (1.7 * f64::from(i)).sin())
+    })
+}
+
+#[test]
+fn val_a_bank_of_one_and_the_iterated_filter_equal_the_kalman_filter_on_a_linear_model() {
+    let mut kalman = Gaussian::new(vector![1.0, -1.0], Matrix2::identity());
+    let mut iterated = kalman;
+    let mut bank = Bank::new([(kalman, 0.0)]);
+    for (share, z) in readings() {
+        let z = Vector1::new(z);
+        let expected = extended::update(&mut kalman, &share, &z).unwrap();
+        let found = iterated::update(&mut iterated, &share, &SEARCH, &z).unwrap();
+        let of_bank = bank.update(|belief| extended::update(belief, &share, &z).map(weighed)).unwrap();
+        for (belief, innovation) in [(iterated, found), (bank.moments().unwrap(), of_bank)] {
+            assert!((belief.mean - kalman.mean).norm() < 1e-9);
+            assert!((belief.covariance - kalman.covariance).norm() < 1e-9);
+            assert!((innovation.nis - expected.nis).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn val_bank_of_a_split_prior_is_the_kalman_filter() {
+    // Two halves with the same belief, and weights that the evidence leaves equal.
+    let start = Gaussian::new(vector![1.0, -1.0], Matrix2::identity());
+    let (mut kalman, mut bank) = (start, Bank::new([(start, 3.0), (start, 3.0)]));
+    for (share, z) in readings() {
+        let z = Vector1::new(z);
+        extended::update(&mut kalman, &share, &z).unwrap();
+        bank.update(|belief| extended::update(belief, &share, &z).map(weighed)).unwrap();
+    }
+    assert_eq!(bank.hypotheses().len(), 2);
+    bank.merge(1e-9);
+    assert_eq!(bank.hypotheses().len(), 1);
+    let moments = bank.moments().unwrap();
+    assert!((moments.mean - kalman.mean).norm() < 1e-9 && (moments.covariance - kalman.covariance).norm() < 1e-9);
+}
+
+#[test]
+fn verif_evidence_finds_the_hypothesis_and_pruning_keeps_it() {
+    let at = |x: f64| (Gaussian::new(vector![x, 0.0], Matrix2::identity() * 0.1), 0.0);
+    let mut bank = Bank::new([at(-4.0), at(0.0), at(4.0)]);
+    for _ in 0..10 {
+        let share = Share { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
+        bank.update(|belief| extended::update(belief, &share, &Vector1::new(4.2)).map(weighed)).unwrap();
+        bank.prune(1e-3);
+    }
+    assert_eq!(bank.hypotheses().len(), 1);
+    assert!((bank.hypotheses()[0].weight() - 1.0).abs() < 1e-12);
+    assert!((bank.heaviest().unwrap().belief.mean[0] - 4.1).abs() < 0.1);
+}
+
+#[test]
+fn verif_merging_keeps_mean_and_covariance() {
+    let part = |x: f64, y: f64, s: f64| Gaussian::new(vector![x, y], Matrix2::new(s, 0.1, 0.1, 1.0));
+    let mut bank = Bank::new([(part(0.0, 0.0, 1.0), 0.0), (part(1.0, 0.5, 2.0), -1.0), (part(-1.0, 2.0, 0.5), -0.3)]);
+    let before = bank.moments().unwrap();
+    bank.merge(f64::INFINITY);
+    assert_eq!(bank.hypotheses().len(), 1);
+    let after = bank.moments().unwrap();
+    assert!((after.mean - before.mean).norm() < 1e-12 && (after.covariance - before.covariance).norm() < 1e-12);
+}
+
+#[test]
+fn robust_a_hypothesis_without_prediction_goes_and_the_last_one_stays() {
+    let start = Gaussian::new(vector![1.0, -1.0], Matrix2::identity());
+    let other = Gaussian::new(vector![2.0, -1.0], Matrix2::identity());
+    let mut bank = Bank::new([(start, 0.0), (other, 0.0)]);
+    let share = Share { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
+    let known = |belief: &mut Gaussian<2>| {
+        if belief.mean[0] > 1.5 {
+            return Err(Skipped::NoPrediction);
+        }
+        extended::update(belief, &share, &Vector1::new(0.0)).map(weighed)
+    };
+    bank.update(known).unwrap();
+    assert_eq!(bank.hypotheses().len(), 1);
+    let before = bank.clone();
+    let refused = bank.update(|_| Err::<Weighed<1>, _>(Skipped::NoPrediction));
+    assert_eq!(refused, Err(Skipped::NoPrediction));
+    assert_eq!(bank.moments(), before.moments());
+    bank.predict(|_| Err(Skipped::NotPositiveDefinite));
+    assert_eq!(bank.moments(), None);
+}
+
+#[test]
+fn val_iterated_update_finds_the_most_probable_state() {
+    let prior = Gaussian::new(vector![0.6, 0.2], Matrix2::new(0.5, 0.1, 0.1, 0.3));
+    let z = Vector1::new(4.0);
+    let mut belief = prior;
+    iterated::update(&mut belief, &Squared, &SEARCH, &z).unwrap();
+    let inverse = prior.covariance.try_inverse().unwrap();
+    let cost = |x: Vector2<f64>| {
+        let (residual, apart) = (4.0 - x.norm_squared(), x - prior.mean);
+        residual * residual / 1e-2 + apart.dot(&(inverse * apart))
+    };
+    // No state nearby is more probable.
+    for i in 0..100 {
+        let angle = f64::from(i) * 0.0628;
+        assert!(cost(belief.mean) <= cost(belief.mean + vector![angle.cos(), angle.sin()] * 1e-3));
+    }
+}
+
+#[test]
+fn verif_bounded_update_is_continuous_at_the_gate_and_hardly_minds_a_spike() {
+    let prior = Gaussian::new(vector![0.0, 0.0], Matrix2::identity());
+    let share = Share { row: RowVector2::new(1.0, 0.0), variance: 0.25 };
+    let moved = |z: f64| {
+        let mut belief = prior;
+        let update =
+            |belief: &mut Gaussian<2>, model: &Noisier<'_, Share>, z: &Vector1<f64>| extended::update(belief, model, z);
+        let weighed = bounded::update(&mut belief, &share, 3.0, &Vector1::new(z), update).unwrap();
+        // What is reported is the innovation as it was.
+        assert!((weighed.innovation.nis - z * z / 1.25).abs() < 1e-12);
+        (belief.mean[0], weighed.log_evidence)
+    };
+    let gate = 3.0 * 1.25_f64.sqrt();
+    let (below, above) = (moved(gate - 1e-9), moved(gate + 1e-9));
+    assert!((below.0 - above.0).abs() < 1e-8 && (below.1 - above.1).abs() < 1e-8);
+    assert!((moved(1.0).0 - 1.0 / 1.25).abs() < 1e-12);
+    assert!(moved(1e3).0 < 0.01 && moved(1e3).1 < moved(10.0).1);
+}

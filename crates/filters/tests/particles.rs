@@ -1,0 +1,59 @@
+//! The particle filter where readings are far more precise than the cloud is dense.
+
+use filters::particle::Renewal;
+use filters::{Cloud, Gaussian, Measurement, extended};
+use nalgebra::{Matrix1, Matrix2, RowVector2, SVector, Vector1, Vector2, vector};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+
+const SD: f64 = 1e-3;
+
+/// A share of a place at rest.
+struct Share(RowVector2<f64>);
+
+impl Measurement<2, 1> for Share {
+    fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
+        Some(self.0 * x)
+    }
+    fn noise(&self, _: &Vector2<f64>) -> Matrix1<f64> {
+        Matrix1::new(SD * SD)
+    }
+}
+
+fn cloud(rng: &mut Pcg64) -> Cloud<2> {
+    Cloud::new((0..2000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect())
+}
+
+#[test]
+fn val_renewed_cloud_meets_the_kalman_filter_where_weighing_alone_starves() {
+    let mut rng = Pcg64::seed_from_u64(3);
+    let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 1e3 };
+    let mut kalman = Gaussian::new(vector![0.0, 0.0], Matrix2::identity());
+    let (mut renewed, mut weighed) = (cloud(&mut rng), cloud(&mut rng));
+    for i in 0..40 {
+        let angle = 0.3 * f64::from(i);
+        let share = Share(RowVector2::new(angle.cos(), angle.sin()));
+        let z = Vector1::new((share.0 * vector![0.7, -0.4])[0] + SD * (2.3 * f64::from(i)).sin());
+        extended::update(&mut kalman, &share, &z).unwrap();
+        renewed.update_or_renew(&share, &z, &renewal, &mut rng).unwrap();
+        weighed.update(&share, &z).unwrap();
+    }
+    let sd = kalman.covariance.diagonal().map(f64::sqrt);
+    let apart = (renewed.mean() - kalman.mean).component_div(&sd);
+    assert!(apart.norm() < 0.5, "{apart}");
+    let spread = renewed.moments().covariance.diagonal().component_div(&kalman.covariance.diagonal());
+    assert!(spread.min() > 0.7 && spread.max() < 1.4, "{spread}");
+    assert!(renewed.effective_size() > 500.0 && weighed.effective_size() < 5.0);
+}
+
+#[test]
+fn robust_a_spike_hardly_moves_the_cloud() {
+    let mut rng = Pcg64::seed_from_u64(4);
+    let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 5.0 };
+    let mut cloud = cloud(&mut rng);
+    let before = cloud.moments();
+    cloud.update_or_renew(&Share(RowVector2::new(1.0, 0.0)), &Vector1::new(1e4), &renewal, &mut rng).unwrap();
+    let after = cloud.moments();
+    assert!((after.mean - before.mean).norm() < 0.1 && (after.covariance - before.covariance).norm() < 0.1);
+}

@@ -1,0 +1,147 @@
+//! Metrics: what a trial is judged by.
+//!
+//! A [`Metric`] is a number that is taken from the estimates of one estimator on one trial beside the truth ([`Scored`]). Each is a column of
+//! `trials.csv` and, over the trials of a set, of `summary.csv`; readers take it from a row's [`Scores`] by naming the metric.
+//!
+//! To add a metric: a constant in the file of its topic, and one row in [`METRICS`].
+
+pub mod bound;
+pub mod consistency;
+pub mod contact_events;
+pub mod error;
+pub mod outline;
+pub mod rows;
+mod scored;
+
+pub use scored::{Contact, START_UP_S, Scored, Trial, Unscored};
+
+use crate::statistics::{mean, median_of_scores, rms};
+
+/// One metric: a column of `trials.csv` and of `summary.csv`.
+#[derive(Clone, Copy, Debug)]
+pub struct Metric {
+    /// Name of the column, with its unit.
+    pub name: &'static str,
+    /// One line about it.
+    pub about: &'static str,
+    /// How trials are put together.
+    pub summary: Summary,
+    /// Its value on one trial; nothing where the trial gives nothing to measure.
+    pub measure: fn(&Scored<'_>) -> Option<f64>,
+}
+
+/// How the values of the trials of a set become one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Summary {
+    /// Their median, for metrics of which less is better: a trial without a value counts as worse than any.
+    Median,
+    /// Their largest; nothing where a trial has none.
+    Worst,
+    /// The mean of those that there are; of zeros and ones it is a share.
+    Mean,
+    /// Their root mean square; nothing where a trial has none.
+    RootMeanSquare,
+}
+
+impl Summary {
+    /// A word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Median => "median",
+            Self::Worst => "worst",
+            Self::Mean => "mean",
+            Self::RootMeanSquare => "root mean square",
+        }
+    }
+
+    fn of(self, values: &[Option<f64>]) -> Option<f64> {
+        match self {
+            Self::Median => median_of_scores(values.iter().copied()),
+            Self::Worst => values.iter().copied().try_fold(0.0, |worst: f64, value| Some(worst.max(value?))),
+            Self::Mean => mean(values.iter().copied().flatten()),
+            Self::RootMeanSquare => rms(&values.iter().copied().collect::<Option<Vec<f64>>>()?),
+        }
+    }
+}
+
+/// The registry of metrics, in the order of the columns.
+pub const METRICS: &[Metric] = &[
+    error::RMSE,
+    error::MEDIAN,
+    error::P95,
+    error::WORST,
+    error::START_RMSE,
+    error::TIME_TO_1MM,
+    error::TIME_TO_0P3MM,
+    error::NEVER_1MM,
+    rows::LATE_MEAN,
+    rows::LATE_WORST,
+    rows::ROWS_TO_1MM,
+    outline::MEDIAN,
+    outline::P95,
+    bound::RMSE,
+    bound::RATIO,
+    consistency::NEES,
+    consistency::NIS,
+    consistency::COVERAGE,
+    contact_events::LOST_PRECISION,
+    contact_events::LOST_RECALL,
+    contact_events::LOST_DELAY,
+    contact_events::TOUCH_DELAY,
+];
+
+/// The values of all metrics, for one trial or for a set of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scores(Vec<Option<f64>>);
+
+impl Scores {
+    /// What a function says of each metric.
+    pub fn from_fn(value: impl FnMut(&Metric) -> Option<f64>) -> Self {
+        Self(METRICS.iter().map(value).collect())
+    }
+
+    /// The metrics of one trial.
+    pub fn of(scored: &Scored<'_>) -> Self {
+        Self::from_fn(|metric| (metric.measure)(scored))
+    }
+
+    /// The metrics of a set, each put together as it says.
+    pub fn summary(trials: &[&Self]) -> Self {
+        Self::from_fn(|metric| metric.summary.of(&trials.iter().map(|scores| scores.get(metric)).collect::<Vec<_>>()))
+    }
+
+    /// The value of one metric.
+    pub fn get(&self, metric: &Metric) -> Option<f64> {
+        let place = METRICS.iter().position(|row| row.name == metric.name);
+        self.0[place.expect("a metric that is read has its row in METRICS")]
+    }
+
+    /// All values, in the order of [`METRICS`].
+    pub fn values(&self) -> &[Option<f64>] {
+        &self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn verif_every_column_has_a_name_of_its_own() {
+        let names: BTreeSet<&str> = METRICS.iter().map(|metric| metric.name).collect();
+        assert_eq!(names.len(), METRICS.len());
+    }
+
+    #[test]
+    fn verif_each_summary_treats_what_is_lacking_in_its_way() {
+        let (all, some) = ([Some(1.0), Some(4.0), Some(2.0)], [Some(1.0), None, Some(4.0)]);
+        assert_eq!((Summary::Median.of(&all), Summary::Median.of(&some)), (Some(2.0), Some(4.0)));
+        assert_eq!((Summary::Worst.of(&all), Summary::Worst.of(&some)), (Some(4.0), None));
+        assert_eq!((Summary::Mean.of(&all), Summary::Mean.of(&some)), (Some(7.0 / 3.0), Some(2.5)));
+        assert_eq!(Summary::Mean.of(&[None]), None);
+        let rms = Summary::RootMeanSquare;
+        assert_eq!((rms.of(&all), rms.of(&some)), (Some(7f64.sqrt()), None));
+    }
+}

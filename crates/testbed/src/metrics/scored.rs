@@ -1,0 +1,123 @@
+//! One estimator on one trial, beside the truth.
+
+use trace::{Outline, Trace};
+use whisker::estimators::{Estimate, Knowledge};
+
+use crate::bound::TraceBound;
+
+/// Start-up ends this long after the touch.
+pub const START_UP_S: f64 = 2.0;
+
+/// An estimator that is silent for more than this share of the steady contact has no steady score: what it left out would flatter it.
+const MOST_MISSING: f64 = 0.1;
+
+/// A trial under one measurement noise: what the robot knew and read, and what only the judge knows.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial<'a> {
+    /// The trace, with the truth.
+    pub trace: &'a Trace,
+    /// The object's outline, where known.
+    pub outline: Option<&'a Outline>,
+    /// What the robot knew.
+    pub knowledge: &'a Knowledge,
+    /// What it read.
+    pub readings_n_m: &'a [f64],
+    /// Whether it took the whisker to touch, one an instant of the trace.
+    pub touched: &'a [bool],
+    /// What no estimator can do better than; nothing without noise or truth.
+    pub bound: Option<&'a TraceBound>,
+}
+
+/// Why a trial cannot be scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unscored {
+    /// The recording does not tell where the contact was.
+    #[error("the true contact is not known; there is nothing to score against")]
+    TruthUnknown,
+    /// There was none.
+    #[error("the whisker never touches; there is nothing to score")]
+    NeverTouches,
+}
+
+/// One instant at which the whisker truly touches in one place. What is said of the estimate is nothing where there is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Row of the trace.
+    pub row: usize,
+    /// Time since the true first touch.
+    pub t_contact_s: f64,
+    /// Distance between estimated and true contact.
+    pub error_m: Option<f64>,
+    /// Normalised estimation error squared `e' P^-1 e`: chi-square with two degrees of freedom if the stated covariance is right.
+    pub nees: Option<f64>,
+    /// Normalised innovation squared, chi-square with one degree of freedom.
+    pub nis: Option<f64>,
+}
+
+/// The estimates of one estimator on one trial, beside the truth, prepared once for all metrics.
+#[derive(Clone, Debug)]
+pub struct Scored<'a> {
+    /// The trial.
+    pub trial: &'a Trial<'a>,
+    /// The estimates, one an instant of the trace.
+    pub estimates: &'a [Option<Estimate>],
+    /// Instant of the true first touch.
+    pub touch_s: f64,
+    /// The instants of contact.
+    pub contacts: Vec<Contact>,
+}
+
+impl<'a> Scored<'a> {
+    /// Lays estimates beside the truth.
+    ///
+    /// # Errors
+    /// [`Unscored`] where the trace has no instant of contact.
+    pub fn new(trial: &'a Trial<'a>, estimates: &'a [Option<Estimate>]) -> Result<Self, Unscored> {
+        let Trace { recording, truth, .. } = trial.trace;
+        let mut touch_s = None;
+        let mut contacts = Vec::new();
+        for (row, (known, truth)) in recording.instants.iter().zip(&truth.instants).enumerate() {
+            let Some(contact) = truth.contact else { continue };
+            let touch_s = *touch_s.get_or_insert(known.t_s);
+            if truth.split == Some(true) {
+                continue;
+            }
+            let seen = known.base.inverse().apply(contact);
+            let estimate = estimates[row].as_ref();
+            contacts.push(Contact {
+                row,
+                t_contact_s: known.t_s - touch_s,
+                error_m: estimate.map(|estimate| estimate.contact.distance(&seen)),
+                nees: estimate.and_then(|estimate| {
+                    let error = estimate.contact.vector() - seen.vector();
+                    Some(error.dot(&estimate.covariance_m2?.cholesky()?.solve(&error)))
+                }),
+                nis: estimate.and_then(|estimate| Some(estimate.innovation?.nis)),
+            });
+        }
+        let is_known = truth.instants.iter().any(|truth| truth.touching.is_some());
+        let touch_s = touch_s.ok_or(if is_known { Unscored::NeverTouches } else { Unscored::TruthUnknown })?;
+        Ok(Self { trial, estimates, touch_s, contacts })
+    }
+
+    /// The contact after start-up.
+    pub fn steady(&self) -> &[Contact] {
+        &self.contacts[self.start_up().len()..]
+    }
+
+    /// The contact during start-up.
+    pub fn start_up(&self) -> &[Contact] {
+        let end = self.contacts.partition_point(|contact| contact.t_contact_s < START_UP_S);
+        &self.contacts[..end]
+    }
+
+    /// Instants of the steady contact without an estimate.
+    pub fn missing(&self) -> usize {
+        self.steady().iter().filter(|contact| contact.error_m.is_none()).count()
+    }
+
+    /// Whether the estimator left out too much of the steady contact to be scored on the rest.
+    pub fn is_silent(&self) -> bool {
+        self.missing() as f64 > MOST_MISSING * self.steady().len() as f64
+    }
+}

@@ -1,0 +1,109 @@
+//! The page's table of consistency: whether the estimators are as sure as they may be.
+
+use maud::{Markup, html};
+use whisker::estimators::Kind;
+
+use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM, Verdict, interval};
+use crate::metrics::{Metric, consistency};
+use crate::results::{ConsistencyRow, RunSet, SummaryRow};
+
+use super::run_data::RunData;
+use super::style::plain;
+
+/// An average that is judged.
+struct Judged {
+    heading: &'static str,
+    freedom: usize,
+    metric: Metric,
+    /// The average at one time with its interval.
+    at: fn(&ConsistencyRow) -> Option<[f64; 3]>,
+}
+
+const JUDGED: [Judged; 2] = [
+    Judged {
+        heading: "NEES",
+        freedom: NEES_FREEDOM,
+        metric: consistency::NEES,
+        at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]),
+    },
+    Judged {
+        heading: "NIS",
+        freedom: NIS_FREEDOM,
+        metric: consistency::NIS,
+        at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]),
+    },
+];
+
+/// The section of the page; nothing where no estimator of the leading sets states a covariance.
+pub(super) fn section(data: &RunData) -> Option<Markup> {
+    let judges = |set: &RunSet| -> Vec<(String, &SummaryRow)> {
+        let recursive = data.run.estimators.iter().filter(|estimator| estimator.kind != Kind::Baseline);
+        let rows = recursive.filter_map(|estimator| Some((estimator.label(), data.summary_of(set, &estimator.name)?)));
+        rows.filter(|(_, row)| row.get(&consistency::NEES).is_some()).collect()
+    };
+    let sets: Vec<(&RunSet, Vec<(String, &SummaryRow)>)> =
+        data.leading_sets().into_iter().map(|set| (set, judges(set))).filter(|(_, rows)| !rows.is_empty()).collect();
+    let (first, _) = sets.first()?;
+    Some(html! {
+        section #consistent {
+            h2 { "How sure, and how right" }
+            p {
+                "Group " b { (plain(&first.group)) } ". NEES is the squared contact error in units of the stated covariance, 2 on average if that is "
+                "right; NIS the squared innovation in units of the expected one, 1 on average. The verdict is on the average over "
+                "the whole contact, with each trial and noise seed as one sample; beside it the share of the times at which the average "
+                "over the trials lies in its 95 % interval. In brackets that interval, from the chi-square distribution "
+                "(Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2)."
+            }
+            div.scroll tabindex="0" aria-label="Table: consistency" {
+                table.blocks {
+                    thead {
+                        tr {
+                            th { "whisker" }
+                            th { "estimator" }
+                            @for judged in &JUDGED {
+                                th.number { (judged.heading) }
+                                th { "verdict" }
+                                th.number { "times inside" br; small { "%" } }
+                            }
+                            th.number { "truth in 95 % ellipse" br; small { "%" } }
+                        }
+                    }
+                    @for (set, rows) in &sets {
+                        tbody {
+                            @for (label, row) in rows {
+                                tr {
+                                    td { (set.whisker) }
+                                    td { (label) }
+                                    @for judged in &JUDGED { (judged.cells(data, set, row)) }
+                                    td.number { (percent(row.get(&consistency::COVERAGE))) }
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    })
+}
+
+impl Judged {
+    fn cells(&self, data: &RunData, set: &RunSet, row: &SummaryRow) -> Markup {
+        let Some(average) = row.get(&self.metric) else {
+            return html! { td.number { "–" } td { "–" } td.number { "–" } };
+        };
+        let (low, high) = interval(self.freedom, row.head.trials);
+        let times = data.consistency_of(set, &row.head.estimator);
+        let inside: Vec<bool> =
+            times.into_iter().filter_map(self.at).map(|[average, low, high]| (low..=high).contains(&average)).collect();
+        let share = inside.iter().filter(|is_inside| **is_inside).count() as f64 / inside.len() as f64;
+        html! {
+            td.number { (format!("{average:.2} [{low:.2}, {high:.2}]")) }
+            td { (Verdict::of(average, self.freedom, row.head.trials).word()) }
+            td.number { (percent(Some(share).filter(|share| share.is_finite()))) }
+        }
+    }
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| "–".to_owned(), |share| format!("{:.0}", 100.0 * share))
+}

@@ -1,0 +1,71 @@
+//! The report of the physics study, whose tables `python -m whisker_sim.physics` writes. To add a figure: a file in this folder
+//! and a row in [`FIGURES`].
+
+use super::figure::Figure;
+
+mod convergence;
+mod data;
+mod frequencies;
+mod page;
+mod panels;
+mod ringing;
+mod speeds;
+mod steps;
+mod sweeps;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use data::{Data, is_study};
+pub(super) use page::html;
+
+/// All figures of the physics study, in the order of the page.
+pub(crate) const FIGURES: &[Figure<Data>] = &[
+    Figure {
+        name: "convergence",
+        title: "The chain at rest",
+        caption: "Error of the chain at rest against the elastica over the number of its segments: root mean square over the \
+                  places between two hinges, worst of all objects (pin, circles of 15 and 50 mm, corner) and of both \
+                  deflections (2 and 10 mm). The order is the power of the segment's length with which the error falls, \
+                  over all cases.",
+        draw: convergence::draw,
+    },
+    Figure {
+        name: "sweeps",
+        title: "Along the sweeps",
+        caption: "Error of the traces of the standard suite against the elastica, at the instants that are quasi-static: \
+                  above, the base moment, relative to the largest of the trace; below, the contact on the object's surface and along the whisker. \
+                  At a corner the contact on the surface is the corner itself, and its error lies below the picture. \
+                  Dashed: bounds.",
+        draw: sweeps::draw,
+    },
+    Figure {
+        name: "frequencies",
+        title: "Natural frequencies",
+        caption: "Error of the chain's first three natural frequencies against those of the beam on its compliant root, over \
+                  the number of segments.",
+        draw: frequencies::draw,
+    },
+    Figure {
+        name: "ringing",
+        title: "Ringing after release",
+        caption: "Reading of the straight whisker that was bent and let go: left, as it is; right, its magnitude. Without \
+                  damping in the hinges only the integrator's own is left. Dashed: the time after which the ringing of \
+                  the published sensor has died, and its noise at rest, scaled to the same start.",
+        draw: ringing::draw,
+    },
+    Figure {
+        name: "speeds",
+        title: "Dynamic part of the reading",
+        caption: "What the reading has beyond the elastica's in a stroke of 10 mm forth and back, over the largest speed of \
+                  the base: root mean square, relative to the largest static reading, in the first 0.1 s of the contact and \
+                  once it has settled.",
+        draw: speeds::draw,
+    },
+    Figure {
+        name: "steps",
+        title: "Time step and segments",
+        caption: "Largest change of the settled reading when the default of 40 segments and 0.5 ms is changed, relative to its \
+                  range, for the same strokes. Dashed: bound for half the time step and for twice the segments.",
+        draw: steps::draw,
+    },
+];

@@ -1,0 +1,203 @@
+//! Recordings in the layout of the public whisker data set, made from a known wire: imported, fitted, replayed and scored.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use whisker::elastica::Elastica;
+use whisker::frames::{Base, Point, Pose, World};
+use whisker::{Curvature, Whisker};
+
+const CALIBRATION: &str = "data/all_datasets/calibration/curved_calib_May_22_try2.csv";
+const TRIAL: &str = "data/all_datasets/test/tip_test_05_22_23_try2/curved_test_May_22_trial0.csv";
+const SWEEP: &str = "data/all_datasets/test/tip_test_05_25_23/reference_cylindertip_test_scan_object_May_25_trial0.csv";
+
+const SWEEPING: &str = "data/all_datasets/calibration/sensor1_tip_calib_May_04.csv";
+
+fn whisker(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
+}
+
+/// Runs a command that is to end well and gives its output.
+fn good(arguments: &[&str]) -> String {
+    let output = whisker(arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?} ended with {:?}: {errors}", output.status);
+    String::from_utf8(output.stdout).unwrap() + &errors
+}
+
+/// The wire and where it hangs on the rig: unlike its drawing, as real ones are.
+struct Rig {
+    elastica: Elastica,
+    base: Pose<World, Base>,
+    reference_mm: [f64; 3],
+}
+
+impl Rig {
+    fn curved() -> Self {
+        Self::new([(0.004, 0.0), (0.026, -48.0), (0.026, -48.0)], [63.479219625, 98.55717525, 16.1023935])
+    }
+
+    fn sweeping() -> Self {
+        Self::new([(0.034, 0.0), (0.011, -48.0), (0.011, -48.0)], [64.30451325, 98.0687005, 16.1023935])
+    }
+
+    fn new(curvature: [(f64, f64); 3], reference_mm: [f64; 3]) -> Self {
+        let wire = Whisker {
+            name: "wire".into(),
+            length_m: 0.056,
+            root_diameter_m: 0.2e-3,
+            tip_diameter_m: 0.2e-3,
+            youngs_modulus_pa: 40e9,
+            density_kg_m3: 6450.0,
+            curvature: curvature.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m }).into(),
+            root_stiffness_n_m_rad: 0.17e-3,
+            segments: 40,
+            damping_s: 0.0,
+        };
+        let base: Pose<Base, World> = Pose::new(0.001, 0.0055, -1.85);
+        Self { elastica: Elastica::new(&wire).unwrap(), base: base.inverse(), reference_mm }
+    }
+
+    /// Reading with the pin at this place beside the reference, in mm; that at rest where the pin is on the wire's other side.
+    fn counts(&self, x_mm: f64, y_mm: f64) -> f64 {
+        let pin = self.base.apply(Point::new(1e-3 * x_mm, 1e-3 * y_mm));
+        let moment_n_m = self.elastica.at_point(pin).map_or(0.0, |contact| contact.deflection.moment_n_m.min(0.0));
+        -40.0 - 2e7 * moment_n_m - 5e14 * moment_n_m.powi(3)
+    }
+
+    fn row(&self, table: &mut String, index: usize, (x_mm, y_mm): (f64, f64)) {
+        let [x, y, z] = [self.reference_mm[0] + x_mm, self.reference_mm[1] + y_mm, self.reference_mm[2]];
+        let counts = self.counts(x_mm, y_mm) + if index.is_multiple_of(2) { 2.0 } else { -2.0 };
+        writeln!(table, "{index},{x},{y},{z},90.0,{counts},-550.0").unwrap();
+    }
+
+    fn table(&self, places_mm: impl IntoIterator<Item = (f64, f64)>) -> String {
+        let mut table = String::from(",px,py,pz,sx,sy,sz\n");
+        places_mm.into_iter().enumerate().for_each(|(index, place)| self.row(&mut table, index, place));
+        table
+    }
+}
+
+/// A clone of the repository, with one calibration, one pin trial and one sweep.
+fn clone() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let (curved, sweeping) = (Rig::curved(), Rig::sweeping());
+    // Lines along -x, each from the side on which the whisker is free, after a visit to the place of rest.
+    let grid = |lines: u32| {
+        (0..lines).flat_map(|j| {
+            let line = (0..21).map(move |i| (3.0 - 2.0 * f64::from(i), -0.6 - 1.1 * f64::from(j)));
+            std::iter::once((5.0, 0.0)).chain(line)
+        })
+    };
+    let line = || (0..90).map(|i| (3.0 - 0.5 * f64::from(i), -3.3));
+    let tables = [
+        (CALIBRATION, curved.table(grid(9))),
+        (TRIAL, curved.table(line())),
+        (SWEEPING, sweeping.table(grid(18))),
+        (SWEEP, sweeping.table(line())),
+    ];
+    for (path, table) in tables {
+        write(&folder.path().join(path), &table);
+    }
+    folder
+}
+
+fn write(path: &Path, text: &str) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, text).unwrap();
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A column of a table.
+fn column(path: &Path, name: &str) -> Vec<String> {
+    let mut table = csv::Reader::from_path(path).unwrap();
+    let place = table.headers().unwrap().iter().position(|column| column == name).unwrap();
+    table.records().map(|row| row.unwrap()[place].to_owned()).collect()
+}
+
+#[test]
+fn verif_known_contacts_are_found_in_imported_recordings() {
+    let (source, work) = (clone(), tempfile::tempdir().unwrap());
+    let dataset = work.path().join("stanford");
+    let said = good(&["import", "stanford-whisker", text(source.path()), "--out", text(&dataset)]);
+    assert!(said.contains("real pins") && said.contains("real objects"), "{said}");
+    good(&["check", text(&dataset)]);
+    good(&["fit", text(&dataset), "--model", "elastica"]);
+    let results = work.path().join("results");
+    // The contact is the pin's axis, which rests.
+    let config = work.path().join("config.json");
+    write(&config, r#"{"recommended": {"motion": {"kind": "resting"}}}"#);
+    let run = ["evaluate", text(&dataset), "--estimators", "recommended", "--seeds", "1", "--starts", "wrong"];
+    let said = good(&[&run[..], &["--config", text(&config), "--results", text(&results)]].concat());
+    assert!(said.contains("told wrongly") && said.contains("not scored"), "{said}");
+    let trials = results.join("stanford/trials.csv");
+    let errors = column(&trials, "late_mean_m");
+    assert_eq!(errors.len(), 7, "the honest start and six wrong ones: {errors:?}");
+    for error in errors {
+        assert!(error.parse::<f64>().unwrap() < 0.2e-3, "{error} m");
+    }
+}
+
+#[test]
+fn verif_formats_are_listed() {
+    assert!(good(&["import", "--list"]).starts_with("stanford-whisker "));
+}
+
+/// Asserts that an import fails with one line that has every one of `words`, after one file was changed.
+fn fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]) {
+    let source = clone();
+    let path: PathBuf = source.path().join(file);
+    fs::write(&path, change(fs::read_to_string(&path).unwrap())).unwrap();
+    fails_on(source.path(), words);
+}
+
+fn fails_on(source: &Path, words: &[&str]) {
+    let out = tempfile::tempdir().unwrap();
+    let output = whisker(&["import", "stanford-whisker", text(source), "--out", text(out.path())]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
+    assert_eq!(errors.trim_end().lines().count(), 1, "said:\n{errors}");
+    assert!(errors.starts_with("error: "), "said: {errors}");
+    for word in words {
+        assert!(errors.contains(word), "does not say `{word}`: {errors}");
+    }
+}
+
+#[test]
+fn robust_missing_folder() {
+    fails_on(Path::new("/nowhere"), &["/nowhere/data/all_datasets/calibration", "a clone of the repository"]);
+}
+
+#[test]
+fn robust_missing_column() {
+    fails(TRIAL, |table| table.replacen(",sy", "", 1), &["trial0.csv:1", "column 6", "`sz`", "`sy`"]);
+}
+
+#[test]
+fn robust_not_a_number() {
+    let change = |table: String| table.replacen("\n5,", "\n5,NaN", 1);
+    fails(TRIAL, change, &["trial0.csv:7", "px", "NaN", "a finite number"]);
+}
+
+#[test]
+fn robust_empty_file() {
+    fails(CALIBRATION, |_| String::new(), &["try2.csv:1", "an empty file"]);
+}
+
+#[test]
+fn robust_calibration_that_tells_nothing() {
+    let change = |table: String| table.lines().take(4).map(|line| format!("{line}\n")).collect();
+    fails(CALIBRATION, change, &["try2.csv", "rows", "to tell the wire's place"]);
+}
+
+#[test]
+fn robust_calibration_is_missing() {
+    let source = clone();
+    fs::remove_file(source.path().join(CALIBRATION)).unwrap();
+    fails_on(source.path(), &["trial0.csv", "curved_calib_<date>_try2.csv"]);
+}

@@ -1,0 +1,104 @@
+//! Calibration files: written, read, and refused with the place named.
+
+use std::path::Path;
+
+use serde_json::Value;
+use trace::{CalibrationFile, FaceFile, Watermark, read_json, write_json};
+use whisker::elastica::Elastica;
+use whisker::sensor::{self, Face, Fit, Material, Sample};
+use whisker::{Curvature, Whisker};
+
+fn whisker() -> Whisker {
+    Whisker {
+        name: "straight".into(),
+        length_m: 0.08,
+        root_diameter_m: 0.25e-3,
+        tip_diameter_m: 0.25e-3,
+        youngs_modulus_pa: 60e9,
+        density_kg_m3: 6450.0,
+        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
+        root_stiffness_n_m_rad: 0.17e-3,
+        segments: 40,
+        damping_s: 0.0,
+    }
+}
+
+/// Fits of each registered model with its default settings to the exact whisker.
+fn fits() -> Vec<Fit> {
+    let whisker = whisker();
+    let elastica = Elastica::new(&whisker).unwrap();
+    let rest = whisker.rest_shape();
+    let trace = |phase: f64| -> Vec<Sample> {
+        let places = (0..20).flat_map(|i| (0..12).map(move |j| (f64::from(i) + phase, f64::from(j) + phase)));
+        places
+            .filter_map(|(i, j)| {
+                let arc_m = 0.02 + 0.05 * i / 20.0;
+                let contact = rest.beside(arc_m, -0.3 * arc_m * j / 12.0);
+                let found = elastica.at_point(contact).ok()?;
+                Some(Sample { contact, reading_n_m: found.deflection.moment_n_m })
+            })
+            .collect()
+    };
+    let traces = [trace(0.0), trace(0.5)];
+    let material = Material {
+        whisker: &whisker,
+        face: Face::Left,
+        measured: &traces,
+        reference: &traces,
+        reference_noise_sd_n_m: 0.0,
+    };
+    sensor::MODELS.iter().map(|row| sensor::fit(row, &(row.defaults)(), &material).unwrap()).collect()
+}
+
+fn calibration(fits: &[Fit]) -> CalibrationFile {
+    let faces = vec![FaceFile::new(fits).unwrap()];
+    let watermark =
+        Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
+    CalibrationFile::new(whisker(), 0.0, 1, String::new(), vec!["trace".into()], faces, watermark)
+}
+
+/// The one line that reading a changed file gives.
+fn refused(path: &Path, change: impl FnOnce(&mut Value)) -> String {
+    let mut file: Value = read_json(path).unwrap();
+    change(&mut file);
+    let changed = path.with_file_name("changed.json");
+    write_json(&changed, &file).unwrap();
+    let error = CalibrationFile::read(&changed).unwrap_err().to_string();
+    assert_eq!(error.lines().count(), 1, "{error}");
+    error
+}
+
+#[test]
+fn verif_every_model_is_found_by_its_label_and_the_best_is_chosen() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("straight.json");
+    let fits = fits();
+    write_json(&path, &calibration(&fits)).unwrap();
+    let file = CalibrationFile::read(&path).unwrap();
+    assert_eq!(file, calibration(&fits));
+
+    for fit in &fits {
+        let faces = file.calibrated(&path, Some(&fit.face.label)).unwrap();
+        assert_eq!(faces[0].label, fit.face.label);
+        let contact = whisker().rest_shape().beside(0.05, -0.006);
+        assert_eq!(faces[0].model.reading_n_m(contact).to_bits(), fit.face.model.reading_n_m(contact).to_bits());
+        assert_eq!(faces[0].model_variance_n2_m2(contact), fit.face.model_variance_n2_m2(contact));
+    }
+    let best = fits.iter().map(|fit| fit.face.heldout_rms_n_m).fold(f64::INFINITY, f64::min);
+    assert_eq!(file.calibrated(&path, None).unwrap()[0].heldout_rms_n_m, best);
+}
+
+#[test]
+fn robust_errors_name_the_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("straight.json");
+    let file = calibration(&fits());
+    write_json(&path, &file).unwrap();
+
+    let error = file.calibrated(&path, Some("polynomial-8")).unwrap_err().to_string();
+    for word in ["straight.json", "faces.left.models", "polynomial-8", "polynomial-5", "elastica"] {
+        assert!(error.contains(word), "{error}");
+    }
+    let by_hand = refused(&path, |file| file["faces"][0]["largest_reading_n_m"] = 1.0.into());
+    assert!(by_hand.contains("faces_sha256"), "{by_hand}");
+}

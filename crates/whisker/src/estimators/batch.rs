@@ -1,0 +1,128 @@
+//! Hindsight: the most probable trajectory, given all readings of the contact.
+
+use std::sync::Arc;
+
+use filters::Gaussian;
+use filters::batch::{Instant, solve};
+use filters::bounded::Noisier;
+use filters::iterated::Search;
+use nalgebra::{Matrix2, SVector, Vector1, vector};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::gaussian::Follower;
+use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::settings::{Settings, SettingsError, parse, within};
+use super::side::Side;
+use super::smoother::{self, Recorder};
+use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Config {
+    /// Most steps of the search.
+    pub iterations: usize,
+    /// Step, in standard deviations of the result, that ends it.
+    pub tolerance_sds: f64,
+    /// The filter and smoother that give the first guess, and the model of the contact's motion.
+    pub guess: smoother::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { iterations: 20, tolerance_sds: 1e-3, guess: smoother::Config::default() }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("iterations", self.iterations as f64, 1.0..=1000.0)?;
+        within("tolerance_sds", self.tolerance_sds, 0.0..=1.0)?;
+        self.guess.validate()
+    }
+}
+
+struct Batch {
+    config: Config,
+    knowledge: Arc<Knowledge>,
+}
+
+pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    Ok(Box::new(Batch { config: parse(config)?, knowledge: knowledge.clone() }))
+}
+
+impl Method for Batch {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let Config { iterations, tolerance_sds, guess } = self.config;
+        let search = Search { iterations, tolerance_sds };
+        match guess.motion {
+            MotionSettings::Resting(motion) => {
+                let follower = Follower::new(guess, motion, touch, &self.knowledge);
+                Box::new(Collector::<Resting, 2> { search, recorder: Recorder::new(follower), samples: Vec::new() })
+            }
+            MotionSettings::Round(motion) => {
+                let follower = Follower::new(guess, motion, touch, &self.knowledge);
+                Box::new(Collector::<Round, 4> { search, recorder: Recorder::new(follower), samples: Vec::new() })
+            }
+        }
+    }
+}
+
+/// A recorder that keeps the samples as well.
+struct Collector<Model, const N: usize> {
+    search: Search,
+    recorder: Recorder<Model, N>,
+    /// Samples that the recorder has a step of, and how much noisier than usual their readings count.
+    samples: Vec<(Sample, f64)>,
+}
+
+impl<Model: Motion<N>, const N: usize> Collector<Model, N> {
+    /// The most probable trajectory, from the smoothed one; nothing where no prediction is possible on the way.
+    fn solved(&self, smoothed: &[Gaussian<N>]) -> Option<Vec<Gaussian<N>>> {
+        let Recorder { follower, .. } = &self.recorder;
+        let side = &follower.side;
+        let reading = follower.reading();
+        let instants: Vec<_> = self
+            .samples
+            .iter()
+            .take(self.recorder.touching())
+            .map(|(sample, factor)| Instant {
+                process: follower.motion.step(side, sample),
+                measurement: Noisier { model: &reading, factor: *factor },
+                reading: Vector1::new(sample.reading_n_m),
+            })
+            .collect();
+        let guess: Vec<SVector<f64, N>> = smoothed.iter().take(instants.len()).map(|belief| belief.mean).collect();
+        let prior = follower.motion.belief(&anywhere(side));
+        let mut beliefs = solve(&prior, &instants, guess, &self.search).ok()?;
+        beliefs.extend(&smoothed[instants.len()..]);
+        Some(beliefs)
+    }
+}
+
+/// A belief that leaves the contact's place to the readings.
+fn anywhere(side: &Side) -> Gaussian<2> {
+    let (low_m, high_m) = side.face.domain.arc_range_m();
+    let variance_m2 = (high_m - low_m).powi(2);
+    Gaussian::new(vector![0.5 * (low_m + high_m), 0.0], Matrix2::identity() * variance_m2)
+}
+
+impl<Model: Motion<N>, const N: usize> Tracker for Collector<Model, N> {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimate = self.recorder.step(sample)?;
+        let gate = self.recorder.follower.gate_sds();
+        let excess = estimate.innovation.map_or(1.0, |innovation| (innovation.nis / (gate * gate)).max(1.0));
+        // At the touch, the motion since the last instant leads from nowhere.
+        let is_first = self.samples.is_empty();
+        let motion = if is_first { crate::frames::Pose::new(0.0, 0.0, 0.0) } else { sample.motion };
+        self.samples.push((Sample { motion, ..*sample }, excess));
+        Some(estimate)
+    }
+
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        let smoothed = self.recorder.smoothed();
+        let beliefs = self.solved(&smoothed).unwrap_or(smoothed);
+        Some(self.recorder.estimates(&beliefs))
+    }
+}

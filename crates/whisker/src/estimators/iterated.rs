@@ -1,0 +1,47 @@
+//! The iterated extended Kalman filter on the contact.
+
+use filters::iterated::{self, Search};
+use filters::{Gaussian, Innovation, Measurement, Process, Skipped};
+use nalgebra::Vector1;
+use serde::{Deserialize, Serialize};
+
+use super::gaussian::Verbs;
+use super::settings::{SettingsError, within};
+
+/// Its own settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Iterated {
+    /// Most steps of an update.
+    iterations: usize,
+    /// Step, in standard deviations of the prior, that ends it.
+    tolerance_sds: f64,
+}
+
+impl Default for Iterated {
+    fn default() -> Self {
+        Self { iterations: 5, tolerance_sds: 1e-2 }
+    }
+}
+
+impl Verbs for Iterated {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("filter.iterations", self.iterations as f64, 1.0..=1000.0)?;
+        within("filter.tolerance_sds", self.tolerance_sds, 0.0..=1.0)
+    }
+
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped> {
+        iterated::predict(belief, process);
+        Ok(())
+    }
+
+    fn update<const N: usize>(
+        &self,
+        belief: &mut Gaussian<N>,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
+    ) -> Result<Innovation<1>, Skipped> {
+        let search = Search { iterations: self.iterations, tolerance_sds: self.tolerance_sds };
+        iterated::update(belief, measurement, &search, z)
+    }
+}

@@ -1,0 +1,52 @@
+//! How a contact moves while the base moves: one file and one row of [`MotionSettings`] a model.
+//!
+//! The state begins with the contact's place `(s, d)`; a model may add what it needs to know of the object.
+
+mod resting;
+mod round;
+
+pub(super) use resting::Resting;
+pub(super) use round::Round;
+
+use filters::{Gaussian, Process};
+use serde::{Deserialize, Serialize};
+
+use super::Sample;
+use super::settings::SettingsError;
+use super::side::Side;
+
+/// A model of the contact's motion, with `N` numbers in its state.
+pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
+    /// Which number of the state is the sensor model's error at the contact, in standard deviations; without one that error counts as
+    /// noise.
+    const MODEL_ERROR: Option<usize> = None;
+
+    /// One step of it.
+    type Step<'a>: Process<N>;
+
+    /// The belief that begins with a belief about the place.
+    fn belief(&self, place: &Gaussian<2>) -> Gaussian<N>;
+
+    /// The step that belongs to a sample.
+    fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
+}
+
+/// The registry of motions: which one, and its settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub(super) enum MotionSettings {
+    /// The contact rests in the world.
+    Resting(Resting),
+    /// The contact wanders over a round object at rest.
+    Round(Round),
+}
+
+impl MotionSettings {
+    /// Checks every value.
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        match self {
+            Self::Resting(resting) => resting.validate(),
+            Self::Round(round) => round.validate(),
+        }
+    }
+}

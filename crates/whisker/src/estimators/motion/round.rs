@@ -1,0 +1,263 @@
+//! A contact that wanders over a round object at rest, because the whisker turns on it.
+
+use filters::{Gaussian, Process};
+use nalgebra::{Matrix4, Vector2, Vector4, vector};
+use serde::{Deserialize, Serialize};
+
+use super::Motion;
+use crate::estimators::Sample;
+use crate::estimators::settings::{SettingsError, within};
+use crate::estimators::side::Side;
+use crate::frames::{Base, Pose};
+use crate::rest::direction;
+
+/// A contact on a round object at rest. The state is `(s, d, rho, e)`: its place, the radius of the object and the wire together, and the
+/// sensor model's error there.
+///
+/// Without friction the contact lies where the whisker's tangent is the object's, at the distance `rho` from the object's middle along the
+/// whisker's normal. Where the tangent turns in the world by `dpsi`, the contact wanders along it by `ds = -rho dpsi` (the object on the right
+/// of the whisker; the other way on its left). How far the tangent turns depends on where the contact goes; with `dpsi_0` the
+/// turn that a resting contact would see, and `phi` the tangent's angle in Base, to first order in the step
+/// `ds = -rho dpsi_0 / (1 + rho dphi/ds)`, along the chord of the arc.
+///
+/// The sensor model errs by `e` standard deviations of what its calibration states. That is no noise that averages out: it is nearly the same
+/// at nearby places. Over a way of length `l` in Base it is forgotten by `exp(-l / error_length_m)` (a first-order Gauss-Markov process).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(in crate::estimators) struct Round {
+    /// Radius of object and wire that is expected before anything is known, against the pin of a calibration whose contacts are the pin's middle.
+    pub radius_m: f64,
+    /// Standard deviation of that.
+    pub radius_sd_m: f64,
+    /// How far the radius may change, as the standard deviation after one second.
+    pub radius_wander_m_sqrt_s: f64,
+    /// How far the contact may stray from what the model says, as the standard deviation after one second.
+    pub wander_m_sqrt_s: f64,
+    /// Way over which the sensor model's error becomes another.
+    pub error_length_m: f64,
+}
+
+impl Default for Round {
+    fn default() -> Self {
+        Self {
+            radius_m: 0.0,
+            radius_sd_m: 1e-4,
+            radius_wander_m_sqrt_s: 1e-6,
+            wander_m_sqrt_s: 3e-6,
+            error_length_m: 1e-2,
+        }
+    }
+}
+
+impl Round {
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("radius_m", self.radius_m, 0.0..=1.0)?;
+        within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
+        within("radius_wander_m_sqrt_s", self.radius_wander_m_sqrt_s, 1e-9..=0.1)?;
+        // Without any wander a covariance can lose its last digits; a whisker's length in a second forgets everything at once.
+        within("wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)?;
+        within("error_length_m", self.error_length_m, 1e-6..=10.0)
+    }
+}
+
+/// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
+const LEAST_PLAY: f64 = 0.1;
+
+/// One step.
+pub(in crate::estimators) struct Wandering<'a> {
+    side: &'a Side,
+    motion: Pose<Base, Base>,
+    /// Variances that it adds to the place and to the radius.
+    place_m2: f64,
+    radius_m2: f64,
+    error_length_m: f64,
+}
+
+impl Motion<4> for Round {
+    const MODEL_ERROR: Option<usize> = Some(3);
+
+    type Step<'a> = Wandering<'a>;
+
+    fn belief(&self, place: &Gaussian<2>) -> Gaussian<4> {
+        let mut covariance = Matrix4::from_diagonal(&vector![0.0, 0.0, self.radius_sd_m.powi(2), 1.0]);
+        covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.covariance);
+        Gaussian::new(vector![place.mean[0], place.mean[1], self.radius_m, 0.0], covariance)
+    }
+
+    fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Wandering<'a> {
+        Wandering {
+            side,
+            motion: sample.motion,
+            place_m2: self.wander_m_sqrt_s.powi(2) * sample.dt_s,
+            radius_m2: self.radius_wander_m_sqrt_s.powi(2) * sample.dt_s,
+            error_length_m: self.error_length_m,
+        }
+    }
+}
+
+impl Wandering<'_> {
+    /// The place one step later, and its derivative by the radius.
+    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Vector2<f64>) {
+        let face = &self.side.face;
+        let sign = face.face.away_sign();
+        let (arc_m, away_m) = face.along_and_away(self.motion.apply(face.contact_at(x[0], x[1])));
+        // Angles of the tangents: of the undeflected whisker, and of the deflected one against it.
+        let rest_rad = face.rest.tangent_rad(arc_m);
+        let (turn_rad, by_place) = self.side.turn_rad(arc_m, away_m);
+        let before_rad = face.rest.tangent_rad(x[0]) + self.side.turn_rad(x[0], x[1]).0;
+        let turned_rad = rest_rad + turn_rad - before_rad - self.motion.yaw_rad();
+
+        // A metre along a line at an angle to the undeflected whisker, written along and away.
+        let curvature_per_m = face.rest.curvature_per_m(arc_m);
+        let stretch = 1.0 - curvature_per_m * away_m * sign;
+        let along = |angle_rad: f64| {
+            let ahead = direction(angle_rad);
+            vector![ahead.x / stretch, ahead.y * sign]
+        };
+        let ahead = along(turn_rad);
+        let bend_per_m = curvature_per_m * ahead.x + by_place.dot(&ahead);
+        let share = 1.0 / (1.0 + sign * x[2] * bend_per_m).max(LEAST_PLAY);
+        let slip_by_radius = -sign * turned_rad * share;
+        let slip_m = x[2] * slip_by_radius;
+        let chord = along(turn_rad + bend_per_m * slip_m - 0.5 * turned_rad * share);
+        (vector![arc_m, away_m] + chord * slip_m, chord * (slip_by_radius * share))
+    }
+
+    /// What is left of the sensor model's error after the step.
+    fn kept(&self, x: &Vector4<f64>) -> f64 {
+        let before = self.side.face.contact_at(x[0], x[1]);
+        (-self.motion.apply(before).distance(&before) / self.error_length_m).exp()
+    }
+}
+
+impl Process<4> for Wandering<'_> {
+    fn predict(&self, x: &Vector4<f64>) -> Vector4<f64> {
+        let (place, _) = self.moved(x);
+        vector![place[0], place[1], x[2], x[3] * self.kept(x)]
+    }
+
+    fn jacobian(&self, x: &Vector4<f64>) -> Matrix4<f64> {
+        const STEP_M: f64 = 1e-6;
+        let (_, by_radius) = self.moved(x);
+        let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, self.kept(x)]);
+        for i in 0..2 {
+            let step = Vector4::ith(i, STEP_M);
+            let change = self.moved(&(x + step)).0 - self.moved(&(x - step)).0;
+            jacobian.fixed_view_mut::<2, 1>(0, i).copy_from(&(change / (2.0 * STEP_M)));
+        }
+        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&by_radius);
+        jacobian
+    }
+
+    fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
+        let kept = self.kept(x);
+        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, 1.0 - kept * kept])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::elastica::{Circle, Elastica, Load};
+    use crate::estimators::Knowledge;
+    use crate::frames::{Point, World};
+    use crate::sensor::{self, Face, Material};
+    use crate::{Curvature, Whisker};
+
+    /// A curved whisker, its left face calibrated by the elastica.
+    fn knowledge() -> Knowledge {
+        let whisker = Whisker {
+            name: "curved".into(),
+            length_m: 0.08,
+            root_diameter_m: 0.25e-3,
+            tip_diameter_m: 0.25e-3,
+            youngs_modulus_pa: 60e9,
+            density_kg_m3: 6450.0,
+            curvature: vec![Curvature { length_m: 0.08, curvature_per_m: -6.0 }],
+            root_stiffness_n_m_rad: 0.17e-3,
+            segments: 40,
+            damping_s: 0.0,
+        };
+        let elastica = Elastica::new(&whisker).unwrap();
+        let lines: Vec<Vec<sensor::Sample>> = (0..24)
+            .map(|i| {
+                let arc_m = 0.03 + 0.002 * f64::from(i);
+                let pressed = (0..24).map(|j| {
+                    let left_n = -8e-5 * f64::from(j) * (0.03 / arc_m).powi(2);
+                    let pressed = elastica.deflect(Load { arc_m, along_n: 0.0, left_n }).unwrap();
+                    sensor::Sample { contact: pressed.point, reading_n_m: pressed.moment_n_m }
+                });
+                pressed.collect()
+            })
+            .collect();
+        let material = Material {
+            whisker: &whisker,
+            face: Face::Left,
+            measured: &lines,
+            reference: &lines,
+            reference_noise_sd_n_m: 0.0,
+        };
+        let row = sensor::model("polynomial").unwrap();
+        let face = sensor::fit(row, &(row.defaults)(), &material).unwrap().face;
+        let rest = whisker.rest_shape();
+        Knowledge { whisker, rest, faces: vec![Arc::new(face)], noise_sd_n_m: 1e-7, rate_hz: 250.0, told: None }
+    }
+
+    fn base(step: u32) -> Pose<Base, World> {
+        let t = f64::from(step) * 0.004;
+        Pose::new(1e-3 * (3.0 * t).sin(), 2e-3 * (4.0 * t).sin(), 0.05 * (5.0 * t).sin())
+    }
+
+    fn sample(from: u32, to: u32) -> Sample {
+        Sample { motion: base(from).then(&base(to).inverse()), dt_s: 0.004 * f64::from(to - from), reading_n_m: 0.0 }
+    }
+
+    #[test]
+    fn val_contact_wanders_on_a_circle_as_the_exact_whisker_does() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let elastica = Elastica::new(&knowledge.whisker).unwrap();
+        for radius_m in [0.5e-3, 15e-3] {
+            let middle = knowledge.rest.beside(0.055, radius_m - 6e-3);
+            let center = Point::<World>::from_vector(middle.vector());
+            let circle = Circle { center, radius_m };
+            let state = |step: u32| {
+                let touch = elastica.against(&circle, &base(step), Face::Left).unwrap().unwrap();
+                let (arc_m, away_m) = side.face.along_and_away(touch.deflection.point);
+                vector![arc_m, away_m, radius_m + 0.125e-3, 0.0]
+            };
+            let mut followed = state(0);
+            let mut rested = followed;
+            let mut worst_m = 0.0_f64;
+            for step in 1..250 {
+                let wandering = Round::default().step(&side, &sample(step - 1, step));
+                followed = wandering.predict(&followed);
+                rested[2] = 0.0;
+                rested = wandering.predict(&rested);
+                worst_m = worst_m.max((followed - state(step)).fixed_rows::<2>(0).norm());
+            }
+            let slid_m = (rested - state(249)).fixed_rows::<2>(0).norm();
+            // Within two hundredths of the way that the contact slides over the object in that time.
+            assert!(worst_m < 0.02 * (slid_m + 0.2 * radius_m), "{radius_m}: {worst_m} of {slid_m}");
+        }
+    }
+
+    #[test]
+    fn verif_jacobian_is_that_of_the_prediction() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let step = Round::default().step(&side, &sample(20, 45));
+        let x = vector![0.055, 3e-3, 2e-3, 0.7];
+        let jacobian = step.jacobian(&x);
+        for i in 0..4 {
+            let h = if i == 3 { 1e-3 } else { 1e-6 };
+            let change = step.predict(&(x + Vector4::ith(i, h))) - step.predict(&(x - Vector4::ith(i, h)));
+            let expected = change / (2.0 * h);
+            // How the error's decay depends on the place is left out.
+            let found = jacobian.column(i);
+            assert!((found.fixed_rows::<3>(0) - expected.fixed_rows::<3>(0)).norm() < 2e-3, "{i}: {found} {expected}");
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! The side of the whisker that touches, as a filter sees it: coordinates, the tangent of the deflected whisker, and the reading's model.
+//!
+//! A contact is written `(s, d)`, along and away from the undeflected whisker. In these coordinates what is known at the touch is a Gaussian
+//! even on a strongly curved whisker, where in Cartesian coordinates it is a crescent that no Gaussian describes, and the reading is nearly
+//! a product of a stiffness that depends on `s` and the deflection `d`.
+
+use std::sync::Arc;
+
+use filters::{Gaussian, Innovation, Measurement};
+use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
+
+use super::motion::Motion;
+use super::{Estimate, Knowledge};
+use crate::elastica::Elastica;
+use crate::frames::{Base, Point};
+use crate::sensor::CalibratedFace;
+
+/// How far a contact may lie beyond the calibrated region, as a share of the region's extent along the whisker.
+const MARGIN: f64 = 0.1;
+
+/// What a filter knows of the side that touches.
+pub(super) struct Side {
+    pub(super) face: Arc<CalibratedFace>,
+    /// Variance of the measurement noise.
+    noise_n2_m2: f64,
+    turn: Turn,
+}
+
+impl Side {
+    pub(super) fn new(face: &Arc<CalibratedFace>, knowledge: &Knowledge) -> Self {
+        let noise_n2_m2 = knowledge.noise_sd_n_m * knowledge.noise_sd_n_m;
+        Self { face: face.clone(), noise_n2_m2, turn: Turn::fitted(face, knowledge) }
+    }
+
+    /// Angle from the undeflected whisker's tangent at arc length `s` to that of the deflected whisker at the contact, and its
+    /// derivatives along and away. Beyond the calibrated region it stays as it is at the border.
+    pub(super) fn turn_rad(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
+        let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
+        self.turn.at(arc_m, away_m)
+    }
+
+    /// Expected reading of a contact, and its derivatives along and away. Beyond the calibrated region it is continued linearly from the nearest
+    /// calibrated contact, so that a belief that reaches over the border is drawn back; the sensor model itself is never asked there.
+    pub(super) fn expect(&self, arc_m: f64, away_m: f64) -> (f64, RowVector2<f64>) {
+        let held = self.face.domain.clamp(arc_m, away_m);
+        let expected = self.face.model.predict(self.face.contact_at(held.0, held.1));
+        let gradient = expected.gradient_n.transpose() * self.face.contact_jacobian(held.0, held.1);
+        (expected.reading_n_m + (gradient * vector![arc_m - held.0, away_m - held.1])[0], gradient)
+    }
+
+    /// Expected reading alone.
+    pub(super) fn reading_n_m(&self, arc_m: f64, away_m: f64) -> f64 {
+        if self.face.domain.clamp(arc_m, away_m) == (arc_m, away_m) {
+            self.face.model.reading_n_m(self.face.contact_at(arc_m, away_m))
+        } else {
+            self.expect(arc_m, away_m).0
+        }
+    }
+
+    /// Variance of the sensor model's own error at a contact.
+    fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
+        let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
+        self.face.model_variance_n2_m2(self.face.contact_at(arc_m, away_m))
+    }
+
+    /// Variance of the reading of a contact: measurement noise and the sensor model's own error.
+    pub(super) fn variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
+        self.noise_n2_m2 + self.model_variance_n2_m2(arc_m, away_m)
+    }
+
+    /// Holds a place near the calibrated region. Not within it: objects push the whisker farther than its calibration did, and a belief held back there
+    /// would be wrong from then on.
+    pub(super) fn hold<const N: usize>(&self, x: &mut SVector<f64, N>) {
+        let (arc_m, away_m) = self.face.domain.clamp(x[0], x[1]);
+        let (low_m, high_m) = self.face.domain.arc_range_m();
+        let most_m = MARGIN * (high_m - low_m);
+        (x[0], x[1]) = (x[0].clamp(arc_m - most_m, arc_m + most_m), x[1].clamp(away_m - most_m, away_m + most_m));
+    }
+
+    /// States a belief.
+    pub(super) fn estimate<const N: usize>(&self, belief: &Gaussian<N>, innovation: Option<Innovation<1>>) -> Estimate {
+        let (arc_m, away_m) = (belief.mean[0], belief.mean[1]);
+        let jacobian = self.face.contact_jacobian(arc_m, away_m);
+        let covariance = jacobian * belief.covariance.fixed_view::<2, 2>(0, 0) * jacobian.transpose();
+        let is_calibrated = self.face.domain.contains(arc_m, away_m);
+        self.estimate_at(self.face.contact_at(arc_m, away_m), is_calibrated, covariance, innovation)
+    }
+
+    /// States a contact with its covariance in Base.
+    pub(super) fn estimate_at(
+        &self,
+        contact: Point<Base>,
+        calibrated: bool,
+        covariance_m2: Matrix2<f64>,
+        innovation: Option<Innovation<1>>,
+    ) -> Estimate {
+        let covariance_m2 = Some(covariance_m2);
+        Estimate { contact, face: self.face.face, covariance_m2, calibrated, at_tip: false, innovation }
+    }
+}
+
+/// The reading of a contact that is the first two numbers of a state.
+#[derive(Clone, Copy)]
+pub(super) struct ContactReading<'a> {
+    side: &'a Side,
+    /// Which number of the state is the sensor model's error, in standard deviations; without one the error is part of the noise.
+    model_error: Option<usize>,
+}
+
+impl<'a> ContactReading<'a> {
+    /// The measurement that belongs to a model of the contact's motion.
+    pub(super) fn of<Model: Motion<N>, const N: usize>(side: &'a Side) -> Self {
+        Self { side, model_error: Model::MODEL_ERROR }
+    }
+}
+
+impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
+    fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
+        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(x[0], x[1]).sqrt());
+        Some(Vector1::new(self.side.reading_n_m(x[0], x[1]) + error_n_m))
+    }
+
+    /// The error's own change along and away is left out: it is far smaller than that of the reading.
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
+        let (_, gradient) = self.side.expect(x[0], x[1]);
+        let mut jacobian = SMatrix::<f64, 1, N>::zeros();
+        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
+        if let Some(e) = self.model_error {
+            jacobian[e] = self.side.model_variance_n2_m2(x[0], x[1]).sqrt();
+        }
+        Some(jacobian)
+    }
+
+    /// The sensor model's error counts here, too: part of it may change from one sample to the next, as where friction sets in, and the
+    /// calibration does not tell how much.
+    fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
+        Matrix1::new(self.side.variance_n2_m2(x[0], x[1]))
+    }
+}
+
+/// The turn of the whisker at a contact as a smooth function of its place: `d` times a polynomial in `s` and `d`, fitted to what the sensor
+/// model, or else the exact whisker, says all over the calibrated region.
+struct Turn {
+    centre_m: f64,
+    half_m: f64,
+    away_m: f64,
+    coefficients: [f64; TERMS.len()],
+}
+
+/// Powers of `s` and `d` in the polynomial.
+const TERMS: [(i32, i32); 14] =
+    [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2), (0, 3), (1, 3)]; // fmt: skip
+
+/// Places along and away that are fitted.
+const PLACES: (usize, usize) = (12, 6);
+
+impl Turn {
+    fn fitted(face: &CalibratedFace, knowledge: &Knowledge) -> Self {
+        let (low, high) = face.domain.arc_range_m();
+        let highest = face.domain.upper_m.iter().copied().fold(0.0, f64::max);
+        let mut map = Self {
+            centre_m: 0.5 * (low + high),
+            half_m: 0.5 * (high - low),
+            away_m: highest,
+            coefficients: [0.0; TERMS.len()],
+        };
+        let elastica = Elastica::new(&knowledge.whisker).ok();
+        let places = (0..PLACES.0).flat_map(|i| (1..=PLACES.1).map(move |j| (i, j))).map(|(i, j)| {
+            let arc_m = low + (high - low) * i as f64 / (PLACES.0 - 1) as f64;
+            (arc_m, face.domain.away_range_m(arc_m).1 * j as f64 / PLACES.1 as f64)
+        });
+        let (rows, turns): (Vec<_>, Vec<f64>) = places
+            .filter(|&(_, away_m)| away_m > 0.0)
+            .filter_map(|(arc_m, away_m)| {
+                let contact = face.contact_at(arc_m, away_m);
+                let solved = || Some(elastica.as_ref()?.at_point(contact).ok()?.deflection.tangent_rad);
+                let tangent_rad = face.model.tangent_rad(contact).or_else(solved)?;
+                let (u, v) = map.scaled(arc_m, away_m);
+                Some((TERMS.map(|(i, j)| v * u.powi(i) * v.powi(j)), tangent_rad - face.rest.tangent_rad(arc_m)))
+            })
+            .unzip();
+        let matrix = DMatrix::from_fn(rows.len(), TERMS.len(), |row, term| rows[row][term]);
+        if let Ok(solution) = matrix.svd(true, true).solve(&DVector::from_vec(turns), 1e-9) {
+            map.coefficients.copy_from_slice(solution.as_slice());
+        }
+        map
+    }
+
+    fn scaled(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
+        ((arc_m - self.centre_m) / self.half_m, away_m / self.away_m)
+    }
+
+    fn at(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
+        let (u, v) = self.scaled(arc_m, away_m);
+        let powers = |x: f64| [1.0, x, x * x, x * x * x, x * x * x * x];
+        let (us, vs) = (powers(u), powers(v));
+        let (mut turn, mut by_u, mut by_v) = (0.0, 0.0, 0.0);
+        for (&(i, j), c) in TERMS.iter().zip(&self.coefficients) {
+            let (i, j) = (i as usize, j as usize);
+            turn += c * us[i] * vs[j + 1];
+            by_v += c * us[i] * vs[j] * (j + 1) as f64;
+            if i > 0 {
+                by_u += c * us[i - 1] * vs[j + 1] * i as f64;
+            }
+        }
+        (turn, vector![by_u / self.half_m, by_v / self.away_m])
+    }
+}

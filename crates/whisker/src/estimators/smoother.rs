@@ -1,0 +1,91 @@
+//! Hindsight: the iterated filter forwards, the smoother back.
+
+use std::sync::Arc;
+
+use filters::Gaussian;
+use filters::Process;
+use filters::smoother::{Step, smooth};
+use nalgebra::SMatrix;
+use serde_json::Value;
+
+use super::gaussian::{self, Follower};
+use super::iterated::Iterated;
+use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::settings::{SettingsError, parse};
+use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
+
+/// Settings: those of the filter.
+pub(super) type Config = gaussian::Config<Iterated>;
+
+struct Smoother {
+    config: Config,
+    knowledge: Arc<Knowledge>,
+}
+
+pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    Ok(Box::new(Smoother { config: parse(config)?, knowledge: knowledge.clone() }))
+}
+
+impl Method for Smoother {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        match self.config.motion {
+            MotionSettings::Resting(motion) => {
+                Box::new(Recorder::<Resting, 2>::new(Follower::new(self.config, motion, touch, &self.knowledge)))
+            }
+            MotionSettings::Round(motion) => {
+                Box::new(Recorder::<Round, 4>::new(Follower::new(self.config, motion, touch, &self.knowledge)))
+            }
+        }
+    }
+}
+
+/// A filter that keeps its steps.
+pub(super) struct Recorder<Model, const N: usize> {
+    pub(super) follower: Follower<Iterated, Model, N>,
+    steps: Vec<Step<N>>,
+    /// For each sample, its step, unless the filter had none.
+    places: Vec<Option<usize>>,
+}
+
+impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
+    pub(super) fn new(follower: Follower<Iterated, Model, N>) -> Self {
+        Self { follower, steps: Vec::new(), places: Vec::new() }
+    }
+
+    /// Number of steps up to the last at which the whisker was pushed aside: between the loss of a contact and its being noticed there is
+    /// nothing that hindsight could say.
+    pub(super) fn touching(&self) -> usize {
+        self.steps.iter().rposition(|step| step.filtered.mean[1] > 0.0).map_or(0, |last| last + 1)
+    }
+
+    /// Beliefs of all steps, those with a contact smoothed.
+    pub(super) fn smoothed(&self) -> Vec<Gaussian<N>> {
+        let (touching, lost) = self.steps.split_at(self.touching());
+        let mut beliefs = smooth(touching);
+        beliefs.extend(lost.iter().map(|step| step.filtered));
+        beliefs
+    }
+
+    /// Estimates of all samples from beliefs of all steps.
+    pub(super) fn estimates(&self, beliefs: &[Gaussian<N>]) -> Vec<Option<Estimate>> {
+        let estimate = |step: usize| self.follower.side.estimate(&beliefs[step], None);
+        self.places.iter().map(|place| place.map(estimate)).collect()
+    }
+}
+
+impl<Model: Motion<N>, const N: usize> Tracker for Recorder<Model, N> {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let advance = self.follower.advance(sample);
+        self.places.push(advance.as_ref().map(|_| self.steps.len()));
+        let advance = advance?;
+        let jacobian = self.steps.last().map_or_else(SMatrix::identity, |last| {
+            self.follower.motion.step(&self.follower.side, sample).jacobian(&last.filtered.mean)
+        });
+        self.steps.push(Step { jacobian, predicted: advance.predicted, filtered: advance.filtered });
+        Some(self.follower.side.estimate(&advance.filtered, advance.innovation))
+    }
+
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        Some(self.estimates(&self.smoothed()))
+    }
+}

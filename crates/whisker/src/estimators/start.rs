@@ -1,0 +1,130 @@
+//! What is believed at a touch: where along the whisker, how far pushed already, and what the readings just before it add.
+
+use filters::{Gaussian, Measurement, Process};
+use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, vector};
+use serde::{Deserialize, Serialize};
+
+use super::settings::{SettingsError, within};
+use super::side::{ContactReading, Side};
+use super::{Sample, Told};
+use crate::frames::{Base, Pose};
+
+/// How a filter starts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub(super) enum Start {
+    /// One Gaussian.
+    Single,
+    /// Several along the whisker, to be weighed by their evidence.
+    Hypotheses {
+        /// How many.
+        count: usize,
+    },
+}
+
+/// Stretch on either side of a told place that is looked at, in standard deviations of what was told.
+const TOLD_REACH_SDS: f64 = 3.0;
+
+/// Newton steps for the push that explains a reading.
+const NEWTON_STEPS: usize = 8;
+
+impl Start {
+    /// Checks every value.
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        match self {
+            Self::Single => Ok(()),
+            Self::Hypotheses { count } => within("start.count", *count as f64, 1.0..=1000.0),
+        }
+    }
+
+    /// Beliefs about the place at the touch, with the logarithms of their weights. The calibrated part of the whisker, or what of it lies
+    /// near a told place, is cut into equal stretches; the standard deviation along is half a stretch. How far the whisker is pushed
+    /// already follows from the reading, with the reading's uncertainty; so no place along the whisker is favoured before it is known
+    /// how the reading grows.
+    pub(super) fn beliefs(self, side: &Side, reading_n_m: f64, told: Option<Told>) -> Vec<(Gaussian<2>, f64)> {
+        let count = match self {
+            Self::Single => 1,
+            Self::Hypotheses { count } => count,
+        };
+        let (mut low_m, mut high_m) = side.face.domain.arc_range_m();
+        let told = told.map(|told| (side.face.along_and_away(told.contact).0.clamp(low_m, high_m), told.sd_m));
+        if let Some((arc_m, sd_m)) = told {
+            low_m = low_m.max(arc_m - TOLD_REACH_SDS * sd_m);
+            high_m = high_m.min(arc_m + TOLD_REACH_SDS * sd_m);
+        }
+        let stretch_m = (high_m - low_m) / count as f64;
+        (0..count)
+            .map(|i| {
+                let arc_m = low_m + (i as f64 + 0.5) * stretch_m;
+                let log_weight = told.map_or(0.0, |(told_m, sd_m)| -0.5 * ((arc_m - told_m) / sd_m).powi(2));
+                (pushed(side, arc_m, 0.5 * stretch_m, reading_n_m), log_weight)
+            })
+            .collect()
+    }
+}
+
+/// The belief that the contact lies about `arc_m`, pushed so far that it reads `reading_n_m`.
+fn pushed(side: &Side, arc_m: f64, sd_m: f64, reading_n_m: f64) -> Gaussian<2> {
+    let (lowest_m, highest_m) = side.face.domain.away_range_m(arc_m);
+    let mut away_m = 0.0;
+    for _ in 0..NEWTON_STEPS {
+        let (expected_n_m, slope) = side.expect(arc_m, away_m);
+        away_m = (away_m + (reading_n_m - expected_n_m) / slope[1]).clamp(lowest_m, highest_m);
+    }
+    let (_, slope) = side.expect(arc_m, away_m);
+    // Along a line of equal reading, and across it.
+    let along = vector![1.0, -slope[0] / slope[1]] * sd_m;
+    let mut covariance: Matrix2<f64> = along * along.transpose();
+    covariance[(1, 1)] += side.variance_n2_m2(arc_m, away_m) / slope[1].powi(2);
+    Gaussian::new(vector![arc_m, away_m], covariance)
+}
+
+/// The samples before a touch that tell how it began, the latest first, each with the motion
+/// from now back to it.
+///
+/// `history` holds the samples since the whisker was last known to be free, in the order of time; `touch` is the first of the touch. A reading of the
+/// other sign, or one that was larger before, is that of a swinging whisker, and nothing before it is taken.
+pub(super) fn earlier(history: &[Sample], touch: &Sample, noise_sd_n_m: f64) -> Vec<Sample> {
+    const SWING_SDS: f64 = 4.0;
+    let sign = touch.reading_n_m.signum();
+    let mut back: Pose<Base, Base> = touch.motion.inverse();
+    let mut least_n_m = sign * touch.reading_n_m;
+    let mut found = Vec::with_capacity(history.len());
+    for sample in history.iter().rev() {
+        let reading_n_m = sign * sample.reading_n_m;
+        let allowed_n_m = SWING_SDS * noise_sd_n_m;
+        if reading_n_m < -allowed_n_m || reading_n_m > least_n_m + allowed_n_m {
+            break;
+        }
+        least_n_m = least_n_m.min(reading_n_m);
+        found.push(Sample { motion: back, dt_s: 0.0, reading_n_m: sample.reading_n_m });
+        back = back.then(&sample.motion.inverse());
+    }
+    found
+}
+
+/// A reading taken before now, of a whisker that may not have touched yet: then it read zero.
+pub(super) struct EarlierReading<'a, Step> {
+    /// The process from now back to then.
+    pub(super) back: Step,
+    pub(super) reading: ContactReading<'a>,
+}
+
+impl<const N: usize, Step: Process<N>> Measurement<N, 1> for EarlierReading<'_, Step> {
+    fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
+        let then = self.back.predict(x);
+        let is_touching = then[1] > 0.0;
+        if is_touching { self.reading.predict(&then) } else { Some(Vector1::zeros()) }
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
+        let then = self.back.predict(x);
+        let is_touching = then[1] > 0.0;
+        let slope = if is_touching { self.reading.jacobian(&then)? } else { SMatrix::zeros() };
+        Some(slope * self.back.jacobian(x))
+    }
+
+    fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
+        self.reading.noise(&self.back.predict(x))
+    }
+}

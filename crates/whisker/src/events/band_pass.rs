@@ -1,0 +1,128 @@
+//! Contacts as Lin et al. (IROS 2022) find them: a released whisker rings, and a band-pass about its natural frequency shows that.
+//!
+//! A touch starts where the reading exceeds a threshold while the whisker does not ring, and is lost where the band-passed reading exceeds a
+//! threshold of its own, or where the reading sinks away without ringing. The publication names the filter, a Butterworth band-pass of sixth
+//! order, but neither band nor threshold: the band reaches here from half to twice the natural frequency \[inferred\], and thresholds follow from the noise and
+//! the calibration. Where the sampling is too slow for the band, the reading alone is judged.
+
+use serde::{Deserialize, Serialize};
+
+use super::cascade::Cascade;
+use super::{Rule, Sensing, Signals, band_of_swing};
+use crate::estimators::SettingsError;
+use crate::estimators::settings::within;
+use crate::sensor::Face;
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// The reading and the band-passed reading count above this many standard deviations that measurement noise gives them ...
+    pub noise_sds: f64,
+    /// ... and above this share of the largest calibrated reading.
+    pub largest_share: f64,
+    /// A touch starts where the reading is above its threshold for this many samples on end.
+    pub touch_samples: u32,
+    /// A touch ends, if not by ringing, where the smoothed reading falls below this share of the threshold.
+    pub release_share: f64,
+    /// Time constant of that smoothing.
+    pub release_time_s: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { noise_sds: 5.0, largest_share: 0.02, touch_samples: 2, release_share: 0.3, release_time_s: 0.04 }
+    }
+}
+
+impl Config {
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("noise_sds", self.noise_sds, 0.0..=1e3)?;
+        within("largest_share", self.largest_share, 1e-6..=1.0)?;
+        within("touch_samples", f64::from(self.touch_samples), 1.0..=1e6)?;
+        within("release_share", self.release_share, 0.0..=1.0)?;
+        within("release_time_s", self.release_time_s, 1e-4..=10.0)
+    }
+}
+
+/// The rule of [`Config`].
+#[derive(Clone, Debug)]
+pub(super) struct BandPass {
+    config: Config,
+    band: Option<Cascade>,
+    threshold_n_m: f64,
+    ringing_n_m: f64,
+    smoothing: f64,
+    /// Samples for which the band-passed reading must stay low for the whisker to count as quiet: a period.
+    quiet_samples: u32,
+    quiet: u32,
+    above: u32,
+    touched: Option<Touched>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Touched {
+    face: Face,
+    /// Smoothed reading, positive towards the object's side.
+    smoothed_n_m: f64,
+}
+
+impl BandPass {
+    pub(super) fn new(config: Config, sensing: &Sensing) -> Self {
+        let band = band_of_swing(sensing).ok().map(Cascade::new);
+        let gain = band.as_ref().map_or(1.0, |band| band.noise_gain(1));
+        let threshold_n_m = |gain: f64| {
+            (config.noise_sds * gain * sensing.noise_sd_n_m).max(config.largest_share * sensing.largest_reading_n_m)
+        };
+        let quiet_samples = (sensing.rate_hz / sensing.swing.frequency_hz).round() as u32;
+        Self {
+            config,
+            band,
+            threshold_n_m: threshold_n_m(1.0),
+            ringing_n_m: threshold_n_m(gain),
+            smoothing: 1.0 - (-1.0 / (sensing.rate_hz * config.release_time_s)).exp(),
+            quiet_samples,
+            quiet: quiet_samples,
+            above: 0,
+            touched: None,
+        }
+    }
+}
+
+impl Rule for BandPass {
+    fn settle(&mut self, reading_n_m: f64) {
+        if let Some(band) = &mut self.band {
+            band.settle(reading_n_m);
+        }
+        self.quiet = self.quiet_samples;
+        self.above = 0;
+        self.touched = None;
+    }
+
+    fn step(&mut self, reading_n_m: f64) -> Signals {
+        let ringing_n_m = self.band.as_mut().map_or(0.0, |band| band.step(reading_n_m));
+        self.quiet = if ringing_n_m.abs() > self.ringing_n_m { 0 } else { self.quiet.saturating_add(1) };
+        match &mut self.touched {
+            Some(Touched { face, smoothed_n_m }) => {
+                *smoothed_n_m += self.smoothing * (face.away_sign() * reading_n_m - *smoothed_n_m);
+                if self.quiet == 0 || *smoothed_n_m < self.config.release_share * self.threshold_n_m {
+                    self.touched = None;
+                    self.above = 0;
+                }
+            }
+            None => {
+                let counts = reading_n_m.abs() > self.threshold_n_m && self.quiet >= self.quiet_samples;
+                self.above = if counts { self.above + 1 } else { 0 };
+                if self.above >= self.config.touch_samples {
+                    self.touched =
+                        Some(Touched { face: Face::of_reading(reading_n_m), smoothed_n_m: reading_n_m.abs() });
+                }
+            }
+        }
+        Signals {
+            watched_n_m: ringing_n_m,
+            threshold_n_m: self.ringing_n_m,
+            touched: self.touched.map(|touched| touched.face),
+        }
+    }
+}

@@ -1,0 +1,495 @@
+//! The exact quasi-static whisker as sensor model, with physical parameters fitted to the calibration.
+//!
+//! ```text
+//! reading(p) = offset + gain k (w + r2 w^2 + r3 w^3)    w = M(q; E, k, kappa) / k    q = R(-yaw) (p - (x, y))
+//! kappa(s) = scale kappa0(s) + shift
+//! ```
+//!
+//! `M` is the moment of [`crate::elastica`] at a contact `q`, for Young's modulus `E`, stiffness `k` of the root and pre-curvature `kappa`, hence
+//! `w` the rotation of the root, which the sensor sees. A sensor that answers a moment in proportion has `r2 = r3 = 0` (`response` 1); a
+//! Hall sensor under a magnet that turns does not (`response` 3). The place `(x, y)` and `yaw` of the root in Base allow for a whisker that
+//! is mounted a little off.
+//!
+//! The parameters start from those of the whisker that the calibration names, which are known to within the standard deviations of
+//! [`Config`]. With residuals `e`, their derivatives `J` and the noise's variance `v`, Gauss and Newton's step solves
+//!
+//! ```text
+//! (J' J / v + P^-1) dc = -J' e / v - P^-1 (c - c0)
+//! ```
+//!
+//! (`P` diagonal), and its matrix inverted is the parameters' covariance `C`; `j' C j` is the variance of a reading. A direction that
+//! the data do not tell stays where it was and keeps its variance: `gain`, `E` and `k` multiply one another, so of these the data
+//! tell `gain k` and `E / k` only; a straight whisker's curvature has no scale; a turned root looks like an offset of the reading.
+
+use std::sync::Arc;
+
+use nalgebra::{SMatrix, SVector, Vector2};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::mechanics::{Mechanics, Parameter, Sensitivities};
+use super::{Learnt, Made, ModelError, Prediction, Region, Sample, SensorModel};
+use crate::Whisker;
+use crate::frames::{Base, Point, Pose};
+
+pub(super) const KIND: &str = "elastica";
+
+/// Number of parameters.
+const COUNT: usize = 11;
+
+/// Names of the parameters, in their order, with their units.
+const NAMES: [&str; COUNT] = [
+    "gain",
+    "youngs_modulus_pa",
+    "root_stiffness_n_m_rad",
+    "curvature_scale",
+    "curvature_shift_per_m",
+    "reading_offset_n_m",
+    "response_2_per_rad",
+    "response_3_per_rad2",
+    "root_x_m",
+    "root_y_m",
+    "root_yaw_rad",
+];
+
+/// Parameters that are positive: the first few, which are fitted by their logarithms.
+const POSITIVE: usize = 3;
+
+/// Steps after which a fit is given up.
+const MOST_STEPS: usize = 60;
+
+/// A fit has settled when a step descends by no more than this, in twice the logarithm of the likelihood: a tenth of a standard
+/// deviation.
+const SETTLED: f64 = 1e-2;
+
+/// Levenberg and Marquardt's damping: relative addition to the diagonal.
+const FIRST_DAMPING: f64 = 1e-2;
+const MOST_DAMPING: f64 = 1e4;
+
+const POSITIVE_DEFINITE: &str = "a sum of squares and the identity is positive definite";
+
+/// A parameter counts as told by the data if they reduce its standard deviation to this share or less.
+const TOLD: f64 = 0.5;
+
+/// Least noise that is assumed, relative to the largest reading: what the tabulated mechanics may miss.
+const SMALLEST_NOISE: f64 = 1e-6;
+
+type Vector = SVector<f64, COUNT>;
+type Matrix = SMatrix<f64, COUNT, COUNT>;
+
+/// Degree of the sensor's answer, and how well the parameters are known before the calibration, as standard deviations; 0 holds a
+/// parameter fixed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Config {
+    /// Degree of the sensor's answer to a rotation of its root: 1, in proportion, or 3.
+    response: usize,
+    /// Of the logarithm of the gain. Its first guess is that of the readings, not 1.
+    gain_sd: f64,
+    /// Of the logarithm of Young's modulus.
+    youngs_modulus_sd: f64,
+    /// Of the logarithm of the root's stiffness.
+    root_stiffness_sd: f64,
+    /// Of the factor of the pre-curvature.
+    curvature_scale_sd: f64,
+    /// Of the pre-curvature's addition.
+    curvature_shift_sd_per_m: f64,
+    /// Of the reading's offset, relative to the largest reading.
+    reading_offset_sd: f64,
+    /// Of the coefficients of the second and third power of the rotation in radians, where `response` is 3.
+    response_sd: f64,
+    /// Of the root's place along each axis.
+    root_sd_m: f64,
+    /// Of the root's yaw.
+    root_yaw_sd_rad: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            response: 1,
+            gain_sd: 3.0,
+            youngs_modulus_sd: 0.2,
+            root_stiffness_sd: 0.2,
+            curvature_scale_sd: 0.1,
+            curvature_shift_sd_per_m: 1.0,
+            reading_offset_sd: 0.01,
+            response_sd: 0.5,
+            root_sd_m: 1e-3,
+            root_yaw_sd_rad: 0.05,
+        }
+    }
+}
+
+/// One parameter, as it is stored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stated {
+    name: String,
+    value: f64,
+    /// Standard deviation after the calibration; of a positive parameter, its logarithm's times the value.
+    sd: f64,
+    /// The same before it.
+    prior_sd: f64,
+    /// Whether the calibration tells it; otherwise it stays near what was known before, alone or in company.
+    told: bool,
+    /// Correlations with the parameters before it.
+    correlations: Vec<f64>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stored {
+    kind: String,
+    response: usize,
+    parameters: Vec<Stated>,
+}
+
+/// Values of the parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Parameters(Vector);
+
+impl Parameters {
+    fn nominal(whisker: &Whisker, gain: f64) -> Self {
+        let (modulus, stiffness) = (whisker.youngs_modulus_pa, whisker.root_stiffness_n_m_rad);
+        Self(Vector::from([gain, modulus, stiffness, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    }
+
+    /// Moved by a step: in its logarithm where a parameter is positive.
+    fn moved(&self, step: Vector) -> Self {
+        Self(Vector::from_fn(|i, _| if i < POSITIVE { self.0[i] * step[i].exp() } else { self.0[i] + step[i] }))
+    }
+
+    /// The step that leads here from other values.
+    fn step_from(&self, other: &Self) -> Vector {
+        Vector::from_fn(|i, _| if i < POSITIVE { (self.0[i] / other.0[i]).ln() } else { self.0[i] - other.0[i] })
+    }
+
+    /// The whisker that these parameters make of the nominal one.
+    fn whisker(&self, nominal: &Whisker) -> Whisker {
+        let scaled = Parameter::CurvatureScale.changed(nominal, self.0[3] - 1.0);
+        let shifted = Parameter::CurvatureOffset.changed(&scaled, self.0[4]);
+        Whisker { youngs_modulus_pa: self.0[1], root_stiffness_n_m_rad: self.0[2], ..shifted }
+    }
+
+    /// The root's frame in Base; what it maps from is written like Base, for the mechanics know no other.
+    fn root(&self) -> Pose<Base, Base> {
+        Pose::new(self.0[8], self.0[9], self.0[10])
+    }
+
+    /// Reading at a moment, and its derivative.
+    fn answer(&self, moment_n_m: f64) -> (f64, f64) {
+        let [gain, _, stiffness, _, _, offset, r2, r3, ..]: [f64; COUNT] = self.0.into();
+        let w = moment_n_m / stiffness;
+        let (value, slope) = (w * (1.0 + w * (r2 + w * r3)), 1.0 + w * (2.0 * r2 + w * 3.0 * r3));
+        (offset + gain * stiffness * value, gain * slope)
+    }
+}
+
+/// The map of one set of parameters.
+struct Tuned {
+    parameters: Parameters,
+    base_in_root: Pose<Base, Base>,
+    mechanics: Mechanics,
+}
+
+impl Tuned {
+    fn new(region: &Region<'_>, parameters: Parameters) -> Option<Self> {
+        Some(Self::with(parameters, Mechanics::new(region, &parameters.whisker(region.whisker))?))
+    }
+
+    fn rough(region: &Region<'_>, parameters: Parameters) -> Option<Self> {
+        Some(Self::with(parameters, Mechanics::rough(region, &parameters.whisker(region.whisker))?))
+    }
+
+    fn with(parameters: Parameters, mechanics: Mechanics) -> Self {
+        Self { parameters, base_in_root: parameters.root().inverse(), mechanics }
+    }
+
+    /// Reading of a contact and its derivatives by the parameters.
+    fn derivatives(&self, sensitivities: &Sensitivities, contact: Point<Base>) -> (f64, Vector) {
+        let Parameters(values) = self.parameters;
+        let seen = self.base_in_root.apply(contact);
+        let Prediction { reading_n_m: moment, gradient_n: gradient } = self.mechanics.predict(seen);
+        let [by_modulus, by_scale, by_shift] = sensitivities.at(seen);
+        let (reading, slope) = self.parameters.answer(moment);
+        let without_offset = reading - values[5];
+        let (gain, stiffness) = (values[0], values[2]);
+        let w = moment / stiffness;
+        let by_root = -slope * (self.parameters.root().rotation() * gradient);
+        let derivatives = [
+            without_offset,
+            slope * by_modulus,
+            // Stiffening wire and root alike scales the moment and turns the root no further.
+            without_offset - slope * by_modulus,
+            slope * by_scale,
+            slope * by_shift,
+            1.0,
+            gain * stiffness * w * w,
+            gain * stiffness * w * w * w,
+            by_root.x,
+            by_root.y,
+            slope * gradient.dot(&Vector2::new(seen.y(), -seen.x())),
+        ];
+        (reading, Vector::from(derivatives))
+    }
+}
+
+/// The whisker with fitted parameters.
+pub(super) struct ElasticaModel {
+    response: usize,
+    tuned: Arc<Tuned>,
+    stated: Vec<Stated>,
+}
+
+impl std::fmt::Debug for ElasticaModel {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("ElasticaModel").field("parameters", &self.stated).finish_non_exhaustive()
+    }
+}
+
+impl SensorModel for ElasticaModel {
+    fn kind(&self) -> &'static str {
+        KIND
+    }
+
+    fn label(&self) -> String {
+        if self.response > 1 { format!("{KIND}-{}", self.response) } else { KIND.into() }
+    }
+
+    fn reading_n_m(&self, contact: Point<Base>) -> f64 {
+        self.predict(contact).reading_n_m
+    }
+
+    fn to_json(&self) -> Value {
+        let stored = Stored { kind: KIND.into(), response: self.response, parameters: self.stated.clone() };
+        serde_json::to_value(stored).expect("numbers and names serialise")
+    }
+
+    fn about(&self) -> String {
+        let told = self.stated.iter().filter(|parameter| parameter.told).count();
+        let answer = if self.response > 1 { "a cubic answer" } else { "an answer in proportion" };
+        format!("exact quasi-static whisker with {answer}, {told} of its {COUNT} parameters told by the calibration")
+    }
+
+    fn predict(&self, contact: Point<Base>) -> Prediction {
+        let Tuned { parameters, base_in_root, mechanics } = &*self.tuned;
+        let moment = mechanics.predict(base_in_root.apply(contact));
+        let (reading_n_m, slope) = parameters.answer(moment.reading_n_m);
+        Prediction { reading_n_m, gradient_n: base_in_root.rotation().tr_mul(&moment.gradient_n) * slope }
+    }
+
+    fn tangent_rad(&self, contact: Point<Base>) -> Option<f64> {
+        let Tuned { parameters, base_in_root, mechanics } = &*self.tuned;
+        Some(mechanics.tangent_rad(base_in_root.apply(contact)) + parameters.root().yaw_rad())
+    }
+}
+
+pub(super) fn defaults() -> Value {
+    serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
+}
+
+pub(super) fn candidates() -> Vec<Value> {
+    vec![json!({ "response": 1 }), json!({ "response": 3 })]
+}
+
+fn check_response(response: usize) -> Result<(), ModelError> {
+    if response == 1 || response == 3 {
+        return Ok(());
+    }
+    Err(ModelError::Data(format!("`response`: found {response}, expected 1 or 3")))
+}
+
+fn no_solution() -> ModelError {
+    ModelError::Data("the whisker's parameters have no equilibrium over the calibrated region".into())
+}
+
+pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<Learnt, ModelError> {
+    let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    check_response(config.response)?;
+    if samples.len() <= COUNT {
+        let found = samples.len();
+        return Err(ModelError::Data(format!("the calibration has only {found} samples, expected more than {COUNT}")));
+    }
+    let largest_n_m = samples.iter().map(|sample| sample.reading_n_m.abs()).fold(0.0, f64::max);
+    let prior = Prior { mean: first_guess(region, samples)?, sd: config.standard_deviations(largest_n_m)? };
+
+    let mut best = prior.look(region, prior.mean, samples, largest_n_m)?;
+    let mut damping = FIRST_DAMPING;
+    for _ in 0..MOST_STEPS {
+        let step = prior.step(&best, damping);
+        let next = best.tuned.parameters.moved(step.component_mul(&prior.sd));
+        let before = prior.cost(&best, best.noise_variance);
+        match prior.look(region, next, samples, largest_n_m) {
+            Ok(next) if prior.cost(&next, best.noise_variance) < before => {
+                let descent = before - prior.cost(&next, best.noise_variance);
+                best = next;
+                damping *= 0.1;
+                if descent < SETTLED {
+                    return prior.learnt(region, config.response, best);
+                }
+            }
+            // No step descends: this is the bottom, as well as the tabulated mechanics show it.
+            _ if damping > MOST_DAMPING => return prior.learnt(region, config.response, best),
+            _ => damping = 10.0 * damping.max(1e-3),
+        }
+    }
+    Err(ModelError::Data(format!("the whisker's parameters do not settle in {MOST_STEPS} steps")))
+}
+
+/// The nominal whisker, with the gain that suits the readings best.
+fn first_guess(region: &Region<'_>, samples: &[Sample]) -> Result<Parameters, ModelError> {
+    let nominal = Mechanics::rough(region, region.whisker).ok_or_else(no_solution)?;
+    let (mut products, mut squares) = (0.0, 0.0);
+    for sample in samples {
+        let moment = nominal.predict(sample.contact).reading_n_m;
+        products += moment * sample.reading_n_m;
+        squares += moment * moment;
+    }
+    let gain = products / squares;
+    if gain > 0.0 && gain.is_finite() {
+        return Ok(Parameters::nominal(region.whisker, gain));
+    }
+    let sign = if region.face.away_sign() > 0.0 { "positive" } else { "negative" };
+    Err(ModelError::Data(format!("readings of the face {} are expected to be {sign}", region.face.name())))
+}
+
+impl Config {
+    fn standard_deviations(&self, largest_n_m: f64) -> Result<Vector, ModelError> {
+        let response_sd = if self.response > 1 { self.response_sd } else { 0.0 };
+        let values = [
+            ("gain_sd", self.gain_sd),
+            ("youngs_modulus_sd", self.youngs_modulus_sd),
+            ("root_stiffness_sd", self.root_stiffness_sd),
+            ("curvature_scale_sd", self.curvature_scale_sd),
+            ("curvature_shift_sd_per_m", self.curvature_shift_sd_per_m),
+            ("reading_offset_sd", self.reading_offset_sd),
+            ("response_sd", response_sd),
+            ("response_sd", response_sd),
+            ("root_sd_m", self.root_sd_m),
+            ("root_sd_m", self.root_sd_m),
+            ("root_yaw_sd_rad", self.root_yaw_sd_rad),
+        ];
+        if let Some((key, found)) = values.iter().find(|(_, sd)| !(sd.is_finite() && *sd >= 0.0)) {
+            return Err(ModelError::Data(format!("`{key}`: found {found}, expected a number of 0 or more")));
+        }
+        let mut sd = Vector::from(values.map(|(_, sd)| sd));
+        sd[5] *= largest_n_m;
+        Ok(sd)
+    }
+}
+
+/// What is known of the parameters before the calibration.
+struct Prior {
+    mean: Parameters,
+    sd: Vector,
+}
+
+/// A set of parameters with what the samples say around it. Derivatives are by the parameters in units of their prior standard
+/// deviations, so that one that is held fixed drops out.
+struct Look {
+    tuned: Tuned,
+    sensitivities: Sensitivities,
+    /// `J' J`, `J' e` and `e' e`.
+    squares: Matrix,
+    products: Vector,
+    misses: f64,
+    noise_variance: f64,
+}
+
+impl Prior {
+    fn look(
+        &self,
+        region: &Region<'_>,
+        parameters: Parameters,
+        samples: &[Sample],
+        largest_n_m: f64,
+    ) -> Result<Look, ModelError> {
+        let tuned = Tuned::rough(region, parameters).ok_or_else(no_solution)?;
+        let sensitivities = Sensitivities::new(region, &parameters.whisker(region.whisker)).ok_or_else(no_solution)?;
+        let (mut squares, mut products, mut misses) = (Matrix::zeros(), Vector::zeros(), 0.0);
+        for sample in samples {
+            let (reading_n_m, derivatives) = tuned.derivatives(&sensitivities, sample.contact);
+            let row = derivatives.component_mul(&self.sd);
+            let miss = reading_n_m - sample.reading_n_m;
+            squares += row * row.transpose();
+            products += row * miss;
+            misses += miss * miss;
+        }
+        let left = (samples.len() - COUNT) as f64;
+        let noise_variance = (misses / left).max((SMALLEST_NOISE * largest_n_m).powi(2));
+        Ok(Look { tuned, sensitivities, squares, products, misses, noise_variance })
+    }
+
+    /// Distance from the prior mean, in prior standard deviations.
+    fn moved(&self, look: &Look) -> Vector {
+        let moved = look.tuned.parameters.step_from(&self.mean);
+        moved.zip_map(&self.sd, |moved, sd| if sd > 0.0 { moved / sd } else { 0.0 })
+    }
+
+    fn cost(&self, look: &Look, noise_variance: f64) -> f64 {
+        look.misses / noise_variance + self.moved(look).norm_squared()
+    }
+
+    fn information(look: &Look) -> Matrix {
+        look.squares / look.noise_variance + Matrix::identity()
+    }
+
+    /// Levenberg and Marquardt's step; without damping Gauss and Newton's.
+    fn step(&self, look: &Look, damping: f64) -> Vector {
+        let mut damped = Self::information(look);
+        for i in 0..COUNT {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let slope = look.products / look.noise_variance + self.moved(look);
+        -damped.cholesky().expect(POSITIVE_DEFINITE).solve(&slope)
+    }
+
+    fn learnt(&self, region: &Region<'_>, response: usize, look: Look) -> Result<Learnt, ModelError> {
+        let covariance = Self::information(&look).cholesky().expect(POSITIVE_DEFINITE).inverse();
+        let parameters = look.tuned.parameters;
+        let own_sd = covariance.diagonal().map(f64::sqrt);
+        let stated = (0..COUNT)
+            .map(|i| {
+                let value = parameters.0[i];
+                let unit = if i < POSITIVE { value } else { 1.0 };
+                Stated {
+                    name: NAMES[i].into(),
+                    value,
+                    sd: own_sd[i] * self.sd[i] * unit,
+                    prior_sd: self.sd[i] * unit,
+                    told: self.sd[i] > 0.0 && own_sd[i] <= TOLD,
+                    correlations: (0..i).map(|j| covariance[(i, j)] / (own_sd[i] * own_sd[j])).collect(),
+                }
+            })
+            .collect();
+        let tuned = Arc::new(Tuned::new(region, parameters).ok_or_else(no_solution)?);
+        let (of_variance, sensitivities, sd) = (tuned.clone(), look.sensitivities, self.sd);
+        let variance_n2_m2 = move |contact| {
+            let (_, derivatives) = of_variance.derivatives(&sensitivities, contact);
+            let row = derivatives.component_mul(&sd);
+            row.dot(&(covariance * row))
+        };
+        let model = Box::new(ElasticaModel { response, tuned, stated });
+        Ok(Learnt { model, variance_n2_m2: Box::new(variance_n2_m2) })
+    }
+}
+
+pub(super) fn load(region: &Region<'_>, value: &Value) -> Made {
+    let Stored { response, parameters: stated, .. } =
+        Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    check_response(response)?;
+    if stated.iter().map(|parameter| parameter.name.as_str()).ne(NAMES) {
+        return Err(ModelError::Data(format!("expected the parameters {}, in this order", NAMES.join(", "))));
+    }
+    let mut parameters = Parameters(Vector::zeros());
+    for (i, Stated { name, value, .. }) in stated.iter().enumerate() {
+        let value = *value;
+        if !value.is_finite() || (i < POSITIVE && value <= 0.0) {
+            return Err(ModelError::Data(format!("`{name}`: found {value}, expected what a whisker can have")));
+        }
+        parameters.0[i] = value;
+    }
+    let tuned = Arc::new(Tuned::new(region, parameters).ok_or_else(no_solution)?);
+    Ok(Box::new(ElasticaModel { response, tuned, stated }))
+}

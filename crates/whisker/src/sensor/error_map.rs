@@ -1,0 +1,127 @@
+//! A sensor model's own error over its calibrated region.
+//!
+//! It has two parts: what the formula cannot follow, which the residuals on held-out data show, and what noise and the number of the
+//! samples leave uncertain, which the fit states as a variance. The residuals hold both, the second as that of the fits that did not see
+//! them; with it taken off and that of the fit to all samples added, the map is that of the final model.
+
+use serde::{Deserialize, Serialize};
+
+/// Nodes along and away.
+const NODES: (usize, usize) = (12, 6);
+
+/// Weight, in samples of an average node, of the region's mean at each node.
+const SHRINKAGE: f64 = 0.5;
+
+/// Standard deviation of the error on nodes spread evenly over the region, along and away; variances are linear in between.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ErrorMap {
+    /// Nodes along the whisker, from the first calibrated arc length to the last.
+    pub along: usize,
+    /// Nodes away from it, from the smallest calibrated distance to the largest.
+    pub away: usize,
+    /// The values; those of one arc length stand together.
+    pub sd_n_m: Vec<f64>,
+}
+
+/// A residual on held-out data.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Residual {
+    /// Where it stands, as [`super::Domain::shares`] says.
+    pub(super) shares: (f64, f64),
+    pub(super) squared: f64,
+}
+
+/// The four nodes around a place, by index, and their weights.
+fn corners(along: usize, away: usize, shares: (f64, f64)) -> [(usize, f64); 4] {
+    let split = |share: f64, nodes: usize| {
+        let position = share * (nodes - 1) as f64;
+        let node = (position as usize).min(nodes - 2);
+        (node, position - node as f64)
+    };
+    let ((i, u), (j, v)) = (split(shares.0, along), split(shares.1, away));
+    let index = i * away + j;
+    [
+        (index, (1.0 - u) * (1.0 - v)),
+        (index + 1, (1.0 - u) * v),
+        (index + away, u * (1.0 - v)),
+        (index + away + 1, u * v),
+    ]
+}
+
+impl ErrorMap {
+    /// Places of the nodes, as shares of the region.
+    pub(super) fn nodes() -> Vec<(f64, f64)> {
+        let (along, away) = NODES;
+        let share = |node: usize, nodes: usize| node as f64 / (nodes - 1) as f64;
+        (0..along).flat_map(|i| (0..away).map(move |j| (share(i, along), share(j, away)))).collect()
+    }
+
+    /// The map of a fit. `heldout` and `remaining` are the variances, at [`Self::nodes`], of the fits that did not see the residuals and
+    /// of the final one; `noise` is that of the noise in the residuals, `least` the least that is granted for what the formula cannot
+    /// follow.
+    pub(super) fn new(residuals: &[Residual], heldout: &[f64], remaining: &[f64], noise: f64, least: f64) -> Self {
+        let (along, away) = NODES;
+        let mut weights = vec![0.0; along * away];
+        let mut sums = vec![0.0; along * away];
+        for residual in residuals {
+            for (node, weight) in corners(along, away, residual.shares) {
+                weights[node] += weight;
+                sums[node] += weight * residual.squared;
+            }
+        }
+        // Of each node's squares, what neither noise nor uncertainty accounts for.
+        let excess: Vec<f64> = (0..sums.len()).map(|i| sums[i] - weights[i] * (heldout[i] + noise)).collect();
+        let count = residuals.len() as f64;
+        let mean = excess.iter().sum::<f64>() / count;
+        let prior = SHRINKAGE * count / excess.len() as f64;
+        let misfit = |i: usize| ((excess[i] + prior * mean) / (weights[i] + prior)).max(least);
+        let sd_n_m = (0..excess.len()).map(|i| (misfit(i) + remaining[i]).sqrt()).collect();
+        Self { along, away, sd_n_m }
+    }
+
+    /// Whether the lists describe a map.
+    pub fn is_valid(&self) -> bool {
+        self.along >= 2
+            && self.away >= 2
+            && Some(self.sd_n_m.len()) == self.along.checked_mul(self.away)
+            && self.sd_n_m.iter().all(|sd| sd.is_finite() && *sd > 0.0)
+    }
+
+    /// Variance of the error at a place given as shares of the region.
+    pub fn variance_n2_m2(&self, along: f64, away: f64) -> f64 {
+        let corners = corners(self.along, self.away, (along, away));
+        corners.iter().map(|&(node, weight)| weight * self.sd_n_m[node].powi(2)).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn residuals(squared: impl Fn(f64, f64) -> f64) -> Vec<Residual> {
+        let share = |i: i32| (f64::from(i) + 0.5) / 100.0;
+        let places = (0..100).flat_map(|i| (0..100).map(move |j| (share(i), share(j))));
+        places.map(|(u, v)| Residual { shares: (u, v), squared: squared(u, v) }).collect()
+    }
+
+    #[test]
+    fn verif_parts_add_up() {
+        let flat = |value: f64| vec![value; 72];
+        let map = ErrorMap::new(&residuals(|_, _| 10.0), &flat(4.0), &flat(2.0), 1.0, 1e-9);
+        assert!((map.variance_n2_m2(0.37, 0.81) - (10.0 - 4.0 - 1.0 + 2.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn verif_shows_where_the_error_is() {
+        let map = ErrorMap::new(&residuals(|u, _| u), &vec![0.0; 72], &vec![0.0; 72], 0.0, 1e-9);
+        assert!(map.is_valid());
+        assert!(map.variance_n2_m2(0.9, 0.5) > 3.0 * map.variance_n2_m2(0.1, 0.5));
+    }
+
+    #[test]
+    fn robust_error_that_noise_hides_is_not_zero() {
+        let map = ErrorMap::new(&residuals(|_, _| 1.0), &vec![3.0; 72], &vec![0.0; 72], 1.0, 0.25);
+        assert!((map.variance_n2_m2(0.5, 0.5) - 0.25).abs() < 1e-12);
+    }
+}

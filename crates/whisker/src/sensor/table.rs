@@ -1,0 +1,194 @@
+//! Smooth functions of two coordinates, tabulated.
+//!
+//! Between the nodes of an even grid stands the bicubic Hermite polynomial of the values, the slopes and the mixed derivatives at the
+//! four nodes around: with pitch `h` the value errs by `h^4 / 384` times the fourth derivative, and value and gradient are
+//! continuous. Beyond the grid a function goes on linearly.
+
+use nalgebra::Vector2;
+
+/// An even grid over a rectangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Grid {
+    first: [f64; 2],
+    pitch: [f64; 2],
+    nodes: [usize; 2],
+}
+
+/// A place in a grid: the cell and the position in it, in pitches.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    node: usize,
+    part: [f64; 2],
+    /// How far the place lies beyond the grid, in pitches.
+    beyond: Vector2<f64>,
+}
+
+/// A function with its derivatives by the two coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Looked {
+    pub(super) value: f64,
+    pub(super) gradient: Vector2<f64>,
+}
+
+/// A function on a grid.
+#[derive(Clone, Debug)]
+pub(super) struct Table {
+    grid: Grid,
+    /// Value, slopes and mixed derivative at each node, by pitches.
+    nodes: Vec<[f64; 4]>,
+}
+
+impl Grid {
+    /// A grid of `nodes` between two corners.
+    pub(super) fn new(first: [f64; 2], last: [f64; 2], nodes: [usize; 2]) -> Self {
+        let pitch = [0, 1].map(|axis| (last[axis] - first[axis]) / (nodes[axis] - 1) as f64);
+        Self { first, pitch, nodes }
+    }
+
+    /// Values of a coordinate at its nodes.
+    pub(super) fn axis(&self, axis: usize) -> impl ExactSizeIterator<Item = f64> + use<> {
+        let (first, pitch) = (self.first[axis], self.pitch[axis]);
+        (0..self.nodes[axis]).map(move |node| first + node as f64 * pitch)
+    }
+
+    /// Number of nodes.
+    pub(super) fn count(&self) -> usize {
+        self.nodes[0] * self.nodes[1]
+    }
+
+    /// The place of a pair of coordinates.
+    pub(super) fn place(&self, at: [f64; 2]) -> Place {
+        let mut cell = [0; 2];
+        let mut part = [0.0; 2];
+        let mut beyond = Vector2::zeros();
+        for axis in 0..2 {
+            let last = self.nodes[axis] - 1;
+            let position = (at[axis] - self.first[axis]) / self.pitch[axis];
+            let held = position.clamp(0.0, last as f64);
+            cell[axis] = (held as usize).min(last - 1);
+            part[axis] = held - cell[axis] as f64;
+            beyond[axis] = position - held;
+        }
+        Place { node: cell[0] * self.nodes[1] + cell[1], part, beyond }
+    }
+}
+
+/// Derivative by node number at each of some evenly spaced values, of second order; one-sided at the ends.
+fn differences(values: &[f64]) -> Vec<f64> {
+    let last = values.len() - 1;
+    (0..=last)
+        .map(|i| {
+            if last < 2 {
+                values[last] - values[0]
+            } else if i == 0 {
+                -1.5 * values[0] + 2.0 * values[1] - 0.5 * values[2]
+            } else if i == last {
+                1.5 * values[last] - 2.0 * values[last - 1] + 0.5 * values[last - 2]
+            } else {
+                0.5 * (values[i + 1] - values[i - 1])
+            }
+        })
+        .collect()
+}
+
+impl Table {
+    /// The function with these values and slopes at the nodes; the second coordinate runs fastest. Where the slopes are not known,
+    /// they are differences of the values.
+    pub(super) fn new(grid: Grid, values: &[f64], slopes: Option<&[Vector2<f64>]>) -> Self {
+        let along = |values: &[f64], axis: usize| -> Vec<f64> {
+            let [rows, columns] = grid.nodes;
+            let mut slopes = vec![0.0; values.len()];
+            let (lines, length, stride, step) =
+                if axis == 0 { (columns, rows, 1, columns) } else { (rows, columns, columns, 1) };
+            for line in 0..lines {
+                let index = |i: usize| line * stride + i * step;
+                let of_line: Vec<f64> = (0..length).map(|i| values[index(i)]).collect();
+                for (i, slope) in differences(&of_line).into_iter().enumerate() {
+                    slopes[index(i)] = slope;
+                }
+            }
+            slopes
+        };
+        let by = |axis: usize| match slopes {
+            Some(slopes) => slopes.iter().map(|slope| slope[axis] * grid.pitch[axis]).collect(),
+            None => along(values, axis),
+        };
+        let (first, second) = (by(0), by(1));
+        // Differences of one slope along the other coordinate; either is as good.
+        let (one, other) = (along(&first, 1), along(&second, 0));
+        let node = |i: usize| [values[i], first[i], second[i], 0.5 * (one[i] + other[i])];
+        Self { grid, nodes: (0..values.len()).map(node).collect() }
+    }
+
+    /// The function at a place of its grid.
+    pub(super) fn look(&self, place: &Place) -> Looked {
+        // Weights of value and slope at the two ends of a pitch, and the weights' derivatives.
+        let weights = |t: f64| {
+            let r = 1.0 - t;
+            let value = [[(1.0 + 2.0 * t) * r * r, t * r * r], [t * t * (1.0 + 2.0 * r), -t * t * r]];
+            let slope = [[-6.0 * t * r, r * (r - 2.0 * t)], [6.0 * t * r, t * (t - 2.0 * r)]];
+            (value, slope)
+        };
+        let ((u, du), (v, dv)) = (weights(place.part[0]), weights(place.part[1]));
+        let (mut value, mut gradient) = (0.0, Vector2::zeros());
+        for i in 0..2 {
+            for j in 0..2 {
+                let [f, f_u, f_v, f_uv] = self.nodes[place.node + i * self.grid.nodes[1] + j];
+                let (level, steep) = (f * v[j][0] + f_v * v[j][1], f_u * v[j][0] + f_uv * v[j][1]);
+                value += u[i][0] * level + u[i][1] * steep;
+                gradient.x += du[i][0] * level + du[i][1] * steep;
+                gradient.y += u[i][0] * (f * dv[j][0] + f_v * dv[j][1]) + u[i][1] * (f_u * dv[j][0] + f_uv * dv[j][1]);
+            }
+        }
+        let [pitch_u, pitch_v] = self.grid.pitch;
+        Looked {
+            value: value + gradient.dot(&place.beyond),
+            gradient: Vector2::new(gradient.x / pitch_u, gradient.y / pitch_v),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(nodes: usize, with_slopes: bool) -> (Grid, Table) {
+        let grid = Grid::new([0.5, -1.0], [2.5, 1.0], [nodes, nodes]);
+        let (mut values, mut slopes) = (Vec::new(), Vec::new());
+        for u in grid.axis(0) {
+            for v in grid.axis(1) {
+                values.push((u * v).sin());
+                slopes.push(Vector2::new(v, u) * (u * v).cos());
+            }
+        }
+        let table = Table::new(grid, &values, with_slopes.then_some(&slopes[..]));
+        (grid, table)
+    }
+
+    fn worst(nodes: usize, with_slopes: bool) -> (f64, f64) {
+        let (grid, table) = table(nodes, with_slopes);
+        let places =
+            (0..=90).flat_map(|i| (0..=90).map(move |j| (0.5 + f64::from(i) / 45.0, -1.0 + f64::from(j) / 45.0)));
+        places.fold((0.0, 0.0), |(value, gradient): (f64, f64), (u, v)| {
+            let found = table.look(&grid.place([u, v]));
+            let slope = Vector2::new(v, u) * (u * v).cos();
+            (value.max((found.value - (u * v).sin()).abs()), gradient.max((found.gradient - slope).norm()))
+        })
+    }
+
+    #[test]
+    fn val_order_of_the_interpolation() {
+        let (coarse, fine) = (worst(11, true), worst(41, true));
+        assert!(coarse.0 / fine.0 > 100.0 && coarse.1 / fine.1 > 25.0, "{coarse:?} {fine:?}");
+        assert!(worst(41, false).0 < 1e-4);
+    }
+
+    #[test]
+    fn verif_goes_on_linearly() {
+        let (grid, table) = table(21, true);
+        let edge = table.look(&grid.place([2.5, 0.3]));
+        let beyond = table.look(&grid.place([2.7, 0.3]));
+        assert!((beyond.value - edge.value - 0.2 * edge.gradient.x).abs() < 1e-12);
+        assert_eq!(beyond.gradient, edge.gradient);
+    }
+}
