@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from whisker_sim.elastica import Touching, touching
+from whisker_sim.elastica import Touching, loaded, touching
 from whisker_sim.scene import Scene
 from whisker_sim.simulate import Simulated
 from whisker_sim.whisker import Array
@@ -150,19 +150,22 @@ def quasi_static(contacts: Contacts) -> NDArray[np.bool_]:
 def disagreement(scene: Scene, contacts: Contacts) -> Disagreement:
     """Solves every instant again: looked for near the simulator's contact, then near those of the solved neighbours.
 
-    At a corner, Newton's method may be caught on its far side, from where a larger force brings it back.
+    The force to begin with is that of the simulator's reading, for the contact's own force lags by the damping of whisker and
+    solver, and a per cent of force moves a deflected whisker by more than its thickness.
     """
     whisker, face = scene.resolved_whisker, 1 if scene.face == "left" else -1
 
     def solved_at(rows: NDArray[np.intp], arc_m: Array, force_n: Array) -> Touching:
         return touching(whisker, scene.object, face, contacts.base_pose[rows], arc_m, force_n)
 
-    exact = solved_at(np.arange(len(contacts.arc_m)), contacts.arc_m, contacts.force_n)
-    for more_force in (1.0, 1.1):
-        missing, known = np.flatnonzero(~exact.solved), np.flatnonzero(exact.solved)
-        if len(missing) and len(known):
-            arc_m, force_n = (np.interp(missing, known, values[known]) for values in (exact.arc_m, exact.force_n))
-            exact = exact.replaced(missing, solved_at(missing, arc_m, more_force * force_n))
+    force_n = contacts.force_n
+    for _ in range(2):
+        force_n = force_n * contacts.moment_n_m / loaded(whisker, contacts.arc_m, -face * force_n).moment_n_m
+    exact = solved_at(np.arange(len(force_n)), contacts.arc_m, force_n)
+    missing, known = np.flatnonzero(~exact.solved), np.flatnonzero(exact.solved)
+    if len(missing) and len(known):
+        guess = [np.interp(missing, known, values[known]) for values in (exact.arc_m, exact.force_n)]
+        exact = exact.replaced(missing, solved_at(missing, *guess))
     return Disagreement(
         moment_n_m=contacts.moment_n_m - exact.moment_n_m,
         surface_m=np.hypot(*(contacts.surface_m - exact.surface_m).T),
