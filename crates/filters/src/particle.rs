@@ -20,6 +20,8 @@ pub struct Cloud<const N: usize> {
     spare: Vec<SVector<f64, N>>,
     spare_weights: Vec<f64>,
     logs: Vec<f64>,
+    conditioned: Vec<Option<Conditioned<N>>>,
+    sources: Vec<usize>,
 }
 
 impl<const N: usize> Cloud<N> {
@@ -37,6 +39,8 @@ impl<const N: usize> Cloud<N> {
             spare: Vec::with_capacity(count),
             spare_weights: Vec::with_capacity(count),
             logs: Vec::with_capacity(count),
+            conditioned: Vec::with_capacity(count),
+            sources: Vec::with_capacity(count),
         }
     }
 
@@ -80,24 +84,20 @@ impl<const N: usize> Cloud<N> {
 
     /// Fading memory: particles move away from their mean so that the covariance grows by `alpha`.
     pub fn fade(&mut self, alpha: f64) {
+        if alpha == 1.0 {
+            return;
+        }
         let mean = self.mean();
         let scale = alpha.sqrt();
         self.map(|particle| mean + (particle - mean) * scale);
     }
 
-    /// Carries every particle through the process and draws its noise.
+    /// Carries every particle through the process and draws its noise, which is that at the cloud's mean as in the Gaussian filters.
     pub fn predict(&mut self, process: &impl Process<N>, rng: &mut impl Rng) {
-        // Most processes have the same noise everywhere; its factor is then taken once.
-        let mut last: Option<(SMatrix<f64, N, N>, SMatrix<f64, N, N>)> = None;
+        let noise = process.noise(&self.mean());
+        let factor = noise.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
         for particle in &mut self.particles {
-            let noise = process.noise(particle);
-            *particle = process.predict(particle);
-            if last.is_none_or(|(of, _)| of != noise) {
-                last = Some((noise, noise.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l())));
-            }
-            if let Some((_, factor)) = last {
-                *particle += factor * normal(rng);
-            }
+            *particle = process.predict(particle) + factor * normal(rng);
         }
     }
 
@@ -199,24 +199,28 @@ impl<const N: usize> Cloud<N> {
         let kernel = moments.covariance * (bandwidth * bandwidth);
         let spread = kernel.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
         let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
-        let mut conditioned = Vec::with_capacity(self.particles.len());
-        let before = std::mem::take(&mut self.logs);
+        self.logs.clear();
+        self.conditioned.clear();
         for (particle, weight) in self.particles.iter().zip(&self.weights) {
             let centre = moments.mean + (particle - moments.mean) * shrink;
             let part = Conditioned::new(centre, &kernel, measurement, z);
             self.logs.push(part.as_ref().map_or(f64::NEG_INFINITY, |part| weight.ln() + part.log_evidence));
-            conditioned.push(part);
+            self.conditioned.push(part);
         }
         if !self.logs.iter().any(|log| log.is_finite()) {
-            self.logs = before;
             return Err(Skipped::NoPrediction);
         }
         self.weigh();
-        let sources = self.sources(rng);
+        self.draw_sources(rng);
+        self.spare.clear();
+        self.spare.extend((0..self.particles.len()).map(|_| normal::<N>(rng)));
+        standardise(&mut self.spare);
         self.logs.clear();
-        for (particle, source) in self.particles.iter_mut().zip(sources) {
-            let Some(part) = &conditioned[source] else { continue };
-            let normal = normal::<N>(rng);
+        for ((particle, &source), normal) in self.particles.iter_mut().zip(&self.sources).zip(&self.spare) {
+            let Some(part) = &self.conditioned[source] else {
+                self.logs.push(f64::NEG_INFINITY);
+                continue;
+            };
             *particle = part.mean + part.factor * normal;
             let likelihood = measurement
                 .predict(particle)
@@ -231,20 +235,20 @@ impl<const N: usize> Cloud<N> {
     }
 
     /// Indices of the particles that systematic resampling with one random number chooses (Kitagawa 1996).
-    fn sources<R: Rng>(&self, rng: &mut R) -> impl Iterator<Item = usize> + use<N, R> {
+    fn draw_sources(&mut self, rng: &mut impl Rng) {
         let count = self.particles.len();
         let step = 1.0 / count as f64;
         let start = rng.random::<f64>() * step;
-        let weights = self.weights.clone();
-        let (mut source, mut reached) = (0, weights[0]);
-        (0..count).map(move |i| {
+        let (mut source, mut reached) = (0, self.weights[0]);
+        self.sources.clear();
+        for i in 0..count {
             let target = start + i as f64 * step;
             while reached < target && source + 1 < count {
                 source += 1;
-                reached += weights[source];
+                reached += self.weights[source];
             }
-            source
-        })
+            self.sources.push(source);
+        }
     }
 
     /// Systematic resampling with one random number (Kitagawa 1996), then a Gaussian kernel of `bandwidth` standard deviations
@@ -253,10 +257,9 @@ impl<const N: usize> Cloud<N> {
     pub fn resample(&mut self, bandwidth: f64, rng: &mut impl Rng) {
         let moments = self.moments();
         let step = 1.0 / self.particles.len() as f64;
+        self.draw_sources(rng);
         self.spare.clear();
-        for source in self.sources(rng) {
-            self.spare.push(self.particles[source]);
-        }
+        self.spare.extend(self.sources.iter().map(|&source| self.particles[source]));
         std::mem::swap(&mut self.particles, &mut self.spare);
         self.weights.fill(step);
 
@@ -282,6 +285,7 @@ pub struct Renewal {
 }
 
 /// A kernel conditioned on the reading.
+#[derive(Clone, Debug, PartialEq)]
 struct Conditioned<const N: usize> {
     centre: SVector<f64, N>,
     mean: SVector<f64, N>,
@@ -309,6 +313,20 @@ impl<const N: usize> Conditioned<N> {
 fn log_density<const M: usize>(y: &SVector<f64, M>, s: &SMatrix<f64, M, M>) -> Option<f64> {
     let factor = s.cholesky()?;
     Some(-0.5 * y.dot(&factor.solve(y)) - factor.l().diagonal().map(f64::ln).sum())
+}
+
+/// Moves and scales numbers drawn from the standard normal distribution so that their mean is zero and their covariance the identity: of what
+/// chance does to the moments of a small cloud this leaves little. Too few for a covariance stay as they are.
+fn standardise<const N: usize>(draws: &mut [SVector<f64, N>]) {
+    let count = draws.len() as f64;
+    let mean = draws.iter().sum::<SVector<f64, N>>() / count;
+    let covariance =
+        draws.iter().map(|draw| (draw - mean) * (draw - mean).transpose()).sum::<SMatrix<f64, N, N>>() / count;
+    let Some(factor) = covariance.cholesky().map(|factor| factor.l()) else { return };
+    for draw in draws {
+        *draw -= mean;
+        factor.solve_lower_triangular_mut(draw);
+    }
 }
 
 fn normal<const N: usize>(rng: &mut impl Rng) -> SVector<f64, N> {

@@ -57,3 +57,41 @@ fn robust_a_spike_hardly_moves_the_cloud() {
     let after = cloud.moments();
     assert!((after.mean - before.mean).norm() < 0.1 && (after.covariance - before.covariance).norm() < 0.1);
 }
+
+/// A place that is read with the more noise the larger it is.
+struct Louder;
+
+impl Louder {
+    fn sd(x: f64) -> f64 {
+        0.1 * x.exp()
+    }
+}
+
+impl Measurement<1, 1> for Louder {
+    fn predict(&self, x: &Vector1<f64>) -> Option<Vector1<f64>> {
+        Some(*x)
+    }
+    fn noise(&self, x: &Vector1<f64>) -> Matrix1<f64> {
+        Matrix1::new(Self::sd(x[0]).powi(2))
+    }
+}
+
+#[test]
+fn val_cloud_is_drawn_to_quiet_places_as_far_as_the_exact_posterior() {
+    const READINGS: i32 = 50;
+    let log_posterior =
+        |x: f64| -0.5 * x * x - f64::from(READINGS) * (0.5 * (x / Louder::sd(x)).powi(2) + Louder::sd(x).ln());
+    let grid: Vec<f64> = (-2000..=2000).map(|i| 1e-4 * f64::from(i)).collect();
+    let weights: Vec<f64> = grid.iter().map(|&x| (log_posterior(x) - log_posterior(0.0)).exp()).collect();
+    let moment =
+        |power| grid.iter().zip(&weights).map(|(x, w)| x.powi(power) * w).sum::<f64>() / weights.iter().sum::<f64>();
+    let (mean, sd) = (moment(1), (moment(2) - moment(1).powi(2)).sqrt());
+
+    let mut rng = Pcg64::seed_from_u64(5);
+    let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 1e3 };
+    let mut cloud = Cloud::new((0..4000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect());
+    for _ in 0..READINGS {
+        cloud.update_or_renew(&Louder, &Vector1::new(0.0), &renewal, &mut rng).unwrap();
+    }
+    assert!(mean < -0.5 * sd && (cloud.mean()[0] - mean).abs() < 0.15 * sd, "{} {mean} {sd}", cloud.mean());
+}

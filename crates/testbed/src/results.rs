@@ -214,6 +214,8 @@ pub struct EstimateRow {
     pub cov_yy_m2: Option<f64>,
     /// Whether the sensor model could predict the reading at the estimated contact.
     pub calibrated: Option<bool>,
+    /// Whether the estimated contact may lie at the tip.
+    pub at_tip: Option<bool>,
     /// True contact.
     pub truth_contact_x_m: Option<f64>,
     /// True contact.

@@ -179,10 +179,14 @@ impl CalibrationFile {
             .iter()
             .map(|face| {
                 let model = face.model(label).ok_or_else(|| {
-                    let (key, found) = label.map_or(("chosen", face.chosen.as_str()), |label| ("models", label));
-                    let known: Vec<_> = face.models.iter().map(|model| model.label.as_str()).collect();
-                    let expected = format!("one of the fitted models: {}", known.join(", "));
-                    Error::value(path, face.key(key), format!("`{found}`"), expected)
+                    let known = face.models.iter().map(|model| model.label.as_str()).collect::<Vec<_>>().join(", ");
+                    match label {
+                        Some(label) => Error::value(path, face.key("models"), known, format!("`{label}` among them")),
+                        None => {
+                            let found = format!("`{}`", face.chosen);
+                            Error::value(path, face.key("chosen"), found, format!("one of the fitted models: {known}"))
+                        }
+                    }
                 })?;
                 Ok(Arc::new(self.load(path, face, model)?))
             })

@@ -17,6 +17,9 @@ use crate::evaluate::{EvaluateSettings, Starts, evaluate};
 use crate::metrics::{bound, consistency, error};
 use crate::results::SummaryRow;
 
+/// Noise seeds a trial, unless asked for others.
+const DEFAULT_SEEDS: u64 = 5;
+
 /// Replay every trial of a suite or folder through the estimators and score them against the truth
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -39,9 +42,9 @@ pub(super) struct Arguments {
     /// their own]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds a trial, from 1 upwards
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
-    seeds: u64,
+    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where no noise is added]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: Option<u64>,
     /// What the estimators are told of the first touch
     #[arg(long, value_enum, default_value_t)]
     starts: Starts,
@@ -64,17 +67,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
     let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
+    let noise = match &arguments.noise {
+        Some(levels) => levels.clone(),
+        None => vec![default_noise(&datasets)?],
+    };
+    // Without added noise every seed replays the same readings, which would count as so many trials.
+    let seeds = if noise.iter().all(|level| *level == 0.0) { 1 } else { DEFAULT_SEEDS };
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
         estimators: arguments.estimators.clone().unwrap_or_else(all),
         config,
         touch,
-        noise: match &arguments.noise {
-            Some(levels) => levels.clone(),
-            None => vec![default_noise(&datasets)?],
-        },
         starts: arguments.starts,
-        seeds: (1..=arguments.seeds).collect(),
+        seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
+        noise,
         calibrations: arguments.calibrations.clone(),
         results: arguments.results.clone(),
     };

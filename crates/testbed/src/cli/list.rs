@@ -2,8 +2,10 @@
 
 use std::process::ExitCode;
 
-use serde_json::Value;
+use serde_json::{Value, json};
+use trace::IMPORTERS;
 use whisker::estimators::ESTIMATORS;
+use whisker::events::DETECTORS;
 use whisker::sensor::MODELS;
 
 use super::{print, python};
@@ -11,7 +13,7 @@ use crate::claims::claims;
 use crate::metrics::{METRICS, Metric};
 use crate::report::{FIGURES, physics};
 
-/// Print the registries: estimators, sensor models, metrics, figures, claims, and the generator's
+/// Print the registries: estimators, sensor models, detectors, importers, metrics, figures, claims, and the generator's
 #[derive(clap::Args)]
 pub(super) struct Arguments {}
 
@@ -23,6 +25,9 @@ pub(super) fn run(_: &Arguments) -> anyhow::Result<ExitCode> {
     sections.push(("estimators", estimators.collect::<String>()));
     let models = MODELS.iter().map(|row| with_defaults(row.kind, row.about, (row.defaults)()));
     sections.push(("sensor models", models.collect()));
+    let detectors = DETECTORS.iter().map(|row| with_defaults(row.name, row.about, json!((row.config)())));
+    sections.push(("detectors of contacts", detectors.collect()));
+    sections.push(("importers", IMPORTERS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about)).collect()));
     let metric = |row: &Metric| format!("  {:<28} {} ({} over trials)\n", row.name, row.about, row.summary.name());
     sections.push(("metrics", METRICS.iter().map(metric).collect()));
     sections.push(("figures", FIGURES.iter().map(|row| format!("  {:<28} {}\n", row.name, row.title)).collect()));

@@ -23,7 +23,7 @@ pub(super) struct Arguments {
     /// Trace (.csv, its sidecar beside it)
     trace: PathBuf,
     /// Estimator; `whisker list` names them
-    #[arg(long, default_value = "ukf")]
+    #[arg(long, default_value = "recommended")]
     estimator: String,
     /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
     #[arg(long, default_value = "{}", value_parser = json)]
@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let noise = arguments.noise.unwrap_or_else(|| default_noise(sidecar));
     let front_end = FrontEnd { noise_sd_n_m: noise * largest, seed: arguments.seed };
     let noise_sd_n_m = front_end.noise_sd_n_m.hypot(sidecar.own_noise_sd_n_m());
-    let knowledge = knowledge(sidecar, &calibration.calibrated(&path, None)?, noise_sd_n_m);
+    let knowledge = knowledge(sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
     let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
     let touch = TouchConfig::default();
     let mut estimator = estimator(row, &config, touch, &knowledge, &sidecar.name, arguments.seed)?;

@@ -105,6 +105,7 @@ pub fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<E
                 cov_xy_m2: covariance.map(|p| p[(0, 1)]),
                 cov_yy_m2: covariance.map(|p| p[(1, 1)]),
                 calibrated: estimate.map(|e| e.calibrated),
+                at_tip: estimate.map(|e| e.at_tip),
                 truth_contact_x_m: truth.contact.map(|p| p.x()),
                 truth_contact_y_m: truth.contact.map(|p| p.y()),
                 truth_surface_x_m: truth.surface.map(|p| p.x()),

@@ -2,12 +2,13 @@
 //!
 //! The truth is the simulator's contact without its chatter: a whisker that hits an object bounces, and one that slides fast hops, so a gap shorter than
 //! [`CHATTER_S`] is no loss, and a contact shorter than that, a mere graze, no touch. An event that was found belongs to the nearest true one within
-//! [`WINDOW_S`]; each true event takes one. What an event is told by is the run's touch detection, the same for all estimators.
+//! [`WINDOW_S`]; each true event takes one. What an event is told by is the run's touch detection, the same for all estimators. Whether a contact
+//! lies at the tip is told by its estimate, instant by instant.
 
 use trace::Trace;
 
 use super::{Metric, Scored, Summary};
-use crate::statistics::median;
+use crate::statistics::{mean, median};
 
 /// Gaps in a contact, and contacts, that are shorter than this do not count.
 pub const CHATTER_S: f64 = 0.04;
@@ -39,6 +40,22 @@ pub const LOST_DELAY: Metric = Metric {
     measure: |scored| median(lost(scored)?.delays_s),
 };
 
+/// Share of the touches found that were such.
+pub const TOUCH_PRECISION: Metric = Metric {
+    name: "touch_precision",
+    about: "share of the touches found that began then",
+    summary: Summary::Mean,
+    measure: |scored| touches(scored)?.precision(),
+};
+
+/// Share of the touches that were found.
+pub const TOUCH_RECALL: Metric = Metric {
+    name: "touch_recall",
+    about: "share of the touches that were found",
+    summary: Summary::Mean,
+    measure: |scored| touches(scored)?.recall(),
+};
+
 /// Delay of the touches.
 pub const TOUCH_DELAY: Metric = Metric {
     name: "touch_delay_s",
@@ -46,6 +63,36 @@ pub const TOUCH_DELAY: Metric = Metric {
     summary: Summary::Median,
     measure: |scored| median(touches(scored)?.delays_s),
 };
+
+/// Share of the estimates at the tip that are.
+pub const TIP_PRECISION: Metric = Metric {
+    name: "tip_precision",
+    about: "share of the estimates that may lie at the tip whose contact does",
+    summary: Summary::Mean,
+    measure: |scored| mean(tips(scored).filter(|tip| tip.found).map(|tip| f64::from(tip.actual))),
+};
+
+/// Share of the contacts at the tip that are told.
+pub const TIP_RECALL: Metric = Metric {
+    name: "tip_recall",
+    about: "share of the contacts at the tip whose estimate says that it may lie there",
+    summary: Summary::Mean,
+    measure: |scored| mean(tips(scored).filter(|tip| tip.actual).map(|tip| f64::from(tip.found))),
+};
+
+/// Whether the contact lies at the tip at one instant, and whether the estimate says that it may.
+struct Tip {
+    actual: bool,
+    found: bool,
+}
+
+/// The instants of contact at which both are known.
+fn tips(scored: &Scored<'_>) -> impl Iterator<Item = Tip> {
+    let truth = &scored.trial.trace.truth.instants;
+    scored.contacts.iter().filter_map(|contact| {
+        Some(Tip { actual: truth[contact.row].tip?, found: scored.estimates[contact.row]?.at_tip })
+    })
+}
 
 /// True events of one kind beside those found.
 #[derive(Clone, Debug, Default, PartialEq)]

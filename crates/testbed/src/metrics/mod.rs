@@ -87,7 +87,11 @@ pub const METRICS: &[Metric] = &[
     contact_events::LOST_PRECISION,
     contact_events::LOST_RECALL,
     contact_events::LOST_DELAY,
+    contact_events::TOUCH_PRECISION,
+    contact_events::TOUCH_RECALL,
     contact_events::TOUCH_DELAY,
+    contact_events::TIP_PRECISION,
+    contact_events::TIP_RECALL,
 ];
 
 /// The values of all metrics, for one trial or for a set of them.

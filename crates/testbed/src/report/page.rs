@@ -118,7 +118,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                         (counted(run.estimators.len(), "estimator")) ", "
                         "measurement noise " (percent_list(&run.noise)) " of each set's largest reading, "
                         (counted(run.seeds.len(), "seed")) " of it. "
-                        "All errors are distances from the simulated truth, unaligned."
+                        "All errors are distances from the true contact, unaligned."
                     }
                     nav {
                         @if !animations.is_empty() { a href="#sweeps" { "The sweeps" } }

@@ -169,6 +169,11 @@ impl RunData {
         self.consistency.iter().filter(matches).collect()
     }
 
+    /// Median over the trials of a set of an estimator's steady contact error.
+    pub(super) fn contact_error_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
+        self.summary_of(set, estimator)?.get(&error::RMSE)
+    }
+
     /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.
     pub(super) fn outline_distance_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
         self.summary_of(set, estimator)?.get(&outline::MEDIAN)

@@ -164,6 +164,7 @@ fn estimate(step: u32, error_m: f64) -> EstimateRow {
         cov_xy_m2: at(0.0),
         cov_yy_m2: at(error_m * error_m),
         calibrated: touching.then_some(true),
+        at_tip: touching.then_some(false),
         truth_contact_x_m: at(0.05),
         truth_contact_y_m: at(0.0),
         truth_surface_x_m: at(0.05),

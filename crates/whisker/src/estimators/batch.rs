@@ -11,11 +11,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::gaussian::Follower;
-use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::motion::{AnyMotion, Motion};
 use super::settings::{Settings, SettingsError, parse, within};
 use super::side::Side;
 use super::smoother::{self, Recorder};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::frames::Pose;
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,18 +55,16 @@ pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dy
 
 impl Method for Batch {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        self.config.guess.motion.begin(self, touch)
+    }
+}
+
+impl AnyMotion for Batch {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let Config { iterations, tolerance_sds, guess } = self.config;
         let search = Search { iterations, tolerance_sds };
-        match guess.motion {
-            MotionSettings::Resting(motion) => {
-                let follower = Follower::new(guess, motion, touch, &self.knowledge);
-                Box::new(Collector::<Resting, 2> { search, recorder: Recorder::new(follower), samples: Vec::new() })
-            }
-            MotionSettings::Round(motion) => {
-                let follower = Follower::new(guess, motion, touch, &self.knowledge);
-                Box::new(Collector::<Round, 4> { search, recorder: Recorder::new(follower), samples: Vec::new() })
-            }
-        }
+        let follower = Follower::new(guess, motion, touch, &self.knowledge);
+        Box::new(Collector { search, recorder: Recorder::new(follower), samples: Vec::new() })
     }
 }
 
@@ -115,7 +114,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Collector<Model, N> {
         let excess = estimate.innovation.map_or(1.0, |innovation| (innovation.nis / (gate * gate)).max(1.0));
         // At the touch, the motion since the last instant leads from nowhere.
         let is_first = self.samples.is_empty();
-        let motion = if is_first { crate::frames::Pose::new(0.0, 0.0, 0.0) } else { sample.motion };
+        let motion = if is_first { Pose::new(0.0, 0.0, 0.0) } else { sample.motion };
         self.samples.push((Sample { motion, ..*sample }, excess));
         Some(estimate)
     }

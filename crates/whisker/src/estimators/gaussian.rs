@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
@@ -68,6 +68,13 @@ impl<Filter: Verbs> Default for Config<Filter> {
     }
 }
 
+impl<Filter: Verbs> Config<Filter> {
+    /// For contacts that slide round objects of any size.
+    pub(super) fn sliding() -> Self {
+        Self { motion: MotionSettings::Round(Round::of_any_size()), ..Self::default() }
+    }
+}
+
 impl<Filter: Verbs> Settings for Config<Filter> {
     fn validate(&self) -> Result<(), SettingsError> {
         self.start.validate()?;
@@ -96,14 +103,13 @@ struct Filtering<Filter> {
 
 impl<Filter: Verbs> Method for Filtering<Filter> {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
-        match self.config.motion {
-            MotionSettings::Resting(motion) => {
-                Box::new(Follower::<Filter, Resting, 2>::new(self.config, motion, touch, &self.knowledge))
-            }
-            MotionSettings::Round(motion) => {
-                Box::new(Follower::<Filter, Round, 4>::new(self.config, motion, touch, &self.knowledge))
-            }
-        }
+        self.config.motion.begin(self, touch)
+    }
+}
+
+impl<Filter: Verbs> AnyMotion for Filtering<Filter> {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        Box::new(Follower::new(self.config, motion, touch, &self.knowledge))
     }
 }
 
@@ -179,6 +185,8 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
     pub(super) fn advance(&mut self, sample: &Sample) -> Option<Advance<N>> {
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
+            // Should all hypotheses be lost later on, these samples lie too far back to begin with again.
+            self.history.clear();
             let belief = bank.moments()?;
             self.bank = Some(bank);
             return Some(Advance { predicted: belief, filtered: belief, innovation: None });

@@ -296,15 +296,23 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "what to use: extended Kalman filter on a round contact, from several hypotheses",
+        about: "what to use on thin things: today the same as `ekf`",
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<gaussian::Config<extended::Extended>>,
         build: gaussian::build::<extended::Extended>,
     },
     EstimatorRow {
+        name: "sliding",
+        about: "`ekf` for round objects of any size, whose radius it finds out; slower to be sure of a pin",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: || to_json(&gaussian::Config::<extended::Extended>::sliding()),
+        build: gaussian::build::<extended::Extended>,
+    },
+    EstimatorRow {
         name: "ekf",
-        about: "extended Kalman filter",
+        about: "extended Kalman filter on the round contact of a thin object, from several hypotheses",
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<gaussian::Config<extended::Extended>>,
@@ -397,6 +405,10 @@ pub fn estimator(name: &str) -> Option<&'static EstimatorRow> {
     ESTIMATORS.iter().find(|row| row.name == name)
 }
 
-fn defaults<Config: Default + serde::Serialize>() -> Value {
-    serde_json::to_value(Config::default()).expect("settings serialise")
+fn defaults<Config: Default + Serialize>() -> Value {
+    to_json(&Config::default())
+}
+
+fn to_json(config: &impl Serialize) -> Value {
+    serde_json::to_value(config).expect("settings serialise")
 }

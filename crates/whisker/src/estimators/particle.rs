@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use filters::Cloud;
 use filters::particle::Renewal;
-use nalgebra::{SMatrix, SVector, Vector1};
+use filters::{Cloud, Measurement};
+use nalgebra::{Matrix1, SMatrix, SVector, Vector1};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
@@ -44,9 +44,9 @@ impl Default for Config {
             motion: MotionSettings::Round(Round::default()),
             fading: 1.0,
             gate_sds: 5.0,
-            particles: 1000,
+            particles: 180,
             renew_share: 0.5,
-            kernel: 0.3,
+            kernel: 0.6,
         }
     }
 }
@@ -80,14 +80,47 @@ pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dy
 
 impl Method for ParticleFilter {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
-        match self.config.motion {
-            MotionSettings::Resting(motion) => {
-                Box::new(Follower::<Resting, 2>::new(self.config, motion, touch, &self.knowledge))
-            }
-            MotionSettings::Round(motion) => {
-                Box::new(Follower::<Round, 4>::new(self.config, motion, touch, &self.knowledge))
-            }
-        }
+        self.config.motion.begin(self, touch)
+    }
+}
+
+impl AnyMotion for ParticleFilter {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        Box::new(Follower::new(self.config, motion, touch, &self.knowledge))
+    }
+}
+
+/// A measurement whose noise is everywhere what it is at the cloud's mean, as a Gaussian filter takes it.
+///
+/// The sensor model's error is a part of the noise and depends on the place, but it comes back at the same place instead of scattering from reading to
+/// reading. Were each particle weighed with its own noise, a series of quiet readings would count as evidence for places where the sensor
+/// model errs little, and draw the cloud there.
+struct EvenNoise<Model> {
+    model: Model,
+    noise: Matrix1<f64>,
+}
+
+impl<Model> EvenNoise<Model> {
+    fn new<const N: usize>(model: Model, mean: &SVector<f64, N>) -> Self
+    where
+        Model: Measurement<N, 1>,
+    {
+        let noise = model.noise(mean);
+        Self { model, noise }
+    }
+}
+
+impl<const N: usize, Model: Measurement<N, 1>> Measurement<N, 1> for EvenNoise<Model> {
+    fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
+        self.model.predict(x)
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
+        self.model.jacobian(x)
+    }
+
+    fn noise(&self, _: &SVector<f64, N>) -> Matrix1<f64> {
+        self.noise
     }
 }
 
@@ -161,7 +194,8 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         cloud.predict(&self.motion.step(&self.side, sample), &mut self.rng);
         cloud.fade(self.config.fading);
         cloud.map(|x| self.held(*x));
-        let (reading, z) = (ContactReading::of::<Model, N>(&self.side), Vector1::new(sample.reading_n_m));
+        let reading = EvenNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
+        let z = Vector1::new(sample.reading_n_m);
         let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
         let estimate = self.side.estimate(&cloud.moments(), innovation);
         self.cloud = Some(cloud);

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::gaussian::{self, Follower};
 use super::iterated::Iterated;
-use super::motion::{Motion, MotionSettings, Resting, Round};
+use super::motion::{AnyMotion, Motion};
 use super::settings::{SettingsError, parse};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 
@@ -28,14 +28,13 @@ pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dy
 
 impl Method for Smoother {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
-        match self.config.motion {
-            MotionSettings::Resting(motion) => {
-                Box::new(Recorder::<Resting, 2>::new(Follower::new(self.config, motion, touch, &self.knowledge)))
-            }
-            MotionSettings::Round(motion) => {
-                Box::new(Recorder::<Round, 4>::new(Follower::new(self.config, motion, touch, &self.knowledge)))
-            }
-        }
+        self.config.motion.begin(self, touch)
+    }
+}
+
+impl AnyMotion for Smoother {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        Box::new(Recorder::new(Follower::new(self.config, motion, touch, &self.knowledge)))
     }
 }
 

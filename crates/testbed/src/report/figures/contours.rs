@@ -6,7 +6,7 @@ use anyhow::Result;
 use plotters::style::Color;
 
 use crate::metrics::consistency::CHI2_95;
-use crate::metrics::outline;
+use crate::metrics::error;
 use crate::report::axes::{Panel, Rect, equal, extent};
 use crate::report::canvas::{Canvas, Picture};
 use crate::report::outline::touched_stretch;
@@ -89,10 +89,11 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
 }
 
 fn contour(data: &RunData, set: &RunSet) -> Result<Option<Contour>> {
-    let Some(best) = smallest(data.filters(), |name| data.outline_distance_m(set, name)) else {
+    // Not the smallest distance to the outline: a filter that rests in one place near it has that too.
+    let Some(best) = smallest(data.filters(), |name| data.contact_error_m(set, name)) else {
         return Ok(None);
     };
-    let Some(trial) = data.typical_trial(set, best, &outline::MEDIAN) else {
+    let Some(trial) = data.typical_trial(set, best, &error::RMSE) else {
         return Ok(None);
     };
     let (Some(outline), Some(rows)) = (data.outline(&trial.head.trace)?, data.estimates(&trial.head.trace, best)?)
@@ -195,6 +196,7 @@ mod tests {
             cov_xy_m2: Some(0.0),
             cov_yy_m2: Some(1e-6),
             calibrated: None,
+            at_tip: None,
             truth_contact_x_m: None,
             truth_contact_y_m: None,
             truth_surface_x_m: None,

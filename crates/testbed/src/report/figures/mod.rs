@@ -88,9 +88,9 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "contours",
         title: "Reconstructed contours",
-        caption: "Estimated surface points (dots) with 95 % ellipses over the true outline, for the filter whose \
-                  points lie nearest to it: the smallest median distance, over trials and noise seeds, stands above \
-                  the panel. Dark: the touched part of the outline, from its first to its last touched point; a \
+        caption: "Estimated surface points (dots) with 95 % ellipses over the true outline, for the filter with \
+                  the smallest contact error; the median distance of its points from the outline, over trials and noise \
+                  seeds, stands above the panel. Dark: the touched part of the outline, from its first to its last touched point; a \
                   single disc where only a corner was touched. Nothing is aligned. One trial a panel, after the \
                   first two seconds of contact.",
         draw: contours::draw,

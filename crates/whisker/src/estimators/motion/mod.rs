@@ -11,9 +11,9 @@ pub(super) use round::Round;
 use filters::{Gaussian, Process};
 use serde::{Deserialize, Serialize};
 
-use super::Sample;
 use super::settings::SettingsError;
 use super::side::Side;
+use super::{Sample, Touch, Tracker};
 
 /// A model of the contact's motion, with `N` numbers in its state.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
@@ -49,4 +49,18 @@ impl MotionSettings {
             Self::Round(round) => round.validate(),
         }
     }
+
+    /// Begins a touch by a method under this model.
+    pub(super) fn begin(self, method: &impl AnyMotion, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        match self {
+            Self::Resting(motion) => method.begin_with(motion, touch),
+            Self::Round(motion) => method.begin_with(motion, touch),
+        }
+    }
+}
+
+/// A method that follows contacts under any model of their motion.
+pub(super) trait AnyMotion {
+    /// Begins at a touch under one.
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker>;
 }

@@ -50,6 +50,17 @@ impl Default for Round {
 }
 
 impl Round {
+    /// For an object of any size: nothing is known of the radius, and it may change on the way.
+    pub(in crate::estimators) fn of_any_size() -> Self {
+        Self {
+            radius_m: 1e-2,
+            radius_sd_m: 2e-2,
+            radius_wander_m_sqrt_s: 1e-3,
+            wander_m_sqrt_s: 5e-5,
+            ..Self::default()
+        }
+    }
+
     pub(super) fn validate(&self) -> Result<(), SettingsError> {
         within("radius_m", self.radius_m, 0.0..=1.0)?;
         within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
@@ -62,6 +73,10 @@ impl Round {
 
 /// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
 const LEAST_PLAY: f64 = 0.1;
+
+/// Least variance of the error that a step makes anew. Where the base stands still it would be nothing, and the covariance of the step's noise
+/// singular.
+const LEAST_RENEWAL: f64 = 1e-9;
 
 /// One step.
 pub(in crate::estimators) struct Wandering<'a> {
@@ -151,7 +166,8 @@ impl Process<4> for Wandering<'_> {
 
     fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
         let kept = self.kept(x);
-        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, 1.0 - kept * kept])
+        let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
+        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
     }
 }
 
@@ -242,6 +258,15 @@ mod tests {
             // Within two hundredths of the way that the contact slides over the object in that time.
             assert!(worst_m < 0.02 * (slid_m + 0.2 * radius_m), "{radius_m}: {worst_m} of {slid_m}");
         }
+    }
+
+    #[test]
+    fn robust_a_base_that_stands_still_leaves_the_noise_definite() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let still = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 0.004, reading_n_m: 0.0 };
+        let noise = Round::default().step(&side, &still).noise(&vector![0.055, 3e-3, 2e-3, 0.7]);
+        assert!(noise.cholesky().is_some(), "{noise}");
     }
 
     #[test]
