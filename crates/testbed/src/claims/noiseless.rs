@@ -1,8 +1,7 @@
 //! Without noise, with readings from the fitted sensor model itself and a contact that truly rests, a filter has nothing left to be wrong
 //! about: its error must vanish. Filters are told that the contact rests, and a Gaussian one that what it learnt at the start, before its
 //! linearisation was good, is to be forgotten. A particle filter is left with the Monte-Carlo error of its cloud: over several of its own seeds its estimates
-//! scatter, but must scatter about the truth. It is told that the contact neither wanders nor is forgotten, as is true here: readings without noise
-//! are untypically good for a filter that expects a wandering contact, which it takes as evidence for places where the reading says little.
+//! scatter, but must scatter about the truth. It is told that the contact neither wanders nor is forgotten, as is true here.
 
 use anyhow::{Context as _, ensure};
 use nalgebra::Vector2;

@@ -13,7 +13,7 @@ use crate::claims::{Context, RUNS, STANDARD, measure};
 use crate::report::report;
 
 /// The figure that the README shows.
-const README_FIGURE: &str = "error_over_time.svg";
+const README_FIGURE: &str = "physical_limit.svg";
 
 /// Measure every claim of the documentation and write results/reference/
 #[derive(clap::Args)]

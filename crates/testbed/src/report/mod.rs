@@ -1,6 +1,6 @@
 //! Draws results: every figure as SVG and PNG, and one page that needs no other file.
 //!
-//! There are two kinds of results, evaluated runs (see [`crate::results`]) and the study of the physics (see [`physics`]). The
+//! There are two kinds of results, evaluated runs (see [`crate::results`]) and the study of the physics (`physics`). The
 //! report knows their files and nothing else: it can be drawn again at any time, and the same results give the same bytes.
 
 use std::path::{Path, PathBuf};

@@ -25,7 +25,7 @@ pub struct Domain {
 
 impl Domain {
     /// The region covered by samples given as (arc length, distance away): around each node the extremes of the samples that
-    /// are nearest to it, with as many nodes as have [`LEAST_SAMPLES`] each, or one where there are too few for that; a calibration goes
+    /// are nearest to it, with as many nodes as have `LEAST_SAMPLES` each, or one where there are too few for that; a calibration goes
     /// along lines, and what lies between two of them counts as calibrated. Nothing where the samples do not spread along the whisker.
     pub fn covering(samples: &[(f64, f64)]) -> Option<Self> {
         let low = samples.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
