@@ -27,7 +27,7 @@ def export(run: Run, path: Path) -> None:
         raise InputError(f"{path}: expected a name that ends in .xml, found '{path.suffix}'")
     scene = run.scene
     try:
-        start = scene.motion.plan(scene.stage()).poses[0]
+        start = scene.plan().poses[0]
     except ValueError as error:
         raise located(run.path, str(error)) from None
     root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s))

@@ -186,6 +186,17 @@ impl RunData {
         smallest(estimators, |name| sets.iter().map(|set| self.summary_of(set, name)?.get(&error::MEDIAN)).sum())
     }
 
+    /// What `make` draws from each of the [`Self::leading_sets`] with the steadiest filter; nothing where there is none.
+    pub(super) fn of_leading_sets<T>(
+        &self,
+        make: impl Fn(&Self, &RunSet, &str) -> Result<Option<T>>,
+    ) -> Result<Vec<T>> {
+        let Some(best) = self.steadiest(self.filters()) else {
+            return Ok(Vec::new());
+        };
+        self.leading_sets().into_iter().filter_map(|set| make(self, set, best).transpose()).collect()
+    }
+
     /// The trial of a set whose score under an estimator is the median one, with the seed whose estimates the run keeps.
     pub(super) fn typical_trial(&self, set: &RunSet, estimator: &str, metric: &Metric) -> Option<&TrialRow> {
         let mut trials = self.trials_of(set, estimator);

@@ -39,13 +39,7 @@ struct Trial {
 
 /// Lays the figure out.
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
-    let Some(best) = data.steadiest(data.filters()) else {
-        return Ok(None);
-    };
-    let mut trials = Vec::new();
-    for set in data.leading_sets() {
-        trials.extend(trial(data, set, best)?);
-    }
+    let trials = data.of_leading_sets(trial)?;
     if trials.is_empty() {
         return Ok(None);
     }
