@@ -9,6 +9,8 @@ from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 
 # Two periods of a suspended whisker of 80 mm (8 Hz): a raised cosine of that length leaves it at rest.
 _APPROACH_S = 0.24
+_PRESS_S = 0.3
+"""At the default depth the press peaks at 40 mm/s, about as fast as the waves."""
 _RAMP_S = 0.5
 _WAVES = 4
 _LOOK_S = 0.02
@@ -18,16 +20,17 @@ _LOOK_S = 0.02
 class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
     """Seeded sums of sinusoids in x, y and yaw about a contact, after a short approach.
 
-    The contact's arc length is drawn from `arc_min_m` to `arc_max_m`. Translation and rotation reach `translation_m` and
-    `rotation_rad` either way; frequencies lie between `frequency_min_hz` and `frequency_max_hz`. The mean depth is `depth_m`, or
-    more where the undeflected whisker would otherwise come closer than `depth_min_m` to leaving the object.
+    The whisker is pressed to its mean depth first; then the waves grow to their full height. The contact's arc length is drawn
+    from `arc_min_m` to `arc_max_m`. Translation and rotation reach `translation_m` and `rotation_rad` either way; frequencies
+    lie between `frequency_min_hz` and `frequency_max_hz`. The mean depth is `depth_m`, or more where the undeflected whisker
+    would otherwise come closer than `depth_min_m` to leaving the object.
     """
 
     needs_duration: ClassVar[bool] = True
 
     arc_min_m: Length
     arc_max_m: Length
-    depth_m: Length = 4.5e-3
+    depth_m: Length = 6e-3
     depth_min_m: Length = 1e-3
     clearance_m: Length = 1.5e-3
     translation_m: NotNegativeLength = 3e-3
@@ -43,14 +46,14 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
                 raise ValueError(f"{high}: expected at least {low} = {getattr(self, low)}, found {getattr(self, high)}")
 
     def plan(self, stage: Stage) -> Plan:
-        """Plans the trajectory: rest, approach, and motion about the contact until `duration_s`."""
+        """Plans the trajectory: rest, approach, press, and motion about the contact until `duration_s`."""
         if self.arc_max_m >= stage.whisker.length_m:
             raise ValueError(
                 f"motion.arc_max_m: expected less than the whisker's length {stage.whisker.length_m}, found {self.arc_max_m}"
             )
-        settled_s = REST_S + _APPROACH_S + _RAMP_S
+        settled_s = REST_S + _APPROACH_S + _PRESS_S + _RAMP_S
         if stage.duration_s <= settled_s:
-            raise ValueError(f"duration_s: expected more than {settled_s} (rest and approach), found {stage.duration_s}")
+            raise ValueError(f"duration_s: expected more than {settled_s} (rest, approach and press), found {stage.duration_s}")
         steps = check_steps(stage.duration_s / stage.timestep_s - 1e-6)
         time_s = np.arange(steps + 1) * stage.timestep_s
         arc_m = stage.rng.uniform(self.arc_min_m, self.arc_max_m)
@@ -82,8 +85,9 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         lever = start[:2] - pivot
 
         approach = raised_cosine((time_s - REST_S) / _APPROACH_S)
-        ramp = raised_cosine((time_s - REST_S - _APPROACH_S) / _RAMP_S)
-        push_m = approach * (self.clearance_m - TOUCH_GAP_M) + ramp * (TOUCH_GAP_M + depth_m + across_m)
+        press = raised_cosine((time_s - REST_S - _APPROACH_S) / _PRESS_S)
+        ramp = raised_cosine((time_s - REST_S - _APPROACH_S - _PRESS_S) / _RAMP_S)
+        push_m = approach * (self.clearance_m - TOUCH_GAP_M) + press * (TOUCH_GAP_M + depth_m) + ramp * across_m
         turn = ramp * turn_rad
         cos, sin = np.cos(turn), np.sin(turn)
         x = pivot[0] + cos * lever[0] - sin * lever[1] + ramp * along_m * tangent[0] + push_m * normal[0]
