@@ -24,6 +24,7 @@ use anyhow::{Context, bail};
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
+use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
 
@@ -310,6 +311,9 @@ pub struct Run {
     pub sets: Vec<RunSet>,
     /// Calibrations used.
     pub calibrations: Vec<RunCalibration>,
+    /// The whiskers, by which the report draws them bent; none in runs that were written before it did.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub whiskers: Vec<Whisker>,
 }
 
 impl Run {
@@ -360,6 +364,11 @@ impl RunEstimator {
             Kind::Recursive | Kind::Baseline => self.name.clone(),
             Kind::Hindsight => format!("{} (hindsight)", self.name),
         }
+    }
+
+    /// Whether it is a program of other people rather than one of the registry.
+    pub fn is_program(&self) -> bool {
+        self.config.get("command").is_some()
     }
 }
 

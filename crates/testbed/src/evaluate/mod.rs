@@ -429,6 +429,7 @@ impl Bench {
             estimators,
             sets,
             calibrations,
+            whiskers: self.calibrations.values().map(|calibration| calibration.file.whisker.clone()).collect(),
         })
     }
 
