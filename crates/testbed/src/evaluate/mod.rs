@@ -296,13 +296,14 @@ impl Bench {
         }
         let mut bench = Self { trials, calibrations, largest_readings, entrants: Vec::new(), skipped: Vec::new() };
         for entrant in entrants {
-            bench.admit(entrant, settings.estimators.is_some())?;
+            let is_configured = settings.config.contains_key(&entrant.describe().name);
+            bench.admit(entrant, settings.estimators.is_some() || is_configured)?;
         }
         Ok(bench)
     }
 
     /// Takes an entrant in, if the sensor model that it insists on is calibrated for every whisker and it can run; so what is wrong is found before anything
-    /// is run. Without the sensor model it is left out, unless it was asked for by name.
+    /// is run. Without the sensor model it is left out, unless it was asked for by name or settings.
     fn admit(&mut self, entrant: Box<dyn Entrant>, by_name: bool) -> anyhow::Result<()> {
         let label = entrant.sensor_model();
         if let Some(label) = label.filter(|_| !by_name)
