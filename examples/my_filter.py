@@ -14,7 +14,11 @@ import numpy as np
 
 WANDER_M = 4e-6  # standard deviation by which the contact may wander in one row, since no pin is a point
 LEAST_WEIGHT = 1e-15  # hypotheses that weigh less are given up
-ANSWER = "contact_x_m contact_y_m cov_xx_m2 cov_xy_m2 cov_yy_m2 innovation_n_m innovation_variance_n2_m2".split()
+ANSWER = (
+    *("contact_x_m", "contact_y_m"),
+    *("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
+    *("innovation_n_m", "innovation_variance_n2_m2"),
+)
 
 
 class Side:
@@ -36,7 +40,7 @@ class Side:
         return self.readings_n_m[node] + (gradient_n * offset_m).sum(axis=-1), gradient_n, self.variances_n2_m2[node]
 
     def hypotheses(self, reading_n_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Contacts (k, 2) in Base, one an arc length, that explain a reading, and covariances (k, 2, 2) that reach to their neighbours."""
+        """Contacts (k, 2) in Base that explain a reading, one an arc length, and covariances (k, 2, 2) that reach to the next."""
         off_n_m = np.abs(self.readings_n_m - reading_n_m).reshape(self.shape)
         node = np.arange(self.shape[0]) * self.shape[1] + np.argmin(off_n_m, axis=1)
         gradients_n = self.gradients_n[node]
