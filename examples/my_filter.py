@@ -1,4 +1,4 @@
-"""An estimator of the contact in a hundred lines: a bank of extended Kalman filters on a contact that rests in space.
+"""An estimator of the contact in some hundred lines: a bank of extended Kalman filters on a contact that rests in space.
 
     whisker evaluate datasets/pins100 --exec "python examples/my_filter.py"
 
