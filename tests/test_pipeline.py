@@ -3,6 +3,7 @@
 import csv
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,42 @@ def test_replay_is_what_evaluate_scores(tmp_path: Path) -> None:
     whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0", "--out", out)
     assert out.read_bytes() == (tmp_path / "smoke" / "estimates" / "smoke_pin.ukf.csv").read_bytes()
     assert whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0") == out.read_text()
+
+
+def test_a_program_takes_part_and_finds_the_pin(tmp_path: Path) -> None:
+    program = ["--estimators", "ekf", "--exec", f"{sys.executable} examples/my_filter.py"]
+    for threads in (1, 2):
+        arguments = ["--threads", str(threads), "--name", f"threads_{threads}", "--results", tmp_path, "--seeds", "2"]
+        whisker("evaluate", SUITE, *program, *arguments)
+    one, two = tmp_path / "threads_1", tmp_path / "threads_2"
+    assert (one / "trials.csv").read_bytes() == (two / "trials.csv").read_bytes()
+    assert rows(one / "failures.csv") == []
+    scores = [row for row in rows(one / "trials.csv") if row["estimator"] == "my_filter"]
+    assert len(scores) == 2
+    assert all(float(row["rmse_m"]) < 1e-3 for row in scores)
+    recorded = json.loads((one / "run.json").read_text())["estimators"][1]
+    assert len(recorded["config"]["files_sha256"]["examples/my_filter.py"]) == 64
+    whisker("report", one)
+    assert "my_filter" in (one / "index.html").read_text()
+
+
+def test_a_program_that_fails_is_recorded(tmp_path: Path) -> None:
+    arguments = ["--estimators", "ekf", "--results", tmp_path, "--seeds", "1"]
+    whisker("evaluate", SUITE, *arguments, "--exec", f"mute={sys.executable} -c pass", code=3)
+    (failure,) = rows(tmp_path / "smoke" / "failures.csv")
+    assert (failure["estimator"], failure["seed"]) == ("mute", "1")
+    assert "before its answer to row 1" in failure["reason"]
+
+
+def test_estimators_without_their_sensor_model_are_left_out_unless_asked_for(tmp_path: Path) -> None:
+    calibrations = tmp_path / "calibrations"
+    whisker("fit", SUITE, "--out", calibrations, "--model", "elastica")
+    arguments = ["evaluate", SUITE, "--calibrations", calibrations, "--results", tmp_path, "--seeds", "1"]
+    whisker(*arguments)
+    names = [estimator["name"] for estimator in json.loads((tmp_path / "smoke" / "run.json").read_text())["estimators"]]
+    assert "ekf" in names
+    assert not [name for name in names if name.startswith("paper-")]
+    whisker(*arguments, "--estimators", "paper-ekf", code=1)
 
 
 def test_check_knows_every_kind_of_file() -> None:

@@ -6,6 +6,7 @@ skipped with the reason, unless `WHISKER_REQUIRE_BROWSER=1`: then they fail.
 
 import functools
 import http.server
+import json
 import os
 import re
 import shutil
@@ -166,6 +167,90 @@ def test_no_two_texts_of_a_figure_overlap(opened):
         })"""
     )
     assert overlapping == []
+
+
+def replay_part(page, name):
+    return page.locator(f"#replay [data-part={name}]")
+
+
+def test_the_replay_follows_its_slider(opened):
+    cursor = replay_part(opened, "error").locator(".cursor")
+    wire = replay_part(opened, "overview").locator(".wire")
+    slider = replay_part(opened, "time")
+    before = [cursor.get_attribute("x1"), wire.get_attribute("d"), replay_part(opened, "now").inner_text()]
+    slider.focus()
+    for _ in range(5):
+        slider.press("ArrowRight")
+    after = [cursor.get_attribute("x1"), wire.get_attribute("d"), replay_part(opened, "now").inner_text()]
+    assert float(after[0]) > float(before[0])
+    assert after[1] != before[1]
+    assert float(after[2].split(" s")[0]) > float(before[2].split(" s")[0])
+    assert slider.get_attribute("aria-valuetext") == after[2]
+    slider.press("Home")
+    assert float(cursor.get_attribute("x1")) < float(before[0])
+    slider.press("End")
+    assert slider.input_value() == slider.get_attribute("max")
+    assert opened.console_lines == []
+
+
+def test_the_replay_plays_and_pauses_and_ends(opened):
+    button, slider = replay_part(opened, "play"), replay_part(opened, "time")
+    slider.focus()
+    slider.press("Home")
+    button.focus()
+    button.press("Space")
+    assert button.inner_text() == "Pause"
+    opened.wait_for_function("document.querySelector('#replay [data-part=time]').value > 3")
+    button.press("Space")
+    assert button.inner_text() == "Play"
+    stopped = slider.input_value()
+    opened.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert slider.input_value() == stopped
+    slider.press("End")
+    slider.press("ArrowLeft")
+    button.click()
+    opened.wait_for_function("document.querySelector('#replay [data-part=play]').textContent === 'Play'")
+    assert slider.input_value() == slider.get_attribute("max")
+    assert opened.console_lines == []
+
+
+def test_the_replay_shows_every_trial_and_estimator(opened, report):
+    sets = json.loads((report.parent / "run.json").read_text())["sets"]
+    trials, estimators = replay_part(opened, "trial"), replay_part(opened, "estimator")
+    assert trials.locator("option").count() == len(sets)
+    for trial in range(len(sets)):
+        trials.select_option(index=trial)
+        assert estimators.locator("option").count() >= 1
+        for estimator in range(estimators.locator("option").count()):
+            estimators.select_option(index=estimator)
+            for view in ("overview", "closeup"):
+                shown = replay_part(opened, view)
+                assert shown.locator(".base").count() == 1
+                assert "NaN" not in shown.inner_html()
+            assert "NaN" not in replay_part(opened, "error").inner_html()
+            assert " s" in replay_part(opened, "now").inner_text()
+    trials.select_option(index=0)
+    estimators.select_option(index=0)
+    overview = replay_part(opened, "overview")
+    assert overview.locator(".truth, .wire, .estimate, .found").count() == 4
+    wide = replay_part(opened, "closeup").get_attribute("viewBox").split()[2]
+    replay_part(opened, "zoom").select_option("1")
+    assert float(replay_part(opened, "closeup").get_attribute("viewBox").split()[2]) < float(wide)
+    for name in ("overview", "closeup", "error", "play", "time", "now"):
+        box = replay_part(opened, name).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= opened.viewport_size["width"]
+    assert opened.console_lines == []
+
+
+def test_the_replay_is_a_slide_show_for_readers_who_want_less_motion(browser, address):
+    page = browser.new_page(reduced_motion="reduce")
+    page.goto(address)
+    replay_part(page, "play").click()
+    before = int(replay_part(page, "time").input_value())
+    page.wait_for_function("before => document.querySelector('#replay [data-part=time]').value > before", arg=before)
+    assert (int(replay_part(page, "time").input_value()) - before) % 5 == 0
+    page.close()
 
 
 def test_the_page_fits_its_window(opened):

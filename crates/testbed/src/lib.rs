@@ -13,6 +13,7 @@ pub mod claims;
 pub mod cli;
 pub mod consistency;
 pub mod dataset;
+pub mod entrant;
 pub mod evaluate;
 pub mod fit;
 pub mod front_end;

@@ -7,7 +7,7 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, Sidecar};
-use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Sample};
+use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Method, Sample};
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::CalibratedFace;
@@ -44,6 +44,14 @@ pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m:
     })
 }
 
+/// The method of a registered estimator.
+///
+/// # Errors
+/// If its settings are wrong.
+pub fn method(row: &EstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) -> anyhow::Result<Box<dyn Method>> {
+    (row.build)(config, knowledge).with_context(|| format!("settings of `{}`", row.name))
+}
+
 /// A registered estimator, with the randomness that belongs to this trace and seed.
 ///
 /// # Errors
@@ -56,7 +64,7 @@ pub fn estimator(
     trace_name: &str,
     seed: u64,
 ) -> anyhow::Result<Estimator> {
-    let method = (row.build)(config, knowledge).with_context(|| format!("settings of `{}`", row.name))?;
+    let method = method(row, config, knowledge)?;
     let own_seed = derived_seed(seed, &[row.name, trace_name]);
     Ok(Estimator::new(method, knowledge.clone(), touch, own_seed))
 }
@@ -93,11 +101,13 @@ pub struct Replay {
     pub estimates: Vec<Option<Estimate>>,
     /// Wall-clock time of all steps.
     pub elapsed_ns: u128,
+    /// Why the estimator fell silent before the end, where it failed.
+    pub failure: Option<String>,
 }
 
 /// Runs an estimator over samples.
 pub fn replay(estimator: &mut Estimator, samples: &[Sample]) -> Replay {
     let start = Clock::now();
     let estimates = estimator.run(samples);
-    Replay { estimates, elapsed_ns: start.elapsed().as_nanos() }
+    Replay { estimates, elapsed_ns: start.elapsed().as_nanos(), failure: None }
 }

@@ -4,7 +4,7 @@
 //! run.json                              watermark, settings, inputs
 //! trials.csv                            [`TrialRow`], one a trace, estimator, noise level and seed
 //! summary.csv                           [`SummaryRow`], one a group, whisker, estimator and noise level
-//! failures.csv                          [`FailureRow`], one a trial that could not be scored
+//! failures.csv                          [`FailureRow`], one a trial that could not be scored or that an estimator failed on
 //! error_over_time.csv                   [`ErrorBandRow`], spread of the error over trials against time since the touch
 //! consistency.csv                       [`ConsistencyRow`], NEES, NIS and bound over trials against time since the touch
 //! estimates/<trace>.<estimator>.csv     [`EstimateRow`], one an instant, for the first noise level and seed
@@ -24,6 +24,7 @@ use anyhow::{Context, bail};
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
+use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
 
@@ -95,12 +96,14 @@ impl<Head> ScoreRow<Head> {
     }
 }
 
-/// A trial that could not be scored.
+/// A trial that could not be scored, or on which one estimator failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FailureRow {
     /// Name of the trace.
     pub trace: String,
+    /// Name of the estimator that failed; without one the trial could not be scored at all.
+    pub estimator: Option<String>,
     /// Measurement noise as a fraction of the set's largest reading.
     pub noise: f64,
     /// Seed of that noise.
@@ -308,6 +311,9 @@ pub struct Run {
     pub sets: Vec<RunSet>,
     /// Calibrations used.
     pub calibrations: Vec<RunCalibration>,
+    /// The whiskers, by which the report draws them bent; none in runs that were written before it did.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub whiskers: Vec<Whisker>,
 }
 
 impl Run {
@@ -358,6 +364,11 @@ impl RunEstimator {
             Kind::Recursive | Kind::Baseline => self.name.clone(),
             Kind::Hindsight => format!("{} (hindsight)", self.name),
         }
+    }
+
+    /// Whether it is a program of other people rather than one of the registry.
+    pub fn is_program(&self) -> bool {
+        self.config.get("command").is_some()
     }
 }
 
@@ -571,7 +582,7 @@ mod tests {
         let bytes = score_bytes(&[row(), row()]).unwrap();
         assert!(bytes.starts_with(b"group,whisker,object,estimator,noise,trials,step_ns,rmse_m,median_m,"));
         assert_eq!(read(&bytes).unwrap(), [row(), row()]);
-        assert_eq!(csv_bytes::<FailureRow>(&[]).unwrap(), b"trace,noise,seed,reason\n");
+        assert_eq!(csv_bytes::<FailureRow>(&[]).unwrap(), b"trace,estimator,noise,seed,reason\n");
     }
 
     #[test]

@@ -24,7 +24,8 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
     let run = &context.standard().run;
     let settings = EvaluateSettings {
         name: format!("threads-{threads}"),
-        estimators: run.estimators.iter().map(|estimator| estimator.name.clone()).collect(),
+        estimators: Some(run.estimators.iter().map(|estimator| estimator.name.clone()).collect()),
+        programs: Vec::new(),
         config: Default::default(),
         touch: run.touch,
         noise: run.noise.clone(),

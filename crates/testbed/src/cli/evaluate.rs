@@ -3,19 +3,20 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::Context;
 use serde::Deserialize;
 use serde_json::Value;
 use trace::read_json;
-use whisker::estimators::ESTIMATORS;
 use whisker::events::TouchConfig;
 
 use super::{FINISHED_WITH_FAILURES, noise_fraction, print, progress_bar, table};
 use crate::dataset::Dataset;
-use crate::evaluate::{EvaluateSettings, Starts, evaluate};
+use crate::entrant::Program;
+use crate::evaluate::{EvaluateSettings, Skipped, Starts, evaluate};
 use crate::metrics::{bound, consistency, error};
-use crate::results::SummaryRow;
+use crate::results::{FailureRow, SummaryRow};
 
 /// Noise seeds a trial, unless asked for others.
 const DEFAULT_SEEDS: u64 = 5;
@@ -35,6 +36,12 @@ pub(super) struct Arguments {
     /// Estimators, by comma [default: all; `whisker list` names them]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
+    /// A program of yours beside them, as often as you like: it reads rows and writes estimates as JSON lines (docs/your-estimator.md)
+    #[arg(long, value_name = "[NAME=]COMMAND")]
+    exec: Vec<String>,
+    /// Longest wait for one answer of such a program
+    #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
+    exec_timeout: Duration,
     /// File with settings by estimator, and of the touch detection: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}}
     #[arg(long)]
     config: Option<PathBuf>,
@@ -66,7 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let Config { touch, estimators: config } =
         arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
-    let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
+    let program = |text: &String| Program::new(text, arguments.exec_timeout);
     let noise = match &arguments.noise {
         Some(levels) => levels.clone(),
         None => vec![default_noise(&datasets)?],
@@ -75,7 +82,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let seeds = if noise.iter().all(|level| *level == 0.0) { 1 } else { DEFAULT_SEEDS };
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
-        estimators: arguments.estimators.clone().unwrap_or_else(all),
+        estimators: arguments.estimators.clone(),
+        programs: arguments.exec.iter().map(program).collect::<anyhow::Result<_>>()?,
         config,
         touch,
         starts: arguments.starts,
@@ -94,12 +102,26 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let state = if evaluated.is_new { "" } else { " (up to date)" };
     print(&format!("{}{}{state}\n", summary_table(&evaluated.summary), evaluated.folder.display()))?;
     for failure in &evaluated.failures {
-        eprintln!("failed: {} at noise {}, seed {}: {}", failure.trace, failure.noise, failure.seed, failure.reason);
+        let estimator = failure.estimator.as_ref().map_or_else(String::new, |name| format!("{name} on "));
+        let FailureRow { trace, noise, seed, reason, .. } = failure;
+        eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
+    }
+    for Skipped { estimator, sensor_model, calibration } in &evaluated.skipped {
+        let calibration = calibration.display();
+        eprintln!("left out: {estimator}, which needs the sensor model `{sensor_model}` that {calibration} lacks");
     }
     if !evaluated.unscored.is_empty() {
         eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
     }
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// A time to wait.
+fn seconds(text: &str) -> Result<Duration, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.001..=86_400.0).contains(&value) => Ok(Duration::from_secs_f64(value)),
+        _ => Err("expected seconds, 0.001 to 86400, for example 10".into()),
+    }
 }
 
 /// The largest that a dataset asks for.

@@ -18,12 +18,13 @@ use serde_json::Value;
 use trace::{
     CalibrationFile, Outline, Role, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically, write_json,
 };
-use whisker::estimators::{self, EstimatorRow, Knowledge, Told};
+use whisker::estimators::{ESTIMATORS, Knowledge, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
 use crate::dataset::Dataset;
+use crate::entrant::{Entrant, Program, Registered, Task};
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::FrontEnd;
 use crate::metrics::{Scored, Scores, Trial, Unscored};
@@ -33,7 +34,6 @@ use crate::results::{
     FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes, read_rows,
     read_scores, score_bytes,
 };
-use crate::settings::merged;
 
 use part_folder::PartFolder;
 use tables::OverTime;
@@ -46,8 +46,10 @@ pub use tables::estimate_rows;
 pub struct EvaluateSettings {
     /// Name of the run.
     pub name: String,
-    /// Estimators, by their names in the registry.
-    pub estimators: Vec<String>,
+    /// Estimators, by their names in the registry; without names all whose sensor model is calibrated.
+    pub estimators: Option<Vec<String>>,
+    /// Programs of other people, beside the estimators.
+    pub programs: Vec<Program>,
     /// Settings by estimator; what is missing takes its default.
     pub config: BTreeMap<String, Value>,
     /// Settings of the touch detection, the same for all.
@@ -73,10 +75,23 @@ pub struct Evaluated {
     pub summary: Vec<SummaryRow>,
     /// Whether it had to be made anew.
     pub is_new: bool,
-    /// Trials that could not be scored.
+    /// Trials that could not be scored, or on which an estimator failed.
     pub failures: Vec<FailureRow>,
+    /// Estimators that were left out, since nobody asked for them by name and they need what was not fitted.
+    pub skipped: Vec<Skipped>,
     /// Trials that were replayed but not scored, for nobody knows where the contact was.
     pub unscored: Vec<String>,
+}
+
+/// An estimator that was left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Skipped {
+    /// Its name.
+    pub estimator: String,
+    /// Label of the sensor model that it insists on.
+    pub sensor_model: String,
+    /// The calibration that lacks it.
+    pub calibration: PathBuf,
 }
 
 /// A set: trials of one group with one whisker, which share a noise level.
@@ -104,7 +119,8 @@ struct Bench {
     trials: Vec<BenchTrial>,
     calibrations: BTreeMap<String, Calibration>,
     largest_readings: BTreeMap<SetKey, f64>,
-    methods: Vec<(&'static EstimatorRow, Value)>,
+    entrants: Vec<Box<dyn Entrant>>,
+    skipped: Vec<Skipped>,
 }
 
 struct Calibration {
@@ -114,6 +130,9 @@ struct Calibration {
     /// Faces by label of the sensor model; without a label, with the model that the calibration chose.
     faces: BTreeMap<Option<&'static str>, Vec<Arc<CalibratedFace>>>,
 }
+
+/// What one trial yields: scores, and what went wrong.
+type Yield = (Vec<Outcome>, Vec<FailureRow>);
 
 /// What one trial yields for one estimator.
 struct Outcome {
@@ -135,11 +154,11 @@ pub fn evaluate(
     let folder = target(settings)?;
     let bench = Bench::open(datasets, settings)?;
     let run = bench.run(settings)?;
-    let unscored = bench.unscored();
+    let (unscored, skipped) = (bench.unscored(), bench.skipped.clone());
     if bench.is_up_to_date(&folder, &run) {
         let summary = read_scores(&folder.join("summary.csv"))?;
         let failures = read_rows(&folder.join("failures.csv"))?;
-        return Ok(Evaluated { folder, summary, is_new: false, failures, unscored });
+        return Ok(Evaluated { folder, summary, is_new: false, failures, skipped, unscored });
     }
 
     let part = PartFolder::new(&folder)?;
@@ -154,7 +173,7 @@ pub fn evaluate(
         })
         .collect();
     progress.set_length(jobs.len() as u64);
-    let done: Vec<Result<Vec<Outcome>, FailureRow>> = jobs
+    let done: Vec<Yield> = jobs
         .par_iter()
         .map(|job| {
             let is_first = job.noise == settings.noise[0] && job.seed == settings.seeds[0];
@@ -165,11 +184,9 @@ pub fn evaluate(
         .collect::<anyhow::Result<_>>()?;
     let mut outcomes = Vec::new();
     let mut failures = Vec::new();
-    for job in done {
-        match job {
-            Ok(of_job) => outcomes.extend(of_job),
-            Err(failure) => failures.push(failure),
-        }
+    for (of_job, failed) in done {
+        outcomes.extend(of_job);
+        failures.extend(failed);
     }
     if outcomes.is_empty() {
         let reason = match failures.first() {
@@ -192,7 +209,7 @@ pub fn evaluate(
     bench.copy_for_report(part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
     part.finish()?;
-    Ok(Evaluated { folder, summary, is_new: true, failures, unscored })
+    Ok(Evaluated { folder, summary, is_new: true, failures, skipped, unscored })
 }
 
 /// Folder of the run, which may only take the place of another run.
@@ -208,28 +225,35 @@ fn target(settings: &EvaluateSettings) -> anyhow::Result<PathBuf> {
     Ok(folder)
 }
 
+impl EvaluateSettings {
+    /// Who takes part: registered estimators, then programs.
+    fn entrants(&self) -> anyhow::Result<Vec<Box<dyn Entrant>>> {
+        let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
+        let estimators = self.estimators.clone().unwrap_or_else(all);
+        if let Some(name) = self.config.keys().find(|name| !estimators.contains(name)) {
+            let known = estimators.join(", ");
+            bail!("settings are given for `{name}`, which is not among the estimators: {known}");
+        }
+        check_distinct("estimator", estimators.iter().cloned())?;
+        check_distinct("program", self.programs.iter().map(|program| program.describe().name))?;
+        let mut entrants: Vec<Box<dyn Entrant>> = Vec::new();
+        for name in &estimators {
+            let overrides = self.config.get(name).cloned().unwrap_or_else(|| Value::Object(Default::default()));
+            entrants.push(Box::new(Registered::new(name, &overrides)?));
+        }
+        entrants.extend(self.programs.iter().map(|program| Box::new(program.clone()) as Box<dyn Entrant>));
+        Ok(entrants)
+    }
+}
+
 impl Bench {
     fn open(datasets: &[Dataset], settings: &EvaluateSettings) -> anyhow::Result<Self> {
         if settings.noise.is_empty() || settings.seeds.is_empty() {
             bail!("an evaluation needs at least one noise level and one seed");
         }
         check_distinct("noise level", settings.noise.iter().map(f64::to_string))?;
-        check_distinct("estimator", settings.estimators.iter().cloned())?;
         settings.touch.validate().context("settings of `touch`")?;
-        let mut methods = Vec::new();
-        for name in &settings.estimators {
-            let row = estimators::estimator(name).with_context(|| {
-                let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
-                format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
-            })?;
-            let overrides = settings.config.get(name).cloned().unwrap_or_else(|| Value::Object(Default::default()));
-            let config = merged((row.defaults)(), &overrides).with_context(|| format!("settings of `{name}`"))?;
-            methods.push((row, config));
-        }
-        if let Some(name) = settings.config.keys().find(|name| !settings.estimators.contains(name)) {
-            let known = settings.estimators.join(", ");
-            bail!("settings are given for `{name}`, which is not among the estimators: {known}");
-        }
+        let entrants = settings.entrants()?;
         let mut trials: Vec<BenchTrial> = Vec::new();
         let mut calibrations: BTreeMap<String, Calibration> = BTreeMap::new();
         for dataset in datasets {
@@ -240,8 +264,7 @@ impl Bench {
                 let path = folder.join(format!("{whisker}.json"));
                 match calibrations.get(whisker) {
                     None => {
-                        let labels = methods.iter().map(|(row, _)| row.sensor_model);
-                        calibrations.insert(whisker.clone(), Calibration::read(&path, labels)?);
+                        calibrations.insert(whisker.clone(), Calibration::read(&path)?);
                     }
                     Some(known) if known.path == path => {}
                     Some(known) => {
@@ -271,20 +294,40 @@ impl Bench {
                 *largest = largest.max(instant.moment_z_n_m.abs());
             }
         }
-        let bench = Self { trials, calibrations, largest_readings, methods };
-        bench.check_methods(settings)?;
+        let mut bench = Self { trials, calibrations, largest_readings, entrants: Vec::new(), skipped: Vec::new() };
+        for entrant in entrants {
+            let is_configured = settings.config.contains_key(&entrant.describe().name);
+            bench.admit(entrant, settings.estimators.is_some() || is_configured)?;
+        }
         Ok(bench)
     }
 
-    /// Makes every method once, so that wrong settings are found before anything is run.
-    fn check_methods(&self, settings: &EvaluateSettings) -> anyhow::Result<()> {
-        let sidecar = &self.trials[0].trace.sidecar;
-        for (row, config) in &self.methods {
-            let faces = &self.calibrations[&sidecar.whisker.name].faces[&row.sensor_model];
-            let knowledge = knowledge(sidecar, faces, 0.0);
-            replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, 0)?;
+    /// Takes an entrant in, if the sensor model that it insists on is calibrated for every whisker and it can run; so what is wrong is found before anything
+    /// is run. Without the sensor model it is left out, unless it was asked for by name or settings.
+    fn admit(&mut self, entrant: Box<dyn Entrant>, by_name: bool) -> anyhow::Result<()> {
+        let label = entrant.sensor_model();
+        if let Some(label) = label.filter(|_| !by_name)
+            && let Some(lacking) = self.calibrations.values().find(|calibration| calibration.lacks(label))
+        {
+            self.skipped.push(Skipped {
+                estimator: entrant.describe().name,
+                sensor_model: label.into(),
+                calibration: lacking.path.clone(),
+            });
+            return Ok(());
         }
+        for calibration in self.calibrations.values_mut() {
+            calibration.load(label)?;
+        }
+        let sidecar = &self.trials[0].trace.sidecar;
+        entrant.check(&knowledge(sidecar, &self.calibrations[&sidecar.whisker.name].faces[&label], 0.0))?;
+        self.entrants.push(entrant);
         Ok(())
+    }
+
+    /// Names of the entrants.
+    fn names(&self) -> Vec<String> {
+        self.entrants.iter().map(|entrant| entrant.describe().name).collect()
     }
 
     /// Trials without a known contact.
@@ -296,9 +339,10 @@ impl Bench {
     /// Whether a run from the same inputs is there, with all that belongs to it.
     fn is_up_to_date(&self, folder: &Path, run: &Run) -> bool {
         let same = |old: Run| old.watermark.inputs_sha256 == run.watermark.inputs_sha256;
+        let names = self.names();
         let estimates = self.trials.iter().flat_map(|trial| {
-            let name = &trial.trace.sidecar.name;
-            self.methods.iter().map(move |(row, _)| format!("estimates/{name}.{}.csv", row.name))
+            let trace = &trial.trace.sidecar.name;
+            names.iter().map(move |name| format!("estimates/{trace}.{name}.csv"))
         });
         let outlines = self
             .trials
@@ -329,17 +373,7 @@ impl Bench {
 
     /// What stands in `run.json`.
     fn run(&self, settings: &EvaluateSettings) -> anyhow::Result<Run> {
-        let estimators: Vec<RunEstimator> = self
-            .methods
-            .iter()
-            .map(|(row, config)| RunEstimator {
-                name: row.name.into(),
-                about: row.about.into(),
-                kind: row.kind,
-                sensor_model: row.sensor_model.map(Into::into),
-                config: config.clone(),
-            })
-            .collect();
+        let estimators: Vec<RunEstimator> = self.entrants.iter().map(|entrant| entrant.describe()).collect();
         let sets: Vec<RunSet> = self
             .largest_readings
             .iter()
@@ -396,6 +430,7 @@ impl Bench {
             estimators,
             sets,
             calibrations,
+            whiskers: self.calibrations.values().map(|calibration| calibration.file.whisker.clone()).collect(),
         })
     }
 
@@ -420,14 +455,9 @@ impl Bench {
         TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
     }
 
-    /// Replays one trial through every estimator; writes the estimates and the bound where a folder is given. A trial that cannot be scored is no
-    /// error of the batch.
-    fn run_trial(
-        &self,
-        job: &Job<'_>,
-        settings: &EvaluateSettings,
-        out: Option<&Path>,
-    ) -> anyhow::Result<Result<Vec<Outcome>, FailureRow>> {
+    /// Replays one trial through every entrant; writes the estimates and the bound where a folder is given. A trial that cannot be scored, or on
+    /// which an entrant fails, is no error of the batch.
+    fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
         let &Job { trial: BenchTrial { trace, outline, told }, noise, seed, bound } = job;
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
@@ -448,26 +478,32 @@ impl Bench {
                 write_atomically(&folder.join("events").join(event_file(sidecar, row)), &csv_bytes(&rows)?)?;
             }
         }
-        let mut outcomes = Vec::with_capacity(self.methods.len());
-        for (row, config) in &self.methods {
-            let faces = &calibration.faces[&row.sensor_model];
+        let failed = |estimator: Option<&str>, reason: String| {
+            let (trace, estimator) = (sidecar.name.clone(), estimator.map(Into::into));
+            FailureRow { trace, estimator, noise, seed, reason }
+        };
+        let mut outcomes = Vec::with_capacity(self.entrants.len());
+        let mut failures = Vec::new();
+        for (entrant, name) in self.entrants.iter().zip(self.names()) {
+            let faces = &calibration.faces[&entrant.sensor_model()];
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
             let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
-            let mut estimator = replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, seed)?;
-            let replay = replay::replay(&mut estimator, &samples);
+            let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
+            let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
+            let replay = entrant.replay(&task)?;
+            failures.extend(replay.failure.map(|reason| failed(Some(&name), reason)));
             let outline = outline.as_ref();
             let trial =
                 Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, touched: &touched, bound };
             if let Some(folder) = out {
-                let path = folder.join("estimates").join(format!("{}.{}.csv", sidecar.name, row.name));
+                let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
             }
             let scored = match Scored::new(&trial, &replay.estimates) {
                 Ok(scored) => scored,
                 Err(Unscored::TruthUnknown) => continue,
                 Err(unscored @ Unscored::NeverTouches) => {
-                    let (trace, reason) = (sidecar.name.clone(), unscored.to_string());
-                    return Ok(Err(FailureRow { trace, noise, seed, reason }));
+                    return Ok((Vec::new(), vec![failed(None, unscored.to_string())]));
                 }
             };
             let head = TrialHead {
@@ -475,7 +511,7 @@ impl Bench {
                 group: sidecar.group.clone(),
                 whisker: sidecar.whisker.name.clone(),
                 object: sidecar.object.clone(),
-                estimator: row.name.into(),
+                estimator: name,
                 noise,
                 seed,
                 touch_s: scored.touch_s,
@@ -489,7 +525,7 @@ impl Bench {
                 steps: samples.len(),
             });
         }
-        Ok(Ok(outcomes))
+        Ok((outcomes, failures))
     }
 
     /// Tables about the sensor models, beside the calibrations: folder and name.
@@ -536,18 +572,28 @@ fn check_distinct(what: &str, names: impl Iterator<Item = String>) -> anyhow::Re
 }
 
 impl Calibration {
-    /// Reads a calibration with the sensor models of these labels.
-    fn read(path: &Path, labels: impl Iterator<Item = Option<&'static str>>) -> anyhow::Result<Self> {
+    /// Reads a calibration with the sensor models that it chose.
+    fn read(path: &Path) -> anyhow::Result<Self> {
         if !path.is_file() {
             bail!("{}: no such calibration; `whisker fit` makes it", path.display());
         }
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;
-        let mut faces = BTreeMap::new();
-        for label in labels.chain([None]) {
-            faces.insert(label, file.calibrated(path, label)?);
-        }
+        let faces = BTreeMap::from([(None, file.calibrated(path, None)?)]);
         Ok(Self { path: path.into(), file, sha256: sha256(bytes), faces })
+    }
+
+    /// Whether a face is without a sensor model of this label.
+    fn lacks(&self, label: &str) -> bool {
+        self.file.faces.iter().any(|face| face.model(Some(label)).is_none())
+    }
+
+    /// Makes the sensor models of this label ready.
+    fn load(&mut self, label: Option<&'static str>) -> anyhow::Result<()> {
+        if !self.faces.contains_key(&label) {
+            self.faces.insert(label, self.file.calibrated(&self.path, label)?);
+        }
+        Ok(())
     }
 }
 

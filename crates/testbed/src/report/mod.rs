@@ -19,6 +19,7 @@ mod figures;
 mod outline;
 mod page;
 pub(crate) mod physics;
+mod replay;
 mod run_data;
 mod style;
 mod surface;

@@ -16,6 +16,7 @@ use super::canvas::font_face_css;
 use super::compare::{Phase, factor_over_baseline, format_factor};
 use super::consistency;
 use super::figure::Drawn;
+use super::replay;
 use super::run_data::{RunData, counted};
 use super::style::{plain, two_digits};
 
@@ -101,11 +102,12 @@ const COLUMNS: [Column; 9] = [
 /// The whole page.
 ///
 /// # Errors
-/// When a picture cannot be painted.
+/// When a picture cannot be painted, or a file of the run is damaged.
 pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) -> Result<String> {
     let run = &data.run;
     let traces = data.run.sets.iter().map(|set| set.traces.len()).sum::<usize>();
     let consistent = consistency::section(data);
+    let replay = replay::section(data)?;
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -122,6 +124,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                     }
                     nav {
                         @if !animations.is_empty() { a href="#sweeps" { "The sweeps" } }
+                        @if replay.is_some() { a href="#replay" { "Watching it think" } }
                         a href="#baseline" { "Against the baseline" }
                         @for figure in drawn { a href={ "#" (figure.name) } { (figure.title) } }
                         @if consistent.is_some() { a href="#consistent" { "How sure, and how right" } }
@@ -131,6 +134,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                 }
                 main {
                     @if !animations.is_empty() { (sweeps(animations)) }
+                    @if let Some(section) = &replay { (section) }
                     (factor_table(data))
                     @for figure in drawn { (figure_section(figure)?) }
                     @if let Some(section) = &consistent { (section) }
@@ -151,7 +155,7 @@ pub(super) fn head(title: &str) -> Markup {
             meta name="viewport" content="width=device-width, initial-scale=1";
             title { (title) }
             link rel="icon" href="data:,";
-            style { (PreEscaped(font_face_css())) (PreEscaped(include_str!("page.css"))) }
+            style { (PreEscaped(font_face_css())) (PreEscaped(include_str!("page.css"))) (PreEscaped(include_str!("replay.css"))) }
         }
     }
 }

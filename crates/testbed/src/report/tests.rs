@@ -45,6 +45,11 @@ fn write_run(folder: &Path, whole: bool) {
         "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "kind": if name.ends_with("ekf") { "recursive" } else { "baseline" }, "sensor_model": null, "config": {"fading": 1.004}})),
         "sets": objects.iter().map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
+        "whiskers": [{
+            "name": "straight", "length_m": 0.08, "root_diameter_m": 0.25e-3, "tip_diameter_m": 0.25e-3, "youngs_modulus_pa": 60e9,
+            "density_kg_m3": 6450.0, "curvature": [{"length_m": 0.08, "curvature_per_m": 0.0}],
+            "root_stiffness_n_m_rad": 0.17e-3, "segments": 40, "damping_s": 0.0,
+        }],
     });
     fs::write(folder.join("run.json"), run.to_string()).expect("written");
 
@@ -224,7 +229,7 @@ fn verif_every_figure_is_drawn_and_stands_on_the_page() {
         assert!(fs::metadata(path).expect("exists").len() > 1000, "{}", path.display());
     }
     let page = fs::read_to_string(&paths.page).expect("page");
-    assert_eq!(page.matches("<svg").count(), FIGURES.len());
+    assert_eq!(page.matches("<figure><div class=\"scroll\"").count(), FIGURES.len());
     for figure in FIGURES {
         assert!(page.contains(&format!("id=\"{}\"", figure.name)), "{}", figure.name);
     }
@@ -232,6 +237,28 @@ fn verif_every_figure_is_drawn_and_stands_on_the_page() {
     assert!(!page.contains("Left out"));
     // The median error of the baseline is 25 times that of the filter.
     assert!(page.contains("25 ×"));
+}
+
+#[test]
+fn verif_the_replay_has_whisker_truth_and_estimators_of_each_set() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let page = fs::read_to_string(report(folder.path()).expect("drawn").page).expect("read");
+    let (_, rest) = page.split_once("data-part=\"trials\">").expect("a replay");
+    let trials: serde_json::Value =
+        serde_json::from_str(rest.split_once("</script>").expect("its end").0).expect("JSON");
+    assert_eq!(trials.as_array().expect("a list").len(), 2);
+    let trial = &trials[0];
+    let frames = trial["t_s"].as_array().expect("a list").len();
+    assert_eq!(frames, 200);
+    for column in ["base_um", "wire_um", "truth_um"] {
+        assert_eq!(trial[column].as_array().expect("a list").len(), frames, "{column}");
+    }
+    assert!(trial["wire_um"].as_array().expect("a list").iter().all(|wire| !wire.is_null()));
+    assert!(trial["truth_um"][0].is_null() && trial["truth_um"][frames - 1] == serde_json::json!([50_000, 0]));
+    assert_eq!(trial["runs"][0]["name"], "ekf");
+    assert_eq!(trial["runs"][0]["error_um"][frames - 1], 200);
+    assert_eq!(trial["runs"][1]["name"], "euler-bernoulli");
 }
 
 #[test]

@@ -124,7 +124,7 @@ impl Knowledge {
     ///
     /// A contact pushed aside by `d` at the foot `s` lies at the arc length `s + c d^2 / s` of the bent whisker, to second order, with c from 0.5 for a
     /// straight wire that only turns at its root to 0.6 for a clamped one; here their mean.
-    fn may_be_tip(&self, estimate: &Estimate) -> bool {
+    pub fn may_be_tip(&self, estimate: &Estimate) -> bool {
         const STRETCH: f64 = 0.55;
         const SDS: f64 = 3.0;
         let foot = self.rest.foot(estimate.contact);
