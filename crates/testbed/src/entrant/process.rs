@@ -1,11 +1,12 @@
 //! A program that is talked to line by line, with a limit to every wait.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{env, iter, thread};
 
 /// Longest line that is taken.
 const LONGEST_LINE: u64 = 1 << 16;
@@ -15,6 +16,9 @@ const LAST_WORDS: u64 = 1 << 12;
 
 /// Pause between two looks at whether the program has ended.
 const PAUSE: Duration = Duration::from_millis(2);
+
+/// The project's Python environment, seen from the repository's root.
+const ENVIRONMENT: &str = ".venv/bin";
 
 /// Why no line came.
 #[derive(Debug, PartialEq, Eq)]
@@ -36,6 +40,13 @@ pub(super) struct Process {
     stderr: File,
 }
 
+/// The search path with the project's Python environment first, where that is there: `python` then is the one that has the libraries of the examples.
+fn path_with_environment() -> Option<OsString> {
+    let environment = std::path::absolute(ENVIRONMENT).ok().filter(|folder| folder.is_dir())?;
+    let path = env::var_os("PATH").unwrap_or_default();
+    env::join_paths(iter::once(environment).chain(env::split_paths(&path))).ok()
+}
+
 impl Process {
     /// Starts the program with its arguments in this process's folder.
     ///
@@ -46,6 +57,9 @@ impl Process {
         let (program, arguments) = command.split_first().ok_or(io::ErrorKind::InvalidInput)?;
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr.try_clone()?);
+        if let Some(path) = path_with_environment() {
+            command.env("PATH", path);
+        }
         // A group of its own, so that what it starts can be ended with it.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
