@@ -2,6 +2,7 @@
 //!
 //! Trials run in parallel; what they yield is put together in their order, so the results do not depend on the number of threads.
 
+mod contours;
 mod part_folder;
 mod starts;
 mod tables;
@@ -23,18 +24,21 @@ use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
+use crate::contour::{Comparison, Contour};
 use crate::dataset::Dataset;
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::FrontEnd;
-use crate::metrics::{Scored, Scores, Trial, Unscored};
+use crate::metrics::contact_events::Events;
+use crate::metrics::{Scored, Scores, Trial, Unscored, contour};
 use crate::provenance::watermark;
 use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
-    FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes, read_rows,
-    read_scores, score_bytes,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
+    has_outline, read_rows, read_scores, score_bytes,
 };
 use crate::settings::merged;
 
+use contours::{trial_row, vertex_rows};
 use part_folder::PartFolder;
 use tables::OverTime;
 
@@ -115,6 +119,17 @@ struct Calibration {
     faces: BTreeMap<Option<&'static str>, Vec<Arc<CalibratedFace>>>,
 }
 
+/// What a job yields.
+#[derive(Default)]
+struct Yield {
+    /// One an estimator, where the trial can be scored.
+    outcomes: Vec<Outcome>,
+    /// One an estimator, where the object has an outline.
+    contours: Vec<ContourTrialRow>,
+    /// Why it could not be scored.
+    failure: Option<FailureRow>,
+}
+
 /// What one trial yields for one estimator.
 struct Outcome {
     row: TrialRow,
@@ -154,7 +169,7 @@ pub fn evaluate(
         })
         .collect();
     progress.set_length(jobs.len() as u64);
-    let done: Vec<Result<Vec<Outcome>, FailureRow>> = jobs
+    let done: Vec<Yield> = jobs
         .par_iter()
         .map(|job| {
             let is_first = job.noise == settings.noise[0] && job.seed == settings.seeds[0];
@@ -163,13 +178,11 @@ pub fn evaluate(
             Ok(done)
         })
         .collect::<anyhow::Result<_>>()?;
-    let mut outcomes = Vec::new();
-    let mut failures = Vec::new();
+    let (mut outcomes, mut contours, mut failures) = (Vec::new(), Vec::new(), Vec::new());
     for job in done {
-        match job {
-            Ok(of_job) => outcomes.extend(of_job),
-            Err(failure) => failures.push(failure),
-        }
+        outcomes.extend(job.outcomes);
+        contours.extend(job.contours);
+        failures.extend(job.failure);
     }
     if outcomes.is_empty() {
         let reason = match failures.first() {
@@ -182,6 +195,8 @@ pub fn evaluate(
     let tables = [
         ("error_over_time.csv", csv_bytes(&tables::error_bands(&outcomes))?),
         ("consistency.csv", csv_bytes(&tables::consistency(&outcomes))?),
+        ("contours.csv", csv_bytes(&contours::summarise(&contours))?),
+        ("contour_trials.csv", csv_bytes(&contours)?),
         ("summary.csv", score_bytes(&summary)?),
         ("trials.csv", score_bytes(&outcomes.into_iter().map(|outcome| outcome.row).collect::<Vec<_>>())?),
         ("failures.csv", csv_bytes(&failures)?),
@@ -296,10 +311,12 @@ impl Bench {
     /// Whether a run from the same inputs is there, with all that belongs to it.
     fn is_up_to_date(&self, folder: &Path, run: &Run) -> bool {
         let same = |old: Run| old.watermark.inputs_sha256 == run.watermark.inputs_sha256;
-        let estimates = self.trials.iter().flat_map(|trial| {
-            let name = &trial.trace.sidecar.name;
-            self.methods.iter().map(move |(row, _)| format!("estimates/{name}.{}.csv", row.name))
-        });
+        let of_estimators = |folder: &'static str| {
+            self.trials.iter().flat_map(move |trial| {
+                let name = &trial.trace.sidecar.name;
+                self.methods.iter().map(move |(row, _)| format!("{folder}/{name}.{}.csv", row.name))
+            })
+        };
         let outlines = self
             .trials
             .iter()
@@ -314,12 +331,21 @@ impl Bench {
             .trials
             .iter()
             .flat_map(|trial| DETECTORS.iter().map(|row| format!("events/{}", event_file(&trial.trace.sidecar, row))));
-        let tables = ["trials.csv", "summary.csv", "error_over_time.csv", "consistency.csv", "failures.csv"];
+        let tables = [
+            "trials.csv",
+            "summary.csv",
+            "error_over_time.csv",
+            "consistency.csv",
+            "contours.csv",
+            "contour_trials.csv",
+            "failures.csv",
+        ];
         read_json::<Run>(&folder.join("run.json")).is_ok_and(same)
             && tables
                 .into_iter()
                 .map(String::from)
-                .chain(estimates)
+                .chain(of_estimators("estimates"))
+                .chain(of_estimators("contours"))
                 .chain(outlines)
                 .chain(bounds)
                 .chain(events)
@@ -420,14 +446,9 @@ impl Bench {
         TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
     }
 
-    /// Replays one trial through every estimator; writes the estimates and the bound where a folder is given. A trial that cannot be scored is no
-    /// error of the batch.
-    fn run_trial(
-        &self,
-        job: &Job<'_>,
-        settings: &EvaluateSettings,
-        out: Option<&Path>,
-    ) -> anyhow::Result<Result<Vec<Outcome>, FailureRow>> {
+    /// Replays one trial through every estimator; writes estimates, outlines and the bound where a folder is given. A trial that cannot be scored
+    /// is no error of the batch.
+    fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
         let &Job { trial: BenchTrial { trace, outline, told }, noise, seed, bound } = job;
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
@@ -448,7 +469,8 @@ impl Bench {
                 write_atomically(&folder.join("events").join(event_file(sidecar, row)), &csv_bytes(&rows)?)?;
             }
         }
-        let mut outcomes = Vec::with_capacity(self.methods.len());
+        let events = Events::of(trace, &touched);
+        let mut done = Yield::default();
         for (row, config) in &self.methods {
             let faces = &calibration.faces[&row.sensor_model];
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
@@ -456,20 +478,36 @@ impl Bench {
             let mut estimator = replay::estimator(row, config, settings.touch, &knowledge, &sidecar.name, seed)?;
             let replay = replay::replay(&mut estimator, &samples);
             let outline = outline.as_ref();
-            let trial =
-                Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, touched: &touched, bound };
+            let events = events.as_ref();
+            let trial = Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, events, bound };
+            let contour = Contour::found(&trial, &replay.estimates, 0);
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{}.csv", sidecar.name, row.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
+                let path = folder.join("contours").join(format!("{}.{}.csv", sidecar.name, row.name));
+                write_atomically(&path, &csv_bytes(&vertex_rows(contour.as_ref()))?)?;
             }
-            let scored = match Scored::new(&trial, &replay.estimates) {
-                Ok(scored) => scored,
-                Err(Unscored::TruthUnknown) => continue,
+            let scored = match Scored::new(&trial, &replay.estimates, contour.as_ref()) {
+                Ok(scored) => Some(scored),
+                Err(Unscored::TruthUnknown) => None,
                 Err(unscored @ Unscored::NeverTouches) => {
                     let (trace, reason) = (sidecar.name.clone(), unscored.to_string());
-                    return Ok(Err(FailureRow { trace, noise, seed, reason }));
+                    done.failure = Some(FailureRow { trace, noise, seed, reason });
+                    return Ok(done);
                 }
             };
+            if has_outline(&sidecar.object) {
+                let compared = match &scored {
+                    Some(scored) => scored.contour,
+                    None => {
+                        contour.as_ref().zip(outline).map(|(contour, outline)| Comparison::new(contour, outline, &[]))
+                    }
+                };
+                let contact_rmse_m = scored.as_ref().and_then(contour::CONTACT_RMSE.measure);
+                let found = ContourTrialRow { contact_rmse_m, ..trial_row(sidecar, contour.as_ref(), compared) };
+                done.contours.push(ContourTrialRow { estimator: row.name.into(), noise, seed, ..found });
+            }
+            let Some(scored) = scored else { continue };
             let head = TrialHead {
                 trace: sidecar.name.clone(),
                 group: sidecar.group.clone(),
@@ -482,14 +520,14 @@ impl Bench {
                 samples: scored.steady().len(),
                 missing: scored.missing(),
             };
-            outcomes.push(Outcome {
+            done.outcomes.push(Outcome {
                 row: TrialRow { head, scores: Scores::of(&scored) },
                 over_time: OverTime::of(&scored),
                 elapsed_ns: replay.elapsed_ns,
                 steps: samples.len(),
             });
         }
-        Ok(Ok(outcomes))
+        Ok(done)
     }
 
     /// Tables about the sensor models, beside the calibrations: folder and name.
@@ -506,12 +544,8 @@ impl Bench {
     fn copy_for_report(&self, folder: &Path) -> anyhow::Result<()> {
         for BenchTrial { trace, outline, .. } in &self.trials {
             if let Some(outline) = outline {
-                let mut text = String::from("x_m,y_m\n");
-                for vertex in outline.vertices() {
-                    text.push_str(&format!("{:.10},{:.10}\n", vertex.x(), vertex.y()));
-                }
                 let path = folder.join("outlines").join(format!("{}.csv", trace.sidecar.name));
-                write_atomically(&path, text.as_bytes())?;
+                write_atomically(&path, outline.to_csv().as_bytes())?;
             }
         }
         for (from, name) in self.model_files() {

@@ -15,12 +15,21 @@ use super::animations::Animation;
 use super::canvas::font_face_css;
 use super::compare::{Phase, factor_over_baseline, format_factor};
 use super::consistency;
+use super::contours;
 use super::figure::Drawn;
 use super::run_data::{RunData, counted};
 use super::style::{plain, two_digits};
 
 /// Data files that the page links to.
-const DATA_FILES: [&str; 5] = ["summary.csv", "trials.csv", "error_over_time.csv", "consistency.csv", "run.json"];
+const DATA_FILES: [&str; 7] = [
+    "summary.csv",
+    "trials.csv",
+    "error_over_time.csv",
+    "consistency.csv",
+    "contours.csv",
+    "contour_trials.csv",
+    "run.json",
+];
 
 /// A column of the summary table: heading, unit, what it means, the number and how it is printed. Smaller is better.
 struct Column {
@@ -106,6 +115,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
     let run = &data.run;
     let traces = data.run.sets.iter().map(|set| set.traces.len()).sum::<usize>();
     let consistent = consistency::section(data);
+    let outlines = contours::section(data);
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -124,6 +134,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                         @if !animations.is_empty() { a href="#sweeps" { "The sweeps" } }
                         a href="#baseline" { "Against the baseline" }
                         @for figure in drawn { a href={ "#" (figure.name) } { (figure.title) } }
+                        @if outlines.is_some() { a href="#outlines" { "Outlines found" } }
                         @if consistent.is_some() { a href="#consistent" { "How sure, and how right" } }
                         a href="#summary" { "Summary" }
                         a href="#provenance" { "Provenance" }
@@ -133,6 +144,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                     @if !animations.is_empty() { (sweeps(animations)) }
                     (factor_table(data))
                     @for figure in drawn { (figure_section(figure)?) }
+                    @if let Some(section) = &outlines { (section) }
                     @if let Some(section) = &consistent { (section) }
                     (summary_table(data))
                 }
