@@ -180,7 +180,7 @@ fn bridged(vertices: &[Vertex]) -> Vec<Vertex> {
         let (a, b) = (from.at.vector(), to.at.vector());
         let steps = ((b - a).norm() / BRIDGE_STEP_M).floor() as usize;
         let crossing = crossing(&from, &to).unwrap_or(0.5 * (a + b));
-        let height_m = (crossing - 0.5 * (a + b)).norm();
+        let height_m = (crossing - a).perp(&(b - a)).abs() / (b - a).norm().max(f64::MIN_POSITIVE);
         let turn_rad = (to.normal_rad - from.normal_rad + PI).rem_euclid(2.0 * PI) - PI;
         for step in 1..steps {
             let part = step as f64 / steps as f64;

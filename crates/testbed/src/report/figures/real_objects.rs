@@ -41,8 +41,8 @@ fn words(row: &ContourTrialRow) -> String {
     if let Some(mean_m) = row.mean_m {
         words += &format!(": {} mm off", two_digits(1e3 * mean_m));
     }
-    if let (Some(radius_m), Some(residual_m)) = (row.radius_m, row.residual_rms_m) {
-        words += &format!("; radius {} mm, ± {}", two_digits(1e3 * radius_m), two_digits(1e3 * residual_m));
+    if let Some(radius_m) = row.radius_m {
+        words += &format!(", radius {} mm", two_digits(1e3 * radius_m));
     }
     words
 }
