@@ -14,7 +14,7 @@
 //! of the points is that of their mean and their scatter about it, so that `E (x - truth)^2 = C - scatter` across the outline. The share of the
 //! scatter in what the points state is taken from the whole outline; no stretch is surer than its own points disagree, as where they state too
 //! little. An error along the outline leaves it where it bends: over a way `l` by `l^2 / 2` times the
-//! curvature, which at a corner ends at about `l / 2`.
+//! curvature, and at a corner by `l sin 45` at most.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -39,6 +39,9 @@ const LEAST_KEPT: f64 = 0.1;
 
 /// Longest way along the tangents from one stretch to the next, over that along their chord: a turn by a right angle.
 const LONGEST_DETOUR: f64 = std::f64::consts::SQRT_2;
+
+/// Over an error along the outline it turns by no more than counts as so much: seen midway around a right-angled corner, the faces fall back by sin 45 of it.
+const MOST_TURN_RAD: f64 = std::f64::consts::SQRT_2;
 
 /// An outline is bridged in steps of this length where it was not touched between two stretches.
 const BRIDGE_STEP_M: f64 = 1e-3;
@@ -155,7 +158,7 @@ impl Merged {
     fn vertex(&self, kept: f64, bend_per_m: f64) -> Vertex {
         let sd_m = self.variances_m2.map(|(across_m2, along_m2)| {
             let along_m = along_m2.sqrt();
-            let off_m = 0.5 * along_m * (bend_per_m * along_m).min(1.0);
+            let off_m = 0.5 * along_m * (bend_per_m * along_m).min(MOST_TURN_RAD);
             (across_m2 * kept.max(self.scatter)).sqrt().hypot(off_m)
         });
         let normal_rad = self.normal.y.atan2(self.normal.x);
