@@ -32,15 +32,8 @@ fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
         of_kind.map(|estimator| estimator.name.as_str())
     };
     let best = [Kind::Recursive, Kind::Hindsight].map(|kind| smallest(of_kind(kind), contact_m));
-    let mut names: Vec<&str> = data.filters().take(1).chain(best.into_iter().flatten()).collect();
-    let mut seen = Vec::new();
-    names.retain(|name| {
-        !seen.contains(name) && {
-            seen.push(name);
-            true
-        }
-    });
-    names.iter().filter_map(|name| data.run.estimators.iter().find(|estimator| estimator.name == *name)).collect()
+    let shown: Vec<&str> = data.filters().take(1).chain(best.into_iter().flatten()).collect();
+    data.run.estimators.iter().filter(|estimator| shown.contains(&estimator.name.as_str())).collect()
 }
 
 fn panel(data: &RunData, set: &RunSet) -> Result<Option<ContourPanel>> {
