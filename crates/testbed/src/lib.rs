@@ -12,6 +12,7 @@ pub mod bound;
 pub mod claims;
 pub mod cli;
 pub mod consistency;
+pub mod contour;
 pub mod dataset;
 pub mod entrant;
 pub mod evaluate;

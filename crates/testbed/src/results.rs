@@ -10,6 +10,9 @@
 //! estimates/<trace>.<estimator>.csv     [`EstimateRow`], one an instant, for the first noise level and seed
 //! events/<trace>.<detector>.csv         [`EventRow`], one an instant, for the first noise level and seed
 //! bounds/<trace>.csv                    [`BoundRow`], one an instant of contact, for the first noise level
+//! contours.csv                          [`ContourScoreRow`], one a group, whisker, estimator and noise level: outlines against the true ones
+//! contours/<trace>.<estimator>.csv      [`VertexRow`], the outline found, for the first noise level and seed
+//! contour_trials.csv                    [`ContourTrialRow`], one a trace with an outline, estimator, noise level and seed
 //! outlines/<trace>.csv                  true outline of the object, `x_m,y_m`
 //! models/<whisker>_<face>.surface.csv   [`SurfaceRow`], the sensor model on a grid over its domain
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
@@ -253,6 +256,102 @@ pub struct EventRow {
     pub touched: bool,
     /// Whether the whisker touches, where known.
     pub truth_touching: Option<bool>,
+}
+
+/// The outlines that an estimator made of the objects of one group with one whisker at one noise level, against the true ones. Errors are medians over
+/// trials, to which a trial without a value is worse than any; a field is empty where that lacks, or nothing is known of the truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContourScoreRow {
+    /// Group of the trials.
+    pub group: String,
+    /// Whisker of the trials.
+    pub whisker: String,
+    /// Name of the estimator in the registry.
+    pub estimator: String,
+    /// Measurement noise as a fraction of the set's largest reading.
+    pub noise: f64,
+    /// Number of trials, each counted once for every noise seed.
+    pub trials: usize,
+    /// Root mean square contact error after the first second of contact.
+    pub contact_rmse_m: Option<f64>,
+    /// Mean distance of the outline from the true one.
+    pub mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub p95_m: Option<f64>,
+    /// Largest of those distances and of those of the touched part of the true outline from the one found.
+    pub hausdorff_m: Option<f64>,
+    /// Share of the outline whose 95 % band holds the true one, mean over trials.
+    pub band_coverage: Option<f64>,
+}
+
+/// One vertex of the outline that an estimator found, counter-clockwise around the object. In World.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VertexRow {
+    /// Place.
+    pub x_m: f64,
+    /// Place.
+    pub y_m: f64,
+    /// Direction of the outward normal.
+    pub normal_rad: f64,
+    /// Standard deviation across the outline; the 95 % band reaches 1.96 times as far to both sides.
+    pub sd_m: Option<f64>,
+    /// Whether it was touched; where not, the outline is bridged.
+    pub touched: bool,
+}
+
+/// The outline that an estimator found in one trial: how far it lies from the true one where that is known, and the circle through it where the object is
+/// round.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContourTrialRow {
+    /// Name of the trace.
+    pub trace: String,
+    /// Group of the trace.
+    pub group: String,
+    /// Whisker of the trace.
+    pub whisker: String,
+    /// Shape of the object.
+    pub object: String,
+    /// Name of the estimator in the registry.
+    pub estimator: String,
+    /// Measurement noise as a fraction of the set's largest reading.
+    pub noise: f64,
+    /// Seed of the measurement noise.
+    pub seed: u64,
+    /// Root mean square contact error after the first second of contact.
+    pub contact_rmse_m: Option<f64>,
+    /// Mean distance of the outline from the true one.
+    pub mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub p95_m: Option<f64>,
+    /// Largest of those distances and of those of the touched part of the true outline from the one found.
+    pub hausdorff_m: Option<f64>,
+    /// Share of the outline whose 95 % band holds the true one.
+    pub band_coverage: Option<f64>,
+    /// Middle of the circle, in World.
+    pub center_x_m: Option<f64>,
+    /// Middle of the circle, in World.
+    pub center_y_m: Option<f64>,
+    /// Radius of the circle.
+    pub radius_m: Option<f64>,
+    /// Lower end of its 95 % interval.
+    pub radius_low_m: Option<f64>,
+    /// Upper end; nothing where a straight line is within the interval.
+    pub radius_high_m: Option<f64>,
+    /// Root mean square distance of the outline's vertices from the circle.
+    pub residual_rms_m: Option<f64>,
+}
+
+/// Whether an object of this shape has an outline worth tracing: a pin is touched in one place.
+pub fn has_outline(object: &str) -> bool {
+    object != "pin"
+}
+
+/// Whether an object of this shape shows a circle in the plane of the sweep.
+pub fn is_round(object: &str) -> bool {
+    object == "circle" || object.contains("cylinder")
 }
 
 /// The sensor model at one node of a grid over its domain.

@@ -1,5 +1,8 @@
 //! Order statistics.
 
+/// Standard deviations within which a Gaussian has 95 % of its probability.
+pub(crate) const NORMAL_95: f64 = 1.959_963_984_540_054;
+
 /// The `q`-quantile of some values, linear between order statistics; nothing of nothing. Values that are missing come in as
 /// infinite and sort last.
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {

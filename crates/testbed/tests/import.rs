@@ -80,6 +80,27 @@ impl Rig {
     }
 }
 
+/// Where the mesh of the object that is swept over stands.
+const MESH: &str = "data/3d_data/ConeFixture.stl";
+
+/// A square tube of 20 mm, whose section is the same at every height.
+fn mesh() -> Vec<u8> {
+    let corners = [[-10.0, -10.0], [10.0, -10.0], [10.0, 10.0], [-10.0, 10.0]];
+    let mut bytes = vec![0; 80];
+    bytes.extend(8u32.to_le_bytes());
+    for i in 0..4 {
+        let ([ax, ay], [bx, by]): ([f32; 2], [f32; 2]) = (corners[i], corners[(i + 1) % 4]);
+        let (low, high) = (-60.0, 0.0);
+        for triangle in
+            [[[ax, ay, low], [bx, by, low], [bx, by, high]], [[ax, ay, low], [bx, by, high], [ax, ay, high]]]
+        {
+            let numbers = [0.0; 3].into_iter().chain(triangle.into_iter().flatten());
+            bytes.extend(numbers.flat_map(f32::to_le_bytes).chain([0, 0]));
+        }
+    }
+    bytes
+}
+
 /// A clone of the repository, with one calibration, one pin trial and one sweep.
 fn clone() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -101,6 +122,8 @@ fn clone() -> tempfile::TempDir {
     for (path, table) in tables {
         write(&folder.path().join(path), &table);
     }
+    fs::create_dir_all(folder.path().join(MESH).parent().unwrap()).unwrap();
+    fs::write(folder.path().join(MESH), mesh()).unwrap();
     folder
 }
 
@@ -141,6 +164,22 @@ fn verif_known_contacts_are_found_in_imported_recordings() {
     for error in errors {
         assert!(error.parse::<f64>().unwrap() < 0.2e-3, "{error} m");
     }
+}
+
+#[test]
+fn verif_outlines_of_objects_come_from_their_meshes() {
+    let (source, work) = (clone(), tempfile::tempdir().unwrap());
+    let dataset = work.path().join("stanford");
+    good(&["import", "stanford-whisker", text(source.path()), "--out", text(&dataset)]);
+    let outline = dataset.join("05_25_23-reference_cylindertip_test_scan_object_May_25_trial0.contour.csv");
+    let ends = |name: &str| {
+        let values: Vec<f64> = column(&outline, name).iter().map(|cell| cell.parse().unwrap()).collect();
+        values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)))
+    };
+    assert_eq!((ends("x_m"), ends("y_m")), ((-0.0095, 0.0105), (0.0025, 0.0225)));
+
+    fs::write(source.path().join(MESH), &mesh()[..200]).unwrap();
+    fails_on(source.path(), &["ConeFixture.stl", "found 200", "484 bytes of a binary STL"]);
 }
 
 #[test]

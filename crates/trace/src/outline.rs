@@ -54,6 +54,12 @@ impl Outline {
         })
     }
 
+    /// The table of an outline's file.
+    pub fn to_csv(&self) -> String {
+        let rows = self.vertices.iter().map(|vertex| format!("{:.10},{:.10}\n", vertex.x(), vertex.y()));
+        std::iter::once(format!("{}\n", COLUMNS.join(","))).chain(rows).collect()
+    }
+
     /// The vertices, the first repeated at the end.
     pub fn vertices(&self) -> &[Point<World>] {
         &self.vertices

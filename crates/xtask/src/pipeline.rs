@@ -46,6 +46,15 @@ pub(crate) fn evaluate_with_calibrations_of(suite: &str, calibrated: &str, seeds
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
 }
 
+/// Recordings of others to traces, sensor models and scores, with what estimators are told of the first touch right and wrong:
+/// `datasets/<name>/`, `results/<name>/`.
+pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {
+    let traces = format!("datasets/{name}");
+    step("import recordings", || run(whisker(&["import", format, from, "--out", &traces])))?;
+    step("fit recordings", || run(whisker(&["fit", &traces])))?;
+    step("evaluate recordings", || run(whisker(&["evaluate", &traces, "--starts", "wrong"])))
+}
+
 /// Scores to figures and a page, which links the animations: `results/<suite>/`.
 pub(crate) fn report(suite: &str) -> Outcome {
     step("report", || run(whisker(&["report", &format!("results/{suite}"), "--animations", &animations(suite)])))

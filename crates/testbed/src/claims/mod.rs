@@ -8,6 +8,7 @@ mod determinism;
 mod monte_carlo;
 mod noiseless;
 mod pins;
+mod real;
 mod sensor_model;
 
 use std::collections::BTreeMap;
@@ -22,7 +23,9 @@ use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
 
 use crate::dataset::Dataset;
 use crate::metrics::Metric;
-use crate::results::{ErrorBandRow, PAPER, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores};
+use crate::results::{
+    ContourTrialRow, ErrorBandRow, PAPER, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores,
+};
 use crate::statistics::mean;
 
 /// Whether a figure has to stay below its bound or above it.
@@ -49,6 +52,8 @@ pub struct Claim {
     pub relation: Relation,
     /// The bound.
     pub bound: f64,
+    /// Whether it is about recordings, which not everybody has.
+    needs_recordings: bool,
     measure: Measure,
 }
 
@@ -60,7 +65,7 @@ impl Claim {
         unit: &'static str,
         measure: impl Fn(&Context) -> anyhow::Result<Option<f64>> + 'static,
     ) -> Self {
-        Self { id, claim, unit, relation: Relation::AtMost, bound, measure: Box::new(measure) }
+        Self { id, claim, unit, relation: Relation::AtMost, bound, needs_recordings: false, measure: Box::new(measure) }
     }
 
     fn at_least(
@@ -72,6 +77,11 @@ impl Claim {
     ) -> Self {
         Self { relation: Relation::AtLeast, ..Self::at_most(id, claim, bound, unit, measure) }
     }
+
+    /// The same, of recordings: not measured where they are not there.
+    fn of_recordings(self) -> Self {
+        Self { needs_recordings: true, ..self }
+    }
 }
 
 /// The registry of topics: each lists its claims.
@@ -82,6 +92,7 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     noiseless::claims,
     contours::claims,
     contact_events::claims,
+    real::claims,
     determinism::claims,
 ];
 
@@ -112,14 +123,16 @@ pub struct MeasuredClaim {
     pub bound: f64,
     /// Unit of both.
     pub unit: String,
-    /// Whether the claim holds.
-    pub holds: bool,
+    /// Whether the claim holds; nothing where it could not be measured, for want of the recordings.
+    pub holds: Option<bool>,
 }
 
 /// What claims are measured on: evaluated runs, and the traces of the standard suite.
 pub struct Context {
     /// The runs of [`RUNS`], by name.
     runs: BTreeMap<&'static str, Evaluation>,
+    /// The run of the recordings, where they are there.
+    recordings: Option<Evaluation>,
     /// The standard suite.
     dataset: Dataset,
 }
@@ -130,6 +143,7 @@ struct Evaluation {
     summary: Vec<SummaryRow>,
     trials: Vec<TrialRow>,
     bands: Vec<ErrorBandRow>,
+    contours: Vec<ContourTrialRow>,
 }
 
 impl Context {
@@ -143,7 +157,15 @@ impl Context {
             runs.insert(*name, Evaluation::open(&results.join(name))?);
         }
         let suite = Path::new("scenes/suites").join(STANDARD).with_extension("json");
-        Ok(Self { runs, dataset: Dataset::open(&suite, None)? })
+        let recordings = results.join(real::RUN);
+        let recordings = recordings.join("run.json").is_file().then(|| Evaluation::open(&recordings)).transpose()?;
+        let recordings = recordings.filter(real::is_whole);
+        Ok(Self { runs, recordings, dataset: Dataset::open(&suite, None)? })
+    }
+
+    /// Names of the runs that claims are measured on.
+    pub fn runs(&self) -> impl Iterator<Item = &str> {
+        self.runs.keys().copied().chain(self.recordings.as_ref().map(|_| real::RUN))
     }
 
     /// The run of the standard suite.
@@ -167,6 +189,7 @@ impl Evaluation {
             summary: read_scores(&folder.join("summary.csv"))?,
             trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
+            contours: read_rows(&folder.join("contour_trials.csv"))?,
         })
     }
 
@@ -212,11 +235,13 @@ pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow:
     let claims = claims();
     progress.set_length(claims.len() as u64);
     for claim in claims {
-        let value = (claim.measure)(context)?;
+        let can_be_measured = !claim.needs_recordings || context.recordings.is_some();
+        let value = if can_be_measured { (claim.measure)(context)? } else { None };
         let (relation, holds) = match claim.relation {
             Relation::AtMost => ("<=", value.is_some_and(|value| value <= claim.bound)),
             Relation::AtLeast => (">=", value.is_some_and(|value| value >= claim.bound)),
         };
+        let holds = can_be_measured.then_some(holds);
         let Claim { id, claim, unit, bound, .. } = claim;
         progress.inc(1);
         measured.push(MeasuredClaim {

@@ -63,7 +63,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         for face in &whisker.calibration.faces {
             let best = face.model(None).map_or(f64::NAN, |model| model.heldout_rms_n_m);
             for model in &face.models {
-                let share = |reading: f64| format!("{:.4} %", 100.0 * reading / face.largest_reading_n_m);
+                let share = |reading: f64| {
+                    let percent = 100.0 * reading / face.largest_reading_n_m;
+                    if percent < 1e3 { format!("{percent:.4} %") } else { format!("{percent:.1e} %") }
+                };
                 let is_chosen = model.label == face.chosen;
                 rows.push(vec![
                     whisker.calibration.whisker.name.clone(),
@@ -72,7 +75,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                     share(model.heldout_rms_n_m),
                     share(model.heldout_worst_n_m),
                     format!("{:.0}", evaluation_ns(&whisker.calibration, &whisker.path, &model.label, face.face)?),
-                    if is_chosen { "chosen".into() } else { format!("{:.2} x", model.heldout_rms_n_m / best) },
+                    if is_chosen {
+                        "chosen".into()
+                    } else {
+                        format!("{} x", table::number(Some(model.heldout_rms_n_m / best)))
+                    },
                 ]);
             }
         }

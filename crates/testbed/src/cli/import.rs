@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, bail};
-use trace::{IMPORTERS, Role, Trace, importer};
+use trace::{IMPORTERS, Role, Trace, importer, write_atomically};
 
 use super::{FINISHED_WITH_FAILURES, print, table};
 
@@ -41,6 +41,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         bail!("{}: no recordings in it", folder.display());
     }
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(row.name));
+    // Before the traces, whose sidecars name them.
+    for (file, outline) in &imported.outlines {
+        write_atomically(&out.join(file), outline.to_csv().as_bytes())?;
+    }
     for trace in &imported.traces {
         trace.write(&out)?;
     }

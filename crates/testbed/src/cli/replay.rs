@@ -13,7 +13,7 @@ use super::{json, noise_fraction, print};
 use crate::evaluate::estimate_rows;
 use crate::front_end::{FrontEnd, default_noise};
 use crate::metrics::Trial;
-use crate::replay::{check_calibration, estimator, knowledge, replay, samples, touched};
+use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
 use crate::results::csv_bytes;
 use crate::settings::merged;
 
@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         outline: None,
         knowledge: &knowledge,
         readings_n_m: &readings_n_m,
-        touched: &touched(touch, &knowledge, &samples),
+        events: None,
         bound: None,
     };
     let bytes = csv_bytes(&estimate_rows(&trial, &replayed.estimates))?;

@@ -9,7 +9,7 @@ use trace::write_atomically;
 
 use super::table::render;
 use super::{print, progress_bar};
-use crate::claims::{Context, RUNS, STANDARD, measure};
+use crate::claims::{Context, STANDARD, measure};
 use crate::report::report;
 
 /// The figure that the README shows.
@@ -32,7 +32,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let progress = progress_bar("measuring");
     let claims = measure(&context, &table, &progress)?;
     progress.finish_and_clear();
-    for run in RUNS {
+    for run in context.runs() {
         report(&arguments.results.join(run))?;
     }
     let figure = arguments.results.join(STANDARD).join("figures").join(README_FIGURE);
@@ -46,11 +46,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 claim.measured.map_or("-".into(), |measured| format!("{measured:.3}")),
                 format!("{} {}", claim.relation, claim.bound),
                 claim.unit.clone(),
-                if claim.holds { "holds" } else { "DOES NOT HOLD" }.into(),
+                match claim.holds {
+                    Some(true) => "holds",
+                    Some(false) => "DOES NOT HOLD",
+                    None => "not measured: needs the recordings, see docs/REAL.md",
+                }
+                .into(),
             ]
         })
         .collect();
     let lines = render(&["claim", "measured", "bound", "unit", ""], &rows, 1);
     print(&format!("{lines}{}\n", table.display()))?;
-    Ok(if claims.iter().all(|claim| claim.holds) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if claims.iter().all(|claim| claim.holds != Some(false)) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -30,12 +30,24 @@ pub(super) fn millimetres(length_m: Option<f64>) -> String {
     length_m.map_or("-".into(), |length| format!("{:.3}", length * 1e3))
 }
 
-/// A number with two decimals, for people; a dash where there is none.
+/// A number with two decimals, for people, or as a multiple of a power of ten where it is huge; a dash where there is none.
 pub(super) fn number(value: Option<f64>) -> String {
-    value.map_or("-".into(), |value| format!("{value:.2}"))
+    const HUGE: f64 = 1e5;
+    value.map_or("-".into(), |value| if value.abs() < HUGE { format!("{value:.2}") } else { format!("{value:.1e}") })
 }
 
 /// A share in per cent, for people; a dash where there is none.
 pub(super) fn percent(share: Option<f64>) -> String {
     share.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_huge_numbers_stay_short() {
+        let printed = [None, Some(0.0), Some(-12.346), Some(3.187e9), Some(f64::INFINITY)].map(number);
+        assert_eq!(printed, ["-", "0.00", "-12.35", "3.2e9", "inf"]);
+    }
 }

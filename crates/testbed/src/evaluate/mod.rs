@@ -2,6 +2,7 @@
 //!
 //! Trials run in parallel; what they yield is put together in their order, so the results do not depend on the number of threads.
 
+mod contours;
 mod part_folder;
 mod starts;
 mod tables;
@@ -23,18 +24,21 @@ use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
+use crate::contour::{Comparison, Contour};
 use crate::dataset::Dataset;
 use crate::entrant::{Entrant, Program, Registered, Task};
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::FrontEnd;
-use crate::metrics::{Scored, Scores, Trial, Unscored};
+use crate::metrics::contact_events::Events;
+use crate::metrics::{Scored, Scores, Trial, Unscored, contour};
 use crate::provenance::watermark;
 use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
-    FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes, read_rows,
-    read_scores, score_bytes,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
+    has_outline, read_rows, read_scores, score_bytes,
 };
 
+use contours::{trial_row, vertex_rows};
 use part_folder::PartFolder;
 use tables::OverTime;
 
@@ -131,8 +135,16 @@ struct Calibration {
     faces: BTreeMap<Option<&'static str>, Vec<Arc<CalibratedFace>>>,
 }
 
-/// What one trial yields: scores, and what went wrong.
-type Yield = (Vec<Outcome>, Vec<FailureRow>);
+/// What a job yields.
+#[derive(Default)]
+struct Yield {
+    /// One an entrant, where the trial can be scored.
+    outcomes: Vec<Outcome>,
+    /// One an entrant, where the object has an outline.
+    contours: Vec<ContourTrialRow>,
+    /// What went wrong.
+    failures: Vec<FailureRow>,
+}
 
 /// What one trial yields for one estimator.
 struct Outcome {
@@ -182,11 +194,11 @@ pub fn evaluate(
             Ok(done)
         })
         .collect::<anyhow::Result<_>>()?;
-    let mut outcomes = Vec::new();
-    let mut failures = Vec::new();
-    for (of_job, failed) in done {
-        outcomes.extend(of_job);
-        failures.extend(failed);
+    let (mut outcomes, mut contours, mut failures) = (Vec::new(), Vec::new(), Vec::new());
+    for job in done {
+        outcomes.extend(job.outcomes);
+        contours.extend(job.contours);
+        failures.extend(job.failures);
     }
     if outcomes.is_empty() {
         let reason = match failures.first() {
@@ -199,6 +211,8 @@ pub fn evaluate(
     let tables = [
         ("error_over_time.csv", csv_bytes(&tables::error_bands(&outcomes))?),
         ("consistency.csv", csv_bytes(&tables::consistency(&outcomes))?),
+        ("contours.csv", csv_bytes(&contours::summarise(&contours))?),
+        ("contour_trials.csv", csv_bytes(&contours)?),
         ("summary.csv", score_bytes(&summary)?),
         ("trials.csv", score_bytes(&outcomes.into_iter().map(|outcome| outcome.row).collect::<Vec<_>>())?),
         ("failures.csv", csv_bytes(&failures)?),
@@ -340,10 +354,13 @@ impl Bench {
     fn is_up_to_date(&self, folder: &Path, run: &Run) -> bool {
         let same = |old: Run| old.watermark.inputs_sha256 == run.watermark.inputs_sha256;
         let names = self.names();
-        let estimates = self.trials.iter().flat_map(|trial| {
-            let trace = &trial.trace.sidecar.name;
-            names.iter().map(move |name| format!("estimates/{trace}.{name}.csv"))
-        });
+        let of_entrants = |folder: &'static str| {
+            let names = &names;
+            self.trials.iter().flat_map(move |trial| {
+                let trace = &trial.trace.sidecar.name;
+                names.iter().map(move |name| format!("{folder}/{trace}.{name}.csv"))
+            })
+        };
         let outlines = self
             .trials
             .iter()
@@ -358,12 +375,21 @@ impl Bench {
             .trials
             .iter()
             .flat_map(|trial| DETECTORS.iter().map(|row| format!("events/{}", event_file(&trial.trace.sidecar, row))));
-        let tables = ["trials.csv", "summary.csv", "error_over_time.csv", "consistency.csv", "failures.csv"];
+        let tables = [
+            "trials.csv",
+            "summary.csv",
+            "error_over_time.csv",
+            "consistency.csv",
+            "contours.csv",
+            "contour_trials.csv",
+            "failures.csv",
+        ];
         read_json::<Run>(&folder.join("run.json")).is_ok_and(same)
             && tables
                 .into_iter()
                 .map(String::from)
-                .chain(estimates)
+                .chain(of_entrants("estimates"))
+                .chain(of_entrants("contours"))
                 .chain(outlines)
                 .chain(bounds)
                 .chain(events)
@@ -455,7 +481,7 @@ impl Bench {
         TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
     }
 
-    /// Replays one trial through every entrant; writes the estimates and the bound where a folder is given. A trial that cannot be scored, or on
+    /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given. A trial that cannot be scored, or on
     /// which an entrant fails, is no error of the batch.
     fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
         let &Job { trial: BenchTrial { trace, outline, told }, noise, seed, bound } = job;
@@ -482,8 +508,8 @@ impl Bench {
             let (trace, estimator) = (sidecar.name.clone(), estimator.map(Into::into));
             FailureRow { trace, estimator, noise, seed, reason }
         };
-        let mut outcomes = Vec::with_capacity(self.entrants.len());
-        let mut failures = Vec::new();
+        let events = Events::of(trace, &touched);
+        let mut done = Yield::default();
         for (entrant, name) in self.entrants.iter().zip(self.names()) {
             let faces = &calibration.faces[&entrant.sensor_model()];
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
@@ -491,21 +517,37 @@ impl Bench {
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
             let replay = entrant.replay(&task)?;
-            failures.extend(replay.failure.map(|reason| failed(Some(&name), reason)));
+            done.failures.extend(replay.failure.map(|reason| failed(Some(&name), reason)));
             let outline = outline.as_ref();
-            let trial =
-                Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, touched: &touched, bound };
+            let events = events.as_ref();
+            let trial = Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, events, bound };
+            let contour = Contour::found(&trial, &replay.estimates, 0);
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
+                let path = folder.join("contours").join(format!("{}.{name}.csv", sidecar.name));
+                write_atomically(&path, &csv_bytes(&vertex_rows(contour.as_ref()))?)?;
             }
-            let scored = match Scored::new(&trial, &replay.estimates) {
-                Ok(scored) => scored,
-                Err(Unscored::TruthUnknown) => continue,
+            let scored = match Scored::new(&trial, &replay.estimates, contour.as_ref()) {
+                Ok(scored) => Some(scored),
+                Err(Unscored::TruthUnknown) => None,
                 Err(unscored @ Unscored::NeverTouches) => {
-                    return Ok((Vec::new(), vec![failed(None, unscored.to_string())]));
+                    done.failures = vec![failed(None, unscored.to_string())];
+                    return Ok(done);
                 }
             };
+            if has_outline(&sidecar.object) {
+                let compared = match &scored {
+                    Some(scored) => scored.contour,
+                    None => {
+                        contour.as_ref().zip(outline).map(|(contour, outline)| Comparison::new(contour, outline, &[]))
+                    }
+                };
+                let contact_rmse_m = scored.as_ref().and_then(contour::CONTACT_RMSE.measure);
+                let found = ContourTrialRow { contact_rmse_m, ..trial_row(sidecar, contour.as_ref(), compared) };
+                done.contours.push(ContourTrialRow { estimator: name.clone(), noise, seed, ..found });
+            }
+            let Some(scored) = scored else { continue };
             let head = TrialHead {
                 trace: sidecar.name.clone(),
                 group: sidecar.group.clone(),
@@ -518,14 +560,14 @@ impl Bench {
                 samples: scored.steady().len(),
                 missing: scored.missing(),
             };
-            outcomes.push(Outcome {
+            done.outcomes.push(Outcome {
                 row: TrialRow { head, scores: Scores::of(&scored) },
                 over_time: OverTime::of(&scored),
                 elapsed_ns: replay.elapsed_ns,
                 steps: samples.len(),
             });
         }
-        Ok((outcomes, failures))
+        Ok(done)
     }
 
     /// Tables about the sensor models, beside the calibrations: folder and name.
@@ -542,12 +584,8 @@ impl Bench {
     fn copy_for_report(&self, folder: &Path) -> anyhow::Result<()> {
         for BenchTrial { trace, outline, .. } in &self.trials {
             if let Some(outline) = outline {
-                let mut text = String::from("x_m,y_m\n");
-                for vertex in outline.vertices() {
-                    text.push_str(&format!("{:.10},{:.10}\n", vertex.x(), vertex.y()));
-                }
                 let path = folder.join("outlines").join(format!("{}.csv", trace.sidecar.name));
-                write_atomically(&path, text.as_bytes())?;
+                write_atomically(&path, outline.to_csv().as_bytes())?;
             }
         }
         for (from, name) in self.model_files() {

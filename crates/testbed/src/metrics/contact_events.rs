@@ -37,7 +37,7 @@ pub const LOST_DELAY: Metric = Metric {
     name: "lost_delay_s",
     about: "median time from the loss of a contact until it is found",
     summary: Summary::Median,
-    measure: |scored| median(lost(scored)?.delays_s),
+    measure: |scored| median(lost(scored)?.delays_s.iter().copied()),
 };
 
 /// Share of the touches found that were such.
@@ -61,7 +61,7 @@ pub const TOUCH_DELAY: Metric = Metric {
     name: "touch_delay_s",
     about: "median time from a touch until it is found",
     summary: Summary::Median,
-    measure: |scored| median(touches(scored)?.delays_s),
+    measure: |scored| median(touches(scored)?.delays_s.iter().copied()),
 };
 
 /// Share of the estimates at the tip that are.
@@ -119,13 +119,6 @@ impl Tally {
         Self { actual: actual_s.len(), found: found_s.len(), delays_s }
     }
 
-    /// Puts another trial's events to these.
-    pub fn add(&mut self, other: Self) {
-        self.actual += other.actual;
-        self.found += other.found;
-        self.delays_s.extend(other.delays_s);
-    }
-
     /// Share of the events found that belong to a true one; nothing where none was found.
     pub fn precision(&self) -> Option<f64> {
         (self.found > 0).then(|| self.delays_s.len() as f64 / self.found as f64)
@@ -137,21 +130,33 @@ impl Tally {
     }
 }
 
-/// Lost contacts of a trace beside those that a detection found, which says of each row whether it saw a touch; nothing where the truth is not known.
-pub fn lost_contacts(trace: &Trace, touched: &[bool]) -> Option<Tally> {
-    let ends = |spans: Vec<Span>| spans.iter().filter_map(|span| span.end_s).collect::<Vec<f64>>();
-    Some(Tally::new(&ends(true_contacts(trace)?), &ends(spans(trace, touched))))
+/// The contact events of a trial, the same for all estimators.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Events {
+    /// Lost contacts.
+    pub lost: Tally,
+    /// Touches.
+    pub touches: Tally,
 }
 
-/// The same of touches.
-fn touches(scored: &Scored<'_>) -> Option<Tally> {
-    let starts = |spans: Vec<Span>| spans.iter().map(|span| span.start_s).collect::<Vec<f64>>();
-    let trial = scored.trial;
-    Some(Tally::new(&starts(true_contacts(trial.trace)?), &starts(spans(trial.trace, trial.touched))))
+impl Events {
+    /// Contacts of a trace beside those that a detection found, which says of each row whether it saw a touch; nothing where the truth is not known.
+    pub fn of(trace: &Trace, touched: &[bool]) -> Option<Self> {
+        let (actual, found) = (true_contacts(trace)?, spans(trace, touched));
+        let ends = |spans: &[Span]| spans.iter().filter_map(|span| span.end_s).collect::<Vec<f64>>();
+        let starts = |spans: &[Span]| spans.iter().map(|span| span.start_s).collect::<Vec<f64>>();
+        let (lost, touches) =
+            (Tally::new(&ends(&actual), &ends(&found)), Tally::new(&starts(&actual), &starts(&found)));
+        Some(Self { lost, touches })
+    }
 }
 
-fn lost(scored: &Scored<'_>) -> Option<Tally> {
-    lost_contacts(scored.trial.trace, scored.trial.touched)
+fn touches<'a>(scored: &Scored<'a>) -> Option<&'a Tally> {
+    scored.trial.events.map(|events| &events.touches)
+}
+
+fn lost<'a>(scored: &Scored<'a>) -> Option<&'a Tally> {
+    scored.trial.events.map(|events| &events.lost)
 }
 
 /// A contact.

@@ -8,6 +8,7 @@
 pub mod bound;
 pub mod consistency;
 pub mod contact_events;
+pub mod contour;
 pub mod error;
 pub mod outline;
 pub mod rows;
@@ -77,6 +78,14 @@ pub const METRICS: &[Metric] = &[
     rows::LATE_MEAN,
     rows::LATE_WORST,
     rows::ROWS_TO_1MM,
+    contour::CONTACT_RMSE,
+    contour::LATER_CONTACT_RMSE,
+    contour::MEAN,
+    contour::P95,
+    contour::HAUSDORFF,
+    contour::LATER_MEAN,
+    contour::LATER_P95,
+    contour::BAND_COVERAGE,
     outline::MEDIAN,
     outline::P95,
     bound::RMSE,

@@ -3,7 +3,9 @@
 use trace::{Outline, Trace};
 use whisker::estimators::{Estimate, Knowledge};
 
+use super::contact_events::Events;
 use crate::bound::TraceBound;
+use crate::contour::{Comparison, Contour, second_stroke};
 
 /// Start-up ends this long after the touch.
 pub const START_UP_S: f64 = 2.0;
@@ -22,8 +24,8 @@ pub struct Trial<'a> {
     pub knowledge: &'a Knowledge,
     /// What it read.
     pub readings_n_m: &'a [f64],
-    /// Whether it took the whisker to touch, one an instant of the trace.
-    pub touched: &'a [bool],
+    /// Its touches and lost contacts, true and found; nothing where the truth is not known.
+    pub events: Option<&'a Events>,
     /// What no estimator can do better than; nothing without noise or truth.
     pub bound: Option<&'a TraceBound>,
 }
@@ -65,14 +67,24 @@ pub struct Scored<'a> {
     pub touch_s: f64,
     /// The instants of contact.
     pub contacts: Vec<Contact>,
+    /// First row of the second stroke, where there is one.
+    pub second_stroke: Option<usize>,
+    /// The outline that the estimates make, beside the true one; nothing where there is none of either.
+    pub contour: Option<Comparison>,
+    /// The same of what was touched from the second stroke on.
+    pub later_contour: Option<Comparison>,
 }
 
 impl<'a> Scored<'a> {
-    /// Lays estimates beside the truth.
+    /// Lays estimates, and the outline that they make, beside the truth.
     ///
     /// # Errors
     /// [`Unscored`] where the trace has no instant of contact.
-    pub fn new(trial: &'a Trial<'a>, estimates: &'a [Option<Estimate>]) -> Result<Self, Unscored> {
+    pub fn new(
+        trial: &'a Trial<'a>,
+        estimates: &'a [Option<Estimate>],
+        contour: Option<&Contour>,
+    ) -> Result<Self, Unscored> {
         let Trace { recording, truth, .. } = trial.trace;
         let mut touch_s = None;
         let mut contacts = Vec::new();
@@ -97,7 +109,19 @@ impl<'a> Scored<'a> {
         }
         let is_known = truth.instants.iter().any(|truth| truth.touching.is_some());
         let touch_s = touch_s.ok_or(if is_known { Unscored::NeverTouches } else { Unscored::TruthUnknown })?;
-        Ok(Self { trial, estimates, touch_s, contacts })
+        let touch = contacts.first().map(|contact: &Contact| contact.row);
+        let second_stroke = touch.and_then(|row| second_stroke(recording, &trial.knowledge.rest, row));
+        let compared = |contour: &Contour, since: usize| {
+            let touched: Vec<_> = truth.instants[since..].iter().filter_map(|truth| truth.surface).collect();
+            Some(Comparison::new(contour, trial.outline?, &touched))
+        };
+        let mut scored =
+            Self { trial, estimates, touch_s, contacts, second_stroke, contour: None, later_contour: None };
+        if !scored.is_silent() {
+            scored.contour = contour.and_then(|contour| compared(contour, 0));
+            scored.later_contour = second_stroke.and_then(|row| compared(&Contour::found(trial, estimates, row)?, row));
+        }
+        Ok(scored)
     }
 
     /// The contact after start-up.

@@ -15,13 +15,22 @@ use super::animations::Animation;
 use super::canvas::font_face_css;
 use super::compare::{Phase, factor_over_baseline, format_factor};
 use super::consistency;
+use super::contours;
 use super::figure::Drawn;
 use super::replay;
 use super::run_data::{RunData, counted};
 use super::style::{plain, two_digits};
 
 /// Data files that the page links to.
-const DATA_FILES: [&str; 5] = ["summary.csv", "trials.csv", "error_over_time.csv", "consistency.csv", "run.json"];
+const DATA_FILES: [&str; 7] = [
+    "summary.csv",
+    "trials.csv",
+    "error_over_time.csv",
+    "consistency.csv",
+    "contours.csv",
+    "contour_trials.csv",
+    "run.json",
+];
 
 /// A column of the summary table: heading, unit, what it means, the number and how it is printed. Smaller is better.
 struct Column {
@@ -108,6 +117,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
     let traces = data.run.sets.iter().map(|set| set.traces.len()).sum::<usize>();
     let consistent = consistency::section(data);
     let replay = replay::section(data)?;
+    let outlines = contours::section(data);
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -127,6 +137,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                         @if replay.is_some() { a href="#replay" { "Watching it think" } }
                         a href="#baseline" { "Against the baseline" }
                         @for figure in drawn { a href={ "#" (figure.name) } { (figure.title) } }
+                        @if outlines.is_some() { a href="#outlines" { "Outlines found" } }
                         @if consistent.is_some() { a href="#consistent" { "How sure, and how right" } }
                         a href="#summary" { "Summary" }
                         a href="#provenance" { "Provenance" }
@@ -137,6 +148,7 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                     @if let Some(section) = &replay { (section) }
                     (factor_table(data))
                     @for figure in drawn { (figure_section(figure)?) }
+                    @if let Some(section) = &outlines { (section) }
                     @if let Some(section) = &consistent { (section) }
                     (summary_table(data))
                 }

@@ -140,7 +140,7 @@ fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
     let all = &data.run.estimators;
     let best = |kind: Kind| {
         let names = all.iter().filter(|estimator| estimator.kind == kind).map(|estimator| estimator.name.as_str());
-        smallest(names, |name| data.contact_error_m(set, name))
+        smallest(names, |name| data.summary_of(set, name)?.get(&error::RMSE))
     };
     let [filter, hindsight, baseline] = [Kind::Recursive, Kind::Hindsight, Kind::Baseline].map(best);
     let chosen = [filter, Some("recommended"), hindsight, baseline];

@@ -9,8 +9,9 @@ use whisker::estimators::Kind;
 
 use crate::metrics::{Metric, error, outline};
 use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, PAPER, ResidualRow, Run, RunCalibration,
-    RunEstimator, RunSet, SummaryRow, SurfaceRow, TrialRow, read_rows, read_scores,
+    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
+    ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TrialRow, VertexRow, has_outline,
+    read_rows, read_scores,
 };
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
@@ -24,6 +25,10 @@ pub(crate) struct RunData {
     pub(super) summary: Vec<SummaryRow>,
     pub(super) bands: Vec<ErrorBandRow>,
     consistency: Vec<ConsistencyRow>,
+    /// One row a group, whisker, estimator and noise level.
+    pub(super) contours: Vec<ContourScoreRow>,
+    /// One row a trace, estimator, noise level and seed.
+    contour_trials: Vec<ContourTrialRow>,
 }
 
 impl RunData {
@@ -51,6 +56,8 @@ impl RunData {
             trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
             consistency: read_rows(&folder.join("consistency.csv"))?,
+            contours: read_rows(&folder.join("contours.csv"))?,
+            contour_trials: read_rows(&folder.join("contour_trials.csv"))?,
             folder: folder.to_owned(),
             run,
             summary,
@@ -101,7 +108,7 @@ impl RunData {
     /// The sets on which the error is followed over time, one a whisker: those whose contact stands still or, in a run
     /// without such, those of the first group.
     pub(super) fn leading_sets(&self) -> Vec<&RunSet> {
-        let first = self.run.sets.iter().find(|set| !has_outline(set));
+        let first = self.run.sets.iter().find(|set| !has_outline(&set.object));
         let Some(leading) = first.or(self.run.sets.first()) else {
             return Vec::new();
         };
@@ -110,7 +117,7 @@ impl RunData {
 
     /// The sets on objects that have an outline to be traced.
     pub(super) fn outline_sets(&self) -> Vec<&RunSet> {
-        self.run.sets.iter().filter(|set| has_outline(set)).collect()
+        self.run.sets.iter().filter(|set| has_outline(&set.object)).collect()
     }
 
     /// The scores of an estimator on a set at the level of [`Self::noise`].
@@ -169,9 +176,18 @@ impl RunData {
         self.consistency.iter().filter(matches).collect()
     }
 
-    /// Median over the trials of a set of an estimator's steady contact error.
-    pub(super) fn contact_error_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
-        self.summary_of(set, estimator)?.get(&error::RMSE)
+    /// The sets on objects of which nobody knows where they were touched: there are outlines, but no scores.
+    pub(super) fn unscored_sets(&self) -> Vec<&RunSet> {
+        let is_scored = |set: &RunSet| self.summary.iter().any(|row| row.head.group == set.group);
+        self.outline_sets().into_iter().filter(|set| !is_scored(set)).collect()
+    }
+
+    /// The outlines that estimators found of a trace under the first noise level and seed, in the order of the run.
+    pub(super) fn contours_of(&self, trace: &str) -> impl Iterator<Item = &ContourTrialRow> {
+        let is_kept = move |row: &&ContourTrialRow| {
+            row.trace == trace && row.noise == self.noise() && Some(&row.seed) == self.run.seeds.first()
+        };
+        self.contour_trials.iter().filter(is_kept)
     }
 
     /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.
@@ -236,6 +252,14 @@ impl RunData {
         self.optional_table(&format!("events/{trace}.{detector}.csv"))
     }
 
+    /// The outline that an estimator found in a trace, if the run kept it.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn contour(&self, trace: &str, estimator: &str) -> Result<Option<Vec<VertexRow>>> {
+        self.optional_table(&format!("contours/{trace}.{estimator}.csv"))
+    }
+
     /// Outline of the object of a trace in metres, if the run kept it.
     ///
     /// # Errors
@@ -269,11 +293,6 @@ impl RunData {
         let rows = read_rows(&path)?;
         Ok((!rows.is_empty()).then_some(rows))
     }
-}
-
-/// Whether the object of a set has an outline worth tracing: a pin is touched in one place.
-fn has_outline(set: &RunSet) -> bool {
-    set.object != "pin"
 }
 
 /// The estimator with the smallest score; one without a score is never it.

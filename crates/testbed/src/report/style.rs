@@ -162,17 +162,6 @@ impl<'a> LegendEntry<'a> {
         Self { text, sign: Box::new(sign) }
     }
 
-    /// A few dots.
-    pub(super) fn dots(text: &'a str, color: RGBColor, radius_px: f64) -> Self {
-        let sign = move |canvas: &Canvas, (x, y): Px| {
-            for (dx, dy) in [(-9.0, 2.0), (-4.0, -2.0), (1.0, 1.0), (5.0, -2.5), (10.0, 2.0)] {
-                canvas.disc((x + dx, y + dy), radius_px, color.to_rgba())?;
-            }
-            Ok(())
-        };
-        Self { text, sign: Box::new(sign) }
-    }
-
     /// A marker.
     pub(super) fn marker(text: &'a str, look: Look, filled: bool) -> Self {
         let sign = move |canvas: &Canvas, at: Px| look.mark(canvas, at, MARKER_PX, filled);

@@ -10,8 +10,8 @@ use whisker::events::{DETECTORS, TouchConfig};
 use super::{FIGURES, report, take_animations};
 use crate::metrics::Scores;
 use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, ResidualRow, SummaryHead, SummaryRow, SurfaceRow,
-    TrialHead, TrialRow, score_bytes,
+    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, ResidualRow,
+    SummaryHead, SummaryRow, SurfaceRow, TrialHead, TrialRow, VertexRow, csv_bytes, score_bytes,
 };
 
 const ESTIMATORS: [&str; 3] = ["ekf", "euler-bernoulli", "paper-ekf"];
@@ -43,7 +43,7 @@ fn write_run(folder: &Path, whole: bool) {
         "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
         "noise": [0.01], "seeds": [1], "touch": TouchConfig::default(),
         "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "kind": if name.ends_with("ekf") { "recursive" } else { "baseline" }, "sensor_model": null, "config": {"fading": 1.004}})),
-        "sets": objects.iter().map(names).collect::<Vec<_>>(),
+        "sets": objects.iter().chain(whole.then_some(&"drum")).map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
         "whiskers": [{
             "name": "straight", "length_m": 0.08, "root_diameter_m": 0.25e-3, "tip_diameter_m": 0.25e-3, "youngs_modulus_pa": 60e9,
@@ -108,9 +108,58 @@ fn write_run(folder: &Path, whole: bool) {
     fs::write(folder.join("summary.csv"), score_bytes(&summary).expect("scores")).expect("written");
     write_table(&folder.join("error_over_time.csv"), &bands);
     write_table(&folder.join("consistency.csv"), &consistency);
+    let contours: &[(&str, &str, Option<f64>)] =
+        if whole { &[("circle", "circle", Some(1e-4)), ("real objects", "drum", None)] } else { &[] };
+    write_contours(folder, contours);
     if whole {
         write_model(folder);
     }
+}
+
+/// The outlines that the first estimator found: of each object its group, its name and the distance from the true one, where known.
+fn write_contours(folder: &Path, objects: &[(&str, &str, Option<f64>)]) {
+    let (mut scores, mut trials) = (Vec::new(), Vec::new());
+    for &(group, object, mean_m) in objects {
+        let (group, whisker) = (group.to_owned(), "straight".to_owned());
+        let estimator = ESTIMATORS[0].to_owned();
+        scores.push(ContourScoreRow {
+            group: group.clone(),
+            whisker: whisker.clone(),
+            estimator: estimator.clone(),
+            noise: 0.01,
+            trials: 1,
+            contact_rmse_m: mean_m,
+            mean_m,
+            p95_m: mean_m,
+            hausdorff_m: mean_m,
+            band_coverage: None,
+        });
+        trials.push(ContourTrialRow {
+            trace: format!("{object}_straight"),
+            group,
+            whisker,
+            object: object.to_owned(),
+            estimator,
+            noise: 0.01,
+            seed: 1,
+            mean_m,
+            radius_m: Some(0.0153),
+            radius_low_m: Some(0.0149),
+            residual_rms_m: Some(1e-4),
+            ..ContourTrialRow::default()
+        });
+        let vertex = |step: i32| VertexRow {
+            x_m: 0.05 + 1e-3 * f64::from(step),
+            y_m: 0.0,
+            normal_rad: -1.6,
+            sd_m: Some(1e-4),
+            touched: step != 3,
+        };
+        let vertices: Vec<_> = (0..8).map(vertex).collect();
+        write_table(&folder.join(format!("contours/{object}_straight.{}.csv", ESTIMATORS[0])), &vertices);
+    }
+    fs::write(folder.join("contours.csv"), csv_bytes(&scores).expect("rows")).expect("written");
+    fs::write(folder.join("contour_trials.csv"), csv_bytes(&trials).expect("rows")).expect("written");
 }
 
 fn trial(object: &str, estimator: &str, error_m: f64) -> TrialRow {
@@ -235,6 +284,7 @@ fn verif_every_figure_is_drawn_and_stands_on_the_page() {
     }
     assert!(page.contains("polynomial &lt;5&gt;"), "text is escaped");
     assert!(!page.contains("Left out"));
+    assert!(page.contains("id=\"outlines\"") && page.contains("<td class=\"number\">15.30</td>"), "a radius");
     // The median error of the baseline is 25 times that of the filter.
     assert!(page.contains("25 ×"));
 }
@@ -316,7 +366,7 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
     report(folder.path()).expect("drawn");
-    for part in ["bounds", "estimates", "events", "models"] {
+    for part in ["bounds", "contours", "estimates", "events", "models"] {
         fs::remove_dir_all(folder.path().join(part)).expect("removed");
     }
     write_run(folder.path(), false);
@@ -325,10 +375,10 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let page = fs::read_to_string(&paths.page).expect("page");
     assert_eq!(
         page.matches("Left out").count(),
-        5,
-        "observability, contours, sample trace, sensor model, contact events"
+        6,
+        "observability, contours, real objects, sample trace, sensor model, contact events"
     );
-    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 5));
+    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 6));
 }
 
 #[test]

@@ -2,12 +2,13 @@
 //!
 //! To add a format: one file with a function that reads it, and one row in [`IMPORTERS`].
 
+mod mesh;
 mod registration;
 mod stanford_whisker;
 
 use std::path::Path;
 
-use crate::{Error, Trace};
+use crate::{Error, Outline, Trace};
 
 /// A row of the registry of importers.
 pub struct ImporterRow {
@@ -24,6 +25,8 @@ pub struct ImporterRow {
 pub struct Imported {
     /// The traces.
     pub traces: Vec<Trace>,
+    /// Outlines of the traces' objects, each with the name of the file that a trace's sidecar gives it.
+    pub outlines: Vec<(String, Outline)>,
     /// Files of the layout that are no such recordings, each with its reason. The rest does not depend on them.
     pub failures: Vec<Error>,
 }

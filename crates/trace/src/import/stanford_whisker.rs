@@ -7,6 +7,7 @@
 //!     <sensor>_test_<date>[_trial<n>].csv                                pin trial: the pin moves, the sensor rests
 //!     <object>tip_test_scan_object_<date>_trial<n>.csv                   object sweep: the sensor on the stage moves over a fixed object
 //!     tip_test_<object>_<date>_trial<n>.csv                              the same
+//! DIR/data/3d_data/<fixture>.stl                                         the objects
 //! ```
 //!
 //! Each file is a table `,px,py,pz,sx,sy,sz`: stage position in mm and the three axes of the Hall sensor in counts, a row a stage
@@ -25,10 +26,13 @@ use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
 
 use super::Imported;
+use super::mesh::section;
 use super::registration::{Mounted, Pressed, Registration, pieces, register};
-use crate::sidecar::Recorded;
+use crate::sidecar::{Contour, Recorded};
 use crate::table::{number, reader};
-use crate::{Digest, Error, FORMAT, Generator, Instant, Recording, Role, Sidecar, Trace, Truth, TruthInstant, sha256};
+use crate::{
+    Digest, Error, FORMAT, Generator, Instant, Outline, Recording, Role, Sidecar, Trace, Truth, TruthInstant, sha256,
+};
 
 pub(super) const NAME: &str = "stanford-whisker";
 
@@ -51,6 +55,18 @@ const CALIBRATION_TRACES: usize = 8;
 /// Origin of the objects' frame on the stage, x and y: the hole that the rig's authors touched with a standoff, less that standoff's place
 /// beside the sensor.
 const OBJECTS_MM: [f64; 2] = [70.1297 - 9.703, 92.3684 - 5.5];
+
+/// Height of the origin of the objects' frame on the stage.
+const OBJECTS_Z_MM: f64 = 47.022_115_12;
+
+const MESHES: &str = "data/3d_data";
+
+/// The published mesh of an object, by a word of its name.
+const FIXTURES: [(&str, &str); 3] =
+    [("cylinder", "ConeFixture.stl"), ("square", "SquareFixture.stl"), ("surface", "FlatFixture.stl")];
+
+/// Where the meshes lie in the objects' frame, their height being negated.
+const MESHES_MM: [f64; 3] = [0.5, 12.5, -0.5];
 
 /// A sensor of the rig.
 struct Sensor {
@@ -134,8 +150,11 @@ pub(super) fn import(folder: &Path) -> Result<Imported, Error> {
     }
     for session in folders(&data.join("test"))? {
         for path in tables(&session)? {
-            match import_test(&session, &path, &calibrated) {
-                Ok(trace) => imported.traces.push(trace),
+            match import_test(folder, &session, &path, &calibrated) {
+                Ok((trace, outline)) => {
+                    imported.outlines.extend(outline);
+                    imported.traces.push(trace);
+                }
                 Err(error) => imported.failures.push(error),
             }
         }
@@ -143,7 +162,13 @@ pub(super) fn import(folder: &Path) -> Result<Imported, Error> {
     Ok(imported)
 }
 
-fn import_test(session: &Path, path: &Path, calibrated: &BTreeMap<PathBuf, Calibrated>) -> Result<Trace, Error> {
+/// A test, and the outline of its object where a mesh of that is published.
+fn import_test(
+    folder: &Path,
+    session: &Path,
+    path: &Path,
+    calibrated: &BTreeMap<PathBuf, Calibrated>,
+) -> Result<(Trace, Option<(String, Outline)>), Error> {
     let test = Test::named(&stem(path)).ok_or_else(|| {
         Error::value(path, "file name", stem(path), "`<sensor>_test_<date>` or `<object>tip_test_scan_object_<date>`")
     })?;
@@ -155,7 +180,29 @@ fn import_test(session: &Path, path: &Path, calibrated: &BTreeMap<PathBuf, Calib
         let expected = format!("`{}<date>{}.csv`", sensor.calibration, attempt(&session_name));
         Error::value(path, "calibration", "none", format!("{expected} in {FOLDER}/calibration"))
     })?;
-    Ok(calibration.test(&session_name, &Table::read(path)?, &test))
+    let table = Table::read(path)?;
+    let mut trace = calibration.test(&session_name, &table, &test);
+    let Test::Sweep(object) = &test else { return Ok((trace, None)) };
+    let Some(outline) = fixture(folder, object, table.rows[0].stage_m[2])? else { return Ok((trace, None)) };
+    let file = format!("{}.contour.csv", trace.sidecar.name);
+    // The mesh is what the object was made from: the outline is no coarser than that.
+    trace.sidecar.contour = Some(Contour { file: file.clone(), sha256: sha256(outline.to_csv()), chord_error_m: 0.0 });
+    Ok((trace, Some((file, outline))))
+}
+
+/// The outline of an object in its frame, at the height of the sensor's plane for a stage at `stage_z_m`; nothing where no mesh of it is there.
+fn fixture(folder: &Path, object: &str, stage_z_m: f64) -> Result<Option<Outline>, Error> {
+    let Some((_, file)) = FIXTURES.iter().find(|(word, _)| object.contains(word)) else { return Ok(None) };
+    let path = folder.join(MESHES).join(file);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let [x_mm, y_mm, z_mm] = MESHES_MM;
+    // Contacts have the height of the stage below the frame's origin; meshes have theirs negated and shifted.
+    let height_mm = stage_z_m / M_PER_MM - OBJECTS_Z_MM + z_mm;
+    let outer = section(&path, height_mm)?;
+    let place = |[x, y]: [f64; 2]| Point::new((x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM);
+    Ok(Outline::new(outer.into_iter().map(place).collect()))
 }
 
 /// What a test is, by its name.
@@ -460,7 +507,11 @@ struct Head<'a> {
 
 fn source_sha256() -> String {
     let mut sources = Digest::default();
-    sources.add(include_bytes!("stanford_whisker.rs")).add(include_bytes!("registration.rs"));
+    for source in
+        [&include_bytes!("stanford_whisker.rs")[..], include_bytes!("registration.rs"), include_bytes!("mesh.rs")]
+    {
+        sources.add(source);
+    }
     sources.finish()
 }
 

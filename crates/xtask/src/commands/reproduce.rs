@@ -1,5 +1,7 @@
 //! Every published figure, measured again.
 
+use std::path::Path;
+
 use crate::failure::Outcome;
 use crate::parts::step;
 use crate::pipeline;
@@ -13,6 +15,10 @@ const PINS: &str = "pins100";
 /// Contacts that are lost on a shaking arm, on the same whiskers.
 const LIFT_OFFS: &str = "contact_events";
 
+/// A clone of the public repository with recordings of real sensors, where somebody put one (docs/REAL.md), and what becomes of it.
+const CLONE: &str = "datasets/stanford-clone";
+const RECORDINGS: &str = "stanford";
+
 pub(crate) fn run() -> Outcome {
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
@@ -22,5 +28,8 @@ pub(crate) fn run() -> Outcome {
     pipeline::evaluate_with_calibrations_of(PINS, SUITE, 2)?;
     pipeline::simulate(LIFT_OFFS)?;
     pipeline::evaluate_with_calibrations_of(LIFT_OFFS, SUITE, 5)?;
+    if Path::new(CLONE).is_dir() {
+        pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
+    }
     step("reproduce", || run_command(whisker(&["reproduce"])))
 }

@@ -11,6 +11,7 @@ mod objects;
 mod observability;
 mod physical_limit;
 mod published;
+mod real_objects;
 mod sample_trace;
 mod sensor_model;
 mod start_and_steady;
@@ -88,12 +89,21 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "contours",
         title: "Reconstructed contours",
-        caption: "Estimated surface points (dots) with 95 % ellipses over the true outline, for the filter with \
-                  the smallest contact error; the median distance of its points from the outline, over trials and noise \
-                  seeds, stands above the panel. Dark: the touched part of the outline, from its first to its last touched point; a \
-                  single disc where only a corner was touched. Nothing is aligned. One trial a panel, after the \
-                  first two seconds of contact.",
+        caption: "The outlines merged from all contacts and strokes of one trial, each with its 95 % band, over the true outline: of the first \
+                  filter, of the filter with the smallest contact error and of the best that looks back. Above the panel, contact \
+                  error after the first second and mean distance of the outline, medians over trials and noise seeds. Dark: the touched part \
+                  of the outline, from its first to its last touched point; a single disc where only a corner was touched. Nothing is \
+                  aligned.",
         draw: contours::draw,
+    },
+    Figure {
+        name: "real_objects",
+        title: "Objects without a known contact",
+        caption: "The outlines merged from single sweeps over objects of which nobody knows where they were touched, each with its 95 % band, for the \
+                  first two filters of the run. Where the object's own outline could be placed it is drawn, and the mean distance from it \
+                  stands above; of a round object, the radius of the circle through the outline, too. Dots were touched; between them the \
+                  outline is bridged.",
+        draw: real_objects::draw,
     },
     Figure {
         name: "objects",

@@ -1,0 +1,301 @@
+//! Many surface points to one outline with a band.
+//!
+//! **Order.** Neither place nor orientation alone orders points along an outline: a corner has many orientations in one place, a flat one orientation in
+//! many places. Pushed outwards along its normal by [`REACH_M`], a convex outline is a smooth curve around the middle of the points that touch it, on which
+//! both become ways: seen from that middle, the pushed points stand in order, through corners and over flats, and for a single pin, too.
+//!
+//! **Merging.** Points that fall into the same stretch of [`CELL_M`] of the pushed outline become one. Their errors are strongly correlated: a filter
+//! that is off stays off, and comes back off on the next stroke. How strongly nobody knows, so their information is averaged, not added
+//! (covariance intersection, Julier and Uhlmann 1997): with weights `w` of sum one
+//! `P^-1 = sum w C^-1`, `x = P sum w C^-1 p`, which is consistent whatever the correlation and as sure as its surest point, however many there
+//! are. A point's weight is what it tells across the outline, `1 / (n' C n)`.
+//!
+//! **Band.** How far the points of a stretch lie apart tells how much of their error they do not share: whatever the correlation, the mean square error
+//! of the points is that of their mean and their scatter about it, so that `E (x - truth)^2 = C - scatter` across the outline. The share of the
+//! scatter in what the points state is taken from the whole outline; no stretch is surer than its own points disagree, as where they state too
+//! little. An error along the outline leaves it where it bends: over a way `l` by `l^2 / 2` times the
+//! curvature, and at a corner by `l sin 45` at most.
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+use nalgebra::{Matrix2, Vector2};
+use whisker::frames::Point;
+
+use super::{Contour, SurfacePoint, Vertex, direction};
+use crate::statistics::{NORMAL_95, mean};
+
+/// How far points are pushed outwards to be put in order: the way that counts as much as a turn by one radian.
+const REACH_M: f64 = 1e-2;
+
+/// Length of the pushed outline of which the points become one.
+const CELL_M: f64 = 1e-3;
+
+/// A point whose place is less sure than this, in any direction, does not say where the outline is.
+const MOST_SD_M: f64 = 1e-3;
+
+/// Least share of a point's variance that is taken to be common to all of its stretch: three strokes are no ten.
+const LEAST_KEPT: f64 = 0.1;
+
+/// Longest way along the tangents from one stretch to the next, over that along their chord: a turn by a right angle.
+const LONGEST_DETOUR: f64 = std::f64::consts::SQRT_2;
+
+/// Over an error along the outline it turns by no more than counts as so much: seen midway around a right-angled corner, the faces fall back by sin 45 of it.
+const MOST_TURN_RAD: f64 = std::f64::consts::SQRT_2;
+
+/// An outline is bridged in steps of this length where it was not touched between two stretches.
+const BRIDGE_STEP_M: f64 = 1e-3;
+
+/// The outline through surface points of a convex object; nothing where none says where it is.
+pub(super) fn merged(points: &[SurfacePoint]) -> Option<Contour> {
+    let points: Vec<Placed> = points.iter().filter_map(Placed::new).collect();
+    let cells = cells(points);
+    let merged: Vec<Merged> = cells.iter().filter_map(|cell| Merged::new(cell)).collect();
+    let kept = 1.0 - mean(merged.iter().map(|merged| merged.scatter)).unwrap_or_default();
+    let vertices: Vec<Vertex> =
+        (0..merged.len()).map(|i| merged[i].vertex(kept.max(LEAST_KEPT), bend_per_m(&merged, i))).collect();
+    (!vertices.is_empty()).then(|| Contour { vertices: bridged(&vertices) })
+}
+
+/// A point with its normal.
+struct Placed {
+    at: Vector2<f64>,
+    normal: Vector2<f64>,
+    /// Inverse covariance; all alike where none is stated.
+    information: Matrix2<f64>,
+    /// What it tells across the outline.
+    weight: f64,
+    is_stated: bool,
+}
+
+impl Placed {
+    fn new(point: &SurfacePoint) -> Option<Self> {
+        let normal = direction(point.normal_rad);
+        let (information, variance_m2) = match point.covariance_m2 {
+            Some(covariance) => (covariance.try_inverse()?, normal.dot(&(covariance * normal))),
+            None => (Matrix2::identity(), 1.0),
+        };
+        let is_stated = point.covariance_m2.is_some();
+        let least_information = information.symmetric_eigenvalues().min();
+        let is_sure = !is_stated || least_information * MOST_SD_M * MOST_SD_M >= 1.0;
+        (variance_m2 > 0.0 && is_sure).then_some(Self {
+            at: point.at,
+            normal,
+            information,
+            weight: 1.0 / variance_m2,
+            is_stated,
+        })
+    }
+
+    /// The point pushed outwards.
+    fn pushed(&self) -> Vector2<f64> {
+        self.at + self.normal * REACH_M
+    }
+}
+
+/// The points of each stretch, counter-clockwise around the object.
+fn cells(mut points: Vec<Placed>) -> Vec<Vec<Placed>> {
+    let middle = points.iter().map(|point| point.at).sum::<Vector2<f64>>() / points.len().max(1) as f64;
+    let angle = |point: &Placed| {
+        let seen = point.pushed() - middle;
+        seen.y.atan2(seen.x)
+    };
+    points.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+    // The row begins behind the widest gap.
+    let gap = |i: usize| {
+        let before = angle(&points[(i + points.len() - 1) % points.len()]);
+        (angle(&points[i]) - before).rem_euclid(2.0 * PI)
+    };
+    let widest = (0..points.len()).max_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+    points.rotate_left(widest);
+    let mut way_m = 0.0;
+    let mut last: Option<(Vector2<f64>, Vector2<f64>)> = None;
+    let mut cells: BTreeMap<i64, Vec<Placed>> = BTreeMap::new();
+    for point in points {
+        let (pushed, normal) = (point.pushed(), point.normal);
+        if let Some((before, normal_before)) = last {
+            // Along the tangent alone: what the points are off across the outline is no way along it, and what they are off along it cancels.
+            let outward = normal + normal_before;
+            let along = Vector2::new(-outward.y, outward.x).try_normalize(f64::MIN_POSITIVE).unwrap_or_default();
+            way_m += along.dot(&(pushed - before));
+        }
+        last = Some((pushed, normal));
+        cells.entry((way_m / CELL_M).floor() as i64).or_default().push(point);
+    }
+    cells.into_values().collect()
+}
+
+/// The points of one stretch together.
+struct Merged {
+    at: Vector2<f64>,
+    normal: Vector2<f64>,
+    /// Variances of one point across and along the outline, where stated.
+    variances_m2: Option<(f64, f64)>,
+    /// Mean square distance of the points from this one, across the outline, over what they state.
+    scatter: f64,
+}
+
+impl Merged {
+    fn new(points: &[Placed]) -> Option<Self> {
+        let total: f64 = points.iter().map(|point| point.weight).sum();
+        let share = |point: &Placed| point.weight / total;
+        let normal = points.iter().map(|point| point.normal * share(point)).sum::<Vector2<f64>>();
+        let normal = normal.try_normalize(f64::MIN_POSITIVE)?;
+        let information: Matrix2<f64> = points.iter().map(|point| point.information * share(point)).sum();
+        let covariance = information.try_inverse()?;
+        let weighted: Vector2<f64> = points.iter().map(|point| point.information * point.at * share(point)).sum();
+        let at = covariance * weighted;
+        let scatter_m2: f64 =
+            points.iter().map(|point| share(point) * point.normal.dot(&(point.at - at)).powi(2)).sum();
+        let stated_m2: f64 = points.iter().map(|point| share(point) / point.weight).sum();
+        let along = Vector2::new(-normal.y, normal.x);
+        let is_stated = points.iter().all(|point| point.is_stated);
+        let variances_m2 = is_stated.then(|| (normal.dot(&(covariance * normal)), along.dot(&(covariance * along))));
+        Some(Self { at, normal, variances_m2, scatter: scatter_m2 / stated_m2 })
+    }
+
+    /// The vertex, of whose points' variance this share is common to all.
+    fn vertex(&self, kept: f64, bend_per_m: f64) -> Vertex {
+        let sd_m = self.variances_m2.map(|(across_m2, along_m2)| {
+            let along_m = along_m2.sqrt();
+            let off_m = 0.5 * along_m * (bend_per_m * along_m).min(MOST_TURN_RAD);
+            (across_m2 * kept.max(self.scatter)).sqrt().hypot(off_m)
+        });
+        let normal_rad = self.normal.y.atan2(self.normal.x);
+        Vertex { at: Point::from_vector(self.at), normal_rad, sd_m, touched: true }
+    }
+}
+
+/// How much the outline turns over its way around a stretch.
+fn bend_per_m(merged: &[Merged], i: usize) -> f64 {
+    let (from, to) = (&merged[i.saturating_sub(1)], &merged[(i + 1).min(merged.len() - 1)]);
+    let turn_rad = from.normal.dot(&to.normal).clamp(-1.0, 1.0).acos();
+    let way_m = (to.at - from.at).norm();
+    turn_rad / way_m.max(f64::MIN_POSITIVE)
+}
+
+/// Puts vertices between those that lie apart. A convex outline that touches the tangents at both ends runs between its chord and their crossing; halfway
+/// between runs the parabola that has them as tangents, and the band of 95 % reaches from the one border to the other.
+fn bridged(vertices: &[Vertex]) -> Vec<Vertex> {
+    let mut bridged: Vec<Vertex> = vertices.first().copied().into_iter().collect();
+    for pair in vertices.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
+        let (a, b) = (from.at.vector(), to.at.vector());
+        let steps = ((b - a).norm() / BRIDGE_STEP_M).floor() as usize;
+        let crossing = crossing(&from, &to).unwrap_or(0.5 * (a + b));
+        let height_m = (crossing - a).perp(&(b - a)).abs() / (b - a).norm().max(f64::MIN_POSITIVE);
+        let turn_rad = (to.normal_rad - from.normal_rad + PI).rem_euclid(2.0 * PI) - PI;
+        for step in 1..steps {
+            let part = step as f64 / steps as f64;
+            let (before, after) = ((1.0 - part) * (1.0 - part), part * part);
+            let at = a * before + crossing * (2.0 * part * (1.0 - part)) + b * after;
+            let unknown_m = 2.0 * height_m * part * (1.0 - part) / NORMAL_95;
+            let sd_m = from.sd_m.zip(to.sd_m).map(|(a_m, b_m)| (a_m + part * (b_m - a_m)).hypot(unknown_m));
+            let normal_rad = from.normal_rad + part * turn_rad;
+            bridged.push(Vertex { at: Point::from_vector(at), normal_rad, sd_m, touched: false });
+        }
+        bridged.push(to);
+    }
+    bridged
+}
+
+/// Where the tangents at two vertices cross, if that is ahead of the one and behind the other. Where the way there is longer than [`LONGEST_DETOUR`] the
+/// vertices contradict each other and tell nothing of what is between them.
+fn crossing(from: &Vertex, to: &Vertex) -> Option<Vector2<f64>> {
+    let (ahead, behind) = (direction(from.normal_rad + 0.5 * PI), direction(to.normal_rad - 0.5 * PI));
+    let chord = to.at.vector() - from.at.vector();
+    let ways = Matrix2::from_columns(&[ahead, -behind]).try_inverse()? * chord;
+    let is_bridge = ways.x > 0.0 && ways.y > 0.0 && ways.sum() <= LONGEST_DETOUR * chord.norm();
+    is_bridge.then(|| from.at.vector() + ahead * ways.x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SD_M: f64 = 1e-4;
+
+    /// A point whose error lies along the outline, as those of whiskers do.
+    fn point(x_m: f64, y_m: f64, normal_deg: f64) -> SurfacePoint {
+        let normal_rad = normal_deg.to_radians();
+        let (n, t) = (direction(normal_rad), direction(normal_rad + 0.5 * PI));
+        let covariance = n * n.transpose() * SD_M.powi(2) + t * t.transpose() * (10.0 * SD_M).powi(2);
+        SurfacePoint { at: Vector2::new(x_m, y_m), normal_rad, covariance_m2: Some(covariance) }
+    }
+
+    fn circle(radius_m: f64, from_deg: f64, to_deg: f64, count: usize) -> Vec<SurfacePoint> {
+        let at = |i: usize| from_deg + (to_deg - from_deg) * i as f64 / (count - 1) as f64;
+        let on = |deg: f64| point(radius_m * deg.to_radians().cos(), radius_m * deg.to_radians().sin(), deg);
+        (0..count).map(|i| on(at(i))).collect()
+    }
+
+    #[test]
+    fn verif_strokes_over_an_arc_become_one_line_in_order() {
+        let mut points = circle(0.015, 200.0, 260.0, 300);
+        points.extend(circle(0.015, 260.0, 200.0, 250));
+        let contour = merged(&points).expect("an outline");
+        let angles: Vec<f64> = contour.vertices.iter().map(|v| v.at.y().atan2(v.at.x()).to_degrees() + 360.0).collect();
+        assert!(angles.windows(2).all(|pair| pair[0] < pair[1]), "{angles:?}");
+        assert!(angles[0] < 203.0 && angles[angles.len() - 1] > 257.0);
+        assert!(contour.vertices.iter().all(|v| (v.at.vector().norm() - 0.015).abs() < 0.02 * SD_M));
+    }
+
+    #[test]
+    fn verif_many_points_are_no_surer_than_one() {
+        let sd =
+            |count| merged(&vec![point(0.0, 0.0, 90.0); count]).expect("an outline").vertices[0].sd_m.expect("stated");
+        assert!((sd(1) - SD_M).abs() < 1e-12 && (sd(1000) - SD_M).abs() < 1e-12);
+    }
+
+    #[test]
+    fn verif_points_that_disagree_widen_the_band() {
+        let points = [point(0.0, 3e-4, 90.0), point(0.0, -3e-4, 90.0)];
+        let sd_m = merged(&points).expect("an outline").vertices[0].sd_m.expect("stated");
+        assert!((sd_m - 3e-4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn verif_corner_and_flats_stand_in_order() {
+        // Along the lower face, around the corner at the origin, up the right face.
+        let flat = (0..20).map(|i| point(-0.02 + 1e-3 * f64::from(i), 0.0, -90.0));
+        let corner = (0..20).map(|i| point(0.0, 0.0, -90.0 + 4.5 * f64::from(i)));
+        let side = (0..20).map(|i| point(0.0, 1e-3 * f64::from(i), 0.0));
+        let mut points: Vec<SurfacePoint> = side.chain(flat).chain(corner).collect();
+        points.rotate_left(17);
+        let contour = merged(&points).expect("an outline");
+        let way = |v: &Vertex| v.at.x() + v.at.y();
+        assert!(contour.vertices.windows(2).all(|pair| way(&pair[0]) <= way(&pair[1]) + 1e-9));
+        assert!(contour.vertices.iter().all(|v| v.at.x().abs().min(v.at.y().abs()) < 1e-5));
+    }
+
+    #[test]
+    fn verif_a_flat_between_two_corners_is_known_and_a_gap_in_an_arc_is_not() {
+        let corners: Vec<SurfacePoint> = (0..10)
+            .flat_map(|i| [point(-5e-3, 0.0, -100.0 + f64::from(i)), point(5e-3, 0.0, -90.0 + f64::from(i))])
+            .collect();
+        let flat = merged(&corners).expect("an outline");
+        let middle = flat.vertices.iter().min_by(|a, b| a.at.x().abs().total_cmp(&b.at.x().abs())).expect("a vertex");
+        assert!(middle.at.y().abs() < 2e-4 && middle.sd_m.expect("stated") < 4.0 * SD_M, "{middle:?}");
+
+        let mut arcs = circle(0.05, 200.0, 220.0, 100);
+        arcs.extend(circle(0.05, 250.0, 270.0, 100));
+        let contour = merged(&arcs).expect("an outline");
+        let bridge: Vec<&Vertex> = contour
+            .vertices
+            .iter()
+            .filter(|v| (222.0..248.0).contains(&(v.at.y().atan2(v.at.x()).to_degrees() + 360.0)))
+            .collect();
+        assert!(bridge.len() > 10);
+        for vertex in bridge {
+            let off_m = (vertex.at.vector().norm() - 0.05).abs();
+            assert!(off_m < vertex.half_band_m().expect("stated"), "{off_m}");
+        }
+    }
+
+    #[test]
+    fn robust_unsure_points_say_nothing() {
+        let vague = SurfacePoint { covariance_m2: Some(Matrix2::identity() * 1e-4), ..point(0.0, 0.0, 0.0) };
+        assert_eq!(merged(&[vague]), None);
+        assert_eq!(merged(&[]), None);
+    }
+}

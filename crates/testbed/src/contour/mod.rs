@@ -1,0 +1,104 @@
+//! The outline of an object as an estimator found it, with an uncertainty band, and how far it lies from the truth.
+//!
+//! Whatever the estimator, its surface points of many contacts and strokes become one [`Contour`] (`merge`), which is compared with the true outline
+//! without being aligned to it (`compare`). A round object's radius follows from it (`circle`).
+
+mod circle;
+mod compare;
+mod merge;
+mod stretch;
+mod strokes;
+
+pub use circle::Circle;
+pub use compare::Comparison;
+pub(crate) use stretch::touched_stretch;
+pub use strokes::second_stroke;
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use nalgebra::{Matrix2, Vector2};
+use whisker::estimators::Estimate;
+use whisker::frames::{Point, World};
+
+use crate::metrics::Trial;
+use crate::statistics::NORMAL_95;
+
+/// One vertex of a contour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vertex {
+    /// Where the surface is.
+    pub at: Point<World>,
+    /// Direction of the outward normal in World.
+    pub normal_rad: f64,
+    /// Standard deviation across the outline, where the estimator states covariances.
+    pub sd_m: Option<f64>,
+    /// Whether it was touched; where not, the outline is bridged.
+    pub touched: bool,
+}
+
+impl Vertex {
+    /// Half the width of the 95 % band.
+    pub fn half_band_m(&self) -> Option<f64> {
+        self.sd_m.map(|sd_m| NORMAL_95 * sd_m)
+    }
+}
+
+/// A piece of outline: vertices counter-clockwise around the object, joined by straight lines.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Contour {
+    /// The vertices.
+    pub vertices: Vec<Vertex>,
+}
+
+impl Contour {
+    /// The outline that an estimator found in a trial, from the row `since` on; nothing where it found none.
+    ///
+    /// This is the one place that decides where an outline comes from: the surface points of all contacts, merged.
+    pub fn found(trial: &Trial<'_>, estimates: &[Option<Estimate>], since: usize) -> Option<Self> {
+        merge::merged(&surface_points(trial, estimates, since))
+    }
+}
+
+/// Unit vector at an angle.
+fn direction(angle_rad: f64) -> Vector2<f64> {
+    let (sin, cos) = angle_rad.sin_cos();
+    Vector2::new(cos, sin)
+}
+
+/// What one estimate says of the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct SurfacePoint {
+    at: Vector2<f64>,
+    /// Direction of the outward normal: from the object to the whisker.
+    normal_rad: f64,
+    covariance_m2: Option<Matrix2<f64>>,
+}
+
+/// After a touch an estimator has so long to find the contact before what it says counts as outline.
+const SETTLING_S: f64 = 1.0;
+
+/// The surface points in World that an estimator stands for: not right after a touch, and not where it says itself that its sensor model does not hold, beyond the
+/// calibrated region or at the tip.
+fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>], since: usize) -> Vec<SurfacePoint> {
+    let mut points = Vec::new();
+    let mut touch_s = None;
+    let instants = trial.trace.recording.instants.iter().zip(trial.readings_n_m);
+    for (row, ((known, &reading_n_m), estimate)) in instants.zip(estimates).enumerate() {
+        let Some(estimate) = estimate else {
+            touch_s = None;
+            continue;
+        };
+        let is_settled = known.t_s - *touch_s.get_or_insert(known.t_s) >= SETTLING_S;
+        if !is_settled || row < since || !estimate.calibrated || estimate.at_tip {
+            continue;
+        }
+        let left_rad = trial.knowledge.tangent_rad(estimate, reading_n_m) + FRAC_PI_2;
+        let outward_rad = if estimate.face.away_sign() > 0.0 { 0.0 } else { PI };
+        points.push(SurfacePoint {
+            at: known.base.apply(trial.knowledge.surface(estimate, reading_n_m)).vector(),
+            normal_rad: known.base.yaw_rad() + left_rad + outward_rad,
+            covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
+        });
+    }
+    points
+}
