@@ -147,16 +147,7 @@ impl<const N: usize> Bank<N> {
 
     /// Mean and covariance of the mixture; nothing where it is empty.
     pub fn moments(&self) -> Option<Gaussian<N>> {
-        if let [only] = &self.hypotheses[..] {
-            return Some(only.belief);
-        }
-        let mean = self.hypotheses.iter().map(|one| one.belief.mean * one.weight()).sum::<SVector<f64, N>>();
-        let covariance = self.hypotheses.iter().map(|one| {
-            let apart = one.belief.mean - mean;
-            (one.belief.covariance + apart * apart.transpose()) * one.weight()
-        });
-        let covariance = symmetrised(covariance.sum());
-        (!self.hypotheses.is_empty()).then(|| Gaussian::new(mean, covariance))
+        Gaussian::of_mixture(self.hypotheses.iter().map(|one| (one.belief, one.weight())))
     }
 
     /// The most probable hypothesis; nothing where there is none.

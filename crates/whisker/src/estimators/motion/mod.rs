@@ -17,6 +17,9 @@ use super::{Sample, Touch, Tracker};
 
 /// A model of the contact's motion, with `N` numbers in its state.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
+    /// Which number of the state is the radius of object and wire together, where the model has one.
+    const RADIUS: Option<usize> = None;
+
     /// Which number of the state is the sensor model's error at the contact, in standard deviations; without one that error counts as
     /// noise.
     const MODEL_ERROR: Option<usize> = None;
@@ -26,6 +29,11 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
 
     /// The belief that begins with a belief about the place.
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<N>;
+
+    /// That belief in parts narrow enough for a filter that linearises, with the logarithms of their weights.
+    fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<N>, f64)> {
+        vec![(self.belief(place), 0.0)]
+    }
 
     /// The step that belongs to a sample.
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
