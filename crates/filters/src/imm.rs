@@ -14,6 +14,7 @@
 
 use nalgebra::DMatrix;
 
+use crate::bank::Belief;
 use crate::{Gaussian, Innovation, Skipped, Weighed};
 
 /// How the modes follow on one another in one step.
@@ -196,15 +197,16 @@ impl<const N: usize> Imm<N> {
         }
         Ok(Weighed { innovation, log_evidence })
     }
+}
 
-    /// Mean and covariance of all modes together.
-    pub fn moments(&self) -> Gaussian<N> {
+impl<const N: usize> Belief<N> for Imm<N> {
+    fn moments(&self) -> Gaussian<N> {
         let parts = self.beliefs.iter().copied().zip(self.probabilities().iter().copied());
         Gaussian::of_mixture(parts).expect("probabilities add up to 1")
     }
 
-    /// Two of them as one, mode by mode, with the weights of each.
-    pub fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self {
+    /// Mode by mode.
+    fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self {
         let parts = (0..self.beliefs.len()).map(|mode| {
             let (one, two) = (weight * self.probabilities()[mode], other_weight * other.probabilities()[mode]);
             let both = Gaussian::of_mixture([(self.beliefs[mode], one), (other.beliefs[mode], two)]);

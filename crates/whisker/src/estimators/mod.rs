@@ -11,6 +11,7 @@ mod choice;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
+mod imm;
 mod iterated;
 mod motion;
 mod paper;
@@ -357,6 +358,14 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<particle::Config>,
         build: particle::build,
+    },
+    EstimatorRow {
+        name: "imm",
+        about: "interacting multiple models: static, sliding or lost (Blom and Bar-Shalom 1988)",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<imm::Config>,
+        build: imm::build,
     },
     EstimatorRow {
         name: "smoother",

@@ -65,7 +65,7 @@ impl Round {
         }
     }
 
-    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+    pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
         within("radius_m", self.radius_m, 0.0..=1.0)?;
         within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
         within("radius_parts", self.radius_parts as f64, 1.0..=100.0)?;
