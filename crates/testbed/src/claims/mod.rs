@@ -193,13 +193,17 @@ impl Evaluation {
 
     /// Share of the trials of an estimator on one set, at the run's first noise level, that meet a condition.
     fn share(&self, group: &str, whisker: &str, estimator: &str, condition: impl Fn(&TrialRow) -> bool) -> Option<f64> {
-        let of_set = self.trials.iter().filter(|TrialRow { head, .. }| {
+        mean(self.trials_of(group, whisker, estimator).map(|trial| f64::from(condition(trial))))
+    }
+
+    /// The trials of an estimator on one set, at the run's first noise level.
+    fn trials_of(&self, group: &str, whisker: &str, estimator: &str) -> impl Iterator<Item = &TrialRow> {
+        self.trials.iter().filter(move |TrialRow { head, .. }| {
             head.group == group
                 && head.whisker == whisker
                 && head.estimator == estimator
                 && head.noise == self.run.noise[0]
-        });
-        mean(of_set.map(|trial| f64::from(condition(trial))))
+        })
     }
 }
 

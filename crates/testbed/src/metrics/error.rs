@@ -11,6 +11,17 @@ pub const RMSE: Metric = Metric {
     measure: |scored| rms(&steady(scored)),
 };
 
+/// Root mean square of the error once the contact has lasted a second.
+pub const RMSE_AFTER_1S: Metric = Metric {
+    name: "rmse_after_1s_m",
+    about: "root mean square contact error after the first second of contact",
+    summary: Summary::Median,
+    measure: |scored| {
+        let late = scored.contacts.iter().filter(|contact| contact.t_contact_s >= 1.0);
+        if scored.is_silent() { None } else { rms(&late.filter_map(|contact| contact.error_m).collect::<Vec<_>>()) }
+    },
+};
+
 /// Median of the steady error.
 pub const MEDIAN: Metric = Metric {
     name: "median_m",

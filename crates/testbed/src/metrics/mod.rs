@@ -10,6 +10,7 @@ pub mod consistency;
 pub mod contact_events;
 pub mod error;
 pub mod outline;
+pub mod radius;
 pub mod rows;
 mod scored;
 
@@ -67,6 +68,7 @@ impl Summary {
 /// The registry of metrics, in the order of the columns.
 pub const METRICS: &[Metric] = &[
     error::RMSE,
+    error::RMSE_AFTER_1S,
     error::MEDIAN,
     error::P95,
     error::WORST,
@@ -79,6 +81,8 @@ pub const METRICS: &[Metric] = &[
     rows::ROWS_TO_1MM,
     outline::MEDIAN,
     outline::P95,
+    radius::ERROR,
+    radius::COVERED,
     bound::RMSE,
     bound::RATIO,
     consistency::NEES,

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use whisker::estimators::Kind;
 
+use crate::consistency::Average;
 use crate::metrics::{Metric, error, outline};
 use crate::results::{
     BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, PAPER, ResidualRow, Run, RunCalibration,
@@ -167,6 +168,12 @@ impl RunData {
                 && 2 * row.trials >= trials
         };
         self.consistency.iter().filter(matches).collect()
+    }
+
+    /// The average over the trials of a set of something that is chi-square with `freedom` degrees of freedom; nothing where no trial has it.
+    pub(super) fn average_of(&self, set: &RunSet, estimator: &str, freedom: usize, metric: &Metric) -> Option<Average> {
+        let of_trials: Vec<f64> = self.trials_of(set, estimator).iter().filter_map(|trial| trial.get(metric)).collect();
+        Average::of_trials(freedom, &of_trials)
     }
 
     /// Median over the trials of a set of an estimator's steady contact error.

@@ -17,8 +17,8 @@ impl ModelShares {
     /// The shares of models by their names; equally probable ones stay in the order given.
     ///
     /// # Panics
-    /// If there are more than [`MOST_MODELS`].
-    pub(super) fn new(shares: impl IntoIterator<Item = (&'static str, f64)>) -> Self {
+    /// If there are more than eight.
+    pub fn new(shares: impl IntoIterator<Item = (&'static str, f64)>) -> Self {
         let mut found = Self::default();
         for share in shares {
             found.entries[found.count] = share;
@@ -26,6 +26,11 @@ impl ModelShares {
         }
         found.entries[..found.count].sort_by(|a, b| b.1.total_cmp(&a.1));
         found
+    }
+
+    /// The probability of a model; nothing where it is not among them.
+    pub fn of(&self, name: &str) -> Option<f64> {
+        self.iter().find(|(known, _)| *known == name).map(|(_, share)| share)
     }
 
     /// Names and probabilities, the most probable first.
