@@ -6,7 +6,8 @@
 
 use std::sync::Arc;
 
-use filters::{Gaussian, Innovation, Measurement};
+use filters::unscented::{self, Spread};
+use filters::{Gaussian, Innovation, Measurement, Process};
 use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
 use super::motion::Motion;
@@ -87,12 +88,26 @@ impl Side {
         innovation: Option<Innovation<1>>,
     ) -> Estimate {
         let (arc_m, away_m) = (belief.mean[0], belief.mean[1]);
-        let jacobian = self.face.contact_jacobian(arc_m, away_m);
-        let covariance = jacobian * belief.covariance.fixed_view::<2, 2>(0, 0) * jacobian.transpose();
+        let place = Gaussian::new(vector![arc_m, away_m], belief.covariance.fixed_view::<2, 2>(0, 0).into());
+        let contact = self.in_base(&place);
+        let radius = self.radius::<Model, N>(belief, self.face.contact_at(arc_m, away_m));
         let is_calibrated = self.face.domain.contains(arc_m, away_m);
-        let contact = self.face.contact_at(arc_m, away_m);
-        let radius = self.radius::<Model, N>(belief, contact);
-        Estimate { radius, ..self.estimate_at(contact, is_calibrated, covariance, innovation) }
+        let stated = self.estimate_at(Point::from_vector(contact.mean), is_calibrated, contact.covariance, innovation);
+        Estimate { radius, ..stated }
+    }
+
+    /// A belief about the place in coordinates of Base. At the touch it reaches centimetres along the whisker and microns across, and where the whisker is
+    /// curved so is the band that it fills there. Its mean and covariance are those of sigma points on the bend ([`filters::unscented`]); a linear
+    /// map would state a straight band, as thin, beside which the contact lies.
+    fn in_base(&self, place: &Gaussian<2>) -> Gaussian<2> {
+        const SPREAD: Spread = Spread { alpha: 1.0, beta: 0.0, kappa: 1.0 };
+        let mut found = *place;
+        if unscented::predict(&mut found, &Placing(&self.face), &SPREAD).is_ok() {
+            return found;
+        }
+        let jacobian = self.face.contact_jacobian(place.mean[0], place.mean[1]);
+        let contact = self.face.contact_at(place.mean[0], place.mean[1]);
+        Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
     }
 
     /// Radius of the object alone that a belief states, where its model of the motion has one.
@@ -117,6 +132,19 @@ impl Side {
         let covariance_m2 = Some(covariance_m2);
         let face = self.face.face;
         Estimate { contact, face, covariance_m2, calibrated, at_tip: false, innovation, radius: None, models: None }
+    }
+}
+
+/// From along and away to Base.
+struct Placing<'a>(&'a CalibratedFace);
+
+impl Process<2> for Placing<'_> {
+    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        self.0.contact_at(x[0], x[1]).vector()
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::zeros()
     }
 }
 
