@@ -6,6 +6,7 @@ mod contact_events;
 mod contours;
 mod determinism;
 mod monte_carlo;
+mod motion;
 mod noiseless;
 mod pins;
 mod sensor_model;
@@ -80,6 +81,7 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     pins::claims,
     monte_carlo::claims,
     noiseless::claims,
+    motion::claims,
     contours::claims,
     contact_events::claims,
     determinism::claims,
@@ -242,6 +244,9 @@ fn filters() -> impl Iterator<Item = &'static str> {
     let is_own = |row: &&EstimatorRow| row.kind == Kind::Recursive && !row.name.starts_with(PAPER);
     ESTIMATORS.iter().filter(is_own).map(|row| row.name)
 }
+
+/// The estimator that the documentation recommends.
+const RECOMMENDED: &str = "recommended";
 
 /// The whiskers of the standard suite.
 const WHISKERS: [&str; 2] = ["straight", "curved"];

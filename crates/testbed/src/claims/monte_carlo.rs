@@ -2,7 +2,7 @@
 
 use whisker::estimators;
 
-use super::{Claim, Evaluation, WHISKERS, filters};
+use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, filters};
 use crate::consistency::{Average, MATTERS, NEES_FREEDOM, NIS_FREEDOM};
 use crate::metrics::{Metric, bound, consistency, error};
 use crate::results::TrialRow;
@@ -10,10 +10,7 @@ use crate::results::TrialRow;
 /// Suite and run.
 pub(super) const RUN: &str = "pins100";
 
-const GROUP: &str = "pin";
-
-/// The estimator that the documentation recommends.
-const RECOMMENDED: &str = "recommended";
+pub(super) const GROUP: &str = "pin";
 
 pub(super) fn claims() -> Vec<Claim> {
     let topics = [limit, start, consistent];

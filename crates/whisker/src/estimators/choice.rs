@@ -45,19 +45,19 @@ pub(super) struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self::among([("ekf", 10.0), ("sliding", 1.0)])
+        Self::among([("ekf", 30.0), ("sliding", 1.0)])
     }
 }
 
 impl Config {
     /// Among what looks back over the whole contact.
     pub(super) fn hindsight() -> Self {
-        Self::among([("batch", 10.0), ("batch-sliding", 1.0)])
+        Self::among([("batch", 30.0), ("batch-sliding", 1.0)])
     }
 
     fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
         let candidates = candidates.map(|(name, weight)| Candidate { name: name.into(), weight });
-        Self { candidates: candidates.into(), gate_sds: 5.0, sojourn_s: 100.0 }
+        Self { candidates: candidates.into(), gate_sds: 5.0, sojourn_s: 1000.0 }
     }
 }
 
@@ -176,7 +176,7 @@ impl Chooser {
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), *share))
         };
         let places: Option<Vec<_>> = parts.iter().map(place).collect();
-        let size = Gaussian::of_mixture(parts.iter().filter_map(size));
+        let size = Gaussian::of_mixture(parts.iter().filter_map(size)).filter(|_| leading.radius.is_some());
         Some(Estimate {
             contact: leading.contact.shifted(shift),
             covariance_m2: places.and_then(Gaussian::of_mixture).map(|places| places.covariance),

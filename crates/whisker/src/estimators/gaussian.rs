@@ -219,6 +219,6 @@ pub(super) struct Advance<const N: usize> {
 impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Advance { filtered, innovation, .. } = self.advance(sample)?;
-        Some(self.side.estimate::<Model, N>(&filtered, innovation))
+        Some(self.side.estimate(&self.motion, &filtered, innovation))
     }
 }

@@ -224,7 +224,10 @@ impl Follower {
         });
         let belief = Gaussian::of_mixture(touching).filter(|_| share(LOST) < 0.5)?;
         let models = ModelShares::new(MODES.iter().enumerate().map(|(mode, name)| (*name, share(mode))));
-        Some(Estimate { models: Some(models), ..self.side.estimate::<Round, 4>(&belief, innovation) })
+        let stated = self.side.estimate(&self.config.round, &belief, innovation);
+        // The static mode has no radius to tell.
+        let radius = stated.radius.filter(|_| share(SLIDING) > share(STATIC));
+        Some(Estimate { models: Some(models), radius, ..stated })
     }
 }
 

@@ -158,13 +158,14 @@ fn held<const N: usize>(side: &Side, x: &SVector<f64, N>) -> SVector<f64, N> {
 
 fn estimate<Model: Motion<N>, const N: usize>(
     side: &Side,
+    motion: &Model,
     belief: &Gaussian<N>,
     innovation: Option<Innovation<1>>,
 ) -> Estimate {
     let held = held(side, &belief.mean);
     let covariance_m2 = belief.covariance.fixed_view::<2, 2>(0, 0).into();
     let contact = Point::new(held[0], held[1]);
-    let radius = side.radius::<Model, N>(belief, contact);
+    let radius = side.radius(motion, belief, contact);
     Estimate { radius, ..side.estimate_at(contact, held == belief.mean, covariance_m2, innovation) }
 }
 
@@ -252,7 +253,7 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filte
         let z = Vector1::new(sample.reading_n_m);
         let reading = Reading::of::<Model, N>(&self.side);
         let innovation = self.config.filter.update(&mut self.belief, &reading, &z).ok();
-        let estimate = estimate::<Model, N>(&self.side, &self.belief, innovation);
+        let estimate = estimate(&self.side, &self.motion, &self.belief, innovation);
         self.belief.mean = held(&self.side, &self.belief.mean);
         Some(estimate)
     }
@@ -336,7 +337,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for CloudFollower<Model, N> {
         self.cloud.map(|x| held(&self.side, x));
         let reading = Reading::of::<Model, N>(&self.side);
         let innovation = self.cloud.update(&reading, &Vector1::new(sample.reading_n_m)).ok();
-        let estimate = estimate::<Model, N>(&self.side, &self.cloud.moments(), innovation);
+        let estimate = estimate(&self.side, &self.motion, &self.cloud.moments(), innovation);
         if self.cloud.effective_size() < self.config.resample_share * self.cloud.particles().len() as f64 {
             self.cloud.resample(self.config.kernel, &mut self.rng);
         }

@@ -84,13 +84,14 @@ impl Side {
     /// States a belief under a model of the contact's motion.
     pub(super) fn estimate<Model: Motion<N>, const N: usize>(
         &self,
+        motion: &Model,
         belief: &Gaussian<N>,
         innovation: Option<Innovation<1>>,
     ) -> Estimate {
         let (arc_m, away_m) = (belief.mean[0], belief.mean[1]);
         let place = Gaussian::new(vector![arc_m, away_m], belief.covariance.fixed_view::<2, 2>(0, 0).into());
         let contact = self.in_base(&place);
-        let radius = self.radius::<Model, N>(belief, self.face.contact_at(arc_m, away_m));
+        let radius = self.radius(motion, belief, self.face.contact_at(arc_m, away_m));
         let is_calibrated = self.face.domain.contains(arc_m, away_m);
         let stated = self.estimate_at(Point::from_vector(contact.mean), is_calibrated, contact.covariance, innovation);
         Estimate { radius, ..stated }
@@ -113,12 +114,13 @@ impl Side {
     /// Radius of the object alone that a belief states, where its model of the motion has one.
     pub(super) fn radius<Model: Motion<N>, const N: usize>(
         &self,
+        motion: &Model,
         belief: &Gaussian<N>,
         contact: Point<Base>,
     ) -> Option<Radius> {
         let wire_m = 0.5 * self.whisker.diameter_m(self.face.along_and_away(contact).0);
         let sd_m = |i| belief.covariance[(i, i)].max(0.0).sqrt();
-        Model::RADIUS.map(|i| Radius { radius_m: belief.mean[i] - wire_m, sd_m: sd_m(i) })
+        motion.radius().map(|i| Radius { radius_m: belief.mean[i] - wire_m, sd_m: sd_m(i) })
     }
 
     /// States a contact with its covariance in Base.

@@ -17,9 +17,6 @@ use super::{Sample, Touch, Tracker};
 
 /// A model of the contact's motion, with `N` numbers in its state.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
-    /// Which number of the state is the radius of object and wire together, where the model has one.
-    const RADIUS: Option<usize> = None;
-
     /// Which number of the state is the sensor model's error at the contact, in standard deviations; without one that error counts as
     /// noise.
     const MODEL_ERROR: Option<usize> = None;
@@ -33,6 +30,11 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// That belief in parts narrow enough for a filter that linearises, with the logarithms of their weights.
     fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<N>, f64)> {
         vec![(self.belief(place), 0.0)]
+    }
+
+    /// Which number of the state is the radius of object and wire together, where the readings are to tell it.
+    fn radius(&self) -> Option<usize> {
+        None
     }
 
     /// The step that belongs to a sample.

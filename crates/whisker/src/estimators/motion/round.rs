@@ -76,6 +76,9 @@ impl Round {
     }
 }
 
+/// Prior standard deviation of a radius up to which it counts as settled: about a wire's thickness.
+const SETTLED_SD_M: f64 = 3e-4;
+
 /// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
 const LEAST_PLAY: f64 = 0.1;
 
@@ -98,7 +101,6 @@ pub(in crate::estimators) struct Wandering<'a> {
 }
 
 impl Motion<4> for Round {
-    const RADIUS: Option<usize> = Some(2);
     const MODEL_ERROR: Option<usize> = Some(3);
 
     type Step<'a> = Wandering<'a>;
@@ -122,6 +124,11 @@ impl Motion<4> for Round {
             (part, -0.5 * ((part.mean[2] - self.radius_m) / self.radius_sd_m).powi(2))
         });
         parts.collect()
+    }
+
+    /// One that is settled beforehand is no finding.
+    fn radius(&self) -> Option<usize> {
+        (self.radius_sd_m > SETTLED_SD_M).then_some(2)
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Wandering<'a> {
