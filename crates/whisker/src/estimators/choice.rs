@@ -35,7 +35,7 @@ pub(super) struct Candidate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// The candidates, the simplest first.
+    /// The candidates. The odds favour what assumes most: it foretells the readings least vaguely, and a contact at the start tells little.
     pub candidates: Vec<Candidate>,
     /// A reading farther off than this, in standard deviations, speaks against a candidate as if it lay there: a spike decides nothing.
     pub gate_sds: f64,
@@ -45,7 +45,7 @@ pub(super) struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self::among([("ekf", 30.0), ("sliding", 1.0)])
+        Self::among([("ekf", 30.0), ("sliding", 1.0), ("imm", 0.3)])
     }
 }
 
