@@ -125,6 +125,8 @@ impl Tracker for Swarm {
             // The estimator that runs this tracker finds that out.
             at_tip: false,
             innovation: None,
+            radius: None,
+            models: None,
         })
     }
 }

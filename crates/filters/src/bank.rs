@@ -8,33 +8,52 @@ use nalgebra::{SMatrix, SVector};
 use crate::gaussian::{log_determinant, symmetrised};
 use crate::{Gaussian, Innovation, Skipped, Weighed};
 
+/// What a hypothesis may believe: something with a mean and a covariance.
+pub trait Belief<const N: usize>: Clone {
+    /// Mean and covariance.
+    fn moments(&self) -> Gaussian<N>;
+
+    /// Both of two beliefs with these weights as one of the same mean and covariance.
+    fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self;
+}
+
+impl<const N: usize> Belief<N> for Gaussian<N> {
+    fn moments(&self) -> Self {
+        *self
+    }
+
+    fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self {
+        Self::of_mixture([(*self, weight), (*other, other_weight)]).unwrap_or(*self)
+    }
+}
+
 /// One part of the mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hypothesis<const N: usize> {
+pub struct Hypothesis<Part> {
     /// What it believes.
-    pub belief: Gaussian<N>,
+    pub belief: Part,
     /// Logarithm of its probability.
     log_weight: f64,
     /// What the reading in hand speaks for it.
     log_evidence: Option<f64>,
 }
 
-impl<const N: usize> Hypothesis<N> {
+impl<Part> Hypothesis<Part> {
     /// Its probability.
     pub fn weight(&self) -> f64 {
         self.log_weight.exp()
     }
 }
 
-/// A mixture of Gaussians whose weights add up to 1. One without hypotheses knows nothing.
+/// A mixture of beliefs, Gaussians unless said otherwise, whose weights add up to 1. One without hypotheses knows nothing.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bank<const N: usize> {
-    hypotheses: Vec<Hypothesis<N>>,
+pub struct Bank<const N: usize, Part = Gaussian<N>> {
+    hypotheses: Vec<Hypothesis<Part>>,
 }
 
-impl<const N: usize> Bank<N> {
+impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// Beliefs and the logarithms of their weights, which need not add up to 1.
-    pub fn new(parts: impl IntoIterator<Item = (Gaussian<N>, f64)>) -> Self {
+    pub fn new(parts: impl IntoIterator<Item = (Part, f64)>) -> Self {
         let parts = parts.into_iter();
         let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
         let mut bank = Self { hypotheses: parts.map(hypothesis).collect() };
@@ -43,21 +62,22 @@ impl<const N: usize> Bank<N> {
     }
 
     /// The hypotheses.
-    pub fn hypotheses(&self) -> &[Hypothesis<N>] {
+    pub fn hypotheses(&self) -> &[Hypothesis<Part>] {
         &self.hypotheses
     }
 
     /// Changes every belief, for example to hold it within bounds.
-    pub fn map(&mut self, mut change: impl FnMut(&mut Gaussian<N>)) {
+    pub fn map(&mut self, mut change: impl FnMut(&mut Part)) {
         self.hypotheses.iter_mut().for_each(|hypothesis| change(&mut hypothesis.belief));
     }
 
     /// Carries every hypothesis through the process by a filter's `predict`. Those that cannot be carried, or not to
     /// finite numbers, are dropped.
-    pub fn predict(&mut self, mut predict: impl FnMut(&mut Gaussian<N>) -> Result<(), Skipped>) {
+    pub fn predict(&mut self, mut predict: impl FnMut(&mut Part) -> Result<(), Skipped>) {
         let before = self.hypotheses.len();
-        self.hypotheses
-            .retain_mut(|hypothesis| predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.is_finite());
+        self.hypotheses.retain_mut(|hypothesis| {
+            predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.moments().is_finite()
+        });
         if self.hypotheses.len() < before {
             self.normalise();
         }
@@ -70,16 +90,16 @@ impl<const N: usize> Bank<N> {
     /// [`Skipped`] leaves the bank as it was: no hypothesis could be updated.
     pub fn update<const M: usize>(
         &mut self,
-        mut update: impl FnMut(&mut Gaussian<N>) -> Result<Weighed<M>, Skipped>,
+        mut update: impl FnMut(&mut Part) -> Result<Weighed<M>, Skipped>,
     ) -> Result<Innovation<M>, Skipped> {
         let mut why = Skipped::NoPrediction;
         let mut mean = SVector::<f64, M>::zeros();
         let mut second = SMatrix::<f64, M, M>::zeros();
         let mut known = 0.0;
         for hypothesis in &mut self.hypotheses {
-            let (weight, before) = (hypothesis.weight(), hypothesis.belief);
+            let (weight, before) = (hypothesis.weight(), hypothesis.belief.clone());
             hypothesis.log_evidence = match update(&mut hypothesis.belief) {
-                Ok(_) if !hypothesis.belief.is_finite() => {
+                Ok(_) if !hypothesis.belief.moments().is_finite() => {
                     hypothesis.belief = before;
                     None
                 }
@@ -122,21 +142,27 @@ impl<const N: usize> Bank<N> {
     pub fn merge(&mut self, most_loss: f64) {
         while let Some((i, j)) = self.closest(most_loss) {
             let other = self.hypotheses.swap_remove(j);
-            let (merged, weight) = merged(&self.hypotheses[i], &other);
             let one = &mut self.hypotheses[i];
-            (one.belief, one.log_weight) = (merged, weight.ln());
+            let weight = one.weight() + other.weight();
+            one.belief = one.belief.merged(one.weight(), &other.belief, other.weight());
+            one.log_weight = weight.ln();
         }
     }
 
     /// The pair `i < j` whose merging loses least, if that is less than `most_loss`.
     fn closest(&self, most_loss: f64) -> Option<(usize, usize)> {
         let mut best = (most_loss, None);
-        for (i, one) in self.hypotheses.iter().enumerate() {
-            for (j, other) in self.hypotheses.iter().enumerate().skip(i + 1) {
-                let (together, weight) = merged(one, other);
-                let spread = |weight: f64, belief: &Gaussian<N>| weight * log_determinant(&belief.covariance);
-                let apart = spread(one.weight(), &one.belief) + spread(other.weight(), &other.belief);
-                let loss = 0.5 * (spread(weight, &together) - apart);
+        // Of each part its weight, its moments, and how wide it is.
+        let parts = self.hypotheses.iter().map(|one| {
+            let belief = one.belief.moments();
+            (one.weight(), belief, one.weight() * log_determinant(&belief.covariance))
+        });
+        let parts: Vec<_> = parts.collect();
+        for (i, (weight, one, width)) in parts.iter().enumerate() {
+            for (j, (other_weight, other, other_width)) in parts.iter().enumerate().skip(i + 1) {
+                let together = one.merged(*weight, other, *other_weight);
+                let joint = (weight + other_weight) * log_determinant(&together.covariance);
+                let loss = 0.5 * (joint - width - other_width);
                 if loss < best.0 {
                     best = (loss, Some((i, j)));
                 }
@@ -147,20 +173,11 @@ impl<const N: usize> Bank<N> {
 
     /// Mean and covariance of the mixture; nothing where it is empty.
     pub fn moments(&self) -> Option<Gaussian<N>> {
-        if let [only] = &self.hypotheses[..] {
-            return Some(only.belief);
-        }
-        let mean = self.hypotheses.iter().map(|one| one.belief.mean * one.weight()).sum::<SVector<f64, N>>();
-        let covariance = self.hypotheses.iter().map(|one| {
-            let apart = one.belief.mean - mean;
-            (one.belief.covariance + apart * apart.transpose()) * one.weight()
-        });
-        let covariance = symmetrised(covariance.sum());
-        (!self.hypotheses.is_empty()).then(|| Gaussian::new(mean, covariance))
+        Gaussian::of_mixture(self.hypotheses.iter().map(|one| (one.belief.moments(), one.weight())))
     }
 
     /// The most probable hypothesis; nothing where there is none.
-    pub fn heaviest(&self) -> Option<&Hypothesis<N>> {
+    pub fn heaviest(&self) -> Option<&Hypothesis<Part>> {
         self.hypotheses.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight))
     }
 
@@ -172,13 +189,4 @@ impl<const N: usize> Bank<N> {
             hypothesis.log_weight -= heaviest + total.ln();
         }
     }
-}
-
-/// Two hypotheses as one of the same mean and covariance, and its weight.
-fn merged<const N: usize>(one: &Hypothesis<N>, other: &Hypothesis<N>) -> (Gaussian<N>, f64) {
-    let weight = one.weight() + other.weight();
-    let (a, b) = (one.weight() / weight, other.weight() / weight);
-    let apart = one.belief.mean - other.belief.mean;
-    let covariance = one.belief.covariance * a + other.belief.covariance * b + apart * apart.transpose() * (a * b);
-    (Gaussian::new(one.belief.mean * a + other.belief.mean * b, symmetrised(covariance)), weight)
 }

@@ -17,6 +17,22 @@ impl<const N: usize> Gaussian<N> {
         Self { mean, covariance }
     }
 
+    /// The Gaussian with the mean and the covariance of a mixture of Gaussians, whose weights need not add up to 1; nothing where they are zero.
+    pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
+        let parts: Vec<(Self, f64)> = parts.into_iter().filter(|(_, weight)| *weight > 0.0).collect();
+        if let [(only, _)] = parts[..] {
+            return Some(only);
+        }
+        let total: f64 = parts.iter().map(|(_, weight)| weight).sum();
+        let mean = parts.iter().map(|(part, weight)| part.mean * (weight / total)).sum::<SVector<f64, N>>();
+        let covariance = parts.iter().map(|(part, weight)| {
+            let apart = part.mean - mean;
+            (part.covariance + apart * apart.transpose()) * (weight / total)
+        });
+        let covariance = symmetrised(covariance.sum::<SMatrix<f64, N, N>>());
+        (!parts.is_empty()).then(|| Self::new(mean, covariance))
+    }
+
     /// Whether every number of it is finite.
     pub fn is_finite(&self) -> bool {
         self.mean.iter().chain(self.covariance.iter()).all(|value| value.is_finite())
@@ -51,7 +67,7 @@ impl<const M: usize> Innovation<M> {
     }
 
     /// The innovation with this residual; nothing unless the covariance is positive definite.
-    pub(crate) fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
+    pub fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
         covariance.cholesky().map(|factor| Self::new(residual, covariance, &factor))
     }
 

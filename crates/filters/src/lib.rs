@@ -47,6 +47,7 @@ pub mod bound;
 pub mod bounded;
 pub mod extended;
 mod gaussian;
+pub mod imm;
 pub mod iterated;
 mod model;
 pub mod particle;

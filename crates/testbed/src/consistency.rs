@@ -3,11 +3,17 @@
 //! If the stated covariances are right, the normalised error squared (NEES) is chi-square with two degrees of freedom and the normalised innovation
 //! squared (NIS) with one. The average over `N` independent runs *at one time* times `N` is then chi-square with `2 N` and `N` degrees of freedom, which
 //! gives the interval that holds 95 % of such averages (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and
-//! Navigation*, 2001, section 5.4.2). A run is one trial under one noise seed. Errors of neighbouring instants are far from independent, since a
-//! filter carries them on; averages *over time* are therefore judged with the runs as the only samples, as if each were a single instant. That
-//! interval is too wide rather than too narrow.
+//! Navigation*, 2001, section 5.4.2). A run is one trial under one noise seed.
+//!
+//! An average *over time* as well has more samples, but not as many as there are instants: a filter carries its errors on, so those of neighbouring instants
+//! are nearly the same. Each trial's average over time is therefore one sample ([`Average`]), and how far these scatter says how many independent
+//! instants a trial is worth: the average over `m` independent values that are chi-square with `f` degrees of freedom has the relative variance
+//! `2 / (f m)`. The interval is that of `N m` samples, with `m` at least one. It is much narrower than that of `N`, and with enough trials it finds
+//! fault with any filter; a [`Verdict`] is passed only on what is off by more than [`MATTERS`] besides.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use crate::statistics::mean;
 
 /// Degrees of freedom of the NEES: the contact has two coordinates.
 pub const NEES_FREEDOM: usize = 2;
@@ -18,19 +24,70 @@ pub const NIS_FREEDOM: usize = 1;
 /// Probability with which the average of a consistent estimator lies in [`interval`].
 const LEVEL: f64 = 0.95;
 
-/// The interval that holds 95 % of the averages over `runs` independent values that are chi-square with `freedom` degrees of freedom; `runs` is at least 1.
-pub fn interval(freedom: usize, runs: usize) -> (f64, f64) {
-    let distribution = ChiSquared::new((freedom * runs) as f64).expect("at least one degree of freedom");
+/// By which factor an average may lie beyond its interval without a verdict. A sensor model errs by an amount of which only the size is known; what
+/// estimators make of it puts them off by some hundredths.
+pub const MATTERS: f64 = 1.1;
+
+/// The interval that holds 95 % of the averages over `samples` independent values that are chi-square with `freedom` degrees of freedom; `samples`
+/// is at least 1.
+pub fn interval(freedom: usize, samples: f64) -> (f64, f64) {
+    let all = freedom as f64 * samples;
+    let distribution = ChiSquared::new(all).expect("at least one degree of freedom");
     let quantile = |p: f64| {
         // The cumulative distribution rises from 0, and is 1 at ten times the mean and more to within rounding.
-        let (mut low, mut high) = (0.0, 10.0 * (freedom * runs) as f64 + 100.0);
+        let (mut low, mut high) = (0.0, 10.0 * all + 100.0);
         for _ in 0..100 {
             let middle = 0.5 * (low + high);
             if distribution.cdf(middle) < p { low = middle } else { high = middle }
         }
-        low / runs as f64
+        low / samples
     };
     (quantile(0.5 * (1.0 - LEVEL)), quantile(0.5 * (1.0 + LEVEL)))
+}
+
+/// An average over trials and over time, beside what it would be if all that is stated were right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Average {
+    /// The average.
+    pub value: f64,
+    /// The interval that holds 95 % of such averages.
+    pub interval: (f64, f64),
+    freedom: usize,
+}
+
+impl Average {
+    /// The average of the trials' averages over time; nothing of nothing.
+    pub fn of_trials(freedom: usize, of_trials: &[f64]) -> Option<Self> {
+        let value = mean(of_trials.iter().copied())?;
+        let count = of_trials.len() as f64;
+        let squares: f64 = of_trials.iter().map(|of_trial| (of_trial - value).powi(2)).sum();
+        let relative_variance = squares / (count - 1.0) / value.powi(2);
+        // A single trial does not scatter, and what does not say how far it scatters is worth one instant.
+        let instants = if relative_variance > 0.0 { 2.0 / (freedom as f64 * relative_variance) } else { 1.0 };
+        Some(Self { value, interval: interval(freedom, count * instants.max(1.0)), freedom })
+    }
+
+    /// What it says of the estimator.
+    pub fn verdict(&self) -> Verdict {
+        let (low, high) = self.interval;
+        if self.value > MATTERS * high {
+            Verdict::Overconfident
+        } else if self.value < low / MATTERS {
+            Verdict::Underconfident
+        } else {
+            Verdict::Consistent
+        }
+    }
+
+    /// The same as a sentence.
+    pub fn sentence(&self) -> String {
+        let times = self.value / self.freedom as f64;
+        let word = self.verdict().word();
+        match self.verdict() {
+            Verdict::Consistent => word.to_owned(),
+            _ => format!("{word}: {times:.2} times the chi-square that the right model would have"),
+        }
+    }
 }
 
 /// What an average says of the estimator.
@@ -45,18 +102,6 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The verdict on an average over `runs` runs.
-    pub fn of(average: f64, freedom: usize, runs: usize) -> Self {
-        let (low, high) = interval(freedom, runs);
-        if average > high {
-            Self::Overconfident
-        } else if average < low {
-            Self::Underconfident
-        } else {
-            Self::Consistent
-        }
-    }
-
     /// The word for it.
     pub fn word(self) -> &'static str {
         match self {
@@ -69,12 +114,18 @@ impl Verdict {
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::StandardNormal;
+    use rand_pcg::Pcg64;
+
     use super::*;
 
     /// Quantiles of the chi-square distribution from printed tables.
     #[test]
     fn val_intervals_are_those_of_the_tables() {
-        for (freedom, runs, low, high) in [(1, 1, 0.000982, 5.0239), (2, 1, 0.0506, 7.3778), (2, 50, 1.4844, 2.5912)] {
+        for (freedom, runs, low, high) in
+            [(1, 1.0, 0.000982, 5.0239), (2, 1.0, 0.0506, 7.3778), (2, 50.0, 1.4844, 2.5912)]
+        {
             let (found_low, found_high) = interval(freedom, runs);
             assert!((found_low - low).abs() < 5e-5 && (found_high - high).abs() < 5e-5, "{found_low} {found_high}");
         }
@@ -82,7 +133,24 @@ mod tests {
 
     #[test]
     fn verif_the_verdict_is_by_the_side_on_which_the_average_lies() {
-        let verdicts = [1.0, 2.0, 3.0].map(|average| Verdict::of(average, NEES_FREEDOM, 100));
+        let trials = |average: f64| [0.9, 1.0, 1.1, 0.95, 1.05].map(|factor| average * factor);
+        let verdicts =
+            [1.0, 2.0, 3.0].map(|average| Average::of_trials(NEES_FREEDOM, &trials(average)).unwrap().verdict());
         assert_eq!(verdicts, [Verdict::Underconfident, Verdict::Consistent, Verdict::Overconfident]);
+        let wrong = Average::of_trials(NIS_FREEDOM, &trials(3.4)).unwrap();
+        assert_eq!(wrong.sentence(), "overconfident: 3.40 times the chi-square that the right model would have");
+    }
+
+    /// Trials of 40 instants, each the sum of two squares of normal numbers that stay for 10 instants: worth 4 instants.
+    #[test]
+    fn val_trials_are_worth_their_independent_instants() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let mut square = || rng.sample::<f64, _>(StandardNormal).powi(2);
+        let trials: Vec<f64> = (0..4000).map(|_| (0..4).map(|_| square() + square()).sum::<f64>() / 4.0).collect();
+        let (low, high) = Average::of_trials(2, &trials).unwrap().interval;
+        let (exact_low, exact_high) = interval(2, 16_000.0);
+        assert!((low - exact_low).abs() < 2e-3 && (high - exact_high).abs() < 2e-3, "{low} {high}");
+        let alone = Average::of_trials(2, &[1.7]).unwrap();
+        assert_eq!(alone.interval, interval(2, 1.0));
     }
 }

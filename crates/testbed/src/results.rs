@@ -71,6 +71,8 @@ pub struct TrialHead {
     pub samples: usize,
     /// Of those, samples without an estimate.
     pub missing: usize,
+    /// Of an estimator that weighs models against one another: their mean probabilities over the contact, as `sliding=0.970 ekf=0.030`.
+    pub models: Option<String>,
 }
 
 /// What a row of `summary.csv` is about.
@@ -90,6 +92,10 @@ pub struct SummaryHead {
     pub trials: usize,
     /// Mean wall-clock time of one estimator step.
     pub step_ns: f64,
+    /// Of an estimator that weighs models against one another: their mean probabilities over the trials.
+    pub models: Option<String>,
+    /// What the readings, or of an estimator with hindsight the errors, say of its model: whether it is sure of itself as it should be.
+    pub verdict: Option<String>,
 }
 
 impl<Head> ScoreRow<Head> {
@@ -222,6 +228,12 @@ pub struct EstimateRow {
     pub calibrated: Option<bool>,
     /// Whether the estimated contact may lie at the tip.
     pub at_tip: Option<bool>,
+    /// Estimated radius of the object where it is touched.
+    pub radius_m: Option<f64>,
+    /// Its standard deviation.
+    pub radius_sd_m: Option<f64>,
+    /// Probabilities of rival models, the most probable first, as `sliding=0.970 ekf=0.030`.
+    pub models: Option<String>,
     /// True contact.
     pub truth_contact_x_m: Option<f64>,
     /// True contact.
@@ -661,6 +673,8 @@ mod tests {
             noise: 0.01,
             trials: 50,
             step_ns: 500.0,
+            models: None,
+            verdict: None,
         };
         let mut next = 0.0;
         let scores = Scores::from_fn(|_| {
@@ -679,7 +693,9 @@ mod tests {
     #[test]
     fn verif_scores_read_back_as_they_were_written() {
         let bytes = score_bytes(&[row(), row()]).unwrap();
-        assert!(bytes.starts_with(b"group,whisker,object,estimator,noise,trials,step_ns,rmse_m,median_m,"));
+        assert!(
+            bytes.starts_with(b"group,whisker,object,estimator,noise,trials,step_ns,models,verdict,rmse_m,median_m,")
+        );
         assert_eq!(read(&bytes).unwrap(), [row(), row()]);
         assert_eq!(csv_bytes::<FailureRow>(&[]).unwrap(), b"trace,estimator,noise,seed,reason\n");
     }
@@ -688,9 +704,9 @@ mod tests {
     fn robust_other_metrics_and_damaged_scores_are_named() {
         let text = String::from_utf8(score_bytes(&[row()]).unwrap()).unwrap();
         for (from, to, expected) in [
-            ("rmse_m", "rmse_mm", "column 8: found `rmse_mm`, expected `rmse_m`"),
-            ("rmse_m,median_m", "median_m,rmse_m", "column 8: found `median_m`, expected `rmse_m`"),
-            ("500.0,0.5", "500.0,half", "column `rmse_m`: found `half`"),
+            ("rmse_m", "rmse_mm", "column 10: found `rmse_mm`, expected `rmse_m`"),
+            (",rmse_m,median_m", ",median_m,rmse_m", "column 10: found `median_m`, expected `rmse_m`"),
+            ("500.0,,,0.5", "500.0,,,half", "column `rmse_m`: found `half`"),
             (",50,", ",many,", "column `trials`: found `many`"),
         ] {
             let message = read(text.replacen(from, to, 1).as_bytes()).expect_err(expected).to_string();

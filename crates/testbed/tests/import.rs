@@ -154,8 +154,8 @@ fn verif_known_contacts_are_found_in_imported_recordings() {
     let results = work.path().join("results");
     // The contact is the pin's axis, which rests.
     let config = work.path().join("config.json");
-    write(&config, r#"{"recommended": {"motion": {"kind": "resting"}}}"#);
-    let run = ["evaluate", text(&dataset), "--estimators", "recommended", "--seeds", "1", "--starts", "wrong"];
+    write(&config, r#"{"ekf": {"motion": {"kind": "resting"}}}"#);
+    let run = ["evaluate", text(&dataset), "--estimators", "ekf", "--seeds", "1", "--starts", "wrong"];
     let said = good(&[&run[..], &["--config", text(&config), "--results", text(&results)]].concat());
     assert!(said.contains("told wrongly") && said.contains("not scored"), "{said}");
     let trials = results.join("stanford/trials.csv");

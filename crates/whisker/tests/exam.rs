@@ -28,7 +28,7 @@ fn allowed_m(row: &EstimatorRow) -> f64 {
     match row.kind {
         Kind::Baseline => 6e-3,
         _ if row.name.starts_with("paper-") => 0.3e-3,
-        _ => 0.05e-3,
+        _ => 0.1e-3,
     }
 }
 

@@ -4,20 +4,17 @@ use anyhow::Context as _;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{Claim, Context, WHISKERS};
+use super::{Claim, Context, RECOMMENDED, WHISKERS};
 use crate::dataset::Dataset;
 use crate::evaluate::{EvaluateSettings, evaluate};
 use crate::metrics::{Metric, consistency, contour};
 use crate::results::{SummaryRow, read_scores};
 
 /// Estimators that are judged as they go along.
-const ONLINE: &[&str] = &["recommended"];
+const ONLINE: &[&str] = &[RECOMMENDED];
 
 /// Estimators that are judged with hindsight.
-const HINDSIGHT: &[&str] = &["batch"];
-
-/// The estimator that circles are compared for with a contact taken to rest.
-const RECOMMENDED: &str = "recommended";
+const HINDSIGHT: &[&str] = &["batch-recommended"];
 
 const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
 const POLYGONS: [&str; 2] = ["octagon", "rectangle"];

@@ -6,6 +6,7 @@ mod contact_events;
 mod contours;
 mod determinism;
 mod monte_carlo;
+mod motion;
 mod noiseless;
 mod pins;
 mod real;
@@ -90,6 +91,7 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     pins::claims,
     monte_carlo::claims,
     noiseless::claims,
+    motion::claims,
     contours::claims,
     contact_events::claims,
     real::claims,
@@ -216,13 +218,17 @@ impl Evaluation {
 
     /// Share of the trials of an estimator on one set, at the run's first noise level, that meet a condition.
     fn share(&self, group: &str, whisker: &str, estimator: &str, condition: impl Fn(&TrialRow) -> bool) -> Option<f64> {
-        let of_set = self.trials.iter().filter(|TrialRow { head, .. }| {
+        mean(self.trials_of(group, whisker, estimator).map(|trial| f64::from(condition(trial))))
+    }
+
+    /// The trials of an estimator on one set, at the run's first noise level.
+    fn trials_of(&self, group: &str, whisker: &str, estimator: &str) -> impl Iterator<Item = &TrialRow> {
+        self.trials.iter().filter(move |TrialRow { head, .. }| {
             head.group == group
                 && head.whisker == whisker
                 && head.estimator == estimator
                 && head.noise == self.run.noise[0]
-        });
-        mean(of_set.map(|trial| f64::from(condition(trial))))
+        })
     }
 }
 
@@ -263,6 +269,9 @@ fn filters() -> impl Iterator<Item = &'static str> {
     let is_own = |row: &&EstimatorRow| row.kind == Kind::Recursive && !row.name.starts_with(PAPER);
     ESTIMATORS.iter().filter(is_own).map(|row| row.name)
 }
+
+/// The estimator that the documentation recommends.
+const RECOMMENDED: &str = "recommended";
 
 /// The whiskers of the standard suite.
 const WHISKERS: [&str; 2] = ["straight", "curved"];

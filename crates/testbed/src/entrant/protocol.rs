@@ -147,7 +147,16 @@ fn evenly(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
 
 /// An estimate of which nothing but its place is known.
 fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
-    Estimate { contact, face, covariance_m2: None, calibrated: true, at_tip: false, innovation: None }
+    Estimate {
+        contact,
+        face,
+        covariance_m2: None,
+        calibrated: true,
+        at_tip: false,
+        innovation: None,
+        radius: None,
+        models: None,
+    }
 }
 
 /// The frame in which the base stood at the first row: fixed, and free of hints at where the world has its origin.

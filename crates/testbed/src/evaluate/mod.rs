@@ -19,7 +19,7 @@ use serde_json::Value;
 use trace::{
     CalibrationFile, Outline, Role, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically, write_json,
 };
-use whisker::estimators::{ESTIMATORS, Knowledge, Told};
+use whisker::estimators::{ESTIMATORS, Knowledge, ModelShares, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
@@ -149,6 +149,8 @@ struct Yield {
 /// What one trial yields for one estimator.
 struct Outcome {
     row: TrialRow,
+    /// Mean probabilities of the models that the estimator weighs, over the contact.
+    models: Option<ModelShares>,
     over_time: OverTime,
     elapsed_ns: u128,
     steps: usize,
@@ -548,6 +550,8 @@ impl Bench {
                 done.contours.push(ContourTrialRow { estimator: name.clone(), noise, seed, ..found });
             }
             let Some(scored) = scored else { continue };
+            let stated = scored.contacts.iter().filter_map(|contact| replay.estimates[contact.row]?.models);
+            let models = tables::mean_shares(stated);
             let head = TrialHead {
                 trace: sidecar.name.clone(),
                 group: sidecar.group.clone(),
@@ -559,9 +563,11 @@ impl Bench {
                 touch_s: scored.touch_s,
                 samples: scored.steady().len(),
                 missing: scored.missing(),
+                models: models.map(|models| models.to_string()),
             };
             done.outcomes.push(Outcome {
                 row: TrialRow { head, scores: Scores::of(&scored) },
+                models,
                 over_time: OverTime::of(&scored),
                 elapsed_ns: replay.elapsed_ns,
                 steps: samples.len(),

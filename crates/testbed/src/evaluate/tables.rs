@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use trace::Trace;
-use whisker::estimators::Estimate;
+use whisker::estimators::{Estimate, ModelShares};
 use whisker::events::Signals;
 
 use super::Outcome;
 use crate::bound::{BoundAt, TraceBound};
-use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM, interval};
-use crate::metrics::{Contact, Scored, Scores, Trial};
+use crate::consistency::{Average, NEES_FREEDOM, NIS_FREEDOM, interval};
+use crate::metrics::{Contact, Scored, Scores, Trial, consistency};
 use crate::results::{
     BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SummaryHead, SummaryRow, TrialHead,
 };
@@ -106,6 +106,9 @@ pub fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<E
                 cov_yy_m2: covariance.map(|p| p[(1, 1)]),
                 calibrated: estimate.map(|e| e.calibrated),
                 at_tip: estimate.map(|e| e.at_tip),
+                radius_m: estimate.and_then(|e| e.radius).map(|radius| radius.radius_m),
+                radius_sd_m: estimate.and_then(|e| e.radius).map(|radius| radius.sd_m),
+                models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
                 truth_contact_x_m: truth.contact.map(|p| p.x()),
                 truth_contact_y_m: truth.contact.map(|p| p.y()),
                 truth_surface_x_m: truth.surface.map(|p| p.x()),
@@ -129,6 +132,14 @@ pub(super) fn bound_rows(trace: &Trace, bound: &TraceBound) -> Vec<BoundRow> {
             })
         })
         .collect()
+}
+
+/// Mean of the probabilities of rival models; nothing of nothing.
+pub(super) fn mean_shares(shares: impl Iterator<Item = ModelShares>) -> Option<ModelShares> {
+    let all: Vec<ModelShares> = shares.collect();
+    let names: Vec<&'static str> = all.first()?.iter().map(|(name, _)| name).collect();
+    let mean = |name| all.iter().filter_map(|shares| shares.of(name)).sum::<f64>() / all.len() as f64;
+    Some(ModelShares::new(names.into_iter().map(|name| (name, mean(name)))))
 }
 
 /// Outcomes by group, whisker, noise level and estimator, in the order in which they first appear.
@@ -163,11 +174,22 @@ pub(super) fn summarise(outcomes: &[Outcome]) -> Vec<SummaryRow> {
                     noise: first.noise,
                     trials: set.len(),
                     step_ns: elapsed as f64 / steps as f64,
+                    models: mean_shares(set.iter().filter_map(|outcome| outcome.models)).map(|mean| mean.to_string()),
+                    verdict: verdict(set),
                 },
                 scores: Scores::summary(&set.iter().map(|outcome| &outcome.row.scores).collect::<Vec<_>>()),
             }
         })
         .collect()
+}
+
+/// What the innovations of a set say of the estimator's model; of one that states none, what its errors do.
+fn verdict(set: &[&Outcome]) -> Option<String> {
+    let judged = [(consistency::NIS, NIS_FREEDOM), (consistency::NEES, NEES_FREEDOM)];
+    judged.into_iter().find_map(|(metric, freedom)| {
+        let of_trials: Vec<f64> = set.iter().filter_map(|outcome| outcome.row.get(&metric)).collect();
+        Some(Average::of_trials(freedom, &of_trials)?.sentence())
+    })
 }
 
 /// What the trials of a set have in each bin.
@@ -218,7 +240,7 @@ pub(super) fn consistency(outcomes: &[Outcome]) -> Vec<ConsistencyRow> {
                 states.iter().filter_map(|state| value(state)).collect()
             };
             let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
-            let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len()));
+            let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
             let (of_nees, of_nis) = (within(NEES_FREEDOM, &nees), within(NIS_FREEDOM, &nis));
             rows.push(ConsistencyRow {
                 group: first.group.clone(),

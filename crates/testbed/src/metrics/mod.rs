@@ -11,6 +11,7 @@ pub mod contact_events;
 pub mod contour;
 pub mod error;
 pub mod outline;
+pub mod radius;
 pub mod rows;
 mod scored;
 
@@ -88,6 +89,8 @@ pub const METRICS: &[Metric] = &[
     contour::BAND_COVERAGE,
     outline::MEDIAN,
     outline::P95,
+    radius::ERROR,
+    radius::COVERED,
     bound::RMSE,
     bound::RATIO,
     consistency::NEES,

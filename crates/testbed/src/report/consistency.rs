@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use whisker::estimators::Kind;
 
-use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM, Verdict, interval};
+use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM};
 use crate::metrics::{Metric, consistency};
 use crate::results::{ConsistencyRow, RunSet, SummaryRow};
 
@@ -50,9 +50,10 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
             p {
                 "Group " b { (plain(&first.group)) } ". NEES is the squared contact error in units of the stated covariance, 2 on average if that is "
                 "right; NIS the squared innovation in units of the expected one, 1 on average. The verdict is on the average over "
-                "the whole contact, with each trial and noise seed as one sample; beside it the share of the times at which the average "
-                "over the trials lies in its 95 % interval. In brackets that interval, from the chi-square distribution "
-                "(Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2)."
+                "the whole contact; in brackets its 95 % interval, from the chi-square distribution "
+                "(Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2) with as many independent samples as the scatter of the trials' "
+                "own averages shows. What is off by less than a tenth is let pass. Beside it the share of the times at which the average "
+                "over the trials lies in the interval for one time."
             }
             div.scroll tabindex="0" aria-label="Table: consistency" {
                 table.blocks {
@@ -82,23 +83,58 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
                     }
                 }
             }
+            (models(data))
         }
     })
 }
 
+/// Of every set and estimator that says of its model how probable it is, or of whose model the readings say something.
+fn models(data: &RunData) -> Markup {
+    let rows = data.run.sets.iter().flat_map(|set| {
+        let of_set = data.run.estimators.iter().filter(|estimator| estimator.kind != Kind::Baseline);
+        of_set.filter_map(move |estimator| Some((set, estimator.label(), data.summary_of(set, &estimator.name)?)))
+    });
+    html! {
+        h3 { "Which model holds" }
+        p {
+            "Where an estimator weighs models against one another, their probabilities, mean over the contact and the trials. The verdict is on the NIS, "
+            "which the robot itself can see; of an estimator with hindsight on the NEES. A model that is wrong for an object makes the estimator "
+            "overconfident there."
+        }
+        div.scroll tabindex="0" aria-label="Table: models and verdicts" {
+            table.blocks {
+                thead { tr { th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" } } }
+                tbody {
+                    @for (set, label, row) in rows {
+                        @if let Some(verdict) = &row.head.verdict {
+                            tr {
+                                td { (plain(&set.group)) }
+                                td { (set.whisker) }
+                                td { (label) }
+                                td { (row.head.models.as_deref().unwrap_or("–")) }
+                                td { (verdict) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 impl Judged {
     fn cells(&self, data: &RunData, set: &RunSet, row: &SummaryRow) -> Markup {
-        let Some(average) = row.get(&self.metric) else {
+        let Some(average) = data.average_of(set, &row.head.estimator, self.freedom, &self.metric) else {
             return html! { td.number { "–" } td { "–" } td.number { "–" } };
         };
-        let (low, high) = interval(self.freedom, row.head.trials);
+        let (low, high) = average.interval;
         let times = data.consistency_of(set, &row.head.estimator);
         let inside: Vec<bool> =
             times.into_iter().filter_map(self.at).map(|[average, low, high]| (low..=high).contains(&average)).collect();
         let share = inside.iter().filter(|is_inside| **is_inside).count() as f64 / inside.len() as f64;
         html! {
-            td.number { (format!("{average:.2} [{low:.2}, {high:.2}]")) }
-            td { (Verdict::of(average, self.freedom, row.head.trials).word()) }
+            td.number { (format!("{:.2} [{low:.2}, {high:.2}]", average.value)) }
+            td { (average.verdict().word()) }
             td.number { (percent(Some(share).filter(|share| share.is_finite()))) }
         }
     }

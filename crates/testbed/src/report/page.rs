@@ -455,6 +455,8 @@ mod tests {
             noise: 0.01,
             trials: 1,
             step_ns: 500.0,
+            models: None,
+            verdict: None,
         };
         SummaryRow {
             head,

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use whisker::estimators::Kind;
 
+use crate::consistency::Average;
 use crate::metrics::{Metric, error, outline};
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
@@ -188,6 +189,12 @@ impl RunData {
             row.trace == trace && row.noise == self.noise() && Some(&row.seed) == self.run.seeds.first()
         };
         self.contour_trials.iter().filter(is_kept)
+    }
+
+    /// The average over the trials of a set of something that is chi-square with `freedom` degrees of freedom; nothing where no trial has it.
+    pub(super) fn average_of(&self, set: &RunSet, estimator: &str, freedom: usize, metric: &Metric) -> Option<Average> {
+        let of_trials: Vec<f64> = self.trials_of(set, estimator).iter().filter_map(|trial| trial.get(metric)).collect();
+        Average::of_trials(freedom, &of_trials)
     }
 
     /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.

@@ -174,6 +174,7 @@ fn trial(object: &str, estimator: &str, error_m: f64) -> TrialRow {
         touch_s: 0.4,
         samples: 900,
         missing: 0,
+        models: None,
     };
     TrialRow { head, scores: scores(error_m) }
 }
@@ -187,6 +188,8 @@ fn summary_row(object: &str, estimator: &str, error_m: f64) -> SummaryRow {
         noise: 0.01,
         trials: 1,
         step_ns: 500.0,
+        models: None,
+        verdict: None,
     };
     SummaryRow { head, scores: scores(error_m) }
 }
@@ -219,6 +222,9 @@ fn estimate(step: u32, error_m: f64) -> EstimateRow {
         cov_yy_m2: at(error_m * error_m),
         calibrated: touching.then_some(true),
         at_tip: touching.then_some(false),
+        radius_m: None,
+        radius_sd_m: None,
+        models: None,
         truth_contact_x_m: at(0.05),
         truth_contact_y_m: at(0.0),
         truth_surface_x_m: at(0.05),

@@ -36,6 +36,13 @@ impl Default for Config {
     }
 }
 
+impl Config {
+    /// For contacts that slide round objects of any size.
+    pub(super) fn sliding() -> Self {
+        Self { guess: smoother::Config::sliding(), ..Self::default() }
+    }
+}
+
 impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
         within("iterations", self.iterations as f64, 1.0..=1000.0)?;

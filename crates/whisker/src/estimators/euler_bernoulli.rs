@@ -268,6 +268,8 @@ impl Tracker for Baseline {
             calibrated: self.face.predict(contact).is_some(),
             at_tip: false,
             innovation: None,
+            radius: None,
+            models: None,
         })
     }
 }

@@ -152,7 +152,9 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
     /// The bank at the touch: what the start says, and what the readings before it do.
     fn begin(&self, touch: &Sample) -> Bank<N> {
         let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
-        let beliefs = places.iter().map(|(place, log_weight)| (self.motion.belief(place), *log_weight));
+        let beliefs = places.iter().flat_map(|(place, log_weight)| {
+            self.motion.parts(place).into_iter().map(move |(belief, log_part)| (belief, log_weight + log_part))
+        });
         let mut bank = Bank::new(beliefs);
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
@@ -217,6 +219,6 @@ pub(super) struct Advance<const N: usize> {
 impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Advance { filtered, innovation, .. } = self.advance(sample)?;
-        Some(self.side.estimate(&filtered, innovation))
+        Some(self.side.estimate(&self.motion, &filtered, innovation))
     }
 }

@@ -7,20 +7,24 @@
 //! To add an estimator: one file with a `Method`, and one row in [`ESTIMATORS`].
 
 mod batch;
+mod choice;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
+mod imm;
 mod iterated;
 mod motion;
 mod paper;
 mod particle;
 pub(crate) mod settings;
+mod shares;
 mod side;
 mod smoother;
 mod start;
 mod unscented;
 
 pub use settings::SettingsError;
+pub use shares::ModelShares;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -62,6 +66,19 @@ pub struct Estimate {
     pub at_tip: bool,
     /// What the last update learnt, where the method has such a thing.
     pub innovation: Option<Innovation<1>>,
+    /// Radius of the object alone where it is touched, where the method has one.
+    pub radius: Option<Radius>,
+    /// How probable the models are that the method weighs against one another, where it does.
+    pub models: Option<ModelShares>,
+}
+
+/// Radius of an object, without the wire's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Radius {
+    /// The radius.
+    pub radius_m: f64,
+    /// Its standard deviation.
+    pub sd_m: f64,
 }
 
 /// What an honest robot knows before it touches anything.
@@ -296,11 +313,11 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "what to use on thin things: today the same as `ekf`",
+        about: "what to use: `ekf` for thin things, `sliding` for round ones, `imm` for what is neither, as far as the readings speak for each",
         kind: Kind::Recursive,
         sensor_model: None,
-        defaults: defaults::<gaussian::Config<extended::Extended>>,
-        build: gaussian::build::<extended::Extended>,
+        defaults: defaults::<choice::Config>,
+        build: choice::build,
     },
     EstimatorRow {
         name: "sliding",
@@ -343,6 +360,14 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         build: particle::build,
     },
     EstimatorRow {
+        name: "imm",
+        about: "interacting multiple models: static, sliding or lost (Blom and Bar-Shalom 1988)",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<imm::Config>,
+        build: imm::build,
+    },
+    EstimatorRow {
         name: "smoother",
         about: "fixed-interval smoother behind the iterated filter (Rauch, Tung and Striebel 1965)",
         kind: Kind::Hindsight,
@@ -357,6 +382,30 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<batch::Config>,
         build: batch::build,
+    },
+    EstimatorRow {
+        name: "smoother-sliding",
+        about: "`smoother` for round objects of any size",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: || to_json(&smoother::Config::sliding()),
+        build: smoother::build,
+    },
+    EstimatorRow {
+        name: "batch-sliding",
+        about: "`batch` for round objects of any size",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: || to_json(&batch::Config::sliding()),
+        build: batch::build,
+    },
+    EstimatorRow {
+        name: "batch-recommended",
+        about: "`batch` for thin things and `batch-sliding` for round ones, as far as all readings speak for each",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: || to_json(&choice::Config::hindsight()),
+        build: choice::build,
     },
     EstimatorRow {
         name: "euler-bernoulli",

@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use filters::{Cloud, Gaussian, Innovation, Measurement, Process};
-use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2};
+use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
@@ -17,10 +17,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::gaussian::Verbs;
+use super::motion::{AnyMotion, Motion, MotionSettings, Resting};
 use super::settings::{Settings, SettingsError, parse, within};
 use super::side::Side;
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
-use crate::frames::{Base, Point, Pose};
+use crate::frames::{Base, Point};
 
 /// Label of its sensor model.
 pub(super) const SENSOR_MODEL: &str = "polynomial-5";
@@ -35,13 +36,11 @@ pub(super) struct Published {
     pub start_share: f64,
     /// Its standard deviation, in every direction.
     pub start_sd_m: f64,
-    /// How far the contact may wander in the world, as the standard deviation after one second.
-    pub wander_m_sqrt_s: f64,
 }
 
 impl Default for Published {
     fn default() -> Self {
-        Self { fading: 1.004, start_share: 0.8, start_sd_m: 8e-3, wander_m_sqrt_s: 1e-4 }
+        Self { fading: 1.004, start_share: 0.8, start_sd_m: 8e-3 }
     }
 }
 
@@ -49,8 +48,7 @@ impl Published {
     fn validate(&self) -> Result<(), SettingsError> {
         within("paper.fading", self.fading, 1.0..=2.0)?;
         within("paper.start_share", self.start_share, 0.0..=1.0)?;
-        within("paper.start_sd_m", self.start_sd_m, 1e-6..=0.1)?;
-        within("paper.wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)
+        within("paper.start_sd_m", self.start_sd_m, 1e-6..=0.1)
     }
 
     /// The first belief.
@@ -60,83 +58,152 @@ impl Published {
         let (mean, sd_m) = touch.told.map_or((middle, self.start_sd_m), |told| (told.contact, told.sd_m));
         Gaussian::new(mean.vector(), Matrix2::identity() * (sd_m * sd_m))
     }
+}
 
-    fn process(&self, sample: &Sample) -> Rest {
-        Rest { motion: sample.motion, wander_m2: self.wander_m_sqrt_s.powi(2) * sample.dt_s }
+/// A motion of the contact with its place in Cartesian coordinates of Base instead of along and away from the whisker.
+struct Cartesian<'a, Step> {
+    side: &'a Side,
+    step: Step,
+}
+
+impl<Step> Cartesian<'_, Step> {
+    /// The state with its place along and away, and the derivatives of what stands here by what stands there.
+    fn along_and_away<const N: usize>(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+        let (arc_m, away_m) = self.side.face.along_and_away(Point::new(x[0], x[1]));
+        let mut found = *x;
+        (found[0], found[1]) = (arc_m, away_m);
+        let mut jacobian = SMatrix::<f64, N, N>::identity();
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&self.side.face.contact_jacobian(arc_m, away_m));
+        (found, jacobian)
     }
 }
 
-/// A contact at rest in the world, in Cartesian coordinates of Base.
-struct Rest {
-    motion: Pose<Base, Base>,
-    wander_m2: f64,
-}
-
-impl Process<2> for Rest {
-    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
-        self.motion.apply(Point::from_vector(*x)).vector()
+impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
+    fn predict(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
+        let mut moved = self.step.predict(&self.along_and_away(x).0);
+        let contact = self.side.face.contact_at(moved[0], moved[1]);
+        (moved[0], moved[1]) = (contact.x(), contact.y());
+        moved
     }
 
-    fn jacobian(&self, _: &Vector2<f64>) -> Matrix2<f64> {
-        self.motion.rotation()
+    fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let (before, from) = self.along_and_away(x);
+        let (_, to) = self.along_and_away(&self.predict(x));
+        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
+        to * self.step.jacobian(&before) * from.try_inverse().unwrap_or_else(SMatrix::zeros)
     }
 
-    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
-        Matrix2::identity() * self.wander_m2
+    fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let (before, from) = self.along_and_away(x);
+        from * self.step.noise(&before) * from.transpose()
     }
 }
 
 /// The reading of a contact in Cartesian coordinates; beyond the calibrated region continued linearly.
-struct Reading<'a>(&'a Side);
+struct Reading<'a> {
+    side: &'a Side,
+    /// Which number of the state is the sensor model's error, in standard deviations; without one the error is part of the noise.
+    model_error: Option<usize>,
+}
 
-impl Reading<'_> {
-    fn expect(&self, x: &Vector2<f64>) -> (f64, RowVector2<f64>) {
-        let contact = Point::from_vector(*x);
-        let held = self.0.face.nearest_calibrated(contact);
-        let expected = self.0.face.model.predict(held);
+impl<'a> Reading<'a> {
+    /// The measurement that belongs to a model of the contact's motion.
+    fn of<Model: Motion<N>, const N: usize>(side: &'a Side) -> Self {
+        Self { side, model_error: Model::MODEL_ERROR }
+    }
+
+    fn expect(&self, contact: Point<Base>) -> (f64, RowVector2<f64>) {
+        let held = self.side.face.nearest_calibrated(contact);
+        let expected = self.side.face.model.predict(held);
         let gradient = expected.gradient_n.transpose();
         (expected.reading_n_m + (gradient * (contact.vector() - held.vector()))[0], gradient)
     }
-}
 
-impl Measurement<2, 1> for Reading<'_> {
-    fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
-        Some(Vector1::new(self.expect(x).0))
-    }
-
-    fn jacobian(&self, x: &Vector2<f64>) -> Option<RowVector2<f64>> {
-        Some(self.expect(x).1)
-    }
-
-    fn noise(&self, x: &Vector2<f64>) -> Matrix1<f64> {
-        let (arc_m, away_m) = self.0.face.along_and_away(Point::from_vector(*x));
-        Matrix1::new(self.0.variance_n2_m2(arc_m, away_m))
+    fn model_sd_n_m(&self, contact: Point<Base>) -> f64 {
+        let (arc_m, away_m) = self.side.face.along_and_away(contact);
+        self.side.model_variance_n2_m2(arc_m, away_m).sqrt()
     }
 }
 
-/// Holds a contact within the calibrated region.
-fn held(side: &Side, x: &Vector2<f64>) -> Vector2<f64> {
-    side.face.nearest_calibrated(Point::from_vector(*x)).vector()
+impl<const N: usize> Measurement<N, 1> for Reading<'_> {
+    fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
+        let contact = Point::new(x[0], x[1]);
+        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * self.model_sd_n_m(contact));
+        Some(Vector1::new(self.expect(contact).0 + error_n_m))
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
+        let contact = Point::new(x[0], x[1]);
+        let mut jacobian = SMatrix::<f64, 1, N>::zeros();
+        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&self.expect(contact).1);
+        if let Some(e) = self.model_error {
+            jacobian[e] = self.model_sd_n_m(contact);
+        }
+        Some(jacobian)
+    }
+
+    fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
+        let (arc_m, away_m) = self.side.face.along_and_away(Point::new(x[0], x[1]));
+        Matrix1::new(self.side.variance_n2_m2(arc_m, away_m))
+    }
 }
 
-fn estimate(side: &Side, belief: &Gaussian<2>, innovation: Option<Innovation<1>>) -> Estimate {
-    let contact = Point::from_vector(held(side, &belief.mean));
-    side.estimate_at(contact, contact.vector() == belief.mean, belief.covariance, innovation)
+/// Holds the place of a state within the calibrated region.
+fn held<const N: usize>(side: &Side, x: &SVector<f64, N>) -> SVector<f64, N> {
+    let contact = side.face.nearest_calibrated(Point::new(x[0], x[1]));
+    let mut held = *x;
+    (held[0], held[1]) = (contact.x(), contact.y());
+    held
+}
+
+fn estimate<Model: Motion<N>, const N: usize>(
+    side: &Side,
+    motion: &Model,
+    belief: &Gaussian<N>,
+    innovation: Option<Innovation<1>>,
+) -> Estimate {
+    let held = held(side, &belief.mean);
+    let covariance_m2 = belief.covariance.fixed_view::<2, 2>(0, 0).into();
+    let contact = Point::new(held[0], held[1]);
+    let radius = side.radius(motion, belief, contact);
+    Estimate { radius, ..side.estimate_at(contact, held == belief.mean, covariance_m2, innovation) }
+}
+
+/// The first belief under a model of the motion: what the publication says of the place, and what the model says of the rest.
+fn beginning<Model: Motion<N>, const N: usize>(motion: &Model, side: &Side, place: &Gaussian<2>) -> Gaussian<N> {
+    let (arc_m, away_m) = side.face.along_and_away(Point::from_vector(place.mean));
+    let mut belief = motion.belief(&Gaussian::new(vector![arc_m, away_m], place.covariance));
+    belief.mean.fixed_rows_mut::<2>(0).copy_from(&place.mean);
+    belief
 }
 
 /// Settings of the Gaussian filters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, bound = "Filter: Verbs")]
 pub(super) struct Config<Filter> {
-    /// Memory, start and wander.
+    /// Memory and start.
     pub paper: Published,
+    /// How the contact moves; as published it rests.
+    pub motion: MotionSettings,
     /// What only this filter has.
     pub filter: Filter,
+}
+
+impl<Filter: Verbs> Default for Config<Filter> {
+    fn default() -> Self {
+        Self { paper: Published::default(), motion: at_rest(), filter: Filter::default() }
+    }
+}
+
+/// The published motion.
+fn at_rest() -> MotionSettings {
+    MotionSettings::Resting(Resting::default())
 }
 
 impl<Filter: Verbs> Settings for Config<Filter> {
     fn validate(&self) -> Result<(), SettingsError> {
         self.paper.validate()?;
+        self.motion.validate()?;
         self.filter.validate()
     }
 }
@@ -155,29 +222,38 @@ pub(super) fn build<Filter: Verbs>(
 
 impl<Filter: Verbs> Method for Filtering<Filter> {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
-        let side = Side::new(touch.face, &self.knowledge);
-        let belief = self.config.paper.start(&side, touch);
-        Box::new(Follower { config: self.config, side, belief, is_first: true })
+        self.config.motion.begin(self, touch)
     }
 }
 
-struct Follower<Filter> {
+impl<Filter: Verbs> AnyMotion for Filtering<Filter> {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let side = Side::new(touch.face, &self.knowledge);
+        let belief = beginning(&motion, &side, &self.config.paper.start(&side, touch));
+        Box::new(Follower { config: self.config, motion, side, belief, is_first: true })
+    }
+}
+
+struct Follower<Filter, Model, const N: usize> {
     config: Config<Filter>,
+    motion: Model,
     side: Side,
-    belief: Gaussian<2>,
+    belief: Gaussian<N>,
     is_first: bool,
 }
 
-impl<Filter: Verbs> Tracker for Follower<Filter> {
+impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !std::mem::take(&mut self.is_first) {
+            let process = Cartesian { side: &self.side, step: self.motion.step(&self.side, sample) };
             // A belief whose covariance has lost its definiteness says nothing any more.
-            self.config.filter.predict(&mut self.belief, &self.config.paper.process(sample)).ok()?;
+            self.config.filter.predict(&mut self.belief, &process).ok()?;
             self.belief.fade(self.config.paper.fading);
         }
         let z = Vector1::new(sample.reading_n_m);
-        let innovation = self.config.filter.update(&mut self.belief, &Reading(&self.side), &z).ok();
-        let estimate = estimate(&self.side, &self.belief, innovation);
+        let reading = Reading::of::<Model, N>(&self.side);
+        let innovation = self.config.filter.update(&mut self.belief, &reading, &z).ok();
+        let estimate = estimate(&self.side, &self.motion, &self.belief, innovation);
         self.belief.mean = held(&self.side, &self.belief.mean);
         Some(estimate)
     }
@@ -187,8 +263,10 @@ impl<Filter: Verbs> Tracker for Follower<Filter> {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ParticleConfig {
-    /// Memory, start and wander.
+    /// Memory and start.
     pub paper: Published,
+    /// How the contact moves; as published it rests.
+    pub motion: MotionSettings,
     /// Number of particles.
     pub particles: usize,
     /// Resample where the effective sample size falls below this share of the particles.
@@ -199,13 +277,14 @@ pub(super) struct ParticleConfig {
 
 impl Default for ParticleConfig {
     fn default() -> Self {
-        Self { paper: Published::default(), particles: 1000, resample_share: 0.5, kernel: 0.1 }
+        Self { paper: Published::default(), motion: at_rest(), particles: 1000, resample_share: 0.5, kernel: 0.1 }
     }
 }
 
 impl Settings for ParticleConfig {
     fn validate(&self) -> Result<(), SettingsError> {
         self.paper.validate()?;
+        self.motion.validate()?;
         within("particles", self.particles as f64, 1.0..=1e7)?;
         within("resample_share", self.resample_share, 0.0..=1.0)?;
         within("kernel", self.kernel, 0.0..=1.0)
@@ -223,33 +302,42 @@ pub(super) fn build_particle(config: &Value, knowledge: &Arc<Knowledge>) -> Resu
 
 impl Method for ParticleFilter {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
-        let side = Side::new(touch.face, &self.knowledge);
-        let mut rng = Pcg64::seed_from_u64(touch.seed);
-        let start = self.config.paper.start(&side, touch);
-        let sd_m = start.covariance[(0, 0)].sqrt();
-        let draw = |_| start.mean + Vector2::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal)) * sd_m;
-        let cloud = Cloud::new((0..self.config.particles).map(draw).collect());
-        Box::new(CloudFollower { config: self.config, side, cloud, rng, is_first: true })
+        self.config.motion.begin(self, touch)
     }
 }
 
-struct CloudFollower {
+impl AnyMotion for ParticleFilter {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let side = Side::new(touch.face, &self.knowledge);
+        let mut rng = Pcg64::seed_from_u64(touch.seed);
+        let start = beginning(&motion, &side, &self.config.paper.start(&side, touch));
+        let factor = start.covariance.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
+        let draw = |_| start.mean + factor * SVector::<f64, N>::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
+        let cloud = Cloud::new((0..self.config.particles).map(draw).collect());
+        Box::new(CloudFollower { config: self.config, motion, side, cloud, rng, is_first: true })
+    }
+}
+
+struct CloudFollower<Model, const N: usize> {
     config: ParticleConfig,
+    motion: Model,
     side: Side,
-    cloud: Cloud<2>,
+    cloud: Cloud<N>,
     rng: Pcg64,
     is_first: bool,
 }
 
-impl Tracker for CloudFollower {
+impl<Model: Motion<N>, const N: usize> Tracker for CloudFollower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !std::mem::take(&mut self.is_first) {
-            self.cloud.predict(&self.config.paper.process(sample), &mut self.rng);
+            let process = Cartesian { side: &self.side, step: self.motion.step(&self.side, sample) };
+            self.cloud.predict(&process, &mut self.rng);
             self.cloud.fade(self.config.paper.fading);
         }
         self.cloud.map(|x| held(&self.side, x));
-        let innovation = self.cloud.update(&Reading(&self.side), &Vector1::new(sample.reading_n_m)).ok();
-        let estimate = estimate(&self.side, &self.cloud.moments(), innovation);
+        let reading = Reading::of::<Model, N>(&self.side);
+        let innovation = self.cloud.update(&reading, &Vector1::new(sample.reading_n_m)).ok();
+        let estimate = estimate(&self.side, &self.motion, &self.cloud.moments(), innovation);
         if self.cloud.effective_size() < self.config.resample_share * self.cloud.particles().len() as f64 {
             self.cloud.resample(self.config.kernel, &mut self.rng);
         }

@@ -187,7 +187,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Some(mut cloud) = self.cloud.take() else {
             let cloud = self.begin(sample);
-            let estimate = self.side.estimate(&cloud.moments(), None);
+            let estimate = self.side.estimate(&self.motion, &cloud.moments(), None);
             self.cloud = Some(cloud);
             return Some(estimate);
         };
@@ -197,7 +197,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         let reading = EvenNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
         let z = Vector1::new(sample.reading_n_m);
         let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
-        let estimate = self.side.estimate(&cloud.moments(), innovation);
+        let estimate = self.side.estimate(&self.motion, &cloud.moments(), innovation);
         self.cloud = Some(cloud);
         Some(estimate)
     }

@@ -6,11 +6,13 @@
 
 use std::sync::Arc;
 
-use filters::{Gaussian, Innovation, Measurement};
+use filters::unscented::{self, Spread};
+use filters::{Gaussian, Innovation, Measurement, Process};
 use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
 use super::motion::Motion;
-use super::{Estimate, Knowledge};
+use super::{Estimate, Knowledge, Radius};
+use crate::Whisker;
 use crate::elastica::Elastica;
 use crate::frames::{Base, Point};
 use crate::sensor::CalibratedFace;
@@ -21,6 +23,7 @@ const MARGIN: f64 = 0.1;
 /// What a filter knows of the side that touches.
 pub(super) struct Side {
     pub(super) face: Arc<CalibratedFace>,
+    whisker: Whisker,
     /// Variance of the measurement noise.
     noise_n2_m2: f64,
     turn: Turn,
@@ -29,7 +32,8 @@ pub(super) struct Side {
 impl Side {
     pub(super) fn new(face: &Arc<CalibratedFace>, knowledge: &Knowledge) -> Self {
         let noise_n2_m2 = knowledge.noise_sd_n_m * knowledge.noise_sd_n_m;
-        Self { face: face.clone(), noise_n2_m2, turn: Turn::fitted(face, knowledge) }
+        let whisker = knowledge.whisker.clone();
+        Self { face: face.clone(), whisker, noise_n2_m2, turn: Turn::fitted(face, knowledge) }
     }
 
     /// Angle from the undeflected whisker's tangent at arc length `s` to that of the deflected whisker at the contact, and its
@@ -58,7 +62,7 @@ impl Side {
     }
 
     /// Variance of the sensor model's own error at a contact.
-    fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
+    pub(super) fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
         let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
         self.face.model_variance_n2_m2(self.face.contact_at(arc_m, away_m))
     }
@@ -77,13 +81,46 @@ impl Side {
         (x[0], x[1]) = (x[0].clamp(arc_m - most_m, arc_m + most_m), x[1].clamp(away_m - most_m, away_m + most_m));
     }
 
-    /// States a belief.
-    pub(super) fn estimate<const N: usize>(&self, belief: &Gaussian<N>, innovation: Option<Innovation<1>>) -> Estimate {
+    /// States a belief under a model of the contact's motion.
+    pub(super) fn estimate<Model: Motion<N>, const N: usize>(
+        &self,
+        motion: &Model,
+        belief: &Gaussian<N>,
+        innovation: Option<Innovation<1>>,
+    ) -> Estimate {
         let (arc_m, away_m) = (belief.mean[0], belief.mean[1]);
-        let jacobian = self.face.contact_jacobian(arc_m, away_m);
-        let covariance = jacobian * belief.covariance.fixed_view::<2, 2>(0, 0) * jacobian.transpose();
+        let place = Gaussian::new(vector![arc_m, away_m], belief.covariance.fixed_view::<2, 2>(0, 0).into());
+        let contact = self.in_base(&place);
+        let radius = self.radius(motion, belief, self.face.contact_at(arc_m, away_m));
         let is_calibrated = self.face.domain.contains(arc_m, away_m);
-        self.estimate_at(self.face.contact_at(arc_m, away_m), is_calibrated, covariance, innovation)
+        let stated = self.estimate_at(Point::from_vector(contact.mean), is_calibrated, contact.covariance, innovation);
+        Estimate { radius, ..stated }
+    }
+
+    /// A belief about the place in coordinates of Base. At the touch it reaches centimetres along the whisker and microns across, and where the whisker is
+    /// curved so is the band that it fills there. Its mean and covariance are those of sigma points on the bend ([`filters::unscented`]); a linear
+    /// map would state a straight band, as thin, beside which the contact lies.
+    fn in_base(&self, place: &Gaussian<2>) -> Gaussian<2> {
+        const SPREAD: Spread = Spread { alpha: 1.0, beta: 0.0, kappa: 1.0 };
+        let mut found = *place;
+        if unscented::predict(&mut found, &Placing(&self.face), &SPREAD).is_ok() {
+            return found;
+        }
+        let jacobian = self.face.contact_jacobian(place.mean[0], place.mean[1]);
+        let contact = self.face.contact_at(place.mean[0], place.mean[1]);
+        Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
+    }
+
+    /// Radius of the object alone that a belief states, where its model of the motion has one.
+    pub(super) fn radius<Model: Motion<N>, const N: usize>(
+        &self,
+        motion: &Model,
+        belief: &Gaussian<N>,
+        contact: Point<Base>,
+    ) -> Option<Radius> {
+        let wire_m = 0.5 * self.whisker.diameter_m(self.face.along_and_away(contact).0);
+        let sd_m = |i| belief.covariance[(i, i)].max(0.0).sqrt();
+        motion.radius().map(|i| Radius { radius_m: belief.mean[i] - wire_m, sd_m: sd_m(i) })
     }
 
     /// States a contact with its covariance in Base.
@@ -95,7 +132,21 @@ impl Side {
         innovation: Option<Innovation<1>>,
     ) -> Estimate {
         let covariance_m2 = Some(covariance_m2);
-        Estimate { contact, face: self.face.face, covariance_m2, calibrated, at_tip: false, innovation }
+        let face = self.face.face;
+        Estimate { contact, face, covariance_m2, calibrated, at_tip: false, innovation, radius: None, models: None }
+    }
+}
+
+/// From along and away to Base.
+struct Placing<'a>(&'a CalibratedFace);
+
+impl Process<2> for Placing<'_> {
+    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        self.0.contact_at(x[0], x[1]).vector()
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::zeros()
     }
 }
 

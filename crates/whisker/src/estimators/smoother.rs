@@ -67,7 +67,8 @@ impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
 
     /// Estimates of all samples from beliefs of all steps.
     pub(super) fn estimates(&self, beliefs: &[Gaussian<N>]) -> Vec<Option<Estimate>> {
-        let estimate = |step: usize| self.follower.side.estimate(&beliefs[step], None);
+        let Follower { side, motion, .. } = &self.follower;
+        let estimate = |step: usize| side.estimate(motion, &beliefs[step], None);
         self.places.iter().map(|place| place.map(estimate)).collect()
     }
 }
@@ -81,7 +82,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Recorder<Model, N> {
             self.follower.motion.step(&self.follower.side, sample).jacobian(&last.filtered.mean)
         });
         self.steps.push(Step { jacobian, predicted: advance.predicted, filtered: advance.filtered });
-        Some(self.follower.side.estimate(&advance.filtered, advance.innovation))
+        Some(self.follower.side.estimate(&self.follower.motion, &advance.filtered, advance.innovation))
     }
 
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use serde_json::Value;
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Sample};
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point, Pose, World};
@@ -94,6 +95,11 @@ pub(crate) fn samples(knowledge: &Knowledge, duration_s: f64, keep: impl Fn(usiz
 
 /// A registered estimator with its default settings.
 pub(crate) fn estimator(row: &EstimatorRow, knowledge: &Arc<Knowledge>, seed: u64) -> Estimator {
-    let method = (row.build)(&(row.defaults)(), knowledge).unwrap();
+    configured(row, &(row.defaults)(), knowledge, seed)
+}
+
+/// A registered estimator.
+pub(crate) fn configured(row: &EstimatorRow, settings: &Value, knowledge: &Arc<Knowledge>, seed: u64) -> Estimator {
+    let method = (row.build)(settings, knowledge).unwrap_or_else(|error| panic!("{}: {error}", row.name));
     Estimator::new(method, knowledge.clone(), TouchConfig::default(), seed)
 }

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use plotters::style::{Color, RGBAColor};
 
-use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM, Verdict, interval};
+use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM, interval};
 use crate::metrics::{Metric, consistency};
 use crate::report::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::report::canvas::{Canvas, Picture};
@@ -75,7 +75,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let axes = [0, 1].map(|row| {
         let points = columns.iter().flat_map(|column| &column.curves[row]).flat_map(|(_, series)| series);
         let values = points.map(|(_, value)| *value).filter(|value| *value < LARGEST);
-        let ends = columns.iter().map(|column| interval(AVERAGES[row].freedom, column.runs));
+        let ends = columns.iter().map(|column| interval(AVERAGES[row].freedom, column.runs as f64));
         let shown = without_dips(values).into_iter().chain(ends.flat_map(|(low, high)| [low, high]));
         Axis::logarithmic(AVERAGES[row].label, shown)
     });
@@ -123,7 +123,7 @@ fn column(data: &RunData, set: &RunSet) -> Column {
     let labels = data.labels();
     let coverage = data.under_test().filter_map(|estimator| {
         let row = data.summary_of(set, estimator)?;
-        let verdict = Verdict::of(row.get(&AVERAGES[0].metric)?, NEES_FREEDOM, row.head.trials).word();
+        let verdict = data.average_of(set, estimator, NEES_FREEDOM, &AVERAGES[0].metric)?.verdict().word();
         let place = data.place_of(estimator);
         Some((Look::of(place), labels[place].clone(), row.get(&consistency::COVERAGE)?, verdict.to_owned()))
     });
@@ -138,7 +138,7 @@ fn column(data: &RunData, set: &RunSet) -> Column {
 impl Column {
     fn paint_average(&self, panel: &Panel, row: usize, end_s: f64) -> Result<()> {
         let freedom = AVERAGES[row].freedom;
-        let (low, high) = interval(freedom, self.runs);
+        let (low, high) = interval(freedom, self.runs as f64);
         panel.area([(0.0, low), (end_s, low), (end_s, high), (0.0, high)], INTERVAL)?;
         panel.level(freedom as f64, if freedom == 1 { "1" } else { "2" }, MUTED)?;
         let curves = &self.curves[row];

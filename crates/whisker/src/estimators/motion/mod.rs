@@ -27,6 +27,16 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// The belief that begins with a belief about the place.
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<N>;
 
+    /// That belief in parts narrow enough for a filter that linearises, with the logarithms of their weights.
+    fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<N>, f64)> {
+        vec![(self.belief(place), 0.0)]
+    }
+
+    /// Which number of the state is the radius of object and wire together, where the readings are to tell it.
+    fn radius(&self) -> Option<usize> {
+        None
+    }
+
     /// The step that belongs to a sample.
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
 }

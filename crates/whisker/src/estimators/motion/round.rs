@@ -1,14 +1,14 @@
 //! A contact that wanders over a round object at rest, because the whisker turns on it.
 
 use filters::{Gaussian, Process};
-use nalgebra::{Matrix4, Vector2, Vector4, vector};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
 use crate::estimators::Sample;
 use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
-use crate::frames::{Base, Pose};
+use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
 
 /// A contact on a round object at rest. The state is `(s, d, rho, e)`: its place, the radius of the object and the wire together, and the
@@ -16,9 +16,9 @@ use crate::rest::direction;
 ///
 /// Without friction the contact lies where the whisker's tangent is the object's, at the distance `rho` from the object's middle along the
 /// whisker's normal. Where the tangent turns in the world by `dpsi`, the contact wanders along it by `ds = -rho dpsi` (the object on the right
-/// of the whisker; the other way on its left). How far the tangent turns depends on where the contact goes; with `dpsi_0` the
-/// turn that a resting contact would see, and `phi` the tangent's angle in Base, to first order in the step
-/// `ds = -rho dpsi_0 / (1 + rho dphi/ds)`, along the chord of the arc.
+/// of the whisker; the other way on its left), and how far the tangent turns depends on where the contact goes. The step solves for both
+/// at once: the middle of the object rests in the world, and Newton's method finds the place on the whisker that has it on its normal,
+/// `rho` away. So nothing adds up over the steps, however small or large they are.
 ///
 /// The sensor model errs by `e` standard deviations of what its calibration states. That is no noise that averages out: it is nearly the same
 /// at nearby places. Over a way of length `l` in Base it is forgotten by `exp(-l / error_length_m)` (a first-order Gauss-Markov process).
@@ -29,6 +29,8 @@ pub(in crate::estimators) struct Round {
     pub radius_m: f64,
     /// Standard deviation of that.
     pub radius_sd_m: f64,
+    /// Into how many parts a filter cuts that: where the radius is not known, the contact's way is far from linear in it.
+    pub radius_parts: usize,
     /// How far the radius may change, as the standard deviation after one second.
     pub radius_wander_m_sqrt_s: f64,
     /// How far the contact may stray from what the model says, as the standard deviation after one second.
@@ -42,6 +44,7 @@ impl Default for Round {
         Self {
             radius_m: 0.0,
             radius_sd_m: 1e-4,
+            radius_parts: 1,
             radius_wander_m_sqrt_s: 1e-6,
             wander_m_sqrt_s: 3e-6,
             error_length_m: 1e-2,
@@ -54,16 +57,18 @@ impl Round {
     pub(in crate::estimators) fn of_any_size() -> Self {
         Self {
             radius_m: 1e-2,
-            radius_sd_m: 2e-2,
-            radius_wander_m_sqrt_s: 1e-3,
-            wander_m_sqrt_s: 5e-5,
+            radius_sd_m: 4e-2,
+            radius_parts: 4,
+            radius_wander_m_sqrt_s: 3e-4,
+            wander_m_sqrt_s: 4e-5,
             ..Self::default()
         }
     }
 
-    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+    pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
         within("radius_m", self.radius_m, 0.0..=1.0)?;
         within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
+        within("radius_parts", self.radius_parts as f64, 1.0..=100.0)?;
         within("radius_wander_m_sqrt_s", self.radius_wander_m_sqrt_s, 1e-9..=0.1)?;
         // Without any wander a covariance can lose its last digits; a whisker's length in a second forgets everything at once.
         within("wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)?;
@@ -71,8 +76,15 @@ impl Round {
     }
 }
 
+/// Prior standard deviation of a radius up to which it counts as settled: about a wire's thickness.
+const SETTLED_SD_M: f64 = 3e-4;
+
 /// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
 const LEAST_PLAY: f64 = 0.1;
+
+/// Most Newton steps for the place at which the whisker touches the object, and the step that ends them.
+const NEWTON_STEPS: usize = 8;
+const CLOSE_ENOUGH_M: f64 = 1e-9;
 
 /// Least variance of the error that a step makes anew. Where the base stands still it would be nothing, and the covariance of the step's noise
 /// singular.
@@ -99,6 +111,26 @@ impl Motion<4> for Round {
         Gaussian::new(vector![place.mean[0], place.mean[1], self.radius_m, 0.0], covariance)
     }
 
+    /// Equal stretches from nothing to twice the standard deviation beyond the mean.
+    fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<4>, f64)> {
+        if self.radius_parts == 1 {
+            return vec![(self.belief(place), 0.0)];
+        }
+        let stretch_m = (self.radius_m + 2.0 * self.radius_sd_m) / self.radius_parts as f64;
+        let parts = (0..self.radius_parts).map(|i| {
+            let mut part = self.belief(place);
+            part.mean[2] = (i as f64 + 0.5) * stretch_m;
+            part.covariance[(2, 2)] = (0.5 * stretch_m).powi(2);
+            (part, -0.5 * ((part.mean[2] - self.radius_m) / self.radius_sd_m).powi(2))
+        });
+        parts.collect()
+    }
+
+    /// One that is settled beforehand is no finding.
+    fn radius(&self) -> Option<usize> {
+        (self.radius_sd_m > SETTLED_SD_M).then_some(2)
+    }
+
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Wandering<'a> {
         Wandering {
             side,
@@ -110,32 +142,60 @@ impl Motion<4> for Round {
     }
 }
 
-impl Wandering<'_> {
-    /// The place one step later, and its derivative by the radius.
-    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Vector2<f64>) {
-        let face = &self.side.face;
-        let sign = face.face.away_sign();
-        let (arc_m, away_m) = face.along_and_away(self.motion.apply(face.contact_at(x[0], x[1])));
-        // Angles of the tangents: of the undeflected whisker, and of the deflected one against it.
-        let rest_rad = face.rest.tangent_rad(arc_m);
-        let (turn_rad, by_place) = self.side.turn_rad(arc_m, away_m);
-        let before_rad = face.rest.tangent_rad(x[0]) + self.side.turn_rad(x[0], x[1]).0;
-        let turned_rad = rest_rad + turn_rad - before_rad - self.motion.yaw_rad();
+/// A contact as the round object sees it.
+struct Tangency {
+    /// Middle of the object, in Base.
+    middle_m: Vector2<f64>,
+    /// Unit vector from the contact to it.
+    inward: Vector2<f64>,
+    /// Inverse of the middle's derivatives by the place.
+    inverse: Matrix2<f64>,
+    /// Those derivatives.
+    by_place: Matrix2<f64>,
+}
 
-        // A metre along a line at an angle to the undeflected whisker, written along and away.
-        let curvature_per_m = face.rest.curvature_per_m(arc_m);
-        let stretch = 1.0 - curvature_per_m * away_m * sign;
-        let along = |angle_rad: f64| {
-            let ahead = direction(angle_rad);
-            vector![ahead.x / stretch, ahead.y * sign]
-        };
-        let ahead = along(turn_rad);
-        let bend_per_m = curvature_per_m * ahead.x + by_place.dot(&ahead);
-        let share = 1.0 / (1.0 + sign * x[2] * bend_per_m).max(LEAST_PLAY);
-        let slip_by_radius = -sign * turned_rad * share;
-        let slip_m = x[2] * slip_by_radius;
-        let chord = along(turn_rad + bend_per_m * slip_m - 0.5 * turned_rad * share);
-        (vector![arc_m, away_m] + chord * slip_m, chord * (slip_by_radius * share))
+impl Wandering<'_> {
+    /// The object of radius `rho` that touches the whisker at a place.
+    fn tangency(&self, place: &Vector2<f64>, radius_m: f64) -> Tangency {
+        let face = &self.side.face;
+        let (arc_m, away_m) = (place[0], place[1]);
+        let (turn_rad, by_place) = self.side.turn_rad(arc_m, away_m);
+        let ahead = direction(face.rest.tangent_rad(arc_m) + turn_rad);
+        let inward = vector![-ahead.y, ahead.x] * -face.face.away_sign();
+        // The inward normal turns against the tangent.
+        let turning = (ahead * face.face.away_sign() * radius_m)
+            * (vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose();
+        let of_contact = face.contact_jacobian(arc_m, away_m);
+        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
+        let to_place = of_contact.try_inverse().unwrap_or_default();
+        let bent = to_place * turning;
+        let play = (1.0 + bent.trace()).max(LEAST_PLAY);
+        Tangency {
+            middle_m: face.contact_at(arc_m, away_m).vector() + inward * radius_m,
+            inward,
+            // Sherman and Morrison's formula: the second part is of rank one.
+            inverse: to_place - bent * to_place / play,
+            by_place: of_contact + turning,
+        }
+    }
+
+    /// The place one step later, with the object's middle where it was in the world; and the tangencies before and after.
+    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency, Tangency) {
+        let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
+        let middle_m = self.motion.apply(Point::from_vector(before.middle_m)).vector();
+        let face = &self.side.face;
+        let (arc_m, away_m) = face.along_and_away(self.motion.apply(face.contact_at(x[0], x[1])));
+        let mut place = vector![arc_m, away_m];
+        let mut after = self.tangency(&place, x[2]);
+        for _ in 0..NEWTON_STEPS {
+            let step = after.inverse * (middle_m - after.middle_m);
+            place += step;
+            after = self.tangency(&place, x[2]);
+            if step.norm() < CLOSE_ENOUGH_M {
+                break;
+            }
+        }
+        (place, before, after)
     }
 
     /// What is left of the sensor model's error after the step.
@@ -147,20 +207,16 @@ impl Wandering<'_> {
 
 impl Process<4> for Wandering<'_> {
     fn predict(&self, x: &Vector4<f64>) -> Vector4<f64> {
-        let (place, _) = self.moved(x);
+        let (place, ..) = self.moved(x);
         vector![place[0], place[1], x[2], x[3] * self.kept(x)]
     }
 
     fn jacobian(&self, x: &Vector4<f64>) -> Matrix4<f64> {
-        const STEP_M: f64 = 1e-6;
-        let (_, by_radius) = self.moved(x);
+        let (_, before, after) = self.moved(x);
+        let turned = self.motion.rotation();
         let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, self.kept(x)]);
-        for i in 0..2 {
-            let step = Vector4::ith(i, STEP_M);
-            let change = self.moved(&(x + step)).0 - self.moved(&(x - step)).0;
-            jacobian.fixed_view_mut::<2, 1>(0, i).copy_from(&(change / (2.0 * STEP_M)));
-        }
-        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&by_radius);
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&(after.inverse * turned * before.by_place));
+        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&(after.inverse * (turned * before.inward - after.inward)));
         jacobian
     }
 
@@ -178,7 +234,7 @@ mod tests {
     use super::*;
     use crate::elastica::{Circle, Elastica, Load};
     use crate::estimators::Knowledge;
-    use crate::frames::{Point, World};
+    use crate::frames::World;
     use crate::sensor::{self, Face, Material};
     use crate::{Curvature, Whisker};
 

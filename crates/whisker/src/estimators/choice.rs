@@ -1,0 +1,205 @@
+//! Several methods side by side, believed as far as their predictions deserve.
+//!
+//! Each candidate states before every reading what it expects, and so how probable the reading is, `N(y; 0, S)`. With a prior for each that gives
+//! the probability of its being right (Bayes' theorem; Kass and Raftery, "Bayes factors", JASA 90(430), 1995): a candidate that is wrong
+//! foretells badly, and one that could explain anything foretells vaguely. Before the readings tell them apart the priors decide.
+//! What is stated is the mean and covariance of the mixture, not of the winner: while two are still probable, that they disagree is part of
+//! what is not known.
+//!
+//! Objects may change, so the right candidate may: at a constant rate it is drawn anew from the priors. A candidate once refuted comes back within a
+//! few times as many readings as it takes to refute the next, instead of never.
+
+use std::sync::Arc;
+
+use filters::imm::{Modes, Transition};
+use filters::{Gaussian, Innovation};
+use nalgebra::{Matrix1, Vector1, Vector2};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::settings::{Settings, SettingsError, parse, within};
+use super::shares::{MOST_MODELS, ModelShares};
+use super::{ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, Radius, Sample, Touch, Tracker, estimator};
+
+/// One method among which is chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Candidate {
+    /// Its name in the registry; it runs with its defaults.
+    pub name: String,
+    /// Prior probability, relative to the others.
+    pub weight: f64,
+}
+
+/// Settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Config {
+    /// The candidates. The odds favour what assumes most: it foretells the readings least vaguely, and a contact at the start tells little.
+    pub candidates: Vec<Candidate>,
+    /// A reading farther off than this, in standard deviations, speaks against a candidate as if it lay there: a spike decides nothing.
+    pub gate_sds: f64,
+    /// Mean time after which the right candidate is another.
+    pub sojourn_s: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::among([("ekf", 30.0), ("sliding", 1.0), ("imm", 0.3)])
+    }
+}
+
+impl Config {
+    /// Among what looks back over the whole contact.
+    pub(super) fn hindsight() -> Self {
+        Self::among([("batch", 30.0), ("batch-sliding", 1.0)])
+    }
+
+    fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
+        let candidates = candidates.map(|(name, weight)| Candidate { name: name.into(), weight });
+        Self { candidates: candidates.into(), gate_sds: 5.0, sojourn_s: 1000.0 }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("candidates", self.candidates.len() as f64, 1.0..=MOST_MODELS as f64)?;
+        for (place, candidate) in self.candidates.iter().enumerate() {
+            within("candidates.weight", candidate.weight, 1e-9..=1e9)?;
+            if self.candidates[..place].iter().any(|other| other.name == candidate.name) {
+                return Err(refused(&candidate.name, "named twice, expected each once"));
+            }
+        }
+        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("sojourn_s", self.sojourn_s, 1e-3..=1e9)
+    }
+}
+
+fn refused(name: &str, why: &str) -> SettingsError {
+    SettingsError::Parse(format!("`candidates`: `{name}` is {why}"))
+}
+
+/// The row of a candidate: one that can run beside the others.
+fn row_of(name: &str) -> Result<&'static EstimatorRow, SettingsError> {
+    let row = estimator(name).ok_or_else(|| {
+        let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
+        refused(name, &format!("unknown, expected one of: {}", known.join(", ")))
+    })?;
+    if (row.defaults)().get("candidates").is_some() {
+        return Err(refused(name, "a choice itself, expected a method to choose"));
+    }
+    if row.sensor_model.is_some() {
+        return Err(refused(name, "bound to a sensor model of its own, expected one that takes the calibration's"));
+    }
+    Ok(row)
+}
+
+pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    let config: Config = parse(config)?;
+    let candidate = |candidate: &Candidate| {
+        let row = row_of(&candidate.name)?;
+        Ok((row.name, (row.build)(&(row.defaults)(), knowledge)?))
+    };
+    let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
+    Ok(Box::new(Choice { config, methods }))
+}
+
+struct Choice {
+    config: Config,
+    methods: Vec<(&'static str, Box<dyn Method>)>,
+}
+
+impl Method for Choice {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
+        Box::new(Chooser {
+            gate_sds: self.config.gate_sds,
+            sojourn_s: self.config.sojourn_s,
+            names: self.methods.iter().map(|(name, _)| *name).collect(),
+            trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
+            right: Modes::new(weights.iter().copied()),
+            weights,
+        })
+    }
+}
+
+/// The candidates on one contact.
+struct Chooser {
+    gate_sds: f64,
+    sojourn_s: f64,
+    weights: Vec<f64>,
+    names: Vec<&'static str>,
+    trackers: Vec<Box<dyn Tracker>>,
+    /// Which of them is right.
+    right: Modes,
+}
+
+impl Chooser {
+    /// Logarithm of the evidence that a candidate's innovation is, bounded.
+    fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
+        innovation.log_likelihood() + 0.5 * (innovation.nis - self.gate_sds.powi(2)).max(0.0)
+    }
+
+    /// Weighs the candidates, and returns the innovation of all together.
+    fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
+        let sojourns_s = vec![self.sojourn_s; self.names.len()];
+        self.right.predict(&Transition::of_sojourns(sample.dt_s, &sojourns_s, &self.weights));
+        let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
+        let expected = innovations.iter().zip(self.right.probabilities()).filter_map(|(innovation, share)| {
+            let innovation = innovation.as_ref()?;
+            Some((Gaussian::new(innovation.residual, innovation.covariance), *share))
+        });
+        let expected = Gaussian::of_mixture(expected)?;
+        let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
+        // One that foretells nothing is no better than the worst of those that do.
+        let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        let evidence: Vec<_> = evidence.iter().map(|found| Some(found.unwrap_or(least))).collect();
+        self.right.weigh(&evidence)?;
+        Innovation::of(expected.mean, expected.covariance)
+    }
+
+    /// What the candidates say together; nothing where none says anything.
+    fn together(&self, estimates: &[Option<Estimate>], innovation: Option<Innovation<1>>) -> Option<Estimate> {
+        let shares = self.right.probabilities();
+        let parts: Vec<(&Estimate, f64)> =
+            estimates.iter().zip(shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share))).collect();
+        let (leading, _) = *parts.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let known: f64 = parts.iter().map(|(_, share)| share).sum();
+        // Counted from the leading candidate's contact: where that is all but sure nothing of it is lost to rounding.
+        let offset = |estimate: &Estimate| estimate.contact.vector() - leading.contact.vector();
+        let shift = parts.iter().map(|(estimate, share)| offset(estimate) * (share / known)).sum::<Vector2<f64>>();
+        let place = |(estimate, share): &(&Estimate, f64)| {
+            Some((Gaussian::new(offset(estimate), estimate.covariance_m2?), *share))
+        };
+        let size = |(estimate, share): &(&Estimate, f64)| {
+            let Radius { radius_m, sd_m } = estimate.radius?;
+            Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), *share))
+        };
+        let places: Option<Vec<_>> = parts.iter().map(place).collect();
+        let size = Gaussian::of_mixture(parts.iter().filter_map(size)).filter(|_| leading.radius.is_some());
+        Some(Estimate {
+            contact: leading.contact.shifted(shift),
+            covariance_m2: places.and_then(Gaussian::of_mixture).map(|places| places.covariance),
+            radius: size.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
+            innovation,
+            models: Some(ModelShares::new(self.names.iter().copied().zip(shares.iter().copied()))),
+            ..*leading
+        })
+    }
+}
+
+impl Tracker for Chooser {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
+        let innovation = self.weigh(sample, &estimates);
+        self.together(&estimates, innovation)
+    }
+
+    /// All that was read tells which candidate is right, so its share at the end counts for every instant.
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        let revised: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect::<Option<_>>()?;
+        let count = revised.iter().map(Vec::len).min()?;
+        let at = |i: usize| revised.iter().map(|estimates| estimates[i]).collect::<Vec<_>>();
+        Some((0..count).map(|i| self.together(&at(i), None)).collect())
+    }
+}

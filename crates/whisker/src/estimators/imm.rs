@@ -1,0 +1,324 @@
+//! The interacting-multiple-model estimator ([`filters::imm`]) on the contact: the contact rests on a thin object, slides over a round one, or is lost.
+//!
+//! All modes share the state of a sliding contact, `(s, d, rho, e)`. In the mode *static* the radius is that of a thin object, which every step puts in
+//! anew; in the mode *sliding* it is found out, beginning with nothing known whenever the mode is entered from another; in the mode *lost* the sensor reads
+//! zero whatever the state, and the contact drifts away from where it was. Each of several hypotheses at the touch is such an estimator; they are weighed, pruned and
+//! merged as in the other filters.
+
+use std::sync::Arc;
+
+use filters::imm::{Imm, Transition};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, Skipped, Weighed, bounded, extended};
+use nalgebra::{Matrix1, Matrix4, SMatrix, SVector, Vector1, Vector4};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::motion::{Motion, Round};
+use super::settings::{Settings, SettingsError, parse, within};
+use super::shares::ModelShares;
+use super::side::{ContactReading, Side};
+use super::start::{EarlierReading, Start, earlier};
+use super::{Estimate, Knowledge, Method, Sample, Told, Touch, Tracker};
+
+/// Names of the modes, in their order.
+const MODES: [&str; 3] = ["static", "sliding", "lost"];
+const STATIC: usize = 0;
+const SLIDING: usize = 1;
+const LOST: usize = 2;
+
+/// A number for each mode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct OfModes {
+    r#static: f64,
+    sliding: f64,
+    lost: f64,
+}
+
+impl OfModes {
+    fn all(self) -> [f64; 3] {
+        [self.r#static, self.sliding, self.lost]
+    }
+}
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Config {
+    /// One Gaussian, or several along the whisker.
+    pub start: Start,
+    /// The mode *static*.
+    pub thin: Round,
+    /// The mode *sliding*.
+    pub round: Round,
+    /// How far a lost contact drifts, as the standard deviation after one second.
+    pub lost_wander_m_sqrt_s: f64,
+    /// Probabilities of the modes at the touch, when none is lost, relative to one another; in this proportion they follow on others, too.
+    pub weights: OfModes,
+    /// How long each mode lasts on average, in seconds.
+    pub sojourn_s: OfModes,
+    /// A reading farther off than this, in standard deviations, is taken to be as noisy as to lie there.
+    pub gate_sds: f64,
+    /// Weight of a hypothesis, relative to the heaviest, below which it is dropped.
+    pub prune_share: f64,
+    /// Loss, as a divergence between the beliefs before and after, below which two hypotheses are merged.
+    pub merge_loss: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            start: Start::Hypotheses { count: 16 },
+            thin: Round::default(),
+            round: Round::of_any_size(),
+            lost_wander_m_sqrt_s: 1e-2,
+            weights: OfModes { r#static: 10.0, sliding: 1.0, lost: 0.1 },
+            sojourn_s: OfModes { r#static: 100.0, sliding: 100.0, lost: 0.1 },
+            gate_sds: 5.0,
+            prune_share: 1e-4,
+            merge_loss: 1e-2,
+        }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        self.start.validate()?;
+        self.thin.validate()?;
+        self.round.validate()?;
+        within("lost_wander_m_sqrt_s", self.lost_wander_m_sqrt_s, 1e-9..=1.0)?;
+        for weight in self.weights.all() {
+            within("weights", weight, 1e-9..=1e9)?;
+        }
+        for sojourn_s in self.sojourn_s.all() {
+            within("sojourn_s", sojourn_s, 1e-3..=1e9)?;
+        }
+        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("prune_share", self.prune_share, 0.0..=0.5)?;
+        within("merge_loss", self.merge_loss, 0.0..=1.0)
+    }
+}
+
+struct Interacting {
+    config: Config,
+    knowledge: Arc<Knowledge>,
+}
+
+pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    Ok(Box::new(Interacting { config: parse(config)?, knowledge: knowledge.clone() }))
+}
+
+impl Method for Interacting {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        Box::new(Follower {
+            config: self.config,
+            side: Side::new(touch.face, &self.knowledge),
+            noise_sd_n_m: self.knowledge.noise_sd_n_m,
+            told: touch.told,
+            history: touch.history.to_vec(),
+            bank: None,
+        })
+    }
+}
+
+/// Follows one contact.
+struct Follower {
+    config: Config,
+    side: Side,
+    noise_sd_n_m: f64,
+    told: Option<Told>,
+    /// Samples before the touch, until the first step.
+    history: Vec<Sample>,
+    /// Nothing before the first step.
+    bank: Option<Bank<4, Imm<4>>>,
+}
+
+impl Follower {
+    /// The bank at the touch: not lost yet.
+    fn begin(&self, touch: &Sample) -> Bank<4, Imm<4>> {
+        let Config { thin, round, weights, .. } = self.config;
+        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
+        let hypotheses = places.iter().flat_map(|(place, log_weight)| {
+            let resting = thin.belief(place);
+            let parts = round.parts(place).into_iter();
+            parts.map(move |(sliding, log_part)| {
+                let modes = [(resting, weights.r#static), (sliding, weights.sliding), (resting, 0.0)];
+                (Imm::new(modes), log_weight + log_part)
+            })
+        });
+        let mut bank = Bank::new(hypotheses);
+        for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
+            // A reading that says nothing leaves the bank as it is.
+            let _ = self.condition(&mut bank, sample.reading_n_m, |mode| EarlierReading {
+                back: self.process(mode, &sample),
+                reading: self.reading(),
+            });
+        }
+        bank
+    }
+
+    fn reading(&self) -> ContactReading<'_> {
+        ContactReading::of::<Round, 4>(&self.side)
+    }
+
+    fn process(&self, mode: usize, sample: &Sample) -> ModeProcess<'_> {
+        let Config { thin, round, lost_wander_m_sqrt_s, .. } = &self.config;
+        match mode {
+            SLIDING => ModeProcess { step: round.step(&self.side, sample), thin: None, drift_m2: 0.0 },
+            STATIC => ModeProcess { step: thin.step(&self.side, sample), thin: Some(*thin), drift_m2: 0.0 },
+            _ => {
+                let drift_m2 = lost_wander_m_sqrt_s.powi(2) * sample.dt_s;
+                ModeProcess { step: thin.step(&self.side, sample), thin: Some(*thin), drift_m2 }
+            }
+        }
+    }
+
+    /// Conditions the bank on a reading, of which `reading` is the measurement in a mode.
+    fn condition<Reading: Measurement<4, 1>>(
+        &self,
+        bank: &mut Bank<4, Imm<4>>,
+        z_n_m: f64,
+        reading: impl Fn(usize) -> Reading,
+    ) -> Result<Innovation<1>, Skipped> {
+        let (gate_sds, z) = (self.config.gate_sds, Vector1::new(z_n_m));
+        let innovation = bank.update(|modes| {
+            modes.update(|mode, belief| -> Result<Weighed<1>, Skipped> {
+                bounded::update(belief, &reading(mode), gate_sds, &z, |belief, reading, z| {
+                    extended::update(belief, reading, z)
+                })
+            })
+        });
+        bank.prune(self.config.prune_share);
+        bank.merge(self.config.merge_loss);
+        bank.map(|modes| modes.map(|belief| self.side.hold(&mut belief.mean)));
+        innovation
+    }
+
+    /// Takes a sample after that of the touch.
+    fn advance(&self, bank: &mut Bank<4, Imm<4>>, sample: &Sample) -> Option<Innovation<1>> {
+        let Config { sojourn_s, weights, round, .. } = &self.config;
+        let transition = Transition::of_sojourns(sample.dt_s, &sojourn_s.all(), &weights.all());
+        bank.predict(|modes| {
+            modes.mix(&transition, |_, to, belief| if to == SLIDING { unknown(round, belief) } else { *belief });
+            modes.predict(|mode, belief| {
+                extended::predict(belief, &self.process(mode, sample));
+                Ok(())
+            })
+        });
+        self.condition(bank, sample.reading_n_m, |mode| ModeReading {
+            contact: self.reading(),
+            is_lost: mode == LOST,
+            noise_n2_m2: self.noise_sd_n_m.powi(2),
+        })
+        .ok()
+    }
+
+    /// What the bank says; nothing while it takes the contact to be lost.
+    fn estimate(&self, bank: &Bank<4, Imm<4>>, innovation: Option<Innovation<1>>) -> Option<Estimate> {
+        let share = |mode: usize| -> f64 {
+            bank.hypotheses().iter().map(|one| one.weight() * one.belief.probabilities()[mode]).sum()
+        };
+        let touching = bank.hypotheses().iter().flat_map(|one| {
+            let parts = one.belief.beliefs().iter().zip(one.belief.probabilities());
+            parts.take(LOST).map(|(belief, share)| (*belief, one.weight() * share))
+        });
+        let belief = Gaussian::of_mixture(touching).filter(|_| share(LOST) < 0.5)?;
+        let models = ModelShares::new(MODES.iter().enumerate().map(|(mode, name)| (*name, share(mode))));
+        let stated = self.side.estimate(&self.config.round, &belief, innovation);
+        // The static mode has no radius to tell.
+        let radius = stated.radius.filter(|_| share(SLIDING) > share(STATIC));
+        Some(Estimate { models: Some(models), radius, ..stated })
+    }
+}
+
+impl Tracker for Follower {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let (bank, innovation) = match self.bank.take() {
+            Some(mut bank) => {
+                let innovation = self.advance(&mut bank, sample);
+                (bank, innovation)
+            }
+            None => {
+                let bank = self.begin(sample);
+                // Should all hypotheses be lost later on, these samples lie too far back to begin with again.
+                self.history.clear();
+                (bank, None)
+            }
+        };
+        let estimate = self.estimate(&bank, innovation);
+        self.bank = (!bank.hypotheses().is_empty()).then_some(bank);
+        estimate
+    }
+}
+
+/// A belief with nothing known of the radius.
+fn unknown(round: &Round, belief: &Gaussian<4>) -> Gaussian<4> {
+    let mut entered = *belief;
+    entered.mean[2] = round.radius_m;
+    entered.covariance.row_mut(2).fill(0.0);
+    entered.covariance.column_mut(2).fill(0.0);
+    entered.covariance[(2, 2)] = round.radius_sd_m.powi(2);
+    entered
+}
+
+/// One step of a mode.
+struct ModeProcess<'a> {
+    step: <Round as Motion<4>>::Step<'a>,
+    /// Puts in the radius of this motion's prior.
+    thin: Option<Round>,
+    /// Variance that it adds to the place besides.
+    drift_m2: f64,
+}
+
+impl ModeProcess<'_> {
+    /// The state that the step is taken from.
+    fn from(&self, x: &Vector4<f64>) -> Vector4<f64> {
+        let mut from = *x;
+        from[2] = self.thin.map_or(x[2], |thin| thin.radius_m);
+        from
+    }
+}
+
+impl Process<4> for ModeProcess<'_> {
+    fn predict(&self, x: &Vector4<f64>) -> Vector4<f64> {
+        self.step.predict(&self.from(x))
+    }
+
+    fn jacobian(&self, x: &Vector4<f64>) -> Matrix4<f64> {
+        let mut jacobian = self.step.jacobian(&self.from(x));
+        if self.thin.is_some() {
+            jacobian.column_mut(2).fill(0.0);
+        }
+        jacobian
+    }
+
+    fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
+        let mut noise = self.step.noise(&self.from(x));
+        noise[(0, 0)] += self.drift_m2;
+        noise[(1, 1)] += self.drift_m2;
+        noise[(2, 2)] += self.thin.map_or(0.0, |thin| thin.radius_sd_m.powi(2));
+        noise
+    }
+}
+
+/// The reading in a mode.
+struct ModeReading<'a> {
+    contact: ContactReading<'a>,
+    is_lost: bool,
+    /// Variance of the measurement noise.
+    noise_n2_m2: f64,
+}
+
+impl Measurement<4, 1> for ModeReading<'_> {
+    fn predict(&self, x: &Vector4<f64>) -> Option<Vector1<f64>> {
+        if self.is_lost { Some(Vector1::zeros()) } else { self.contact.predict(x) }
+    }
+
+    fn jacobian(&self, x: &SVector<f64, 4>) -> Option<SMatrix<f64, 1, 4>> {
+        if self.is_lost { Some(SMatrix::zeros()) } else { self.contact.jacobian(x) }
+    }
+
+    fn noise(&self, x: &Vector4<f64>) -> Matrix1<f64> {
+        if self.is_lost { Matrix1::new(self.noise_n2_m2) } else { self.contact.noise(x) }
+    }
+}

@@ -1,0 +1,104 @@
+//! Every filter under every model of the contact's motion, and the choice among methods.
+
+mod world;
+
+use serde_json::{Value, json};
+use whisker::estimators::{self, Estimate, Estimator, Sample};
+
+use world::{base, configured, contact, estimator, knowledge, samples};
+
+const NOISE_N_M: f64 = 3e-7;
+
+/// The filters, and where among their settings the motion stands.
+const FILTERS: [(&str, &str); 11] = [
+    ("ekf", "/motion"),
+    ("iekf", "/motion"),
+    ("ukf", "/motion"),
+    ("particle", "/motion"),
+    ("smoother", "/motion"),
+    ("smoother-sliding", "/motion"),
+    ("batch", "/guess/motion"),
+    ("batch-sliding", "/guess/motion"),
+    ("paper-ekf", "/motion"),
+    ("paper-ukf", "/motion"),
+    ("paper-particle", "/motion"),
+];
+
+fn motions() -> [Value; 2] {
+    [json!({"kind": "resting"}), json!({"kind": "round", "radius_m": 1e-3, "radius_sd_m": 1e-3, "radius_parts": 2})]
+}
+
+fn run(mut estimator: Estimator, samples: &[(f64, Sample)]) -> Vec<Option<Estimate>> {
+    estimator.run(&samples.iter().map(|(_, sample)| *sample).collect::<Vec<_>>())
+}
+
+#[test]
+fn verif_every_filter_takes_every_motion() {
+    let knowledge = knowledge(NOISE_N_M);
+    let samples = samples(&knowledge, 6.0, |_| true);
+    let (end_s, _) = samples[samples.len() - 1];
+    for (name, place) in FILTERS {
+        let row = estimators::estimator(name).unwrap();
+        for motion in motions() {
+            let mut settings = (row.defaults)();
+            *settings.pointer_mut(place).unwrap() = motion.clone();
+            let estimates = run(configured(row, &settings, &knowledge, 1), &samples);
+            let last = estimates.last().copied().flatten().expect("the contact is followed to the end");
+            let error_m = base(end_s).apply(last.contact).distance(&contact());
+            assert!(error_m < 0.5e-3, "{name}, {motion}: {} mm", 1e3 * error_m);
+            assert_eq!(last.radius.is_some(), motion["kind"] == "round", "{name}, {motion}");
+        }
+    }
+}
+
+#[test]
+fn verif_published_filters_rest_unless_told_otherwise() {
+    for (name, place) in FILTERS.iter().filter(|(name, _)| name.starts_with("paper-")) {
+        let defaults = (estimators::estimator(name).unwrap().defaults)();
+        assert_eq!(defaults.pointer(place).unwrap()["kind"], "resting", "{name}");
+    }
+}
+
+#[test]
+fn verif_a_contact_at_rest_is_chosen_to_be_static() {
+    let knowledge = knowledge(NOISE_N_M);
+    let samples = samples(&knowledge, 6.0, |_| true);
+    for (name, winner) in [("recommended", "ekf"), ("imm", "static"), ("batch-recommended", "batch")] {
+        let row = estimators::estimator(name).unwrap();
+        let estimates = run(estimator(row, &knowledge, 1), &samples);
+        let models = estimates.last().copied().flatten().and_then(|last| last.models).expect("models");
+        let (leading, share) = models.iter().next().unwrap();
+        assert_eq!(leading, winner, "{name}: {models}");
+        assert!(share > 0.8, "{name}: {models}");
+        assert!((models.iter().map(|(_, share)| share).sum::<f64>() - 1.0).abs() < 1e-9, "{name}: {models}");
+    }
+}
+
+#[test]
+fn verif_a_choice_of_one_is_that_one() {
+    let knowledge = knowledge(NOISE_N_M);
+    let samples = samples(&knowledge, 2.0, |_| true);
+    let [choice, ekf] = ["recommended", "ekf"].map(|name| estimators::estimator(name).unwrap());
+    let alone = json!({"candidates": [{"name": "ekf", "weight": 1.0}]});
+    let chosen = run(configured(choice, &alone, &knowledge, 1), &samples);
+    for (chosen, own) in chosen.iter().zip(run(estimator(ekf, &knowledge, 1), &samples)) {
+        assert_eq!(chosen.map(|estimate| Estimate { models: None, ..estimate }), own);
+    }
+}
+
+#[test]
+fn robust_candidates_that_cannot_be_chosen_are_named() {
+    let knowledge = knowledge(NOISE_N_M);
+    let row = estimators::estimator("recommended").unwrap();
+    for (names, expected) in [
+        (vec!["ekfs"], "`ekfs` is unknown, expected one of: recommended, "),
+        (vec!["batch-recommended"], "`batch-recommended` is a choice itself"),
+        (vec!["paper-ekf"], "`paper-ekf` is bound to a sensor model of its own"),
+        (vec!["ekf", "ekf"], "`ekf` is named twice"),
+        (vec![], "`candidates`: found 0, expected 1 to 8"),
+    ] {
+        let candidates: Vec<Value> = names.iter().map(|name| json!({"name": name, "weight": 1.0})).collect();
+        let error = (row.build)(&json!({ "candidates": candidates }), &knowledge).err().expect(expected).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
