@@ -63,7 +63,7 @@ fn verif_published_filters_rest_unless_told_otherwise() {
 fn verif_a_contact_at_rest_is_chosen_to_be_static() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
-    for (name, winner) in [("recommended", "ekf"), ("imm", "static"), ("batch-recommended", "batch")] {
+    for (name, winner) in [("recommended", "ukf"), ("imm", "static"), ("batch-recommended", "batch")] {
         let row = estimators::estimator(name).unwrap();
         let estimates = run(estimator(row, &knowledge, 1), &samples);
         let models = estimates.last().copied().flatten().and_then(|last| last.models).expect("models");

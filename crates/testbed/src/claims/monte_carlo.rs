@@ -75,11 +75,16 @@ fn start(whisker: &'static str) -> Vec<Claim> {
     claims
 }
 
-/// The filters that begin with several hypotheses.
+/// Filters that expect objects within this of their radius take them for thin.
+const THIN_SD_M: f64 = 1e-3;
+
+/// The filters of thin objects that begin with several hypotheses. What has to find out the object's radius as well cannot be as quick.
 fn with_hypotheses() -> impl Iterator<Item = &'static str> {
     filters().filter(|name| {
         let row = estimators::estimator(name).expect("a registered estimator");
-        (row.defaults)()["start"]["kind"] == "hypotheses"
+        let defaults = (row.defaults)();
+        let is_for_thin = defaults["motion"]["radius_sd_m"].as_f64().is_some_and(|sd_m| sd_m <= THIN_SD_M);
+        defaults["start"]["kind"] == "hypotheses" && is_for_thin
     })
 }
 

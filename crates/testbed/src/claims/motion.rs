@@ -8,7 +8,7 @@ use crate::metrics::{Metric, consistency, error, radius};
 const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
 
 /// A filter that takes the object for thin.
-const STATIC: &str = "ekf";
+const STATIC: &str = "ukf";
 
 pub(super) fn claims() -> Vec<Claim> {
     let circles = CIRCLES.into_iter().flat_map(|group| WHISKERS.map(|whisker| (group, whisker)));

@@ -45,7 +45,7 @@ pub(super) struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self::among([("ekf", 30.0), ("sliding", 1.0), ("imm", 0.3)])
+        Self::among([("ukf", 300.0), ("sliding", 1.0), ("imm", 0.3)])
     }
 }
 

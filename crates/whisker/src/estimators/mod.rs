@@ -313,7 +313,7 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "what to use: `ekf` for thin things, `sliding` for round ones, `imm` for what is neither, as far as the readings speak for each",
+        about: "what to use: `ukf` for thin things, `sliding` for round ones, `imm` for what is neither, as far as the readings speak for each",
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<choice::Config>,
