@@ -51,7 +51,7 @@ impl<const M: usize> Innovation<M> {
     }
 
     /// The innovation with this residual; nothing unless the covariance is positive definite.
-    pub(crate) fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
+    pub fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
         covariance.cholesky().map(|factor| Self::new(residual, covariance, &factor))
     }
 

@@ -48,6 +48,7 @@ pub mod bounded;
 pub mod extended;
 mod gaussian;
 pub mod iterated;
+pub mod least_squares;
 mod model;
 pub mod particle;
 pub mod smoother;

@@ -12,6 +12,7 @@ mod extended;
 mod gaussian;
 mod iterated;
 mod motion;
+mod outline;
 mod paper;
 mod particle;
 pub(crate) mod settings;
@@ -31,7 +32,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::events::{ContactDetector, Sensing, TouchConfig};
-use crate::frames::{Base, Point, Pose, Root};
+use crate::frames::{Base, Point, Pose, Root, Start};
 use crate::rest::direction;
 use crate::sensor::{CalibratedFace, Face};
 use crate::{RestShape, Whisker};
@@ -162,6 +163,8 @@ pub struct Touch<'a> {
     pub face: &'a Arc<CalibratedFace>,
     /// The samples before that of the touch, in the order of time: the whisker was free then, or had touched without its being noticed.
     pub history: &'a [Sample],
+    /// Where the base was at the last sample before that of the touch.
+    pub before: Pose<Base, Start>,
     /// Where the robot was told that it touches.
     pub told: Option<Told>,
     /// For methods that draw random numbers.
@@ -185,6 +188,8 @@ pub struct Estimator {
     tracker: Option<Box<dyn Tracker>>,
     /// The last samples of the free whisker.
     history: VecDeque<Sample>,
+    /// Where the base is.
+    base: Pose<Base, Start>,
     seed: u64,
     touches: u64,
 }
@@ -194,7 +199,8 @@ impl Estimator {
     pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, touch: TouchConfig, seed: u64) -> Self {
         let detector = ContactDetector::new(touch, &knowledge.sensing());
         let history = VecDeque::with_capacity(HISTORY);
-        Self { method, knowledge, detector, tracker: None, history, seed, touches: 0 }
+        let base = Pose::new(0.0, 0.0, 0.0);
+        Self { method, knowledge, detector, tracker: None, history, base, seed, touches: 0 }
     }
 
     /// Takes the next sample in the order of time. Nothing while free, or while the method does not know yet, or on a face that was
@@ -229,15 +235,18 @@ impl Estimator {
             self.history.pop_front();
         }
         self.history.push_back(*sample);
+        self.base = sample.motion.inverse().then(&self.base);
     }
 
     /// Takes a sample of a touch.
     fn follow(&mut self, sample: &Sample) -> Option<Estimate> {
+        let before = self.base;
+        self.base = sample.motion.inverse().then(&before);
         if self.tracker.is_none() {
             let face = self.knowledge.face(self.detector.face()?)?;
             let told = self.knowledge.told.filter(|_| self.touches == 0);
             let seed = self.seed.wrapping_add(self.touches);
-            let touch = Touch { face, history: self.history.make_contiguous(), told, seed };
+            let touch = Touch { face, history: self.history.make_contiguous(), before, told, seed };
             self.tracker = Some(self.method.begin(&touch));
             self.history.clear();
             self.touches += 1;
@@ -357,6 +366,22 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<batch::Config>,
         build: batch::build,
+    },
+    EstimatorRow {
+        name: "outline",
+        about: "the object's convex outline as the state: what one stroke has told of it serves the next",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<outline::Config>,
+        build: outline::online::build,
+    },
+    EstimatorRow {
+        name: "outline-batch",
+        about: "the object's convex outline that explains the whole contact, by robust Gauss-Newton",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: defaults::<outline::Config>,
+        build: outline::batch::build,
     },
     EstimatorRow {
         name: "euler-bernoulli",

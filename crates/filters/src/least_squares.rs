@@ -1,0 +1,84 @@
+//! Robust nonlinear least squares with any number of unknowns, by Gauss and Newton's method with the damping of Levenberg and Marquardt
+//! (Nocedal and Wright, *Numerical Optimization*, 2006, section 10.3).
+//!
+//! A [`Problem`] states a cost, half the sum of squares of what deviates, and its quadratic approximation about a state. Costs that grow more slowly than
+//! squares enter by the square that touches them from above at the state (iteratively reweighted least squares); since every step is tested
+//! by the cost itself, no step makes the state less probable.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// A quadratic approximation `c + g' x + x' H x / 2` of a cost about a state.
+#[derive(Clone, Debug)]
+pub struct Quadratic {
+    /// The cost `c`, that of the state itself.
+    pub cost: f64,
+    /// Gradient `g`.
+    pub gradient: DVector<f64>,
+    /// Positive definite curvature `H`, of which the lower triangle counts.
+    pub curvature: DMatrix<f64>,
+}
+
+/// What is to be minimised.
+pub trait Problem {
+    /// What is sought.
+    type State: Clone;
+
+    /// Cost of a state; nothing where the model has no answer.
+    fn cost(&self, state: &Self::State) -> Option<f64>;
+
+    /// The cost's approximation about a state.
+    fn approximate(&self, state: &Self::State) -> Option<Quadratic>;
+
+    /// The state moved by a step.
+    fn moved(&self, state: &Self::State, step: &DVector<f64>) -> Self::State;
+}
+
+/// How the search goes on and when it ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    /// Most approximations.
+    pub iterations: usize,
+    /// Descent that is too small to matter; a tenth of a standard deviation is 0.005.
+    pub tolerance: f64,
+}
+
+/// Tries at one approximation before it counts as the minimum.
+const TRIES: usize = 12;
+
+/// Damping, relative to the curvature's diagonal, and how it changes.
+const FIRST_DAMPING: f64 = 1e-3;
+const EASE: f64 = 0.2;
+const HARDEN: f64 = 8.0;
+
+/// Descends from a state; how far, in cost, is returned as well. Nothing where the model has no answer at the state.
+pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Option<(P::State, f64)> {
+    let (mut state, mut damping) = (from, FIRST_DAMPING);
+    let mut descended = 0.0;
+    for _ in 0..search.iterations {
+        let here = problem.approximate(&state)?;
+        let lower = (0..TRIES).find_map(|_| {
+            let found = damped(&here, damping).and_then(|factor| {
+                let moved = problem.moved(&state, &-factor.solve(&here.gradient));
+                problem.cost(&moved).filter(|&cost| cost < here.cost).map(|cost| (moved, cost))
+            });
+            damping *= if found.is_some() { EASE } else { HARDEN };
+            found
+        });
+        let Some((moved, cost)) = lower else { break };
+        state = moved;
+        descended += here.cost - cost;
+        if here.cost - cost < search.tolerance {
+            break;
+        }
+    }
+    Some((state, descended))
+}
+
+/// The curvature's factor with its diagonal raised.
+fn damped(here: &Quadratic, damping: f64) -> Option<Cholesky<f64, Dyn>> {
+    let mut curvature = here.curvature.clone();
+    for i in 0..curvature.nrows() {
+        curvature[(i, i)] *= 1.0 + damping;
+    }
+    curvature.cholesky()
+}

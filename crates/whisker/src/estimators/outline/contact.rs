@@ -1,0 +1,118 @@
+//! Where a whisker whose base is known touches a curve.
+//!
+//! Without friction the whisker's tangent at the contact is the curve's. With the base's yaw `theta`, the point `p = base^-1 P(tau)` and
+//! the tangent's angle `phi(p)` in Base, the contact solves
+//!
+//! ```text
+//! F(tau) = theta + phi(p(tau)) - psi(tau) = 0
+//! ```
+//!
+//! F falls wherever the whisker touches in one place: its slope is `-(e a dphi/ds + (1 - a) / l)`. By the implicit function theorem,
+//! what depends on the contact has the derivative `q_P . P_x + q_tau tau_x` by a number `x` of the state, with `tau_x = -(phi_P . P_x - psi_x) / F'`.
+
+use nalgebra::{Matrix2, RowVector2, Vector2};
+
+use super::curve::{Curve, PITCH_M, Place};
+use crate::estimators::side::Side;
+use crate::frames::{Base, Point, Pose, Start};
+
+/// Most steps of the search along the curve.
+const STEPS: usize = 60;
+
+/// Change of `tau` that ends it.
+const SETTLED_M: f64 = 1e-9;
+
+/// Longest first steps, before the root is bracketed.
+const STRIDE_M: f64 = 20.0 * PITCH_M;
+
+/// Farthest that a contact is sought from the ends of the curve.
+const REACH_M: f64 = 30e-3;
+
+/// Least fall of F in a metre. A whisker as curved as the object lies along it, and its contact is not in one place.
+const LEAST_FALL_PER_M: f64 = 0.2;
+
+/// A contact with a curve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Contact {
+    pub(super) place: Place,
+    /// In Base, and along and away from the undeflected whisker.
+    pub(super) point: Point<Base>,
+    pub(super) along_m: f64,
+    pub(super) away_m: f64,
+    /// Expected reading, and its derivative by the contact's point in Start.
+    pub(super) reading_n_m: f64,
+    pub(super) reading_by_point: Vector2<f64>,
+    /// Derivative of the tangent's angle by that point.
+    tangent_by_point: Vector2<f64>,
+    /// F'.
+    fall_per_m: f64,
+}
+
+/// F at a place.
+struct Mismatch {
+    place: Place,
+    angle_rad: f64,
+    rate: f64,
+    tangent_by_point: Vector2<f64>,
+    along_m: f64,
+    away_m: f64,
+}
+
+fn mismatch(side: &Side, base: &Pose<Base, Start>, curve: &Curve, tau_m: f64) -> Mismatch {
+    let place = curve.at(tau_m);
+    let point = base.inverse().apply(Point::from_vector(place.knot.point));
+    let (along_m, away_m) = side.face.along_and_away(point);
+    let (tangent_rad, by_place) = side.tangent_rad(along_m, away_m);
+    let tangent_by_point = base.rotation() * in_base(side, along_m, away_m, by_place);
+    let angle_rad = base.yaw_rad() + tangent_rad - place.knot.tangent_rad;
+    let rate = (tangent_by_point.dot(&place.point_rate) - place.tangent_rate).min(-LEAST_FALL_PER_M);
+    Mismatch { place, angle_rad, rate, tangent_by_point, along_m, away_m }
+}
+
+/// A derivative along and away, by the point in Base.
+fn in_base(side: &Side, along_m: f64, away_m: f64, by_place: Vector2<f64>) -> Vector2<f64> {
+    let jacobian: Matrix2<f64> = side.face.contact_jacobian(along_m, away_m);
+    jacobian.transpose().try_inverse().map_or(by_place, |inverse| inverse * by_place)
+}
+
+/// The contact of a whisker with its base at `base`, sought from `near_m` on; nothing where it cannot touch within reach.
+pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near_m: f64) -> Option<Contact> {
+    let (first_m, last_m) = curve.range_m();
+    let (mut low_m, mut high_m) = (first_m - REACH_M, last_m + REACH_M);
+    let mut is_bracketed = (false, false);
+    let mut tau_m = near_m.clamp(low_m, high_m);
+    let mut found = mismatch(side, base, curve, tau_m);
+    for _ in 0..STEPS {
+        if found.angle_rad > 0.0 {
+            (low_m, is_bracketed.0) = (tau_m, true);
+        } else {
+            (high_m, is_bracketed.1) = (tau_m, true);
+        }
+        let stride_m = (-found.angle_rad / found.rate).clamp(-STRIDE_M, STRIDE_M);
+        if stride_m.abs() < SETTLED_M {
+            break;
+        }
+        let newton_m = tau_m + stride_m;
+        if newton_m > low_m && newton_m < high_m {
+            tau_m = newton_m;
+        } else if is_bracketed == (true, true) {
+            tau_m = 0.5 * (low_m + high_m);
+        } else {
+            return None;
+        }
+        found = mismatch(side, base, curve, tau_m);
+    }
+    let Mismatch { place, rate, tangent_by_point, along_m, away_m, .. } = found;
+    let (reading_n_m, by_place): (f64, RowVector2<f64>) = side.expect(along_m, away_m);
+    let reading_by_point = base.rotation() * in_base(side, along_m, away_m, by_place.transpose());
+    let point = base.inverse().apply(Point::from_vector(place.knot.point));
+    Some(Contact { place, point, along_m, away_m, reading_n_m, reading_by_point, tangent_by_point, fall_per_m: rate })
+}
+
+impl Contact {
+    /// Adds to `gradient` the derivative by the curve's numbers of what has the derivative `by_point` by the contact's point.
+    pub(super) fn pull_back(&self, curve: &Curve, by_point: Vector2<f64>, gradient: &mut [f64]) {
+        let by_tau = by_point.dot(&self.place.point_rate) / self.fall_per_m;
+        curve.pull_back(&self.place, by_point - self.tangent_by_point * by_tau, by_tau, gradient);
+    }
+}
