@@ -50,10 +50,9 @@ const FIRST_DAMPING: f64 = 1e-3;
 const EASE: f64 = 0.2;
 const HARDEN: f64 = 8.0;
 
-/// Descends from a state; how far, in cost, is returned as well. Nothing where the model has no answer at the state.
-pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Option<(P::State, f64)> {
+/// The state to which a search descends; nothing where the model has no answer at the first.
+pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Option<P::State> {
     let (mut state, mut damping) = (from, FIRST_DAMPING);
-    let mut descended = 0.0;
     for _ in 0..search.iterations {
         let here = problem.approximate(&state)?;
         let lower = (0..TRIES).find_map(|_| {
@@ -66,12 +65,11 @@ pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Opti
         });
         let Some((moved, cost)) = lower else { break };
         state = moved;
-        descended += here.cost - cost;
         if here.cost - cost < search.tolerance {
             break;
         }
     }
-    Some((state, descended))
+    Some(state)
 }
 
 /// The curvature's factor with its diagonal raised.

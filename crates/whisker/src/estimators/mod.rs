@@ -154,6 +154,29 @@ pub trait Tracker: Send {
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
         None
     }
+
+    /// Called with the next touch after a release: whether this tracker follows it, too, with what it remembers of the object. Otherwise a new one
+    /// begins.
+    fn resume(&mut self, _touch: &Touch<'_>) -> bool {
+        false
+    }
+
+    /// The object's outline as far as it was touched, in the order in which the whisker's tangent turns to the left; nothing where the method knows
+    /// contacts only.
+    fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        None
+    }
+}
+
+/// A point of an object's outline, in the frame in which the base started.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutlinePoint {
+    /// The point of the object's surface.
+    pub surface: Point<Start>,
+    /// Outward normal there, a unit vector.
+    pub normal: Vector2<f64>,
+    /// Standard deviation of the outline across, along the normal.
+    pub sd_m: f64,
 }
 
 /// A touch that begins.
@@ -186,6 +209,8 @@ pub struct Estimator {
     knowledge: Arc<Knowledge>,
     detector: ContactDetector,
     tracker: Option<Box<dyn Tracker>>,
+    /// The tracker of the last touch, while the whisker is free.
+    released: Option<Box<dyn Tracker>>,
     /// The last samples of the free whisker.
     history: VecDeque<Sample>,
     /// Where the base is.
@@ -200,14 +225,14 @@ impl Estimator {
         let detector = ContactDetector::new(touch, &knowledge.sensing());
         let history = VecDeque::with_capacity(HISTORY);
         let base = Pose::new(0.0, 0.0, 0.0);
-        Self { method, knowledge, detector, tracker: None, history, base, seed, touches: 0 }
+        Self { method, knowledge, detector, tracker: None, released: None, history, base, seed, touches: 0 }
     }
 
     /// Takes the next sample in the order of time. Nothing while free, or while the method does not know yet, or on a face that was
     /// not calibrated.
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !self.detector.step(sample.reading_n_m, sample.dt_s) {
-            self.tracker = None;
+            self.release();
             self.remember(sample);
             return None;
         }
@@ -229,6 +254,18 @@ impl Estimator {
         estimates
     }
 
+    /// The outline of the object that is touched, or was last; see [`Tracker::outline`].
+    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.tracker.as_ref().or(self.released.as_ref())?.outline()
+    }
+
+    /// Ends the present touch, if there is one.
+    fn release(&mut self) {
+        if let Some(tracker) = self.tracker.take() {
+            self.released = Some(tracker);
+        }
+    }
+
     /// Keeps a sample of the free whisker.
     fn remember(&mut self, sample: &Sample) {
         if self.history.len() == HISTORY {
@@ -247,7 +284,8 @@ impl Estimator {
             let told = self.knowledge.told.filter(|_| self.touches == 0);
             let seed = self.seed.wrapping_add(self.touches);
             let touch = Touch { face, history: self.history.make_contiguous(), before, told, seed };
-            self.tracker = Some(self.method.begin(&touch));
+            let resumed = self.released.take().and_then(|mut last| last.resume(&touch).then_some(last));
+            self.tracker = Some(resumed.unwrap_or_else(|| self.method.begin(&touch)));
             self.history.clear();
             self.touches += 1;
         }
@@ -262,7 +300,9 @@ impl Estimator {
 
     /// Ends the present touch, if there is one, and revises its estimates, which are the last.
     fn look_back(&mut self, estimates: &mut [Option<Estimate>]) {
-        let Some(revised) = self.tracker.take().and_then(|mut tracker| tracker.hindsight()) else { return };
+        let revised = self.tracker.as_mut().and_then(|tracker| tracker.hindsight());
+        self.release();
+        let Some(revised) = revised else { return };
         let since = estimates.len() - revised.len();
         for (estimate, revised) in estimates[since..].iter_mut().zip(revised) {
             *estimate = revised.map(|revised| self.placed(revised));
@@ -373,7 +413,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<outline::Config>,
-        build: outline::online::build,
+        build: outline::build_recursive,
     },
     EstimatorRow {
         name: "outline-batch",
@@ -381,7 +421,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         kind: Kind::Hindsight,
         sensor_model: None,
         defaults: defaults::<outline::Config>,
-        build: outline::batch::build,
+        build: outline::build_hindsight,
     },
     EstimatorRow {
         name: "euler-bernoulli",

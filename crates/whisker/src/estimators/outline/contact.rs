@@ -37,8 +37,7 @@ pub(super) struct Contact {
     pub(super) place: Place,
     /// In Base, and along and away from the undeflected whisker.
     pub(super) point: Point<Base>,
-    pub(super) along_m: f64,
-    pub(super) away_m: f64,
+    pub(super) place_m: (f64, f64),
     /// Expected reading, and its derivative by the contact's point in Start.
     pub(super) reading_n_m: f64,
     pub(super) reading_by_point: Vector2<f64>,
@@ -106,7 +105,7 @@ pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near
     let (reading_n_m, by_place): (f64, RowVector2<f64>) = side.expect(along_m, away_m);
     let reading_by_point = base.rotation() * in_base(side, along_m, away_m, by_place.transpose());
     let point = base.inverse().apply(Point::from_vector(place.knot.point));
-    Some(Contact { place, point, along_m, away_m, reading_n_m, reading_by_point, tangent_by_point, fall_per_m: rate })
+    Some(Contact { place, point, place_m: (along_m, away_m), reading_n_m, reading_by_point, tangent_by_point, fall_per_m: rate })
 }
 
 impl Contact {

@@ -14,6 +14,8 @@
 //! The curve is that of the whisker's centre line, hence the object's outline with the wire's radius added. Its tangent is the whisker's:
 //! `dP = -e rho t dpsi`, with `e` = +1 for an object on the right of the whisker.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
 use crate::rest::direction;
@@ -106,19 +108,25 @@ impl Curve {
         (-(self.before as f64) * PITCH_M, (self.logs.len() - self.before) as f64 * PITCH_M)
     }
 
-    /// The curve made longer by cells like those at its ends, so that it covers the range; how many are new before and after.
-    pub(super) fn extend(&mut self, low_m: f64, high_m: f64) -> (usize, usize) {
+    /// +1 where the object lies on the right of the whisker: the direction of its outward normal, as seen along the tangent, is to the left.
+    pub(super) fn sign(&self) -> f64 {
+        self.sign
+    }
+
+    /// Makes the curve longer by cells like those at its ends, so that it covers the range; whether that took any.
+    pub(super) fn extend(&mut self, low_m: f64, high_m: f64) -> bool {
         let (first_m, last_m) = self.range_m();
         let missing = |short_m: f64| (short_m / PITCH_M).ceil().max(0.0) as usize;
         let (front, back) = (missing(first_m - low_m), missing(high_m - last_m));
-        if front + back > 0 {
-            let (first, last) = (self.logs[0], self.logs[self.logs.len() - 1]);
-            self.logs.splice(0..0, std::iter::repeat_n(first, front));
-            self.logs.extend(std::iter::repeat_n(last, back));
-            self.before += front;
-            self.lay();
+        if front + back == 0 {
+            return false;
         }
-        (front, back)
+        let (first, last) = (self.logs[0], self.logs[self.logs.len() - 1]);
+        self.logs.splice(0..0, std::iter::repeat_n(first, front));
+        self.logs.extend(std::iter::repeat_n(last, back));
+        self.before += front;
+        self.lay();
+        true
     }
 
     /// Takes off the cells beyond a range, but for those about the anchor; the first that stays.
@@ -232,16 +240,11 @@ impl Curve {
         add(last, &self.arc(from, way_m, self.cells[last].share), point);
     }
 
-    /// First and last number of the state, behind the anchor's, on which the curve between the anchor and `tau` depends.
-    pub(super) fn between(&self, tau_m: f64) -> std::ops::Range<usize> {
+    /// Numbers of the state, behind those of the anchor, on which the curve between the anchor and `tau` depends.
+    pub(super) fn cells_to(&self, tau_m: f64) -> Range<usize> {
         let last = self.cell(tau_m);
         let (first, end) = if last >= self.before { (self.before, last + 1) } else { (last, self.before) };
         ANCHOR + first..ANCHOR + end
-    }
-
-    /// Radius of a cell.
-    pub(super) fn radius_m(&self, cell: usize) -> f64 {
-        SCALE_M * self.logs[cell].exp()
     }
 }
 
