@@ -43,12 +43,13 @@ pub struct Search {
 }
 
 /// Tries at one approximation before it counts as the minimum.
-const TRIES: usize = 12;
+const TRIES: usize = 10;
 
-/// Damping, relative to the curvature's diagonal, and how it changes.
-const FIRST_DAMPING: f64 = 1e-3;
-const EASE: f64 = 0.2;
-const HARDEN: f64 = 8.0;
+/// Damping, relative to the curvature's diagonal, and how it changes after a step that descends and after one that does not. It begins with next to
+/// none: where a prior ties many unknowns to one another, the diagonal is far larger than the curvature for all of them together.
+const FIRST_DAMPING: f64 = 1e-9;
+const EASE: f64 = 0.01;
+const HARDEN: f64 = 20.0;
 
 /// The state to which a search descends; nothing where the model has no answer at the first.
 pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Option<P::State> {
@@ -60,7 +61,7 @@ pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Opti
                 let moved = problem.moved(&state, &-factor.solve(&here.gradient));
                 problem.cost(&moved).filter(|&cost| cost < here.cost).map(|cost| (moved, cost))
             });
-            damping *= if found.is_some() { EASE } else { HARDEN };
+            damping = FIRST_DAMPING.max(damping * if found.is_some() { EASE } else { HARDEN });
             found
         });
         let Some((moved, cost)) = lower else { break };
@@ -79,4 +80,50 @@ fn damped(here: &Quadratic, damping: f64) -> Option<Cholesky<f64, Dyn>> {
         curvature[(i, i)] *= 1.0 + damping;
     }
     curvature.cholesky()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Vector2, dmatrix, dvector};
+
+    use super::*;
+
+    /// Rosenbrock's banana: half the sum of squares of `10 (y - x^2)` and `1 - x`.
+    struct Banana;
+
+    impl Problem for Banana {
+        type State = Vector2<f64>;
+
+        fn cost(&self, at: &Vector2<f64>) -> Option<f64> {
+            Some(0.5 * (100.0 * (at.y - at.x * at.x).powi(2) + (1.0 - at.x).powi(2)))
+        }
+
+        fn approximate(&self, at: &Vector2<f64>) -> Option<Quadratic> {
+            let jacobian = dmatrix![-20.0 * at.x, 10.0; -1.0, 0.0];
+            let residual = dvector![10.0 * (at.y - at.x * at.x), 1.0 - at.x];
+            let gradient = jacobian.transpose() * residual;
+            Some(Quadratic { cost: self.cost(at)?, gradient, curvature: jacobian.transpose() * jacobian })
+        }
+
+        fn moved(&self, at: &Vector2<f64>, step: &DVector<f64>) -> Vector2<f64> {
+            at + Vector2::new(step[0], step[1])
+        }
+    }
+
+    #[test]
+    fn val_minimum_of_the_banana() {
+        let found = descend(&Banana, Vector2::new(-1.2, 1.0), &Search { iterations: 100, tolerance: 1e-20 }).unwrap();
+        assert!((found - Vector2::new(1.0, 1.0)).norm() < 1e-6, "{found}");
+    }
+
+    #[test]
+    fn verif_no_step_climbs() {
+        let mut last = f64::INFINITY;
+        for iterations in 0..20 {
+            let found = descend(&Banana, Vector2::new(-1.2, 1.0), &Search { iterations, tolerance: 0.0 }).unwrap();
+            let cost = Banana.cost(&found).unwrap();
+            assert!(cost <= last);
+            last = cost;
+        }
+    }
 }

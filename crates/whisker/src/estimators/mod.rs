@@ -19,6 +19,8 @@ pub(crate) mod settings;
 mod side;
 mod smoother;
 mod start;
+#[cfg(test)]
+mod testing;
 mod unscented;
 
 pub use settings::SettingsError;

@@ -253,3 +253,78 @@ impl Arc {
         Knot { point: from.point + self.offset, tangent_rad: from.tangent_rad + self.turn_rad }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A curve with all kinds of radii, touched on both sides of its anchor.
+    fn wavy() -> Curve {
+        let mut curve = Curve::new(-1.0, Vector2::new(0.05, -0.01), 0.3, 8e-3);
+        curve.extend(-3e-3, 4e-3);
+        let step: Vec<f64> = (0..curve.size()).map(|i| if i < ANCHOR { 0.0 } else { 5.0 * (i as f64).sin() }).collect();
+        curve.moved(&step)
+    }
+
+    #[test]
+    fn val_one_radius_is_a_circle() {
+        for sign in [-1.0, 1.0] {
+            let mut curve = Curve::new(sign, Vector2::new(0.02, 0.01), 0.4, 15e-3);
+            curve.extend(-20e-3, 20e-3);
+            let centre = curve.at(0.0).knot.point - Vector2::new(-(0.4_f64.sin()), 0.4_f64.cos()) * (sign * 15e-3);
+            for tau_m in [-20e-3, -3.1e-3, 0.0, 7.77e-3, 20e-3] {
+                let place = curve.at(tau_m);
+                assert!(((place.knot.point - centre).norm() - 15e-3).abs() < 1e-12);
+                assert!((place.knot.tangent_rad - 0.4 - tau_m / 25e-3).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn verif_derivatives_are_those_of_the_curve() {
+        let curve = wavy();
+        let (by_point, by_tangent) = (Vector2::new(0.3, -0.8), 2e-3);
+        let value = |curve: &Curve, tau_m: f64| {
+            let knot = curve.at(tau_m).knot;
+            by_point.dot(&knot.point) + by_tangent * knot.tangent_rad
+        };
+        for tau_m in [-2.9e-3, -0.1e-3, 0.1e-3, 1.3e-3, 3.9e-3, 5e-3] {
+            let place = curve.at(tau_m);
+            let mut gradient = vec![0.0; curve.size()];
+            curve.pull_back(&place, by_point, by_tangent, &mut gradient);
+            for (i, found) in gradient.iter().enumerate() {
+                let mut step = vec![0.0; curve.size()];
+                step[i] = 1e-6;
+                let ahead = value(&curve.moved(&step), tau_m);
+                step[i] = -1e-6;
+                let expected = (ahead - value(&curve.moved(&step), tau_m)) / 2e-6;
+                assert!((found - expected).abs() < 1e-8, "{tau_m} {i}: {found} {expected}");
+                let is_touched = i < ANCHOR || curve.cells_to(tau_m).contains(&i);
+                assert!(is_touched || *found == 0.0);
+            }
+            let rate = (value(&curve, tau_m + 1e-8) - value(&curve, tau_m - 1e-8)) / 2e-8;
+            let found = by_point.dot(&place.point_rate) + by_tangent * place.tangent_rate;
+            assert!((found - rate).abs() < 1e-6, "{tau_m}");
+        }
+    }
+
+    #[test]
+    fn verif_length_does_not_change_the_shape() {
+        let curve = wavy();
+        let mut other = curve.clone();
+        assert!(other.extend(-5e-3, 6e-3));
+        let same = |other: &Curve, tau_m: f64| (curve.at(tau_m).knot.point - other.at(tau_m).knot.point).norm() < 1e-15;
+        assert!([-4e-3, -3e-3, 0.0, 2.2e-3, 5e-3].iter().all(|&tau_m| same(&other, tau_m)));
+        other.trim(-1e-3, 1e-3);
+        assert!([-1e-3, -0.3e-3, 0.0, 0.9e-3].iter().all(|&tau_m| same(&other, tau_m)));
+        assert!(other.size() < curve.size());
+    }
+
+    #[test]
+    fn robust_radii_are_positive_whatever_the_step() {
+        let curve = wavy();
+        let step: Vec<f64> = (0..curve.size()).map(|i| if i % 2 == 0 { 30.0 } else { -30.0 }).collect();
+        let moved = curve.moved(&step);
+        assert!(moved.cells.iter().all(|cell| (0.0..=1.0).contains(&cell.share)));
+    }
+}

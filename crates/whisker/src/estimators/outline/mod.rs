@@ -33,11 +33,11 @@ use recursive::Tracer;
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
     /// What is believed of outlines before anything is touched.
-    pub prior: Prior,
+    prior: Prior,
     /// A reading farther off than this, in standard deviations, counts by its logarithm only.
-    pub gate_sds: f64,
+    gate_sds: f64,
     /// Standard deviation of the contact along the whisker at which a filter hands over to the outline.
-    pub start_sd_m: f64,
+    start_sd_m: f64,
 }
 
 impl Default for Config {

@@ -111,3 +111,33 @@ impl Prior {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector, Vector2};
+
+    use super::*;
+
+    #[test]
+    fn verif_gradient_is_that_of_the_cost() {
+        let mut curve = Curve::new(1.0, Vector2::zeros(), 0.0, 5e-3);
+        curve.extend(-1e-3, 1e-3);
+        let size = curve.size();
+        let waves: Vec<f64> = (0..size).map(|i| if i < ANCHOR { 0.0 } else { (2.0 * i as f64).sin() }).collect();
+        let curve = curve.moved(&waves);
+        let prior = Prior::default();
+        let mut quadratic =
+            Quadratic { cost: 0.0, gradient: DVector::zeros(size), curvature: DMatrix::zeros(size, size) };
+        prior.add_to(&curve, &mut quadratic);
+        for i in 0..size {
+            let cost = |by: f64| {
+                let mut step = vec![0.0; size];
+                step[i] = by;
+                prior.cost(&curve.moved(&step))
+            };
+            let expected = (cost(1e-6) - cost(-1e-6)) / 2e-6;
+            assert!((quadratic.gradient[i] - expected).abs() < 1e-6, "{i}: {} {expected}", quadratic.gradient[i]);
+        }
+        assert!(quadratic.curvature.cholesky().is_some());
+    }
+}
