@@ -68,7 +68,7 @@ impl Side {
     }
 
     /// Variance of the sensor model's own error at a contact.
-    fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
+    pub(super) fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
         let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
         self.face.model_variance_n2_m2(self.face.contact_at(arc_m, away_m))
     }

@@ -52,9 +52,48 @@ impl Residual {
     }
 }
 
+/// A reading of a contact, linearised.
+struct Linear<'a> {
+    contact: &'a Contact,
+    residual_n_m: f64,
+    /// What its square counts for.
+    weight: f64,
+    /// Derivative of the expected reading by the curve's numbers.
+    slope: &'a [f64],
+}
+
 impl Evidence<'_> {
     fn contact(&self, reading: &Reading, curve: &Curve) -> Option<Contact> {
         contact(self.side, &reading.base, curve, reading.near_m)
+    }
+
+    /// Linearises every reading of a contact about a curve, and returns the cost of all readings.
+    fn linearise(&self, curve: &Curve, mut take: impl FnMut(&Linear<'_>)) -> f64 {
+        let mut slope = vec![0.0; curve.size()];
+        let costs = self.readings.iter().map(|reading| {
+            let contact = self.contact(reading, curve);
+            let (residual, touches) = Residual::new(self.side, reading, contact.as_ref());
+            let (cost, weight) = residual.robust(self.gate_sds);
+            if let Some(contact) = contact.filter(|_| touches) {
+                slope.fill(0.0);
+                contact.pull_back(curve, contact.reading_by_point, &mut slope);
+                take(&Linear { contact: &contact, residual_n_m: residual.residual_n_m, weight, slope: &slope });
+            }
+            cost
+        });
+        costs.sum()
+    }
+
+    /// Gradient that the sensor model's error adds to the cost, were it one standard deviation everywhere. That error is no noise that averages out: it is nearly
+    /// the same at nearby contacts.
+    pub(super) fn model_error_pull(&self, curve: &Curve) -> DVector<f64> {
+        let mut pull = DVector::zeros(curve.size());
+        self.linearise(curve, |linear| {
+            let (along_m, away_m) = linear.contact.place_m;
+            let share = linear.weight * self.side.model_variance_n2_m2(along_m, away_m).sqrt();
+            pull.iter_mut().zip(linear.slope).for_each(|(pull, slope)| *pull += share * slope);
+        });
+        pull
     }
 }
 
@@ -71,35 +110,23 @@ impl Problem for Evidence<'_> {
 
     fn approximate(&self, curve: &Curve) -> Option<Quadratic> {
         let size = curve.size();
-        let mut quadratic = Quadratic {
-            cost: self.prior.cost(curve),
-            gradient: DVector::zeros(size),
-            curvature: DMatrix::zeros(size, size),
-        };
-        self.prior.add_to(curve, &mut quadratic);
-        let mut slope = vec![0.0; size];
-        for reading in self.readings {
-            let contact = self.contact(reading, curve);
-            let (residual, touches) = Residual::new(self.side, reading, contact.as_ref());
-            let (cost, weight) = residual.robust(self.gate_sds);
-            quadratic.cost += cost;
-            let Some(contact) = contact.filter(|_| touches) else { continue };
-            slope.fill(0.0);
-            contact.pull_back(curve, contact.reading_by_point, &mut slope);
-            let cells = curve.cells_to(contact.place.tau_m);
+        let (mut gradient, mut curvature) = (DVector::zeros(size), DMatrix::zeros(size, size));
+        let of_readings = self.linearise(curve, |linear| {
+            // Of the lower triangle, what the reading touches: the anchor's numbers, and the cells between the anchor and the contact.
+            let cells = curve.cells_to(linear.contact.place.tau_m);
             for j in (0..ANCHOR).chain(cells.clone()) {
-                let share = weight * slope[j];
-                quadratic.gradient[j] -= share * residual.residual_n_m;
-                for i in j..ANCHOR {
-                    quadratic.curvature[(i, j)] += share * slope[i];
-                }
-                let rows = j.max(cells.start)..cells.end;
-                let mut column = quadratic.curvature.column_mut(j);
-                for (entry, slope) in column.as_mut_slice()[rows.clone()].iter_mut().zip(&slope[rows]) {
-                    *entry += share * slope;
+                let share = linear.weight * linear.slope[j];
+                gradient[j] -= share * linear.residual_n_m;
+                let mut column = curvature.column_mut(j);
+                let column = column.as_mut_slice();
+                for rows in [j..ANCHOR.max(j), j.max(cells.start)..cells.end] {
+                    let entries = column[rows.clone()].iter_mut().zip(&linear.slope[rows]);
+                    entries.for_each(|(entry, slope)| *entry += share * slope);
                 }
             }
-        }
+        });
+        let mut quadratic = Quadratic { cost: self.prior.cost(curve) + of_readings, gradient, curvature };
+        self.prior.add_to(curve, &mut quadratic);
         Some(quadratic)
     }
 

@@ -184,10 +184,18 @@ impl Object {
             self.curve = curve;
         }
         self.fit_length(side);
-        let information = self.evidence(side, prior.doubtful()).approximate(&self.curve);
-        if let Some(factor) = information.and_then(|quadratic| quadratic.curvature.cholesky()) {
-            self.covariance = factor.inverse();
-        }
+        self.covariance = self.doubt(side).unwrap_or_else(|| DMatrix::identity(self.curve.size(), self.curve.size()));
+    }
+
+    /// Covariance of the curve's numbers: that of the readings' noise under the prior, and what a sensor model that errs the same way everywhere does to them
+    /// (a consider parameter: Schmidt 1966).
+    fn doubt(&self, side: &Side) -> Option<DMatrix<f64>> {
+        let evidence = self.evidence(side, self.config.prior.doubtful());
+        let factor = evidence.approximate(&self.curve)?.curvature.cholesky()?;
+        let shift = factor.solve(&evidence.model_error_pull(&self.curve));
+        let mut covariance = factor.inverse();
+        covariance.ger(1.0, &shift, &shift, 1.0);
+        Some(covariance)
     }
 
     /// The outline where it was touched, given the wire's radius.
