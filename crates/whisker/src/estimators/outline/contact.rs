@@ -71,6 +71,7 @@ fn mismatch(side: &Side, base: &Pose<Base, Start>, curve: &Curve, tau_m: f64) ->
 /// A derivative along and away, by the point in Base.
 fn in_base(side: &Side, along_m: f64, away_m: f64, by_place: Vector2<f64>) -> Vector2<f64> {
     let jacobian: Matrix2<f64> = side.face.contact_jacobian(along_m, away_m);
+    // It is singular only at the whisker's centre of curvature.
     jacobian.transpose().try_inverse().map_or(by_place, |inverse| inverse * by_place)
 }
 

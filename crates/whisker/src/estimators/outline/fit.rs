@@ -29,8 +29,8 @@ pub(super) struct Residual {
 }
 
 impl Residual {
-    /// That of a reading; where no contact is expected, or one that would pull, that of a free whisker.
-    pub(super) fn new(side: &Side, reading: &Reading, contact: Option<&Contact>) -> (Self, bool) {
+    /// That of a reading, and whether it is of a contact: where none is expected, or one that would have to pull, it is of a free whisker.
+    pub(super) fn of(side: &Side, reading: &Reading, contact: Option<&Contact>) -> (Self, bool) {
         let (along_m, away_m) = contact.map_or((side.face.domain.arc_range_m().0, 0.0), |contact| contact.place_m);
         let variance_n2_m2 = side.variance_of_mean_n2_m2(along_m, away_m, reading.count);
         let is_free = match contact {
@@ -72,7 +72,7 @@ impl Evidence<'_> {
         let mut slope = vec![0.0; curve.size()];
         let costs = self.readings.iter().map(|reading| {
             let contact = self.contact(reading, curve);
-            let (residual, touches) = Residual::new(self.side, reading, contact.as_ref());
+            let (residual, touches) = Residual::of(self.side, reading, contact.as_ref());
             let (cost, weight) = residual.robust(self.gate_sds);
             if let Some(contact) = contact.filter(|_| touches) {
                 slope.fill(0.0);
@@ -103,7 +103,7 @@ impl Problem for Evidence<'_> {
     fn cost(&self, curve: &Curve) -> Option<f64> {
         let costs = self.readings.iter().map(|reading| {
             let contact = self.contact(reading, curve);
-            Residual::new(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0
+            Residual::of(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0
         });
         Some(self.prior.cost(curve) + costs.sum::<f64>())
     }

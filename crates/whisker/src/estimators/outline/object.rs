@@ -21,7 +21,7 @@ const MARGIN_M: f64 = 2.0 * PITCH_M;
 /// Rounds in which a curve finds its length.
 const LENGTH_ROUNDS: usize = 3;
 
-/// Most steps of a search from the last curve, and of one that begins with another prior.
+/// Most steps of a search from the last curve, of one by way of another prior, and of either at the end.
 const NEAR_STEPS: usize = 10;
 const FAR_STEPS: usize = 6;
 const LAST_STEPS: usize = 40;
@@ -29,15 +29,17 @@ const LAST_STEPS: usize = 40;
 /// By how much less a curve from far has to cost.
 const FAR_MARGIN: f64 = 1.0;
 
-/// Variance by which the radius's logarithm of a cell that nothing was heard of differs from that of the last.
+/// Variance by which the logarithm of the radius may differ from one cell to the next where nothing was touched yet.
 const NEW_VARIANCE: f64 = 0.01;
 
 /// An object.
 pub(super) struct Object {
     config: Config,
     curve: Curve,
+    /// Of the curve's numbers.
     covariance: DMatrix<f64>,
     readings: Vec<Reading>,
+    /// Where on the curve the last contact was.
     near_m: f64,
     /// Span of `tau` that was touched.
     touched_m: (f64, f64),
@@ -79,7 +81,7 @@ impl Object {
     /// The contact that is expected, and the innovation of a reading.
     pub(super) fn expect(&self, side: &Side, base: &Pose<Base, Start>, reading_n_m: f64) -> Option<Expected> {
         let contact = contact(side, base, &self.curve, self.near_m)?;
-        let (residual, touches) = Residual::new(side, &Reading::new(*base, reading_n_m, self.near_m), Some(&contact));
+        let (residual, touches) = Residual::of(side, &Reading::new(*base, reading_n_m, self.near_m), Some(&contact));
         let told = if touches { self.spread(&contact, &[contact.reading_by_point])[(0, 0)] } else { 0.0 };
         let innovation =
             Innovation::of(Vector1::new(residual.residual_n_m), Matrix1::new(told + residual.variance_n2_m2));
@@ -104,7 +106,7 @@ impl Object {
             contact.pull_back(&self.curve, *by_point, column.as_mut_slice());
         }
         let mut spread = slopes.transpose() * &self.covariance * &slopes;
-        // Beyond the curve's ends the radius may be another from cell to cell; what that does to the contact grows with the cube of the way.
+        // Beyond the curve's ends the radius wanders from cell to cell; over the way to the contact its mean does by a third of that.
         let beyond_m = (low_m - contact.place.tau_m).max(contact.place.tau_m - high_m).max(0.0);
         let cells = beyond_m / PITCH_M;
         let end = if contact.place.tau_m < low_m { ANCHOR } else { self.curve.size() - 1 };
