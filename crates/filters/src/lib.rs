@@ -49,6 +49,7 @@ pub mod extended;
 mod gaussian;
 pub mod imm;
 pub mod iterated;
+pub mod least_squares;
 mod model;
 pub mod particle;
 pub mod smoother;

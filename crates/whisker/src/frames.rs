@@ -28,6 +28,10 @@ use nalgebra::{Matrix2, Rotation2, Vector2};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum World {}
 
+/// The base's frame at the start of a recording: fixed like [`World`], and known to a robot that counts its own motion from there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {}
+
 /// The frame of the whisker's base: origin at the root, +x along the tangent of the undeflected root, +y to the left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Base {}

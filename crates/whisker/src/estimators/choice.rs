@@ -19,7 +19,9 @@ use serde_json::Value;
 
 use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::{MOST_MODELS, ModelShares};
-use super::{ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, Radius, Sample, Touch, Tracker, estimator};
+use super::{
+    ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, OutlinePoint, Radius, Sample, Touch, Tracker, estimator,
+};
 
 /// One method among which is chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,14 +47,14 @@ pub(super) struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self::among([("ukf", 300.0), ("sliding", 1.0), ("imm", 0.3)])
+        Self::among([("ukf", 300.0), ("sliding", 1.0), ("imm", 0.3), ("outline", 1.0)])
     }
 }
 
 impl Config {
     /// Among what looks back over the whole contact.
     pub(super) fn hindsight() -> Self {
-        Self::among([("batch", 30.0), ("batch-sliding", 1.0)])
+        Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 1.0)])
     }
 
     fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
@@ -104,9 +106,12 @@ pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dy
     Ok(Box::new(Choice { config, methods }))
 }
 
+/// The candidates, and what each is called.
+type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
+
 struct Choice {
     config: Config,
-    methods: Vec<(&'static str, Box<dyn Method>)>,
+    methods: Methods,
 }
 
 impl Method for Choice {
@@ -115,7 +120,7 @@ impl Method for Choice {
         Box::new(Chooser {
             gate_sds: self.config.gate_sds,
             sojourn_s: self.config.sojourn_s,
-            names: self.methods.iter().map(|(name, _)| *name).collect(),
+            methods: self.methods.clone(),
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             weights,
@@ -128,13 +133,17 @@ struct Chooser {
     gate_sds: f64,
     sojourn_s: f64,
     weights: Vec<f64>,
-    names: Vec<&'static str>,
+    methods: Methods,
     trackers: Vec<Box<dyn Tracker>>,
     /// Which of them is right.
     right: Modes,
 }
 
 impl Chooser {
+    fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.methods.iter().map(|(name, _)| *name)
+    }
+
     /// Logarithm of the evidence that a candidate's innovation is, bounded.
     fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
         innovation.log_likelihood() + 0.5 * (innovation.nis - self.gate_sds.powi(2)).max(0.0)
@@ -142,7 +151,7 @@ impl Chooser {
 
     /// Weighs the candidates, and returns the innovation of all together.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
-        let sojourns_s = vec![self.sojourn_s; self.names.len()];
+        let sojourns_s = vec![self.sojourn_s; self.methods.len()];
         self.right.predict(&Transition::of_sojourns(sample.dt_s, &sojourns_s, &self.weights));
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
         let expected = innovations.iter().zip(self.right.probabilities()).filter_map(|(innovation, share)| {
@@ -182,7 +191,7 @@ impl Chooser {
             covariance_m2: places.and_then(Gaussian::of_mixture).map(|places| places.covariance),
             radius: size.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
             innovation,
-            models: Some(ModelShares::new(self.names.iter().copied().zip(shares.iter().copied()))),
+            models: Some(ModelShares::new(self.names().zip(shares.iter().copied()))),
             ..*leading
         })
     }
@@ -197,9 +206,29 @@ impl Tracker for Chooser {
 
     /// All that was read tells which candidate is right, so its share at the end counts for every instant.
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
-        let revised: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect::<Option<_>>()?;
-        let count = revised.iter().map(Vec::len).min()?;
-        let at = |i: usize| revised.iter().map(|estimates| estimates[i]).collect::<Vec<_>>();
+        let revised: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect();
+        let count = revised.iter().flatten().map(Vec::len).min()?;
+        let at = |i: usize| revised.iter().map(|said| said.as_ref()?[i]).collect::<Vec<_>>();
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
+    }
+
+    /// Candidates that remember nothing begin anew. The object may be the last one or another, the one as likely as the other: half of what is believed
+    /// of the candidates is what was, half the priors.
+    fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
+            if !tracker.resume(touch) {
+                *tracker = method.begin(touch);
+            }
+        }
+        let total: f64 = self.weights.iter().sum();
+        let halves = self.right.probabilities().iter().zip(&self.weights).map(|(share, weight)| share + weight / total);
+        self.right = Modes::new(halves.collect::<Vec<_>>());
+        true
+    }
+
+    fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        let shares = self.right.probabilities();
+        let leading = shares.iter().zip(&self.trackers).max_by(|a, b| a.0.total_cmp(b.0))?;
+        leading.1.outline()
     }
 }

@@ -14,6 +14,7 @@ mod gaussian;
 mod imm;
 mod iterated;
 mod motion;
+mod outline;
 mod paper;
 mod particle;
 pub(crate) mod settings;
@@ -21,6 +22,8 @@ mod shares;
 mod side;
 mod smoother;
 mod start;
+#[cfg(test)]
+mod testing;
 mod unscented;
 
 pub use settings::SettingsError;
@@ -35,7 +38,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::events::{ContactDetector, Sensing, TouchConfig};
-use crate::frames::{Base, Point, Pose, Root};
+use crate::frames::{Base, Point, Pose, Root, Start};
 use crate::rest::direction;
 use crate::sensor::{CalibratedFace, Face};
 use crate::{RestShape, Whisker};
@@ -170,6 +173,29 @@ pub trait Tracker: Send {
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
         None
     }
+
+    /// Called with the next touch after a release: whether this tracker follows it, too, with what it remembers of the object. Otherwise a new one
+    /// begins.
+    fn resume(&mut self, _touch: &Touch<'_>) -> bool {
+        false
+    }
+
+    /// The object's outline as far as it was touched, in the order in which the whisker's tangent turns to the left; nothing where the method knows
+    /// contacts only.
+    fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        None
+    }
+}
+
+/// A point of an object's outline, in the frame in which the base started.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutlinePoint {
+    /// The point of the object's surface.
+    pub surface: Point<Start>,
+    /// Outward normal there, a unit vector.
+    pub normal: Vector2<f64>,
+    /// Standard deviation of the outline across, along the normal.
+    pub sd_m: f64,
 }
 
 /// A touch that begins.
@@ -179,6 +205,8 @@ pub struct Touch<'a> {
     pub face: &'a Arc<CalibratedFace>,
     /// The samples before that of the touch, in the order of time: the whisker was free then, or had touched without its being noticed.
     pub history: &'a [Sample],
+    /// Where the base was at the last sample before that of the touch.
+    pub before: Pose<Base, Start>,
     /// Where the robot was told that it touches.
     pub told: Option<Told>,
     /// For methods that draw random numbers.
@@ -200,8 +228,12 @@ pub struct Estimator {
     knowledge: Arc<Knowledge>,
     detector: ContactDetector,
     tracker: Option<Box<dyn Tracker>>,
+    /// The tracker of the last touch, while the whisker is free.
+    released: Option<Box<dyn Tracker>>,
     /// The last samples of the free whisker.
     history: VecDeque<Sample>,
+    /// Where the base is.
+    base: Pose<Base, Start>,
     seed: u64,
     touches: u64,
 }
@@ -211,14 +243,15 @@ impl Estimator {
     pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, touch: TouchConfig, seed: u64) -> Self {
         let detector = ContactDetector::new(touch, &knowledge.sensing());
         let history = VecDeque::with_capacity(HISTORY);
-        Self { method, knowledge, detector, tracker: None, history, seed, touches: 0 }
+        let base = Pose::new(0.0, 0.0, 0.0);
+        Self { method, knowledge, detector, tracker: None, released: None, history, base, seed, touches: 0 }
     }
 
     /// Takes the next sample in the order of time. Nothing while free, or while the method does not know yet, or on a face that was
     /// not calibrated.
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !self.detector.step(sample.reading_n_m, sample.dt_s) {
-            self.tracker = None;
+            self.release();
             self.remember(sample);
             return None;
         }
@@ -240,22 +273,38 @@ impl Estimator {
         estimates
     }
 
+    /// The outline of the object that is touched, or was last; see [`Tracker::outline`].
+    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.tracker.as_ref().or(self.released.as_ref())?.outline()
+    }
+
+    /// Ends the present touch, if there is one.
+    fn release(&mut self) {
+        if let Some(tracker) = self.tracker.take() {
+            self.released = Some(tracker);
+        }
+    }
+
     /// Keeps a sample of the free whisker.
     fn remember(&mut self, sample: &Sample) {
         if self.history.len() == HISTORY {
             self.history.pop_front();
         }
         self.history.push_back(*sample);
+        self.base = sample.motion.inverse().then(&self.base);
     }
 
     /// Takes a sample of a touch.
     fn follow(&mut self, sample: &Sample) -> Option<Estimate> {
+        let before = self.base;
+        self.base = sample.motion.inverse().then(&before);
         if self.tracker.is_none() {
             let face = self.knowledge.face(self.detector.face()?)?;
             let told = self.knowledge.told.filter(|_| self.touches == 0);
             let seed = self.seed.wrapping_add(self.touches);
-            let touch = Touch { face, history: self.history.make_contiguous(), told, seed };
-            self.tracker = Some(self.method.begin(&touch));
+            let touch = Touch { face, history: self.history.make_contiguous(), before, told, seed };
+            let resumed = self.released.take().and_then(|mut last| last.resume(&touch).then_some(last));
+            self.tracker = Some(resumed.unwrap_or_else(|| self.method.begin(&touch)));
             self.history.clear();
             self.touches += 1;
         }
@@ -270,7 +319,9 @@ impl Estimator {
 
     /// Ends the present touch, if there is one, and revises its estimates, which are the last.
     fn look_back(&mut self, estimates: &mut [Option<Estimate>]) {
-        let Some(revised) = self.tracker.take().and_then(|mut tracker| tracker.hindsight()) else { return };
+        let revised = self.tracker.as_mut().and_then(|tracker| tracker.hindsight());
+        self.release();
+        let Some(revised) = revised else { return };
         let since = estimates.len() - revised.len();
         for (estimate, revised) in estimates[since..].iter_mut().zip(revised) {
             *estimate = revised.map(|revised| self.placed(revised));
@@ -313,7 +364,7 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "what to use: `ukf` for thin things, `sliding` for round ones, `imm` for what is neither, as far as the readings speak for each",
+        about: "what to use: `ukf` for thin things, `sliding` for round ones, `outline` for others, `imm` for what changes, as far as the readings speak for each",
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<choice::Config>,
@@ -401,11 +452,27 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "batch-recommended",
-        about: "`batch` for thin things and `batch-sliding` for round ones, as far as all readings speak for each",
+        about: "`batch` for thin things, `batch-sliding` for round ones and `outline-batch` for others, as far as all readings speak for each",
         kind: Kind::Hindsight,
         sensor_model: None,
         defaults: || to_json(&choice::Config::hindsight()),
         build: choice::build,
+    },
+    EstimatorRow {
+        name: "outline",
+        about: "the object's convex outline as the state: what one stroke has told of it serves the next",
+        kind: Kind::Recursive,
+        sensor_model: None,
+        defaults: defaults::<outline::Config>,
+        build: outline::build_recursive,
+    },
+    EstimatorRow {
+        name: "outline-batch",
+        about: "the object's convex outline that explains the whole contact, by robust Gauss-Newton",
+        kind: Kind::Hindsight,
+        sensor_model: None,
+        defaults: defaults::<outline::Config>,
+        build: outline::build_hindsight,
     },
     EstimatorRow {
         name: "euler-bernoulli",

@@ -43,6 +43,16 @@ impl Side {
         self.turn.at(arc_m, away_m)
     }
 
+    /// Angle in Base of the deflected whisker's tangent at a contact, and its derivatives along and away. Beyond the calibrated region it is
+    /// continued linearly.
+    pub(super) fn tangent_rad(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
+        let held = self.face.domain.clamp(arc_m, away_m);
+        let (turn_rad, slope) = self.turn.at(held.0, held.1);
+        let beyond = slope.dot(&vector![arc_m - held.0, away_m - held.1]);
+        let rest_rad = self.face.rest.tangent_rad(arc_m);
+        (rest_rad + turn_rad + beyond, slope + vector![self.face.rest.curvature_per_m(arc_m), 0.0])
+    }
+
     /// Expected reading of a contact, and its derivatives along and away. Beyond the calibrated region it is continued linearly from the nearest
     /// calibrated contact, so that a belief that reaches over the border is drawn back; the sensor model itself is never asked there.
     pub(super) fn expect(&self, arc_m: f64, away_m: f64) -> (f64, RowVector2<f64>) {
@@ -70,6 +80,11 @@ impl Side {
     /// Variance of the reading of a contact: measurement noise and the sensor model's own error.
     pub(super) fn variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
         self.noise_n2_m2 + self.model_variance_n2_m2(arc_m, away_m)
+    }
+
+    /// Variance of the mean of some readings of one contact: their noise averages out, the sensor model's error does not.
+    pub(super) fn variance_of_mean_n2_m2(&self, arc_m: f64, away_m: f64, count: f64) -> f64 {
+        self.noise_n2_m2 / count + self.model_variance_n2_m2(arc_m, away_m)
     }
 
     /// Holds a place near the calibrated region. Not within it: objects push the whisker farther than its calibration did, and a belief held back there

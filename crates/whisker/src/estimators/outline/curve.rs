@@ -1,0 +1,330 @@
+//! A convex curve as the state of an estimator.
+//!
+//! An outline turns by `psi` over the arc length `sigma`. Neither is fit to count along polygons: at a corner `psi` goes on while `sigma` rests, on a
+//! straight side the other way round. Their sum `tau = sigma + l psi`, with a length `l`, goes on everywhere (Minty's parametrisation of a
+//! monotone graph). In cells of equal `tau` the share
+//!
+//! ```text
+//! a = dsigma / dtau = rho / (rho + l)    l dpsi / dtau = 1 - a
+//! ```
+//!
+//! is constant: arcs of the radius `rho = l exp(u)`, which never is negative. A corner is a run of cells with `u` far below zero, a side
+//! one with `u` far above, a circle has the same `u` everywhere.
+//!
+//! The curve is that of the whisker's centre line, hence the object's outline with the wire's radius added. Its tangent is the whisker's:
+//! `dP = -e rho t dpsi`, with `e` = +1 for an object on the right of the whisker.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use crate::rest::direction;
+
+/// Length of a cell in `tau`.
+pub(super) const PITCH_M: f64 = 0.25e-3;
+
+/// The length `l` that stands for a radian.
+pub(super) const SCALE_M: f64 = 10e-3;
+
+/// Numbers of the state before those of the cells: the anchor's place and tangent.
+pub(super) const ANCHOR: usize = 3;
+
+/// A curve.
+#[derive(Clone, Debug)]
+pub(super) struct Curve {
+    /// +1 where the object lies on the right of the whisker.
+    sign: f64,
+    /// Cells before the anchor, which lies at `tau = 0`.
+    before: usize,
+    /// Point and tangent at the anchor.
+    anchor: Knot,
+    /// `u` of every cell.
+    logs: Vec<f64>,
+    /// What follows from these: the ends of the cells, and their arcs from the end that is nearer to the anchor.
+    knots: Vec<Knot>,
+    cells: Vec<Cell>,
+}
+
+/// A cell: its share, the share's derivative by `u`, and its whole arc.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    share: f64,
+    share_by_log: f64,
+    arc: Arc,
+}
+
+/// A point of the curve and the tangent there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Knot {
+    pub(super) point: Vector2<f64>,
+    pub(super) tangent_rad: f64,
+}
+
+/// A place on the curve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub(super) tau_m: f64,
+    pub(super) knot: Knot,
+    /// Derivatives by `tau`.
+    pub(super) point_rate: Vector2<f64>,
+    pub(super) tangent_rate: f64,
+}
+
+/// What an arc adds to a knot, and the derivative by its share.
+#[derive(Clone, Copy, Debug)]
+struct Arc {
+    offset: Vector2<f64>,
+    turn_rad: f64,
+    offset_by_share: Vector2<f64>,
+    turn_by_share: f64,
+}
+
+fn left(v: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(-v.y, v.x)
+}
+
+impl Curve {
+    /// An arc about `anchor`, of one cell on either side.
+    pub(super) fn new(sign: f64, point: Vector2<f64>, tangent_rad: f64, radius_m: f64) -> Self {
+        let logs = vec![(radius_m / SCALE_M).ln(); 2];
+        let mut curve =
+            Self { sign, before: 1, anchor: Knot { point, tangent_rad }, logs, knots: Vec::new(), cells: Vec::new() };
+        curve.lay();
+        curve
+    }
+
+    /// Number of numbers in the state.
+    pub(super) fn size(&self) -> usize {
+        ANCHOR + self.logs.len()
+    }
+
+    /// `u` of every cell.
+    pub(super) fn logs(&self) -> &[f64] {
+        &self.logs
+    }
+
+    /// First and last `tau`.
+    pub(super) fn range_m(&self) -> (f64, f64) {
+        (-(self.before as f64) * PITCH_M, (self.logs.len() - self.before) as f64 * PITCH_M)
+    }
+
+    /// +1 where the object lies on the right of the whisker: the direction of its outward normal, as seen along the tangent, is to the left.
+    pub(super) fn sign(&self) -> f64 {
+        self.sign
+    }
+
+    /// Makes the curve longer by cells like those at its ends, so that it covers the range; whether that took any.
+    pub(super) fn extend(&mut self, low_m: f64, high_m: f64) -> bool {
+        let (first_m, last_m) = self.range_m();
+        let missing = |short_m: f64| (short_m / PITCH_M).ceil().max(0.0) as usize;
+        let (front, back) = (missing(first_m - low_m), missing(high_m - last_m));
+        if front + back == 0 {
+            return false;
+        }
+        let (first, last) = (self.logs[0], self.logs[self.logs.len() - 1]);
+        self.logs.splice(0..0, std::iter::repeat_n(first, front));
+        self.logs.extend(std::iter::repeat_n(last, back));
+        self.before += front;
+        self.lay();
+        true
+    }
+
+    /// Takes off the cells beyond a range, but for those about the anchor; the first that stays.
+    pub(super) fn trim(&mut self, low_m: f64, high_m: f64) {
+        let first = self.cell(low_m.min(-0.5 * PITCH_M));
+        let last = self.cell(high_m.max(0.5 * PITCH_M));
+        self.logs.truncate(last + 1);
+        self.logs.drain(..first);
+        self.before -= first;
+        self.lay();
+    }
+
+    /// The curve with its numbers moved by a step.
+    pub(super) fn moved(&self, step: &[f64]) -> Self {
+        let mut moved = self.clone();
+        moved.anchor.point += Vector2::new(step[0], step[1]);
+        moved.anchor.tangent_rad += step[2];
+        for (log, step) in moved.logs.iter_mut().zip(&step[ANCHOR..]) {
+            *log += step;
+        }
+        moved.lay();
+        moved
+    }
+
+    /// Lays the arcs one after the other from the anchor, either way.
+    fn lay(&mut self) {
+        let blank =
+            Arc { offset: Vector2::zeros(), turn_rad: 0.0, offset_by_share: Vector2::zeros(), turn_by_share: 0.0 };
+        let cell = |log: &f64| {
+            let share = 1.0 / (1.0 + (-log).exp());
+            Cell { share, share_by_log: share * (1.0 - share), arc: blank }
+        };
+        self.cells.clear();
+        self.cells.extend(self.logs.iter().map(cell));
+        self.knots.clear();
+        self.knots.resize(self.logs.len() + 1, self.anchor);
+        for cell in self.before..self.logs.len() {
+            self.cells[cell].arc = self.arc(&self.knots[cell], PITCH_M, self.cells[cell].share);
+            self.knots[cell + 1] = self.cells[cell].arc.end(&self.knots[cell]);
+        }
+        for cell in (0..self.before).rev() {
+            self.cells[cell].arc = self.arc(&self.knots[cell + 1], -PITCH_M, self.cells[cell].share);
+            self.knots[cell] = self.cells[cell].arc.end(&self.knots[cell + 1]);
+        }
+    }
+
+    /// The arc from a knot over `way_m` of `tau`, which may be negative.
+    fn arc(&self, from: &Knot, way_m: f64, share: f64) -> Arc {
+        let (length_m, half_rad) = (way_m * share, 0.5 * way_m * (1.0 - share) / SCALE_M);
+        let half_by_share = -0.5 * way_m / SCALE_M;
+        // sin(h)/h and its derivative, by series where the quotients would lose their digits.
+        let (sinc, sinc_rate) = if half_rad.abs() < 1e-3 {
+            (1.0 - half_rad * half_rad / 6.0, -half_rad / 3.0)
+        } else {
+            let sinc = half_rad.sin() / half_rad;
+            (sinc, (half_rad.cos() - sinc) / half_rad)
+        };
+        let chord = direction(from.tangent_rad + half_rad) * -self.sign;
+        let along = way_m * sinc + length_m * sinc_rate * half_by_share;
+        Arc {
+            offset: chord * (length_m * sinc),
+            turn_rad: 2.0 * half_rad,
+            offset_by_share: chord * along + left(chord) * (length_m * sinc * half_by_share),
+            turn_by_share: 2.0 * half_by_share,
+        }
+    }
+
+    fn cell(&self, tau_m: f64) -> usize {
+        let position = (tau_m / PITCH_M).floor() + self.before as f64;
+        position.clamp(0.0, (self.logs.len() - 1) as f64) as usize
+    }
+
+    /// The end of a cell that is nearer to the anchor, and the way from there to `tau`.
+    fn reached(&self, cell: usize, tau_m: f64) -> (&Knot, f64) {
+        let near = if cell >= self.before { cell } else { cell + 1 };
+        (&self.knots[near], tau_m - (near as f64 - self.before as f64) * PITCH_M)
+    }
+
+    /// The place at `tau`; beyond the ends the last arcs go on.
+    pub(super) fn at(&self, tau_m: f64) -> Place {
+        let cell = self.cell(tau_m);
+        let (from, way_m) = self.reached(cell, tau_m);
+        let share = self.cells[cell].share;
+        let knot = self.arc(from, way_m, share).end(from);
+        let point_rate = direction(knot.tangent_rad) * (-self.sign * share);
+        Place { tau_m, knot, point_rate, tangent_rate: (1.0 - share) / SCALE_M }
+    }
+
+    /// Adds to `gradient` the derivative by the state of what has the derivatives `by_point` and `by_tangent` by point and tangent at a fixed
+    /// `tau`.
+    pub(super) fn pull_back(&self, place: &Place, by_point: Vector2<f64>, by_tangent: f64, gradient: &mut [f64]) {
+        let (point, last) = (place.knot.point, self.cell(place.tau_m));
+        gradient[0] += by_point.x;
+        gradient[1] += by_point.y;
+        gradient[2] += by_tangent + by_point.dot(&left(point - self.anchor.point));
+        let mut add = |cell: usize, arc: &Arc, end: Vector2<f64>| {
+            let carried = arc.offset_by_share + left(point - end) * arc.turn_by_share;
+            let by_share = by_point.dot(&carried) + by_tangent * arc.turn_by_share;
+            gradient[ANCHOR + cell] += by_share * self.cells[cell].share_by_log;
+        };
+        if last >= self.before {
+            for cell in self.before..last {
+                add(cell, &self.cells[cell].arc, self.knots[cell + 1].point);
+            }
+        } else {
+            for cell in last + 1..self.before {
+                add(cell, &self.cells[cell].arc, self.knots[cell].point);
+            }
+        }
+        let (from, way_m) = self.reached(last, place.tau_m);
+        add(last, &self.arc(from, way_m, self.cells[last].share), point);
+    }
+
+    /// Numbers of the state, behind those of the anchor, on which the curve between the anchor and `tau` depends.
+    pub(super) fn cells_to(&self, tau_m: f64) -> Range<usize> {
+        let last = self.cell(tau_m);
+        let (first, end) = if last >= self.before { (self.before, last + 1) } else { (last, self.before) };
+        ANCHOR + first..ANCHOR + end
+    }
+}
+
+impl Arc {
+    fn end(&self, from: &Knot) -> Knot {
+        Knot { point: from.point + self.offset, tangent_rad: from.tangent_rad + self.turn_rad }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A curve with all kinds of radii, touched on both sides of its anchor.
+    fn wavy() -> Curve {
+        let mut curve = Curve::new(-1.0, Vector2::new(0.05, -0.01), 0.3, 8e-3);
+        curve.extend(-3e-3, 4e-3);
+        let step: Vec<f64> = (0..curve.size()).map(|i| if i < ANCHOR { 0.0 } else { 5.0 * (i as f64).sin() }).collect();
+        curve.moved(&step)
+    }
+
+    #[test]
+    fn val_one_radius_is_a_circle() {
+        for sign in [-1.0, 1.0] {
+            let mut curve = Curve::new(sign, Vector2::new(0.02, 0.01), 0.4, 15e-3);
+            curve.extend(-20e-3, 20e-3);
+            let centre = curve.at(0.0).knot.point - Vector2::new(-(0.4_f64.sin()), 0.4_f64.cos()) * (sign * 15e-3);
+            for tau_m in [-20e-3, -3.1e-3, 0.0, 7.77e-3, 20e-3] {
+                let place = curve.at(tau_m);
+                assert!(((place.knot.point - centre).norm() - 15e-3).abs() < 1e-12);
+                assert!((place.knot.tangent_rad - 0.4 - tau_m / 25e-3).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn verif_derivatives_are_those_of_the_curve() {
+        let curve = wavy();
+        let (by_point, by_tangent) = (Vector2::new(0.3, -0.8), 2e-3);
+        let value = |curve: &Curve, tau_m: f64| {
+            let knot = curve.at(tau_m).knot;
+            by_point.dot(&knot.point) + by_tangent * knot.tangent_rad
+        };
+        for tau_m in [-2.9e-3, -0.1e-3, 0.1e-3, 1.3e-3, 3.9e-3, 5e-3] {
+            let place = curve.at(tau_m);
+            let mut gradient = vec![0.0; curve.size()];
+            curve.pull_back(&place, by_point, by_tangent, &mut gradient);
+            for (i, found) in gradient.iter().enumerate() {
+                let mut step = vec![0.0; curve.size()];
+                step[i] = 1e-6;
+                let ahead = value(&curve.moved(&step), tau_m);
+                step[i] = -1e-6;
+                let expected = (ahead - value(&curve.moved(&step), tau_m)) / 2e-6;
+                assert!((found - expected).abs() < 1e-8, "{tau_m} {i}: {found} {expected}");
+                let is_touched = i < ANCHOR || curve.cells_to(tau_m).contains(&i);
+                assert!(is_touched || *found == 0.0);
+            }
+            let rate = (value(&curve, tau_m + 1e-8) - value(&curve, tau_m - 1e-8)) / 2e-8;
+            let found = by_point.dot(&place.point_rate) + by_tangent * place.tangent_rate;
+            assert!((found - rate).abs() < 1e-6, "{tau_m}");
+        }
+    }
+
+    #[test]
+    fn verif_length_does_not_change_the_shape() {
+        let curve = wavy();
+        let mut other = curve.clone();
+        assert!(other.extend(-5e-3, 6e-3));
+        let same = |other: &Curve, tau_m: f64| (curve.at(tau_m).knot.point - other.at(tau_m).knot.point).norm() < 1e-15;
+        assert!([-4e-3, -3e-3, 0.0, 2.2e-3, 5e-3].iter().all(|&tau_m| same(&other, tau_m)));
+        other.trim(-1e-3, 1e-3);
+        assert!([-1e-3, -0.3e-3, 0.0, 0.9e-3].iter().all(|&tau_m| same(&other, tau_m)));
+        assert!(other.size() < curve.size());
+    }
+
+    #[test]
+    fn robust_radii_are_positive_whatever_the_step() {
+        let curve = wavy();
+        let step: Vec<f64> = (0..curve.size()).map(|i| if i % 2 == 0 { 30.0 } else { -30.0 }).collect();
+        let moved = curve.moved(&step);
+        assert!(moved.cells.iter().all(|cell| (0.0..=1.0).contains(&cell.share)));
+    }
+}

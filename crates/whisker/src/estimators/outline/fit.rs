@@ -1,0 +1,136 @@
+//! The curve that explains the readings best.
+
+use filters::least_squares::{Problem, Quadratic};
+use nalgebra::{DMatrix, DVector};
+
+use super::contact::{Contact, contact};
+use super::curve::{ANCHOR, Curve};
+use super::prior::Prior;
+use super::readings::Reading;
+use crate::estimators::side::Side;
+
+/// Standard deviations within which a reading may be that of a free whisker.
+const FREE_SDS: f64 = 4.0;
+
+/// Readings, and what curves are held against.
+#[derive(Clone, Copy)]
+pub(super) struct Evidence<'a> {
+    pub(super) side: &'a Side,
+    pub(super) readings: &'a [Reading],
+    pub(super) prior: Prior,
+    pub(super) gate_sds: f64,
+}
+
+/// How far a reading lies from what a contact is expected to give.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Residual {
+    pub(super) residual_n_m: f64,
+    pub(super) variance_n2_m2: f64,
+}
+
+impl Residual {
+    /// That of a reading, and whether it is of a contact: where none is expected, or one that would have to pull, it is of a free whisker.
+    pub(super) fn of(side: &Side, reading: &Reading, contact: Option<&Contact>) -> (Self, bool) {
+        let (along_m, away_m) = contact.map_or((side.face.domain.arc_range_m().0, 0.0), |contact| contact.place_m);
+        let variance_n2_m2 = side.variance_of_mean_n2_m2(along_m, away_m, reading.count);
+        let is_free = match contact {
+            Some(_) => away_m < 0.0 && reading.reading_n_m.powi(2) < FREE_SDS.powi(2) * variance_n2_m2,
+            None => true,
+        };
+        let expected_n_m = contact.filter(|_| !is_free).map_or(0.0, |contact| contact.reading_n_m);
+        (Self { residual_n_m: reading.reading_n_m - expected_n_m, variance_n2_m2 }, !is_free)
+    }
+
+    /// Half the square, growing as its logarithm beyond the gate; and the weight of the square that touches it from above.
+    fn robust(&self, gate_sds: f64) -> (f64, f64) {
+        let (squared, gate) = (self.residual_n_m.powi(2) / self.variance_n2_m2, gate_sds * gate_sds);
+        if squared <= gate {
+            (0.5 * squared, 1.0 / self.variance_n2_m2)
+        } else {
+            (0.5 * gate * (1.0 + (squared / gate).ln()), gate / squared / self.variance_n2_m2)
+        }
+    }
+}
+
+/// A reading of a contact, linearised.
+struct Linear<'a> {
+    contact: &'a Contact,
+    residual_n_m: f64,
+    /// What its square counts for.
+    weight: f64,
+    /// Derivative of the expected reading by the curve's numbers.
+    slope: &'a [f64],
+}
+
+impl Evidence<'_> {
+    fn contact(&self, reading: &Reading, curve: &Curve) -> Option<Contact> {
+        contact(self.side, &reading.base, curve, reading.near_m)
+    }
+
+    /// Linearises every reading of a contact about a curve, and returns the cost of all readings.
+    fn linearise(&self, curve: &Curve, mut take: impl FnMut(&Linear<'_>)) -> f64 {
+        let mut slope = vec![0.0; curve.size()];
+        let costs = self.readings.iter().map(|reading| {
+            let contact = self.contact(reading, curve);
+            let (residual, touches) = Residual::of(self.side, reading, contact.as_ref());
+            let (cost, weight) = residual.robust(self.gate_sds);
+            if let Some(contact) = contact.filter(|_| touches) {
+                slope.fill(0.0);
+                contact.pull_back(curve, contact.reading_by_point, &mut slope);
+                take(&Linear { contact: &contact, residual_n_m: residual.residual_n_m, weight, slope: &slope });
+            }
+            cost
+        });
+        costs.sum()
+    }
+
+    /// Gradient that the sensor model's error adds to the cost, were it one standard deviation everywhere. That error is no noise that averages out: it is nearly
+    /// the same at nearby contacts.
+    pub(super) fn model_error_pull(&self, curve: &Curve) -> DVector<f64> {
+        let mut pull = DVector::zeros(curve.size());
+        self.linearise(curve, |linear| {
+            let (along_m, away_m) = linear.contact.place_m;
+            let share = linear.weight * self.side.model_variance_n2_m2(along_m, away_m).sqrt();
+            pull.iter_mut().zip(linear.slope).for_each(|(pull, slope)| *pull += share * slope);
+        });
+        pull
+    }
+}
+
+impl Problem for Evidence<'_> {
+    type State = Curve;
+
+    fn cost(&self, curve: &Curve) -> Option<f64> {
+        let costs = self.readings.iter().map(|reading| {
+            let contact = self.contact(reading, curve);
+            Residual::of(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0
+        });
+        Some(self.prior.cost(curve) + costs.sum::<f64>())
+    }
+
+    fn approximate(&self, curve: &Curve) -> Option<Quadratic> {
+        let size = curve.size();
+        let (mut gradient, mut curvature) = (DVector::zeros(size), DMatrix::zeros(size, size));
+        let of_readings = self.linearise(curve, |linear| {
+            // Of the lower triangle, what the reading touches: the anchor's numbers, and the cells between the anchor and the contact.
+            let cells = curve.cells_to(linear.contact.place.tau_m);
+            for j in (0..ANCHOR).chain(cells.clone()) {
+                let share = linear.weight * linear.slope[j];
+                gradient[j] -= share * linear.residual_n_m;
+                let mut column = curvature.column_mut(j);
+                let column = column.as_mut_slice();
+                for rows in [j..ANCHOR.max(j), j.max(cells.start)..cells.end] {
+                    let entries = column[rows.clone()].iter_mut().zip(&linear.slope[rows]);
+                    entries.for_each(|(entry, slope)| *entry += share * slope);
+                }
+            }
+        });
+        let mut quadratic = Quadratic { cost: self.prior.cost(curve) + of_readings, gradient, curvature };
+        self.prior.add_to(curve, &mut quadratic);
+        Some(quadratic)
+    }
+
+    fn moved(&self, curve: &Curve, step: &DVector<f64>) -> Curve {
+        curve.moved(step.as_slice())
+    }
+}

@@ -1,0 +1,46 @@
+//! The outline at the end of a touch.
+
+use super::object::Effort;
+use super::recursive::Tracer;
+use crate::estimators::{Estimate, OutlinePoint, Sample, Touch, Tracker};
+use crate::frames::{Base, Pose, Start};
+
+/// A tracer that at the end of a touch says once more where the contact was all along.
+pub(super) struct Reviser {
+    tracer: Tracer,
+    /// Where the base was at each sample of this touch.
+    bases: Vec<Pose<Base, Start>>,
+}
+
+impl Reviser {
+    pub(super) fn new(tracer: Tracer) -> Self {
+        Self { tracer, bases: Vec::new() }
+    }
+}
+
+impl Tracker for Reviser {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimate = self.tracer.step(sample);
+        self.bases.push(self.tracer.base);
+        estimate
+    }
+
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        let Tracer { front, object, .. } = &mut self.tracer;
+        let (side, object) = (&front.side, object.as_mut()?);
+        object.refine(side, Effort::Last);
+        let state = |base: &Pose<Base, Start>| {
+            let expected = object.expect(side, base, 0.0)?;
+            Some(Estimate { innovation: None, ..object.estimate(side, base, &expected) })
+        };
+        Some(self.bases.drain(..).collect::<Vec<_>>().iter().map(state).collect())
+    }
+
+    fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        self.tracer.resume(touch)
+    }
+
+    fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.tracer.outline()
+    }
+}

@@ -1,0 +1,53 @@
+//! Readings that are kept for good.
+
+use crate::frames::{Base, Pose, Start};
+
+/// Most readings that are taken together, and how far the base may move and turn meanwhile.
+const MOST_TOGETHER: f64 = 8.0;
+const MOST_WAY_M: f64 = 0.3e-3;
+const MOST_TURN_RAD: f64 = 5e-3;
+
+/// Readings between which the base moved so little that their mean, at its mean pose, stands for them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading {
+    /// Mean pose of the base.
+    pub(super) base: Pose<Base, Start>,
+    /// Mean reading.
+    pub(super) reading_n_m: f64,
+    /// How many there are.
+    pub(super) count: f64,
+    /// Where on the curve the contact was last found.
+    pub(super) near_m: f64,
+    first: Pose<Base, Start>,
+}
+
+impl Reading {
+    /// A single one, the contact of which lies about `near_m`.
+    pub(super) fn new(base: Pose<Base, Start>, reading_n_m: f64, near_m: f64) -> Self {
+        Self { base, reading_n_m, count: 1.0, near_m, first: base }
+    }
+
+    /// Takes another reading to this one, unless the base has moved too far.
+    fn joins(&mut self, next: &Self) -> bool {
+        let way_m = next.base.origin().distance(&self.first.origin());
+        let turn_rad = (next.base.yaw_rad() - self.first.yaw_rad()).abs();
+        if self.count >= MOST_TOGETHER || way_m > MOST_WAY_M || turn_rad > MOST_TURN_RAD {
+            return false;
+        }
+        let share = 1.0 / (self.count + 1.0);
+        let origin = self.base.origin().vector().lerp(&next.base.origin().vector(), share);
+        let yaw_rad = self.base.yaw_rad() + share * (next.base.yaw_rad() - self.base.yaw_rad());
+        self.base = Pose::new(origin.x, origin.y, yaw_rad);
+        self.reading_n_m += share * (next.reading_n_m - self.reading_n_m);
+        self.near_m = next.near_m;
+        self.count += 1.0;
+        true
+    }
+}
+
+/// Adds a reading to those before it.
+pub(super) fn keep(readings: &mut Vec<Reading>, reading: Reading) {
+    if !readings.last_mut().is_some_and(|last| last.joins(&reading)) {
+        readings.push(reading);
+    }
+}

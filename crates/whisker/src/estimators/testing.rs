@@ -1,0 +1,47 @@
+//! What unit tests of estimators share.
+
+use std::sync::Arc;
+
+use super::Knowledge;
+use crate::elastica::{Elastica, Load};
+use crate::sensor::{self, Face, Material};
+use crate::{Curvature, Whisker};
+
+/// A curved whisker, its left face calibrated by the elastica.
+pub(super) fn knowledge() -> Knowledge {
+    let whisker = Whisker {
+        name: "curved".into(),
+        length_m: 0.08,
+        root_diameter_m: 0.25e-3,
+        tip_diameter_m: 0.25e-3,
+        youngs_modulus_pa: 60e9,
+        density_kg_m3: 6450.0,
+        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: -6.0 }],
+        root_stiffness_n_m_rad: 0.17e-3,
+        segments: 40,
+        damping_s: 0.0,
+    };
+    let elastica = Elastica::new(&whisker).unwrap();
+    let lines: Vec<Vec<sensor::Sample>> = (0..24)
+        .map(|i| {
+            let arc_m = 0.03 + 0.002 * f64::from(i);
+            let pressed = (0..24).map(|j| {
+                let left_n = -8e-5 * f64::from(j) * (0.03 / arc_m).powi(2);
+                let pressed = elastica.deflect(Load { arc_m, along_n: 0.0, left_n }).unwrap();
+                sensor::Sample { contact: pressed.point, reading_n_m: pressed.moment_n_m }
+            });
+            pressed.collect()
+        })
+        .collect();
+    let material = Material {
+        whisker: &whisker,
+        face: Face::Left,
+        measured: &lines,
+        reference: &lines,
+        reference_noise_sd_n_m: 0.0,
+    };
+    let row = sensor::model("polynomial").unwrap();
+    let face = sensor::fit(row, &(row.defaults)(), &material).unwrap().face;
+    let rest = whisker.rest_shape();
+    Knowledge { whisker, rest, faces: vec![Arc::new(face)], noise_sd_n_m: 1e-7, rate_hz: 250.0, told: None }
+}
