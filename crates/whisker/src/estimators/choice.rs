@@ -54,7 +54,7 @@ impl Default for Config {
 impl Config {
     /// Among what looks back over the whole contact.
     pub(super) fn hindsight() -> Self {
-        Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 1.0)])
+        Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 0.001)])
     }
 
     fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
