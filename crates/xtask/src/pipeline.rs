@@ -39,10 +39,11 @@ pub(crate) fn evaluate(suite: &str) -> Outcome {
     step("evaluate", || run(whisker(&["evaluate", &suite_file(suite)])))
 }
 
-/// The same for a suite without calibrations of its own, with those of another, under this many seeds of the measurement noise.
-pub(crate) fn evaluate_with_calibrations_of(suite: &str, calibrated: &str, seeds: u32) -> Outcome {
-    let (calibrations, seeds) = (format!("datasets/{calibrated}/calibrations"), seeds.to_string());
-    let options = ["--calibrations", &calibrations, "--seeds", &seeds];
+/// The same on traces that were simulated for one suite, with the calibrations of another, under this many seeds of the measurement noise.
+pub(crate) fn evaluate_on(suite: &str, traces: &str, calibrated: &str, seeds: u32) -> Outcome {
+    let (traces, seeds) = (format!("datasets/{traces}"), seeds.to_string());
+    let calibrations = format!("datasets/{calibrated}/calibrations");
+    let options = ["--traces", &traces, "--calibrations", &calibrations, "--seeds", &seeds];
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
 }
 

@@ -10,6 +10,9 @@ use crate::evaluate::{EvaluateSettings, evaluate};
 use crate::metrics::{Metric, consistency, contour};
 use crate::results::{SummaryRow, read_scores};
 
+/// Suite and run: the objects of the standard suite, under more seeds of the measurement noise.
+pub(super) const RUN: &str = "objects";
+
 /// Estimators that are judged as they go along.
 const ONLINE: &[&str] = &[RECOMMENDED];
 
@@ -82,7 +85,7 @@ fn polygon(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     claims
 }
 
-/// A length of the standard run, in mm.
+/// A length, in mm.
 fn length(group: &'static str, whisker: &'static str, estimator: &'static str, metric: Metric, bound_mm: f64) -> Claim {
     let name = metric.name.trim_end_matches("_m");
     Claim::at_most(
@@ -91,7 +94,7 @@ fn length(group: &'static str, whisker: &'static str, estimator: &'static str, m
         bound_mm,
         "mm",
         move |context| {
-            let row = context.standard().summary(group, whisker, estimator);
+            let row = context.run(RUN).summary(group, whisker, estimator);
             Ok(row.and_then(|row| row.get(&metric)).map(|value_m| 1e3 * value_m))
         },
     )
@@ -103,7 +106,7 @@ fn coverage(group: &'static str, whisker: &'static str, estimator: &'static str)
     let mut claims = Vec::new();
     for metric in [consistency::COVERAGE, contour::BAND_COVERAGE] {
         let measured = move |context: &Context| {
-            let row = context.standard().summary(group, whisker, estimator);
+            let row = context.run(RUN).summary(group, whisker, estimator);
             Ok(row.and_then(|row| row.get(&metric)).map(|share| 100.0 * share))
         };
         let id = format!("{}_{group}_{whisker}_{estimator}", metric.name);
@@ -122,7 +125,7 @@ fn over_recommended(context: &Context, group: &str, whisker: &str, fadings: &[f6
         };
         rows.iter().find(is_meant)?.get(&contour::CONTACT_RMSE)
     };
-    let run = &context.standard().run;
+    let run = &context.run(RUN).run;
     let set = run.sets.iter().find(|set| set.group == group && set.whisker == whisker);
     let traces = &set.with_context(|| format!("{group}, {whisker}: no such set in the run"))?.traces;
     let is_of_set = |path: &&std::path::PathBuf| {
@@ -148,7 +151,7 @@ fn over_recommended(context: &Context, group: &str, whisker: &str, fadings: &[f6
         let evaluated = evaluate(std::slice::from_ref(&dataset), &settings, &ProgressBar::hidden())?;
         errors_m.extend(of_run(&read_scores(&evaluated.folder.join("summary.csv"))?, STATIC));
     }
-    let recommended_m = of_run(&context.standard().summary, RECOMMENDED);
+    let recommended_m = of_run(&context.run(RUN).summary, RECOMMENDED);
     Ok(errors_m
         .into_iter()
         .min_by(f64::total_cmp)

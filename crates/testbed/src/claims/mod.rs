@@ -99,7 +99,7 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
 ];
 
 /// The evaluated suites that claims are measured on. Their runs bear the same names.
-pub(crate) const RUNS: &[&str] = &[STANDARD, monte_carlo::RUN, contact_events::RUN];
+pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN];
 
 /// The run that claims are measured on unless they name another.
 pub(crate) const STANDARD: &str = "standard";

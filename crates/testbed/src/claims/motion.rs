@@ -1,6 +1,6 @@
 //! Contacts that slide: what the estimators say of the radius, whether a model that is wrong is noticed, and what it costs on pins.
 
-use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, monte_carlo};
+use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, monte_carlo};
 use crate::consistency::{Average, NIS_FREEDOM};
 use crate::metrics::{Metric, consistency, error, radius};
 
@@ -37,14 +37,16 @@ fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
             format!("{claim}, error, median over trials"),
             5.0,
             "%",
-            move |context| Ok(value(context.standard(), (group, whisker), RECOMMENDED, &radius::ERROR, 100.0)),
+            move |context| Ok(value(context.run(contours::RUN), (group, whisker), RECOMMENDED, &radius::ERROR, 100.0)),
         ),
         Claim::at_least(
             format!("motion_{group}_{whisker}_radius_covered"),
             format!("{claim}, trials whose 95 % interval holds the true one"),
             90.0,
             "%",
-            move |context| Ok(value(context.standard(), (group, whisker), RECOMMENDED, &radius::COVERED, 100.0)),
+            move |context| {
+                Ok(value(context.run(contours::RUN), (group, whisker), RECOMMENDED, &radius::COVERED, 100.0))
+            },
         ),
     ]
 }
@@ -57,7 +59,7 @@ fn noticed(group: &'static str, whisker: &'static str) -> Vec<Claim> {
         1.1,
         "times",
         move |context| {
-            let trials = context.standard().trials_of(group, whisker, STATIC);
+            let trials = context.run(contours::RUN).trials_of(group, whisker, STATIC);
             let of_trials: Vec<f64> = trials.filter_map(|trial| trial.get(&consistency::NIS)).collect();
             let average = Average::of_trials(NIS_FREEDOM, &of_trials);
             Ok(average.map(|average| average.value / average.interval.1))

@@ -9,6 +9,9 @@ use crate::tools::{run as run_command, whisker};
 
 const SUITE: &str = "standard";
 
+/// The objects of the standard suite.
+const OBJECTS: &str = "objects";
+
 /// Pins for the Monte-Carlo, on the whiskers that the standard suite calibrates.
 const PINS: &str = "pins100";
 
@@ -24,10 +27,11 @@ pub(crate) fn run() -> Outcome {
     pipeline::simulate(SUITE)?;
     pipeline::fit(SUITE)?;
     pipeline::evaluate(SUITE)?;
+    pipeline::evaluate_on(OBJECTS, SUITE, SUITE, 20)?;
     pipeline::simulate(PINS)?;
-    pipeline::evaluate_with_calibrations_of(PINS, SUITE, 2)?;
+    pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
     pipeline::simulate(LIFT_OFFS)?;
-    pipeline::evaluate_with_calibrations_of(LIFT_OFFS, SUITE, 5)?;
+    pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 5)?;
     if Path::new(CLONE).is_dir() {
         pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
     }
