@@ -3,7 +3,7 @@
 use whisker::estimators;
 
 use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, filters};
-use crate::consistency::{Average, MATTERS, NEES_FREEDOM, NIS_FREEDOM};
+use crate::consistency::{Average, NEES_FREEDOM, NIS_FREEDOM};
 use crate::metrics::{Metric, bound, consistency, error};
 use crate::results::TrialRow;
 
@@ -75,16 +75,11 @@ fn start(whisker: &'static str) -> Vec<Claim> {
     claims
 }
 
-/// Filters that expect objects within this of their radius take them for thin.
-const THIN_SD_M: f64 = 1e-3;
-
-/// The filters of thin objects that begin with several hypotheses. What has to find out the object's radius as well cannot be as quick.
+/// The filters that begin with several hypotheses.
 fn with_hypotheses() -> impl Iterator<Item = &'static str> {
     filters().filter(|name| {
         let row = estimators::estimator(name).expect("a registered estimator");
-        let defaults = (row.defaults)();
-        let is_for_thin = defaults["motion"]["radius_sd_m"].as_f64().is_some_and(|sd_m| sd_m <= THIN_SD_M);
-        defaults["start"]["kind"] == "hypotheses" && is_for_thin
+        (row.defaults)()["start"]["kind"] == "hypotheses"
     })
 }
 
@@ -103,14 +98,14 @@ fn consistent(whisker: &'static str) -> Vec<Claim> {
         claims.push(Claim::at_most(
             format!("consistency_{whisker}_{}_high", metric.name),
             format!("{claim} upper end of its 95 % interval"),
-            MATTERS,
+            1.0,
             "times",
             move |context| Ok(over(context.run(RUN), |(_, high)| high)),
         ));
         claims.push(Claim::at_least(
             format!("consistency_{whisker}_{}_low", metric.name),
             format!("{claim} lower end of its 95 % interval"),
-            1.0 / MATTERS,
+            1.0,
             "times",
             move |context| Ok(over(context.run(RUN), |(low, _)| low)),
         ));
