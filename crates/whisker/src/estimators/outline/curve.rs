@@ -21,7 +21,7 @@ use nalgebra::Vector2;
 use crate::rest::direction;
 
 /// Length of a cell in `tau`.
-pub(super) const PITCH_M: f64 = 0.25e-3;
+pub(super) const PITCH_M: f64 = 0.4e-3;
 
 /// The length `l` that stands for a radian.
 pub(super) const SCALE_M: f64 = 10e-3;

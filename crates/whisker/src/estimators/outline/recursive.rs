@@ -20,7 +20,7 @@ const FIRST_RADIUS_M: (f64, f64) = (1e-3, 50e-3);
 
 /// Samples from one search to the next: at least so many, and this share of all so far, so that the time per sample does not grow.
 const LEAST_PAUSE: usize = 10;
-const PAUSE_SHARE: usize = 20;
+const PAUSE_SHARE: usize = 10;
 
 /// A pause after which a surprise brings the next search forward; shorter than the other.
 const LEAST_SURPRISED_PAUSE: usize = 5;
