@@ -31,7 +31,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::simulate(PINS)?;
     pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
     pipeline::simulate(LIFT_OFFS)?;
-    pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 5)?;
+    pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
     if Path::new(CLONE).is_dir() {
         pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
     }
