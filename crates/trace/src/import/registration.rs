@@ -104,7 +104,7 @@ const READING_SCATTER: f64 = 0.01;
 
 /// Scatter of the reading of the undeflected wire about that at rest, relative to the largest. Without it a turned base could not be told
 /// from an offset of the reading.
-const REST_SCATTER: f64 = 0.02;
+const REST_SCATTER: f64 = 0.005;
 
 /// Relative improvement below which the search ends.
 const CONVERGED: f64 = 1e-6;
