@@ -57,7 +57,7 @@ fn panel(data: &RunData, set: &RunSet) -> Result<Option<ContourPanel>> {
         let mean = in_mm(scores.and_then(|row| row.get(&contour::MEAN)));
         let label = estimator.label();
         let words = format!("{}: contact {contact}, outline {mean} mm", estimator.name);
-        found.push(Found::new(label, words, Look::of(data.place_of(&estimator.name)), &vertices));
+        found.push(Found::new(label, vec![words], Look::of(data.place_of(&estimator.name)), &vertices));
     }
     Ok(Some(ContourPanel {
         title: format!("{}, {} whisker", plain(&set.group), set.whisker),
