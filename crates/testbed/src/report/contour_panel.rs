@@ -27,9 +27,9 @@ const LINE_PX: f64 = 15.0;
 
 /// The outline that one estimator found.
 pub(super) struct Found {
-    /// Label of the estimator, and what the panel says of its outline.
+    /// Label of the estimator, and what the panel says of its outline, line by line.
     pub(super) estimator: String,
-    pub(super) words: String,
+    pub(super) words: Vec<String>,
     pub(super) look: Look,
     line: Points,
     /// What was touched of it.
@@ -40,7 +40,7 @@ pub(super) struct Found {
 
 impl Found {
     /// The outline with these vertices.
-    pub(super) fn new(estimator: String, words: String, look: Look, vertices: &[VertexRow]) -> Self {
+    pub(super) fn new(estimator: String, words: Vec<String>, look: Look, vertices: &[VertexRow]) -> Self {
         let beside = |row: &VertexRow, side: f64| {
             let half_mm = 1e3 * NORMAL_95 * row.sd_m? * side;
             let (sin, cos) = row.normal_rad.sin_cos();
@@ -77,7 +77,7 @@ pub(super) fn picture(panels: Vec<ContourPanel>) -> Option<Picture> {
     }
     let columns = panels.len().min(COLUMNS);
     let rows = panels.len().div_ceil(columns);
-    let lines = panels.iter().map(|panel| panel.found.len()).max().unwrap_or(0);
+    let lines = panels.iter().map(|panel| panel.words().count()).max().unwrap_or(0);
     let head_px = 24.0 + LINE_PX * lines as f64;
     let mut looks: Vec<(String, Look)> = Vec::new();
     for found in panels.iter().flat_map(|panel| &panel.found) {
@@ -112,6 +112,11 @@ pub(super) fn picture(panels: Vec<ContourPanel>) -> Option<Picture> {
 }
 
 impl ContourPanel {
+    /// What is said of the outlines, line by line.
+    fn words(&self) -> impl Iterator<Item = (&str, Look)> {
+        self.found.iter().flat_map(|found| found.words.iter().map(|line| (line.as_str(), found.look)))
+    }
+
     fn paint(&self, canvas: &Canvas, frame: Rect, head_px: f64, labels: (&str, &str)) -> Result<()> {
         let near = || self.touched.iter().chain(self.found.iter().flat_map(|found| &found.line));
         let (left, right) = extent(near().map(|point| point.0)).unwrap_or((-1.0, 1.0));
@@ -122,8 +127,8 @@ impl ContourPanel {
         let panel = Panel::with_equal_scales(canvas, frame, "", labels, [x - wide, x + wide, y - tall, y + tall])?;
         let line_at = |line: usize| (frame.left, frame.top - head_px + 8.0 + LINE_PX * line as f64);
         canvas.text(&self.title, line_at(0), PANEL_TITLE)?;
-        for (index, found) in self.found.iter().enumerate() {
-            canvas.text(&found.words, line_at(index + 1), Lettering { color: found.look.color, ..SMALL })?;
+        for (index, (words, look)) in self.words().enumerate() {
+            canvas.text(words, line_at(index + 1), Lettering { color: look.color, ..SMALL })?;
         }
         panel.area(self.outline.iter().copied(), OBJECT.to_rgba())?;
         panel.line(self.outline.iter().copied(), FRAME, 1.5)?;

@@ -58,7 +58,7 @@ fn panel(data: &RunData, set: &RunSet, leading: &[(&RunEstimator, Look)]) -> Res
         let mean = in_mm(scores.and_then(|row| row.get(&contour::MEAN)));
         let label = estimator.label();
         let words = format!("{}: contact {contact}, outline {mean} mm", estimator.name);
-        found.push(Found::new(label, words, *look, &vertices));
+        found.push(Found::new(label, vec![words], *look, &vertices));
     }
     Ok(Some(ContourPanel {
         title: format!("{}, {} whisker", plain(&set.group), set.whisker),

@@ -101,8 +101,8 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         title: "Objects without a known contact",
         caption: "The outlines merged from single sweeps over objects of which nobody knows where they were touched, each with its 95 % band, for the \
                   first two filters of the run. Where the object's own outline could be placed it is drawn, and the mean distance from it \
-                  stands above; of a round object, the radius of the circle through the outline, too. Dots were touched; between them the \
-                  outline is bridged.",
+                  stands above; of a round object, the radius of the circle through the outline with its 95 % interval and the root mean \
+                  square distance from that circle, too. Dots were touched; between them the outline is bridged.",
         draw: real_objects::draw,
     },
     Figure {

@@ -35,14 +35,14 @@ fn panel(data: &RunData, trace: &str) -> Result<Option<ContourPanel>> {
     Ok(Some(ContourPanel { title: format!("{}, {sweep}", plain(object)), outline, touched: Vec::new(), found }))
 }
 
-/// What is to be said of the outline that an estimator found.
-fn words(row: &ContourTrialRow) -> String {
-    let mut words = row.estimator.clone();
-    if let Some(mean_m) = row.mean_m {
-        words += &format!(": {} mm off", two_digits(1e3 * mean_m));
+/// What is to be said of the outline that an estimator found, and of the circle through it.
+fn words(row: &ContourTrialRow) -> Vec<String> {
+    let off = row.mean_m.map(|mean_m| format!(": {} mm off", two_digits(1e3 * mean_m)));
+    let mut lines = vec![format!("{}{}", row.estimator, off.unwrap_or_default())];
+    if let (Some(radius_m), Some(low_m), Some(residual_m)) = (row.radius_m, row.radius_low_m, row.residual_rms_m) {
+        let [radius, low, residual] = [radius_m, low_m, residual_m].map(|length_m| two_digits(1e3 * length_m));
+        let high = row.radius_high_m.map_or("∞".into(), |high_m| two_digits(1e3 * high_m));
+        lines.push(format!("radius {radius} ({low} to {high}) mm, residual {residual} mm"));
     }
-    if let Some(radius_m) = row.radius_m {
-        words += &format!(", radius {} mm", two_digits(1e3 * radius_m));
-    }
-    words
+    lines
 }
