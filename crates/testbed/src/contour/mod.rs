@@ -1,7 +1,7 @@
 //! The outline of an object as an estimator found it, with an uncertainty band, and how far it lies from the truth.
 //!
-//! Whatever the estimator, its surface points of many contacts and strokes become one [`Contour`] (`merge`), which is compared with the true outline
-//! without being aligned to it (`compare`). A round object's radius follows from it (`circle`).
+//! The surface points of many contacts and strokes become one [`Contour`] (`merge`), unless the estimator carries an outline of its own. It is compared
+//! with the true outline without being aligned to it (`compare`). A round object's radius follows from it (`circle`).
 
 mod circle;
 mod compare;

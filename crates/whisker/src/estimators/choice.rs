@@ -47,7 +47,7 @@ pub(super) struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self::among([("ukf", 300.0), ("sliding", 1.0), ("imm", 0.3), ("outline", 1.0)])
+        Self::among([("ukf", 300.0), ("sliding", 1.0), ("outline", 1.0)])
     }
 }
 

@@ -364,7 +364,7 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "what to use: `ukf` for thin things, `sliding` for round ones, `outline` for others, `imm` for what changes, as far as the readings speak for each",
+        about: "what to use: `ukf` for thin things, `sliding` for round ones, `outline` for others, as far as the readings speak for each",
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<choice::Config>,
