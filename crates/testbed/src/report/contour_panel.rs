@@ -21,7 +21,7 @@ const TOUCHED_PX: f64 = 3.5;
 /// Radius of the touched vertices.
 const DOT_PX: f64 = 1.5;
 /// Panels in a row, how high a panel is, and how far apart panels are.
-const COLUMNS: usize = 4;
+const COLUMNS: usize = 3;
 const PANEL_PX: u32 = 210;
 const GAP_PX: u32 = 64;
 /// Corners of half an ellipse.
