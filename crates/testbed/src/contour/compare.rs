@@ -20,7 +20,8 @@ pub struct Comparison {
     /// The largest of those distances and of the distances of the touched part of the true outline from the contour; nothing where it is not known what
     /// was touched.
     pub hausdorff_m: Option<f64>,
-    /// Share of the contour's points through whose 95 % region, the ellipse of 1.96 standard deviations, the true outline runs; nothing where the contour has none.
+    /// Share of the contour's points through whose 95 % region, the ellipse of 1.96 standard deviations, the true outline runs; nothing where the contour
+    /// has none.
     pub band_coverage: Option<f64>,
 }
 
