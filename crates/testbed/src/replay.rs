@@ -7,7 +7,7 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, Sidecar};
-use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Method, Sample};
+use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Sample};
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::CalibratedFace;
@@ -99,6 +99,8 @@ pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) ->
 pub struct Replay {
     /// One entry a sample; none while the estimator saw no contact.
     pub estimates: Vec<Option<Estimate>>,
+    /// The outline that the estimator has at the end, where it carries one.
+    pub outline: Option<Vec<OutlinePoint>>,
     /// Wall-clock time of all steps.
     pub elapsed_ns: u128,
     /// Why the estimator fell silent before the end, where it failed.
@@ -109,5 +111,6 @@ pub struct Replay {
 pub fn replay(estimator: &mut Estimator, samples: &[Sample]) -> Replay {
     let start = Clock::now();
     let estimates = estimator.run(samples);
-    Replay { estimates, elapsed_ns: start.elapsed().as_nanos(), failure: None }
+    let outline = estimator.outline();
+    Replay { estimates, outline, elapsed_ns: start.elapsed().as_nanos(), failure: None }
 }

@@ -307,8 +307,12 @@ pub struct VertexRow {
     pub y_m: f64,
     /// Direction of the outward normal.
     pub normal_rad: f64,
-    /// Standard deviation across the outline; the 95 % band reaches 1.96 times as far to both sides.
-    pub sd_m: Option<f64>,
+    /// Covariance of the place; the 95 % band is the envelope of the ellipses of 1.96 standard deviations.
+    pub cov_xx_m2: Option<f64>,
+    /// Covariance of the place.
+    pub cov_xy_m2: Option<f64>,
+    /// Covariance of the place.
+    pub cov_yy_m2: Option<f64>,
     /// Whether it was touched; where not, the outline is bridged.
     pub touched: bool,
 }

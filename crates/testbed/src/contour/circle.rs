@@ -40,7 +40,7 @@ impl Circle {
             return None;
         }
         let points: Vec<Vector2<f64>> = vertices.iter().map(|vertex| vertex.at.vector()).collect();
-        let sds_m: Vec<f64> = vertices.iter().map(|vertex| vertex.sd_m).collect::<Option<_>>()?;
+        let sds_m: Vec<f64> = vertices.iter().map(|vertex| vertex.sd_m()).collect::<Option<_>>()?;
         let ways_m: Vec<f64> = std::iter::once(0.0)
             .chain(points.windows(2).scan(0.0, |way_m, pair| {
                 *way_m += (pair[1] - pair[0]).norm();
@@ -112,6 +112,7 @@ fn algebraic(points: &[Vector2<f64>]) -> Option<Vector3<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix2;
     use rand::{RngExt, SeedableRng};
     use rand_distr::StandardNormal;
     use rand_pcg::Pcg64;
@@ -134,7 +135,7 @@ mod tests {
             Vertex {
                 at: Point::new(0.1 + off_m * cos, -0.2 + off_m * sin),
                 normal_rad: 0.0,
-                sd_m: Some(SD_M),
+                covariance_m2: Some(Matrix2::identity() * SD_M.powi(2)),
                 touched: true,
             }
         });
@@ -161,7 +162,12 @@ mod tests {
     #[test]
     fn robust_a_flat_or_a_point_is_no_circle() {
         let at = |i: i32| Point::new(1e-3 * f64::from(i), 0.0);
-        let vertex = |i: i32| Vertex { at: at(i), normal_rad: 0.0, sd_m: Some(SD_M), touched: true };
+        let vertex = |i: i32| Vertex {
+            at: at(i),
+            normal_rad: 0.0,
+            covariance_m2: Some(Matrix2::identity() * SD_M.powi(2)),
+            touched: true,
+        };
         assert_eq!(Circle::through(&Contour { vertices: (0..20).map(vertex).collect() }), None);
         assert_eq!(Circle::through(&Contour { vertices: vec![vertex(0); 20] }), None);
     }

@@ -5,7 +5,7 @@ use trace::Outline;
 use whisker::frames::{Point, World};
 
 use super::{Contour, Vertex, touched_stretch};
-use crate::statistics::{mean, quantile};
+use crate::statistics::{NORMAL_95, mean, quantile};
 
 /// Both outlines are compared at points no farther apart than this.
 const STEP_M: f64 = 1e-4;
@@ -20,7 +20,8 @@ pub struct Comparison {
     /// The largest of those distances and of the distances of the touched part of the true outline from the contour; nothing where it is not known what
     /// was touched.
     pub hausdorff_m: Option<f64>,
-    /// Share of the contour's points whose 95 % band reaches the true outline; nothing where the contour has none.
+    /// Share of the contour's points through whose 95 % region, the ellipse of 1.96 standard deviations, the true outline runs; nothing where the contour
+    /// has none.
     pub band_coverage: Option<f64>,
 }
 
@@ -29,11 +30,7 @@ impl Comparison {
     pub fn new(contour: &Contour, outline: &Outline, touched: &[Point<World>]) -> Self {
         let points = sampled(contour);
         let distances_m: Vec<f64> = points.iter().map(|point| outline.distance_m(point.at)).collect();
-        let covered: Option<Vec<f64>> = points
-            .iter()
-            .zip(&distances_m)
-            .map(|(p, &m)| p.half_band_m().map(|half_m| f64::from(m <= half_m)))
-            .collect();
+        let covered: Option<Vec<f64>> = points.iter().map(|point| Some(f64::from(point.holds(outline)?))).collect();
         let worst_m = |distances_m: &[f64]| distances_m.iter().copied().reduce(f64::max);
         let plain = |point: &Point<World>| (point.x(), point.y());
         let true_outline: Vec<(f64, f64)> = outline.vertices().iter().map(plain).collect();
@@ -48,18 +45,33 @@ impl Comparison {
     }
 }
 
+impl Vertex {
+    /// Whether the true outline runs through this vertex' 95 % region, the ellipse of 1.96 standard deviations. A straight outline does so with a
+    /// probability of 95 %, however the ellipse lies: the ellipse reaches as far across it as its normal band. Where the outline is but a corner both
+    /// directions count, and the probability is between that and the 85 % of a point.
+    fn holds(&self, outline: &Outline) -> Option<bool> {
+        let whitening = self.covariance_m2?.cholesky()?.l().try_inverse()?;
+        let line: Vec<_> = outline.vertices().iter().map(|at| whitening * (at.vector() - self.at.vector())).collect();
+        Some(distance(&line, Vector2::zeros()) <= NORMAL_95)
+    }
+}
+
+/// Distance from a point to the line through some vertices.
+fn distance(line: &[Vector2<f64>], point: Vector2<f64>) -> f64 {
+    let vertices = line.iter().map(|vertex| (vertex - point).norm());
+    let edges = line.windows(2).map(|edge| {
+        let way = edge[1] - edge[0];
+        let part = ((point - edge[0]).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        (edge[0] + way * part - point).norm()
+    });
+    vertices.chain(edges).fold(f64::INFINITY, f64::min)
+}
+
 impl Contour {
     /// Distance from a point to the contour.
     fn distance_m(&self, point: Vector2<f64>) -> f64 {
-        let at = |vertex: &Vertex| (vertex.at.vector() - point).norm();
-        let vertices = self.vertices.iter().map(at);
-        let edges = self.vertices.windows(2).map(|edge| {
-            let (a, b) = (edge[0].at.vector(), edge[1].at.vector());
-            let way = b - a;
-            let part = ((point - a).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-            (a + way * part - point).norm()
-        });
-        vertices.chain(edges).fold(f64::INFINITY, f64::min)
+        let line: Vec<_> = self.vertices.iter().map(|vertex| vertex.at.vector()).collect();
+        distance(&line, point)
     }
 }
 
@@ -70,7 +82,7 @@ fn sampled(contour: &Contour) -> Vec<Vertex> {
         parts(from.at.distance(&to.at)).map(move |part| Vertex {
             at: from.at.shifted((to.at.vector() - from.at.vector()) * part),
             normal_rad: from.normal_rad,
-            sd_m: from.sd_m.zip(to.sd_m).map(|(from_m, to_m)| from_m + part * (to_m - from_m)),
+            covariance_m2: from.covariance_m2.zip(to.covariance_m2).map(|(from, to)| from + (to - from) * part),
             touched: from.touched && to.touched,
         })
     });
@@ -95,10 +107,16 @@ fn parts(length_m: f64) -> impl Iterator<Item = f64> {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
+    use nalgebra::Matrix2;
+
     use super::*;
 
     fn contour(points: &[(f64, f64)], sd_m: Option<f64>) -> Contour {
-        let vertex = |&(x, y): &(f64, f64)| Vertex { at: Point::new(x, y), normal_rad: 0.0, sd_m, touched: true };
+        let covariance_m2 = sd_m.map(|sd_m| Matrix2::identity() * (sd_m * sd_m));
+        let vertex =
+            |&(x, y): &(f64, f64)| Vertex { at: Point::new(x, y), normal_rad: 0.0, covariance_m2, touched: true };
         Contour { vertices: points.iter().map(vertex).collect() }
     }
 
@@ -118,6 +136,19 @@ mod tests {
         assert_eq!(found.band_coverage, Some(1.0));
         let narrow = contour(&[(0.002, -5e-4), (0.007, -5e-4)], Some(2e-4));
         assert_eq!(Comparison::new(&narrow, &square(), &touched).band_coverage, Some(0.0));
+    }
+
+    /// Half a millimetre off a corner, outside of both faces: of the normal band nothing is there, of the ellipse is what it is long.
+    #[test]
+    fn val_at_a_corner_all_directions_count() {
+        let off = Point::new(-3e-4, -3e-4);
+        let beside = |along_m: f64| {
+            let (n, t) = (Vector2::new(1.0, -1.0).normalize(), Vector2::new(1.0, 1.0).normalize());
+            let covariance = n * n.transpose() * 1e-10 + t * t.transpose() * along_m.powi(2);
+            Vertex { at: off, normal_rad: -PI / 4.0, covariance_m2: Some(covariance), touched: true }.holds(&square())
+        };
+        let reach_m = 3e-4 * 2f64.sqrt() / NORMAL_95;
+        assert_eq!((beside(0.99 * reach_m), beside(1.01 * reach_m)), (Some(false), Some(true)));
     }
 
     #[test]

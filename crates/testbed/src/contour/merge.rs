@@ -10,11 +10,10 @@
 //! `P^-1 = sum w C^-1`, `x = P sum w C^-1 p`, which is consistent whatever the correlation and as sure as its surest point, however many there
 //! are. A point's weight is what it tells across the outline, `1 / (n' C n)`.
 //!
-//! **Band.** How far the points of a stretch lie apart tells how much of their error they do not share: whatever the correlation, the mean square error
-//! of the points is that of their mean and their scatter about it, so that `E (x - truth)^2 = C - scatter` across the outline. The share of the
-//! scatter in what the points state is taken from the whole outline; no stretch is surer than its own points disagree, as where they state too
-//! little. An error along the outline leaves it where it bends: over a way `l` by `l^2 / 2` times the
-//! curvature, and at a corner by `l sin 45` at most.
+//! **Band.** Each stretch keeps its full covariance: an error along the outline leaves it where it bends, and at a corner all directions count. How far
+//! the points of a stretch lie apart tells how much of their error they do not share: whatever the correlation, the mean square error of the points
+//! is that of their mean and their scatter about it, so that `E (x - truth)^2 = C - scatter` across the outline. The share of the scatter in what the
+//! points state is taken from the whole outline; no stretch is surer than its own points disagree, as where they state too little.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -22,7 +21,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix2, Vector2};
 use whisker::frames::Point;
 
-use super::{Contour, SurfacePoint, Vertex, direction};
+use super::{Contour, MOST_SD_M, SurfacePoint, Vertex, direction};
 use crate::statistics::{NORMAL_95, mean};
 
 /// How far points are pushed outwards to be put in order: the way that counts as much as a turn by one radian.
@@ -31,17 +30,11 @@ const REACH_M: f64 = 1e-2;
 /// Length of the pushed outline of which the points become one.
 const CELL_M: f64 = 1e-3;
 
-/// A point whose place is less sure than this, in any direction, does not say where the outline is.
-const MOST_SD_M: f64 = 1e-3;
-
 /// Least share of a point's variance that is taken to be common to all of its stretch: three strokes are no ten.
 const LEAST_KEPT: f64 = 0.1;
 
 /// Longest way along the tangents from one stretch to the next, over that along their chord: a turn by a right angle.
 const LONGEST_DETOUR: f64 = std::f64::consts::SQRT_2;
-
-/// Over an error along the outline it turns by no more than counts as so much: seen midway around a right-angled corner, the faces fall back by sin 45 of it.
-const MOST_TURN_RAD: f64 = std::f64::consts::SQRT_2;
 
 /// An outline is bridged in steps of this length where it was not touched between two stretches.
 const BRIDGE_STEP_M: f64 = 1e-3;
@@ -52,8 +45,7 @@ pub(super) fn merged(points: &[SurfacePoint]) -> Option<Contour> {
     let cells = cells(points);
     let merged: Vec<Merged> = cells.iter().filter_map(|cell| Merged::new(cell)).collect();
     let kept = 1.0 - mean(merged.iter().map(|merged| merged.scatter)).unwrap_or_default();
-    let vertices: Vec<Vertex> =
-        (0..merged.len()).map(|i| merged[i].vertex(kept.max(LEAST_KEPT), bend_per_m(&merged, i))).collect();
+    let vertices: Vec<Vertex> = merged.iter().map(|merged| merged.vertex(kept.max(LEAST_KEPT))).collect();
     (!vertices.is_empty()).then(|| Contour { vertices: bridged(&vertices) })
 }
 
@@ -129,8 +121,8 @@ fn cells(mut points: Vec<Placed>) -> Vec<Vec<Placed>> {
 struct Merged {
     at: Vector2<f64>,
     normal: Vector2<f64>,
-    /// Variances of one point across and along the outline, where stated.
-    variances_m2: Option<(f64, f64)>,
+    /// Covariance of one point, where stated.
+    covariance_m2: Option<Matrix2<f64>>,
     /// Mean square distance of the points from this one, across the outline, over what they state.
     scatter: f64,
 }
@@ -148,30 +140,18 @@ impl Merged {
         let scatter_m2: f64 =
             points.iter().map(|point| share(point) * point.normal.dot(&(point.at - at)).powi(2)).sum();
         let stated_m2: f64 = points.iter().map(|point| share(point) / point.weight).sum();
-        let along = Vector2::new(-normal.y, normal.x);
-        let is_stated = points.iter().all(|point| point.is_stated);
-        let variances_m2 = is_stated.then(|| (normal.dot(&(covariance * normal)), along.dot(&(covariance * along))));
-        Some(Self { at, normal, variances_m2, scatter: scatter_m2 / stated_m2 })
+        let covariance_m2 = points.iter().all(|point| point.is_stated).then_some(covariance);
+        Some(Self { at, normal, covariance_m2, scatter: scatter_m2 / stated_m2 })
     }
 
-    /// The vertex, of whose points' variance this share is common to all.
-    fn vertex(&self, kept: f64, bend_per_m: f64) -> Vertex {
-        let sd_m = self.variances_m2.map(|(across_m2, along_m2)| {
-            let along_m = along_m2.sqrt();
-            let off_m = 0.5 * along_m * (bend_per_m * along_m).min(MOST_TURN_RAD);
-            (across_m2 * kept.max(self.scatter)).sqrt().hypot(off_m)
-        });
+    /// The vertex, of whose points' variance across the outline this share is common to all.
+    fn vertex(&self, kept: f64) -> Vertex {
+        let across = self.normal * self.normal.transpose();
+        let narrowed = Matrix2::identity() + across * (kept.max(self.scatter).sqrt() - 1.0);
+        let covariance_m2 = self.covariance_m2.map(|covariance| narrowed * covariance * narrowed);
         let normal_rad = self.normal.y.atan2(self.normal.x);
-        Vertex { at: Point::from_vector(self.at), normal_rad, sd_m, touched: true }
+        Vertex { at: Point::from_vector(self.at), normal_rad, covariance_m2, touched: true }
     }
-}
-
-/// How much the outline turns over its way around a stretch.
-fn bend_per_m(merged: &[Merged], i: usize) -> f64 {
-    let (from, to) = (&merged[i.saturating_sub(1)], &merged[(i + 1).min(merged.len() - 1)]);
-    let turn_rad = from.normal.dot(&to.normal).clamp(-1.0, 1.0).acos();
-    let way_m = (to.at - from.at).norm();
-    turn_rad / way_m.max(f64::MIN_POSITIVE)
 }
 
 /// Puts vertices between those that lie apart. A convex outline that touches the tangents at both ends runs between its chord and their crossing; halfway
@@ -190,9 +170,11 @@ fn bridged(vertices: &[Vertex]) -> Vec<Vertex> {
             let (before, after) = ((1.0 - part) * (1.0 - part), part * part);
             let at = a * before + crossing * (2.0 * part * (1.0 - part)) + b * after;
             let unknown_m = 2.0 * height_m * part * (1.0 - part) / NORMAL_95;
-            let sd_m = from.sd_m.zip(to.sd_m).map(|(a_m, b_m)| (a_m + part * (b_m - a_m)).hypot(unknown_m));
             let normal_rad = from.normal_rad + part * turn_rad;
-            bridged.push(Vertex { at: Point::from_vector(at), normal_rad, sd_m, touched: false });
+            let unknown = direction(normal_rad) * unknown_m;
+            let stated = from.covariance_m2.zip(to.covariance_m2);
+            let covariance_m2 = stated.map(|(a, b)| a + (b - a) * part + unknown * unknown.transpose());
+            bridged.push(Vertex { at: Point::from_vector(at), normal_rad, covariance_m2, touched: false });
         }
         bridged.push(to);
     }
@@ -242,15 +224,16 @@ mod tests {
 
     #[test]
     fn verif_many_points_are_no_surer_than_one() {
-        let sd =
-            |count| merged(&vec![point(0.0, 0.0, 90.0); count]).expect("an outline").vertices[0].sd_m.expect("stated");
+        let sd = |count| {
+            merged(&vec![point(0.0, 0.0, 90.0); count]).expect("an outline").vertices[0].sd_m().expect("stated")
+        };
         assert!((sd(1) - SD_M).abs() < 1e-12 && (sd(1000) - SD_M).abs() < 1e-12);
     }
 
     #[test]
     fn verif_points_that_disagree_widen_the_band() {
         let points = [point(0.0, 3e-4, 90.0), point(0.0, -3e-4, 90.0)];
-        let sd_m = merged(&points).expect("an outline").vertices[0].sd_m.expect("stated");
+        let sd_m = merged(&points).expect("an outline").vertices[0].sd_m().expect("stated");
         assert!((sd_m - 3e-4).abs() < 1e-12);
     }
 
@@ -275,7 +258,7 @@ mod tests {
             .collect();
         let flat = merged(&corners).expect("an outline");
         let middle = flat.vertices.iter().min_by(|a, b| a.at.x().abs().total_cmp(&b.at.x().abs())).expect("a vertex");
-        assert!(middle.at.y().abs() < 2e-4 && middle.sd_m.expect("stated") < 4.0 * SD_M, "{middle:?}");
+        assert!(middle.at.y().abs() < 2e-4 && middle.sd_m().expect("stated") < 4.0 * SD_M, "{middle:?}");
 
         let mut arcs = circle(0.05, 200.0, 220.0, 100);
         arcs.extend(circle(0.05, 250.0, 270.0, 100));
@@ -288,7 +271,7 @@ mod tests {
         assert!(bridge.len() > 10);
         for vertex in bridge {
             let off_m = (vertex.at.vector().norm() - 0.05).abs();
-            assert!(off_m < vertex.half_band_m().expect("stated"), "{off_m}");
+            assert!(off_m < NORMAL_95 * vertex.sd_m().expect("stated"), "{off_m}");
         }
     }
 

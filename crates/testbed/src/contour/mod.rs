@@ -1,7 +1,7 @@
 //! The outline of an object as an estimator found it, with an uncertainty band, and how far it lies from the truth.
 //!
-//! Whatever the estimator, its surface points of many contacts and strokes become one [`Contour`] (`merge`), which is compared with the true outline
-//! without being aligned to it (`compare`). A round object's radius follows from it (`circle`).
+//! The surface points of many contacts and strokes become one [`Contour`] (`merge`), unless the estimator carries an outline of its own. It is compared
+//! with the true outline without being aligned to it (`compare`). A round object's radius follows from it (`circle`).
 
 mod circle;
 mod compare;
@@ -17,11 +17,11 @@ pub use strokes::second_stroke;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Matrix2, Vector2};
-use whisker::estimators::Estimate;
+use whisker::estimators::{Estimate, OutlinePoint};
 use whisker::frames::{Point, World};
 
 use crate::metrics::Trial;
-use crate::statistics::NORMAL_95;
+use crate::replay::Replay;
 
 /// One vertex of a contour.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,16 +30,17 @@ pub struct Vertex {
     pub at: Point<World>,
     /// Direction of the outward normal in World.
     pub normal_rad: f64,
-    /// Standard deviation across the outline, where the estimator states covariances.
-    pub sd_m: Option<f64>,
+    /// Covariance, where the estimator states any.
+    pub covariance_m2: Option<Matrix2<f64>>,
     /// Whether it was touched; where not, the outline is bridged.
     pub touched: bool,
 }
 
 impl Vertex {
-    /// Half the width of the 95 % band.
-    pub fn half_band_m(&self) -> Option<f64> {
-        self.sd_m.map(|sd_m| NORMAL_95 * sd_m)
+    /// Standard deviation across the outline.
+    pub fn sd_m(&self) -> Option<f64> {
+        let normal = direction(self.normal_rad);
+        Some(normal.dot(&(self.covariance_m2? * normal)).sqrt())
     }
 }
 
@@ -51,11 +52,15 @@ pub struct Contour {
 }
 
 impl Contour {
-    /// The outline that an estimator found in a trial, from the row `since` on; nothing where it found none.
+    /// The outline that an estimator found in a trial; nothing where it found none.
     ///
-    /// This is the one place that decides where an outline comes from: the surface points of all contacts, merged.
-    pub fn found(trial: &Trial<'_>, estimates: &[Option<Estimate>], since: usize) -> Option<Self> {
-        merge::merged(&surface_points(trial, estimates, since))
+    /// This is the one place that decides where an outline comes from: from the estimator where it carries one, as it is at the end; otherwise the surface
+    /// points of all contacts from the row `since` on, merged.
+    pub fn found(trial: &Trial<'_>, replay: &Replay, since: usize) -> Option<Self> {
+        match &replay.outline {
+            Some(outline) => carried(trial, outline),
+            None => merge::merged(&surface_points(trial, &replay.estimates, since)),
+        }
     }
 }
 
@@ -63,6 +68,23 @@ impl Contour {
 fn direction(angle_rad: f64) -> Vector2<f64> {
     let (sin, cos) = angle_rad.sin_cos();
     Vector2::new(cos, sin)
+}
+
+/// The outline that an estimator carries, in World and counter-clockwise; nothing of it is left where none of it is sure.
+fn carried(trial: &Trial<'_>, outline: &[OutlinePoint]) -> Option<Contour> {
+    let start = trial.trace.recording.instants.first()?.base;
+    let vertex = |point: &OutlinePoint| {
+        let normal = start.rotation() * point.normal;
+        Vertex {
+            at: start.apply(Point::from_vector(point.surface.vector())),
+            normal_rad: normal.y.atan2(normal.x),
+            covariance_m2: Some(start.turn(point.covariance_m2)),
+            touched: true,
+        }
+    };
+    let vertices: Vec<Vertex> =
+        outline.iter().map(vertex).filter(|vertex| vertex.sd_m().is_some_and(|sd_m| sd_m <= MOST_SD_M)).collect();
+    (!vertices.is_empty()).then_some(Contour { vertices })
 }
 
 /// What one estimate says of the surface.
@@ -73,6 +95,9 @@ struct SurfacePoint {
     normal_rad: f64,
     covariance_m2: Option<Matrix2<f64>>,
 }
+
+/// A point whose place is less sure than this does not say where the outline is.
+const MOST_SD_M: f64 = 1e-3;
 
 /// After a touch an estimator has so long to find the contact before what it says counts as outline.
 const SETTLING_S: f64 = 1.0;

@@ -160,6 +160,6 @@ impl Entrant for Program {
         let failure = self.converse(&mut process, task, &mut estimates).err();
         // From a failure on it is silent.
         estimates.resize(task.samples.len(), None);
-        Ok(Replay { estimates, elapsed_ns: start.elapsed().as_nanos(), failure })
+        Ok(Replay { estimates, outline: None, elapsed_ns: start.elapsed().as_nanos(), failure })
     }
 }

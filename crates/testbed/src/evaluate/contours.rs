@@ -69,7 +69,9 @@ pub(super) fn vertex_rows(contour: Option<&Contour>) -> Vec<VertexRow> {
             x_m: vertex.at.x(),
             y_m: vertex.at.y(),
             normal_rad: vertex.normal_rad,
-            sd_m: vertex.sd_m,
+            cov_xx_m2: vertex.covariance_m2.map(|covariance| covariance.m11),
+            cov_xy_m2: vertex.covariance_m2.map(|covariance| covariance.m12),
+            cov_yy_m2: vertex.covariance_m2.map(|covariance| covariance.m22),
             touched: vertex.touched,
         })
         .collect()

@@ -519,18 +519,18 @@ impl Bench {
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
             let replay = entrant.replay(&task)?;
-            done.failures.extend(replay.failure.map(|reason| failed(Some(&name), reason)));
+            done.failures.extend(replay.failure.iter().map(|reason| failed(Some(&name), reason.clone())));
             let outline = outline.as_ref();
             let events = events.as_ref();
             let trial = Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, events, bound };
-            let contour = Contour::found(&trial, &replay.estimates, 0);
+            let contour = Contour::found(&trial, &replay, 0);
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
                 let path = folder.join("contours").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&vertex_rows(contour.as_ref()))?)?;
             }
-            let scored = match Scored::new(&trial, &replay.estimates, contour.as_ref()) {
+            let scored = match Scored::new(&trial, &replay, contour.as_ref()) {
                 Ok(scored) => Some(scored),
                 Err(Unscored::TruthUnknown) => None,
                 Err(unscored @ Unscored::NeverTouches) => {

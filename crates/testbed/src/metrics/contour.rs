@@ -32,7 +32,7 @@ pub const LATER_CONTACT_RMSE: Metric = Metric {
 /// Mean distance of the outline.
 pub const MEAN: Metric = Metric {
     name: "contour_mean_m",
-    about: "mean distance of the merged outline from the true one",
+    about: "mean distance of the outline found from the true one",
     summary: Summary::Median,
     measure: |scored| Some(scored.contour?.mean_m),
 };
@@ -48,7 +48,7 @@ pub const P95: Metric = Metric {
 /// Largest distance, both ways.
 pub const HAUSDORFF: Metric = Metric {
     name: "contour_hausdorff_m",
-    about: "largest distance of the merged outline from the true one, or of the touched part of the true one from the merged",
+    about: "largest distance of the outline found from the true one, or of the touched part of the true one from it",
     summary: Summary::Median,
     measure: |scored| scored.contour?.hausdorff_m,
 };
@@ -56,7 +56,7 @@ pub const HAUSDORFF: Metric = Metric {
 /// Mean distance of the outline from the second stroke on.
 pub const LATER_MEAN: Metric = Metric {
     name: "later_contour_mean_m",
-    about: "mean distance from the true outline of the outline merged from the second stroke on",
+    about: "mean distance from the true outline of the outline found from the second stroke on",
     summary: Summary::Median,
     measure: |scored| Some(scored.later_contour?.mean_m),
 };
@@ -72,7 +72,7 @@ pub const LATER_P95: Metric = Metric {
 /// Share of the outline whose band holds the truth.
 pub const BAND_COVERAGE: Metric = Metric {
     name: "band_coverage",
-    about: "share of the merged outline whose 95 % band holds the true outline",
+    about: "share of the outline through whose 95 % regions the true outline runs",
     summary: Summary::Mean,
     measure: |scored| scored.contour?.band_coverage,
 };

@@ -6,6 +6,7 @@ use whisker::estimators::{Estimate, Knowledge};
 use super::contact_events::Events;
 use crate::bound::TraceBound;
 use crate::contour::{Comparison, Contour, second_stroke};
+use crate::replay::Replay;
 
 /// Start-up ends this long after the touch.
 pub const START_UP_S: f64 = 2.0;
@@ -80,12 +81,9 @@ impl<'a> Scored<'a> {
     ///
     /// # Errors
     /// [`Unscored`] where the trace has no instant of contact.
-    pub fn new(
-        trial: &'a Trial<'a>,
-        estimates: &'a [Option<Estimate>],
-        contour: Option<&Contour>,
-    ) -> Result<Self, Unscored> {
+    pub fn new(trial: &'a Trial<'a>, replay: &'a Replay, contour: Option<&Contour>) -> Result<Self, Unscored> {
         let Trace { recording, truth, .. } = trial.trace;
+        let estimates = &replay.estimates;
         let mut touch_s = None;
         let mut contacts = Vec::new();
         for (row, (known, truth)) in recording.instants.iter().zip(&truth.instants).enumerate() {
@@ -119,7 +117,7 @@ impl<'a> Scored<'a> {
             Self { trial, estimates, touch_s, contacts, second_stroke, contour: None, later_contour: None };
         if !scored.is_silent() {
             scored.contour = contour.and_then(|contour| compared(contour, 0));
-            scored.later_contour = second_stroke.and_then(|row| compared(&Contour::found(trial, estimates, row)?, row));
+            scored.later_contour = second_stroke.and_then(|row| compared(&Contour::found(trial, replay, row)?, row));
         }
         Ok(scored)
     }

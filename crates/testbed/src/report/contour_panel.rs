@@ -1,5 +1,7 @@
 //! A panel with outlines that estimators found over the true one.
 
+use std::f64::consts::PI;
+
 use anyhow::Result;
 use plotters::style::Color;
 
@@ -19,9 +21,11 @@ const TOUCHED_PX: f64 = 3.5;
 /// Radius of the touched vertices.
 const DOT_PX: f64 = 1.5;
 /// Panels in a row, how high a panel is, and how far apart panels are.
-const COLUMNS: usize = 4;
+const COLUMNS: usize = 3;
 const PANEL_PX: u32 = 210;
 const GAP_PX: u32 = 64;
+/// Corners of half an ellipse.
+const END_STEPS: u32 = 16;
 /// Height of a line of text.
 const LINE_PX: f64 = 15.0;
 
@@ -41,23 +45,34 @@ pub(super) struct Found {
 impl Found {
     /// The outline with these vertices.
     pub(super) fn new(estimator: String, words: Vec<String>, look: Look, vertices: &[VertexRow]) -> Self {
-        let beside = |row: &VertexRow, side: f64| {
-            let half_mm = 1e3 * NORMAL_95 * row.sd_m? * side;
-            let (sin, cos) = row.normal_rad.sin_cos();
-            Some((1e3 * row.x_m + half_mm * cos, 1e3 * row.y_m + half_mm * sin))
-        };
         let place = |row: &VertexRow| (1e3 * row.x_m, 1e3 * row.y_m);
-        let outer = vertices.iter().filter_map(|row| beside(row, 1.0));
-        let inner = vertices.iter().rev().filter_map(|row| beside(row, -1.0));
         Self {
             estimator,
             words,
             look,
             line: vertices.iter().map(place).collect(),
             touched: vertices.iter().filter(|row| row.touched).map(place).collect(),
-            band: outer.chain(inner).collect(),
+            band: band(vertices).unwrap_or_default(),
         }
     }
+}
+
+/// The envelope of the vertices' ellipses, once around: where each reaches farthest outwards, half the last ellipse, where each reaches farthest
+/// inwards, and half the first.
+fn band(vertices: &[VertexRow]) -> Option<Points> {
+    let farthest = |row: &VertexRow, turn_rad: f64| {
+        let (sin, cos) = (row.normal_rad + turn_rad).sin_cos();
+        let (xx, xy, yy) = (row.cov_xx_m2?, row.cov_xy_m2?, row.cov_yy_m2?);
+        let (x_m2, y_m2) = (xx * cos + xy * sin, xy * cos + yy * sin);
+        let per_sd = 1e3 * NORMAL_95 / (x_m2 * cos + y_m2 * sin).sqrt();
+        Some((1e3 * row.x_m + per_sd * x_m2, 1e3 * row.y_m + per_sd * y_m2))
+    };
+    let end = |row: &VertexRow, from_rad: f64| -> Vec<_> {
+        (1..END_STEPS).map(|i| farthest(row, from_rad + PI * f64::from(i) / f64::from(END_STEPS))).collect()
+    };
+    let outer = vertices.iter().map(|row| farthest(row, 0.0));
+    let inner = vertices.iter().rev().map(|row| farthest(row, PI));
+    outer.chain(end(vertices.last()?, 0.0)).chain(inner).chain(end(vertices.first()?, PI)).collect()
 }
 
 /// One panel.

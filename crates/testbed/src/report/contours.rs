@@ -28,10 +28,10 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
         section #outlines {
             h2 { "Outlines found" }
             p {
-                "The surface points of all contacts and strokes, merged into one outline with a 95 % band. Contact: root mean square error after the "
-                "first second. Mean and 95 %: distance of the outline from the true one. Hausdorff: the largest of those distances and of the "
-                "distances of the touched part of the true outline from the one found. In the band: share of the outline whose band "
-                "holds the true one. Medians over trials, the share a mean. Nothing is aligned. As data: "
+                "The outline that an estimator carries, or the surface points of all contacts and strokes, merged into one, with a 95 % band. Contact: root "
+                "mean square error after the first second. Mean and 95 %: distance of the outline from the true one. Hausdorff: the largest of those distances and of the "
+                "distances of the touched part of the true outline from the one found. In the band: share of the outline through "
+                "whose 95 % ellipses the true one runs. Medians over trials, the share a mean. Nothing is aligned. As data: "
                 a href="contours.csv" { "contours.csv" } " " a href="contour_trials.csv" { "contour_trials.csv" }
             }
             div.scroll tabindex="0" aria-label="Table: outlines found" {

@@ -152,7 +152,9 @@ fn write_contours(folder: &Path, objects: &[(&str, &str, Option<f64>)]) {
             x_m: 0.05 + 1e-3 * f64::from(step),
             y_m: 0.0,
             normal_rad: -1.6,
-            sd_m: Some(1e-4),
+            cov_xx_m2: Some(1e-7),
+            cov_xy_m2: Some(0.0),
+            cov_yy_m2: Some(1e-8),
             touched: step != 3,
         };
         let vertices: Vec<_> = (0..8).map(vertex).collect();

@@ -194,8 +194,8 @@ pub struct OutlinePoint {
     pub surface: Point<Start>,
     /// Outward normal there, a unit vector.
     pub normal: Vector2<f64>,
-    /// Standard deviation of the outline across, along the normal.
-    pub sd_m: f64,
+    /// Covariance of the point, in so far as it leads out of the outline: along a straight stretch there is next to none.
+    pub covariance_m2: Matrix2<f64>,
 }
 
 /// A touch that begins.

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, Vector1, Vector2};
 
 use super::Config;
 use super::contact::{Contact, contact};
-use super::curve::{ANCHOR, Curve, PITCH_M};
+use super::curve::{ANCHOR, Curve, PITCH_M, Place, SCALE_M};
 use super::fit::{Evidence, Residual};
 use super::prior::Prior;
 use super::readings::{Reading, keep};
@@ -200,6 +200,22 @@ impl Object {
         Some(covariance)
     }
 
+    /// Covariance of the curve at a place. A curve that slides within itself is the same curve, so only what leads out of it counts: at right angles to it in
+    /// the space of place and orientation, in which one radian is as far as `SCALE_M`. Along a side that is the way across, at a corner any way.
+    fn doubt_about(&self, place: &Place) -> Matrix2<f64> {
+        let slope = |by_point: Vector2<f64>, by_tangent: f64| {
+            let mut slope = DVector::zeros(self.curve.size());
+            self.curve.pull_back(place, by_point, by_tangent, slope.as_mut_slice());
+            slope
+        };
+        let by_tangent = SCALE_M * SCALE_M * place.tangent_rate;
+        let length = place.point_rate.norm_squared() + by_tangent * place.tangent_rate;
+        let within = slope(place.point_rate, by_tangent) / length;
+        let out = [Vector2::x(), Vector2::y()].map(|axis| slope(axis, 0.0) - &within * place.point_rate.dot(&axis));
+        let spread = |i: usize, j: usize| out[i].dot(&(&self.covariance * &out[j]));
+        Matrix2::new(spread(0, 0), spread(0, 1), spread(0, 1), spread(1, 1))
+    }
+
     /// The outline where it was touched, given the wire's radius.
     pub(super) fn outline(&self, wire_radius_m: f64) -> Vec<OutlinePoint> {
         let (low_m, high_m) = self.touched_m;
@@ -209,12 +225,10 @@ impl Object {
                 let place = self.curve.at(tau_m);
                 let tangent = direction(place.knot.tangent_rad);
                 let normal = Vector2::new(-tangent.y, tangent.x) * self.curve.sign();
-                let mut slope = DVector::zeros(self.curve.size());
-                self.curve.pull_back(&place, normal, 0.0, slope.as_mut_slice());
                 OutlinePoint {
                     surface: Point::from_vector(place.knot.point - normal * wire_radius_m),
                     normal,
-                    sd_m: slope.dot(&(&self.covariance * &slope)).max(0.0).sqrt(),
+                    covariance_m2: self.doubt_about(&place),
                 }
             })
             .collect()
