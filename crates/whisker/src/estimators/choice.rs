@@ -20,7 +20,8 @@ use serde_json::Value;
 use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
-    ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, OutlinePoint, Radius, Sample, Touch, Tracker, estimator,
+    ESTIMATORS, Estimate, EstimatorRow, Kind, Knowledge, Method, OutlinePoint, Radius, Sample, Touch, Tracker,
+    estimator,
 };
 
 /// One method among which is chosen.
@@ -81,8 +82,8 @@ fn refused(name: &str, why: &str) -> SettingsError {
     SettingsError::Parse(format!("`candidates`: `{name}` is {why}"))
 }
 
-/// The row of a candidate: one that can run beside the others.
-fn row_of(name: &str) -> Result<&'static EstimatorRow, SettingsError> {
+/// The row of a candidate: one that can run beside the others, and looks back where they do.
+fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, SettingsError> {
     let row = estimator(name).ok_or_else(|| {
         let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
         refused(name, &format!("unknown, expected one of: {}", known.join(", ")))
@@ -93,13 +94,27 @@ fn row_of(name: &str) -> Result<&'static EstimatorRow, SettingsError> {
     if row.sensor_model.is_some() {
         return Err(refused(name, "bound to a sensor model of its own, expected one that takes the calibration's"));
     }
-    Ok(row)
+    match (row.kind == Kind::Hindsight, looks_back) {
+        (true, false) => Err(refused(name, "one that looks back, expected one that only knows the samples so far")),
+        (false, true) => Err(refused(name, "one that only knows the samples so far, expected one that looks back")),
+        _ => Ok(row),
+    }
 }
 
-pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+/// The choice among methods that state at each sample what the samples so far tell.
+pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    build(config, knowledge, false)
+}
+
+/// The choice among methods that look back over the whole contact.
+pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    build(config, knowledge, true)
+}
+
+fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let config: Config = parse(config)?;
     let candidate = |candidate: &Candidate| {
-        let row = row_of(&candidate.name)?;
+        let row = row_of(&candidate.name, looks_back)?;
         Ok((row.name, (row.build)(&(row.defaults)(), knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
