@@ -169,17 +169,14 @@ impl Chooser {
         let sojourns_s = vec![self.sojourn_s; self.methods.len()];
         self.right.predict(&Transition::of_sojourns(sample.dt_s, &sojourns_s, &self.weights));
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
-        let expected = innovations.iter().zip(self.right.probabilities()).filter_map(|(innovation, share)| {
-            let innovation = innovation.as_ref()?;
-            Some((Gaussian::new(innovation.residual, innovation.covariance), *share))
-        });
-        let expected = Gaussian::of_mixture(expected)?;
+        let known = innovations.iter().zip(self.right.probabilities());
+        let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
         let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
         // One that foretells nothing is no better than the worst of those that do.
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let evidence: Vec<_> = evidence.iter().map(|found| Some(found.unwrap_or(least))).collect();
         self.right.weigh(&evidence)?;
-        Innovation::of(expected.mean, expected.covariance)
+        Some(innovation)
     }
 
     /// What the candidates say together; nothing where none says anything.
