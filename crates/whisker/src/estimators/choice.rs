@@ -47,13 +47,16 @@ pub(super) struct Config {
 }
 
 impl Default for Config {
+    /// The more a candidate can explain, the longer the odds against it: `ukf` takes the object to be thin, the others do not. `outline` begins as `sliding` does, and goes
+    /// before it where the readings do not tell the two apart. The odds were set on the pins and circles of the standard suite; they matter in the first tenths of a
+    /// second, before the readings tell.
     fn default() -> Self {
         Self::among([("ukf", 300.0), ("sliding", 1.0), ("outline", 10.0)])
     }
 }
 
 impl Config {
-    /// Among what looks back over the whole contact.
+    /// Among what looks back over the whole contact, with odds set in the same way. An outline that may bend anywhere is taken only where a constant radius is refuted.
     pub(super) fn hindsight() -> Self {
         Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 0.001)])
     }
