@@ -3,9 +3,7 @@
 //! readings speak against are pruned, parts that say the same are merged at the least loss (Runnalls, "Kullback-Leibler approach to Gaussian
 //! mixture reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
 
-use nalgebra::{SMatrix, SVector};
-
-use crate::gaussian::{log_determinant, symmetrised};
+use crate::gaussian::log_determinant;
 use crate::{Gaussian, Innovation, Skipped, Weighed};
 
 /// What a hypothesis may believe: something with a mean and a covariance.
@@ -93,9 +91,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         mut update: impl FnMut(&mut Part) -> Result<Weighed<M>, Skipped>,
     ) -> Result<Innovation<M>, Skipped> {
         let mut why = Skipped::NoPrediction;
-        let mut mean = SVector::<f64, M>::zeros();
-        let mut second = SMatrix::<f64, M, M>::zeros();
-        let mut known = 0.0;
+        let mut found = Vec::with_capacity(self.hypotheses.len());
         for hypothesis in &mut self.hypotheses {
             let (weight, before) = (hypothesis.weight(), hypothesis.belief.clone());
             hypothesis.log_evidence = match update(&mut hypothesis.belief) {
@@ -104,9 +100,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
                     None
                 }
                 Ok(Weighed { innovation, log_evidence }) => {
-                    mean += innovation.residual * weight;
-                    second += (innovation.residual * innovation.residual.transpose() + innovation.covariance) * weight;
-                    known += weight;
+                    found.push((innovation, weight));
                     Some(log_evidence)
                 }
                 Err(skipped) => {
@@ -115,16 +109,12 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
                 }
             };
         }
-        if known == 0.0 {
-            return Err(why);
-        }
+        let innovation = Innovation::of_mixture(found).ok_or(why)?;
         self.hypotheses.retain_mut(|hypothesis| {
             hypothesis.log_evidence.inspect(|evidence| hypothesis.log_weight += evidence).is_some()
         });
         self.normalise();
-        let residual = mean / known;
-        let covariance = symmetrised(second / known - residual * residual.transpose());
-        Innovation::of(residual, covariance).ok_or(Skipped::NotPositiveDefinite)
+        Ok(innovation)
     }
 
     /// Drops the hypotheses whose weight is below a share of the heaviest.

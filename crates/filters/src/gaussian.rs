@@ -71,6 +71,13 @@ impl<const M: usize> Innovation<M> {
         covariance.cholesky().map(|factor| Self::new(residual, covariance, &factor))
     }
 
+    /// The innovation of a mixture of Gaussians with these innovations and weights, which need not add up to 1; nothing where they are zero.
+    pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
+        let parts = parts.into_iter().map(|(part, weight)| (Gaussian::new(part.residual, part.covariance), weight));
+        let together = Gaussian::of_mixture(parts)?;
+        Self::of(together.mean, together.covariance)
+    }
+
     /// Logarithm of the reading's probability density before it was known, `ln N(y; 0, S)`.
     pub fn log_likelihood(&self) -> f64 {
         -0.5 * (self.nis + log_determinant(&self.covariance) + M as f64 * std::f64::consts::TAU.ln())

@@ -30,8 +30,8 @@ impl Transition {
     /// # Panics
     /// Unless there are as many rows as columns, each with something positive in it and nothing negative.
     pub fn new(rows: &[&[f64]]) -> Self {
-        let mut matrix = DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j]);
         assert!(rows.iter().all(|row| row.len() == rows.len()), "a transition has as many rows as columns");
+        let mut matrix = DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j]);
         assert!(matrix.iter().all(|p| *p >= 0.0), "probabilities are not negative");
         for mut row in matrix.row_iter_mut() {
             let total = row.sum();
@@ -182,12 +182,9 @@ impl<const N: usize> Imm<N> {
         for (mode, belief) in updated.iter_mut().enumerate() {
             found.push(update(mode, belief).map_err(|skipped| why = skipped).ok().filter(|_| belief.is_finite()));
         }
-        let expected = found.iter().zip(self.probabilities()).filter_map(|(found, p)| {
-            let innovation = found.as_ref()?.innovation;
-            Some((Gaussian::new(innovation.residual, innovation.covariance), *p))
-        });
-        let expected = Gaussian::of_mixture(expected).ok_or(why)?;
-        let innovation = Innovation::of(expected.mean, expected.covariance).ok_or(Skipped::NotPositiveDefinite)?;
+        let known =
+            found.iter().zip(self.probabilities()).filter_map(|(found, p)| Some((found.as_ref()?.innovation, *p)));
+        let innovation = Innovation::of_mixture(known).ok_or(why)?;
         let evidence: Vec<Option<f64>> = found.iter().map(|found| Some(found.as_ref()?.log_evidence)).collect();
         let log_evidence = self.modes.weigh(&evidence).ok_or(why)?;
         for ((belief, updated), found) in self.beliefs.iter_mut().zip(updated).zip(found) {

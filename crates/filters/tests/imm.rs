@@ -212,3 +212,9 @@ fn verif_banks_of_modes_merge_mode_by_mode() {
     assert!((merged.belief.beliefs()[1].mean[0] - 5.0005).abs() < 1e-12);
     assert!((merged.belief.moments().mean - before.mean).norm() < 1e-12);
 }
+
+#[test]
+#[should_panic(expected = "a transition has as many rows as columns")]
+fn robust_a_transition_with_a_short_row_says_so() {
+    Transition::new(&[&[0.5, 0.5], &[1.0]]);
+}

@@ -89,14 +89,17 @@ fn verif_a_choice_of_one_is_that_one() {
 #[test]
 fn robust_candidates_that_cannot_be_chosen_are_named() {
     let knowledge = knowledge(NOISE_N_M);
-    let row = estimators::estimator("recommended").unwrap();
-    for (names, expected) in [
-        (vec!["ekfs"], "`ekfs` is unknown, expected one of: recommended, "),
-        (vec!["batch-recommended"], "`batch-recommended` is a choice itself"),
-        (vec!["paper-ekf"], "`paper-ekf` is bound to a sensor model of its own"),
-        (vec!["ekf", "ekf"], "`ekf` is named twice"),
-        (vec![], "`candidates`: found 0, expected 1 to 8"),
+    for (choice, names, expected) in [
+        ("recommended", vec!["ekfs"], "`ekfs` is unknown, expected one of: recommended, "),
+        ("recommended", vec!["batch-recommended"], "`batch-recommended` is a choice itself"),
+        ("recommended", vec!["paper-ekf"], "`paper-ekf` is bound to a sensor model of its own"),
+        ("recommended", vec!["ekf", "batch"], "`batch` is one that looks back"),
+        ("batch-recommended", vec!["batch", "ekf"], "`ekf` is one that only knows the samples so far"),
+        ("batch-recommended", vec!["euler-bernoulli"], "`euler-bernoulli` is one that only knows the samples so far"),
+        ("recommended", vec!["ekf", "ekf"], "`ekf` is named twice"),
+        ("recommended", vec![], "`candidates`: found 0, expected 1 to 8"),
     ] {
+        let row = estimators::estimator(choice).unwrap();
         let candidates: Vec<Value> = names.iter().map(|name| json!({"name": name, "weight": 1.0})).collect();
         let error = (row.build)(&json!({ "candidates": candidates }), &knowledge).err().expect(expected).to_string();
         assert!(error.contains(expected), "{error}");

@@ -2,7 +2,7 @@
 
 mod world;
 
-use whisker::estimators::{Sample, estimator as row};
+use whisker::estimators::{Estimate, Sample, estimator as row};
 use whisker::frames::{Base, Point, Pose};
 
 use world::{RATE_HZ, base, contact, estimator, knowledge, samples};
@@ -51,6 +51,49 @@ fn verif_another_object_is_told_from_it() {
     let samples = lifted(12e-3);
     let last = errors_m(&samples).last().copied().flatten().unwrap();
     assert!(last < 0.3e-3, "{last}");
+}
+
+/// What is said of a second touch that ends before it is known which object it is: while it lasts, and in hindsight.
+fn said_of_brief(shift_m: f64) -> (Vec<Estimate>, Vec<Estimate>) {
+    const BRIEF: usize = 15;
+    let (row, knowledge) = (row("outline-batch").unwrap(), knowledge(NOISE_N_M));
+    let samples: Vec<Sample> = lifted(shift_m).into_iter().map(|(_, sample)| sample).collect();
+    let mut stepping = estimator(row, &knowledge, 1);
+    let at_once: Vec<_> = samples.iter().map(|sample| stepping.step(sample)).collect();
+    let lifted = (LIFTED_S.end * RATE_HZ) as usize;
+    let first = lifted + at_once[lifted..].iter().position(Option::is_some).unwrap();
+    let brief = first..first + BRIEF;
+    let looked_back = estimator(row, &knowledge, 1).run(&samples[..brief.end]);
+    let said = |all: &[Option<Estimate>]| all[brief.clone()].iter().map(|estimate| estimate.unwrap()).collect();
+    (said(&at_once), said(&looked_back))
+}
+
+#[test]
+fn verif_hindsight_states_a_brief_touch_of_the_known_object() {
+    let (at_once, looked_back) = said_of_brief(0.0);
+    for (at_once, looked_back) in at_once.iter().zip(&looked_back) {
+        let moved_m = looked_back.contact.distance(&at_once.contact);
+        assert!(looked_back.innovation.is_none() && moved_m < 0.3e-3, "{moved_m}");
+    }
+}
+
+#[test]
+fn verif_hindsight_leaves_a_brief_touch_of_another_object_as_it_was() {
+    let (at_once, looked_back) = said_of_brief(12e-3);
+    // Of the first reading the known object speaks, which hindsight of the touch before has changed.
+    assert_eq!(at_once[1..], looked_back[1..]);
+}
+
+#[test]
+fn verif_hindsight_is_of_its_own_touch_only() {
+    let samples: Vec<Sample> = lifted(0.0).into_iter().map(|(_, sample)| sample).collect();
+    let (first, second) = samples.split_at((0.5 * (LIFTED_S.start + LIFTED_S.end) * RATE_HZ) as usize);
+    let mut estimator = estimator(row("outline-batch").unwrap(), &knowledge(NOISE_N_M), 1);
+    first.iter().for_each(|sample| {
+        estimator.step(sample);
+    });
+    let looked_back = estimator.run(second);
+    assert!(looked_back[0].is_none() && looked_back[second.len() - 1].is_some());
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! zero whatever the state, and the contact drifts away from where it was. Each of several hypotheses at the touch is such an estimator; they are weighed, pruned and
 //! merged as in the other filters.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use filters::imm::{Imm, Transition};
@@ -218,15 +219,12 @@ impl Follower {
         let share = |mode: usize| -> f64 {
             bank.hypotheses().iter().map(|one| one.weight() * one.belief.probabilities()[mode]).sum()
         };
-        let touching = bank.hypotheses().iter().flat_map(|one| {
-            let parts = one.belief.beliefs().iter().zip(one.belief.probabilities());
-            parts.take(LOST).map(|(belief, share)| (*belief, one.weight() * share))
-        });
-        let belief = Gaussian::of_mixture(touching).filter(|_| share(LOST) < 0.5)?;
+        let belief = believed(bank, STATIC..=SLIDING).filter(|_| share(LOST) < 0.5)?;
         let models = ModelShares::new(MODES.iter().enumerate().map(|(mode, name)| (*name, share(mode))));
         let stated = self.side.estimate(&self.config.round, &belief, innovation);
         // The static mode has no radius to tell.
-        let radius = stated.radius.filter(|_| share(SLIDING) > share(STATIC));
+        let sliding = believed(bank, SLIDING..=SLIDING).filter(|_| share(SLIDING) > share(STATIC));
+        let radius = sliding.and_then(|sliding| self.side.radius(&self.config.round, &sliding, stated.contact));
         Some(Estimate { models: Some(models), radius, ..stated })
     }
 }
@@ -249,6 +247,15 @@ impl Tracker for Follower {
         self.bank = (!bank.hypotheses().is_empty()).then_some(bank);
         estimate
     }
+}
+
+/// What the bank believes in some of the modes together.
+fn believed(bank: &Bank<4, Imm<4>>, modes: RangeInclusive<usize>) -> Option<Gaussian<4>> {
+    let parts = bank.hypotheses().iter().flat_map(|one| {
+        let (beliefs, shares) = (one.belief.beliefs(), one.belief.probabilities());
+        modes.clone().map(move |mode| (beliefs[mode], one.weight() * shares[mode]))
+    });
+    Gaussian::of_mixture(parts)
 }
 
 /// A belief with nothing known of the radius.
@@ -320,5 +327,35 @@ impl Measurement<4, 1> for ModeReading<'_> {
 
     fn noise(&self, x: &Vector4<f64>) -> Matrix1<f64> {
         if self.is_lost { Matrix1::new(self.noise_n2_m2) } else { self.contact.noise(x) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::vector;
+
+    use super::*;
+    use crate::estimators::testing::knowledge;
+
+    #[test]
+    fn verif_radius_is_that_of_the_sliding_mode_alone() {
+        let knowledge = knowledge();
+        let config = Config::default();
+        let follower = Follower {
+            config,
+            side: Side::new(&knowledge.faces[0], &knowledge),
+            noise_sd_n_m: knowledge.noise_sd_n_m,
+            told: None,
+            history: Vec::new(),
+            bank: None,
+        };
+        let belief = |radius_m: f64, sd_m: f64| {
+            let variances = vector![1e-8, 1e-8, sd_m * sd_m, 1.0];
+            Gaussian::new(vector![0.055, 3e-3, radius_m, 0.0], Matrix4::from_diagonal(&variances))
+        };
+        let modes = Imm::new([(belief(0.0, 1e-4), 0.4), (belief(15e-3, 1e-3), 0.6), (belief(0.0, 1e-4), 0.0)]);
+        let stated = follower.estimate(&Bank::new([(modes, 0.0)]), None).unwrap().radius.unwrap();
+        let wire_m = 0.125e-3;
+        assert!((stated.radius_m - (15e-3 - wire_m)).abs() < 1e-9 && (stated.sd_m - 1e-3).abs() < 1e-9, "{stated:?}");
     }
 }

@@ -368,7 +368,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<choice::Config>,
-        build: choice::build,
+        build: choice::build_recursive,
     },
     EstimatorRow {
         name: "sliding",
@@ -456,7 +456,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         kind: Kind::Hindsight,
         sensor_model: None,
         defaults: || to_json(&choice::Config::hindsight()),
-        build: choice::build,
+        build: choice::build_hindsight,
     },
     EstimatorRow {
         name: "outline",

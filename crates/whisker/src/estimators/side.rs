@@ -126,7 +126,7 @@ impl Side {
         Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
     }
 
-    /// Radius of the object alone that a belief states, where its model of the motion has one.
+    /// Radius of the object alone that a belief states, where its model of the motion has one; no object is smaller than a point.
     pub(super) fn radius<Model: Motion<N>, const N: usize>(
         &self,
         motion: &Model,
@@ -135,7 +135,7 @@ impl Side {
     ) -> Option<Radius> {
         let wire_m = 0.5 * self.whisker.diameter_m(self.face.along_and_away(contact).0);
         let sd_m = |i| belief.covariance[(i, i)].max(0.0).sqrt();
-        motion.radius().map(|i| Radius { radius_m: belief.mean[i] - wire_m, sd_m: sd_m(i) })
+        motion.radius().map(|i| Radius { radius_m: (belief.mean[i] - wire_m).max(0.0), sd_m: sd_m(i) })
     }
 
     /// States a contact with its covariance in Base.

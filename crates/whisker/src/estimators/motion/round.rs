@@ -275,6 +275,17 @@ mod tests {
     }
 
     #[test]
+    fn robust_a_radius_believed_to_be_negative_is_stated_as_zero() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let motion = Round::of_any_size();
+        let mut belief = motion.belief(&Gaussian::new(vector![0.055, 3e-3], Matrix2::identity() * 1e-8));
+        belief.mean[2] = -1e-3;
+        let radius = side.estimate(&motion, &belief, None).radius.unwrap();
+        assert!(radius.radius_m == 0.0 && radius.sd_m == motion.radius_sd_m, "{radius:?}");
+    }
+
+    #[test]
     fn robust_a_base_that_stands_still_leaves_the_noise_definite() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);

@@ -19,7 +19,7 @@ use crate::frames::{Base, Point, Pose, Start};
 /// Most steps of the search along the curve.
 const STEPS: usize = 60;
 
-/// Change of `tau` that ends it.
+/// Change of `tau`, or width of the bracket, that ends it.
 const SETTLED_M: f64 = 1e-9;
 
 /// Longest first steps, before the root is bracketed.
@@ -29,7 +29,7 @@ const STRIDE_M: f64 = 20.0 * PITCH_M;
 const REACH_M: f64 = 30e-3;
 
 /// Least fall of F in a metre. A whisker as curved as the object lies along it, and its contact is not in one place.
-const LEAST_FALL_PER_M: f64 = 0.2;
+const LEAST_FALL_RAD_PER_M: f64 = 0.2;
 
 /// A contact with a curve.
 #[derive(Clone, Copy, Debug)]
@@ -44,14 +44,14 @@ pub(super) struct Contact {
     /// Derivative of the tangent's angle by that point.
     tangent_by_point: Vector2<f64>,
     /// F'.
-    fall_per_m: f64,
+    slope_rad_per_m: f64,
 }
 
 /// F at a place.
 struct Mismatch {
     place: Place,
     angle_rad: f64,
-    rate: f64,
+    slope_rad_per_m: f64,
     tangent_by_point: Vector2<f64>,
     along_m: f64,
     away_m: f64,
@@ -64,8 +64,9 @@ fn mismatch(side: &Side, base: &Pose<Base, Start>, curve: &Curve, tau_m: f64) ->
     let (tangent_rad, by_place) = side.tangent_rad(along_m, away_m);
     let tangent_by_point = base.rotation() * in_base(side, along_m, away_m, by_place);
     let angle_rad = base.yaw_rad() + tangent_rad - place.knot.tangent_rad;
-    let rate = (tangent_by_point.dot(&place.point_rate) - place.tangent_rate).min(-LEAST_FALL_PER_M);
-    Mismatch { place, angle_rad, rate, tangent_by_point, along_m, away_m }
+    let slope_rad_per_m =
+        (tangent_by_point.dot(&place.point_by_tau) - place.tangent_rad_per_m).min(-LEAST_FALL_RAD_PER_M);
+    Mismatch { place, angle_rad, slope_rad_per_m, tangent_by_point, along_m, away_m }
 }
 
 /// A derivative along and away, by the point in Base.
@@ -75,22 +76,22 @@ fn in_base(side: &Side, along_m: f64, away_m: f64, by_place: Vector2<f64>) -> Ve
     jacobian.transpose().try_inverse().map_or(by_place, |inverse| inverse * by_place)
 }
 
-/// The contact of a whisker with its base at `base`, sought from `near_m` on; nothing where it cannot touch within reach.
+/// The contact of a whisker with its base at `base`, sought from `near_m` on; nothing where it cannot touch within reach, or the search does not settle.
 pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near_m: f64) -> Option<Contact> {
     let (first_m, last_m) = curve.range_m();
     let (mut low_m, mut high_m) = (first_m - REACH_M, last_m + REACH_M);
     let mut is_bracketed = (false, false);
     let mut tau_m = near_m.clamp(low_m, high_m);
-    let mut found = mismatch(side, base, curve, tau_m);
-    for _ in 0..STEPS {
+    for _ in 0..=STEPS {
+        let found = mismatch(side, base, curve, tau_m);
         if found.angle_rad > 0.0 {
             (low_m, is_bracketed.0) = (tau_m, true);
         } else {
             (high_m, is_bracketed.1) = (tau_m, true);
         }
-        let stride_m = (-found.angle_rad / found.rate).clamp(-STRIDE_M, STRIDE_M);
-        if stride_m.abs() < SETTLED_M {
-            break;
+        let stride_m = (-found.angle_rad / found.slope_rad_per_m).clamp(-STRIDE_M, STRIDE_M);
+        if stride_m.abs().min(high_m - low_m) < SETTLED_M {
+            return Some(found.contact(side, base));
         }
         let newton_m = tau_m + stride_m;
         if newton_m > low_m && newton_m < high_m {
@@ -100,27 +101,26 @@ pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near
         } else {
             return None;
         }
-        found = mismatch(side, base, curve, tau_m);
     }
-    let Mismatch { place, rate, tangent_by_point, along_m, away_m, .. } = found;
-    let (reading_n_m, by_place): (f64, RowVector2<f64>) = side.expect(along_m, away_m);
-    let reading_by_point = base.rotation() * in_base(side, along_m, away_m, by_place.transpose());
-    let point = base.inverse().apply(Point::from_vector(place.knot.point));
-    Some(Contact {
-        place,
-        point,
-        place_m: (along_m, away_m),
-        reading_n_m,
-        reading_by_point,
-        tangent_by_point,
-        fall_per_m: rate,
-    })
+    None
+}
+
+impl Mismatch {
+    /// The contact, where F is zero.
+    fn contact(self, side: &Side, base: &Pose<Base, Start>) -> Contact {
+        let Self { place, slope_rad_per_m, tangent_by_point, along_m, away_m, .. } = self;
+        let (reading_n_m, by_place): (f64, RowVector2<f64>) = side.expect(along_m, away_m);
+        let reading_by_point = base.rotation() * in_base(side, along_m, away_m, by_place.transpose());
+        let point = base.inverse().apply(Point::from_vector(place.knot.point));
+        let place_m = (along_m, away_m);
+        Contact { place, point, place_m, reading_n_m, reading_by_point, tangent_by_point, slope_rad_per_m }
+    }
 }
 
 impl Contact {
     /// Adds to `gradient` the derivative by the curve's numbers of what has the derivative `by_point` by the contact's point.
     pub(super) fn pull_back(&self, curve: &Curve, by_point: Vector2<f64>, gradient: &mut [f64]) {
-        let by_tau = by_point.dot(&self.place.point_rate) / self.fall_per_m;
+        let by_tau = by_point.dot(&self.place.point_by_tau) / self.slope_rad_per_m;
         curve.pull_back(&self.place, by_point - self.tangent_by_point * by_tau, by_tau, gradient);
     }
 }

@@ -66,8 +66,8 @@ pub(super) struct Place {
     pub(super) tau_m: f64,
     pub(super) knot: Knot,
     /// Derivatives by `tau`.
-    pub(super) point_rate: Vector2<f64>,
-    pub(super) tangent_rate: f64,
+    pub(super) point_by_tau: Vector2<f64>,
+    pub(super) tangent_rad_per_m: f64,
 }
 
 /// What an arc adds to a knot, and the derivative by its share.
@@ -211,8 +211,8 @@ impl Curve {
         let (from, way_m) = self.reached(cell, tau_m);
         let share = self.cells[cell].share;
         let knot = self.arc(from, way_m, share).end(from);
-        let point_rate = direction(knot.tangent_rad) * (-self.sign * share);
-        Place { tau_m, knot, point_rate, tangent_rate: (1.0 - share) / SCALE_M }
+        let point_by_tau = direction(knot.tangent_rad) * (-self.sign * share);
+        Place { tau_m, knot, point_by_tau, tangent_rad_per_m: (1.0 - share) / SCALE_M }
     }
 
     /// Adds to `gradient` the derivative by the state of what has the derivatives `by_point` and `by_tangent` by point and tangent at a fixed
@@ -303,7 +303,7 @@ mod tests {
                 assert!(is_touched || *found == 0.0);
             }
             let rate = (value(&curve, tau_m + 1e-8) - value(&curve, tau_m - 1e-8)) / 2e-8;
-            let found = by_point.dot(&place.point_rate) + by_tangent * place.tangent_rate;
+            let found = by_point.dot(&place.point_by_tau) + by_tangent * place.tangent_rad_per_m;
             assert!((found - rate).abs() < 1e-6, "{tau_m}");
         }
     }

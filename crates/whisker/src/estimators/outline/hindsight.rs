@@ -26,17 +26,18 @@ impl Tracker for Reviser {
     }
 
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
-        let Tracer { front, object, .. } = &mut self.tracer;
-        let (side, object) = (&front.side, object.as_mut()?);
+        let bases = std::mem::take(&mut self.bases);
+        let (side, object) = self.tracer.concluded()?;
         object.refine(side, Effort::Last);
         let state = |base: &Pose<Base, Start>| {
             let expected = object.expect(side, base, 0.0)?;
             Some(Estimate { innovation: None, ..object.estimate(side, base, &expected) })
         };
-        Some(self.bases.drain(..).collect::<Vec<_>>().iter().map(state).collect())
+        Some(bases.iter().map(state).collect())
     }
 
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        self.bases.clear();
         self.tracer.resume(touch)
     }
 

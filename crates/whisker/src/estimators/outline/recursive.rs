@@ -8,6 +8,7 @@ use super::readings::{Reading, keep};
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
 use crate::estimators::motion::Round;
+use crate::estimators::side::Side;
 use crate::estimators::{Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start};
 
@@ -76,9 +77,9 @@ pub(super) struct Tracer {
     knowledge: Arc<Knowledge>,
     pub(super) base: Pose<Base, Start>,
     /// The filters of this touch, and the side of the whisker.
-    pub(super) front: Follower<Extended, Round, 4>,
+    front: Follower<Extended, Round, 4>,
     onset: Option<Onset>,
-    pub(super) object: Option<Object>,
+    object: Option<Object>,
     pace: Pace,
 }
 
@@ -155,6 +156,18 @@ impl Tracer {
         }
     }
 
+    /// The side and the object that was touched, at the end of a touch; nothing where it was not told before the end. What is known of an object
+    /// outlives a brief touch that does not fit it: it may have been another's, or nobody's.
+    pub(super) fn concluded(&mut self) -> Option<(&Side, &mut Object)> {
+        if let Some(onset) = self.onset.take_if(|onset| onset.known_ahead >= 0.0) {
+            self.settle(onset);
+        }
+        if self.onset.is_some() {
+            return None;
+        }
+        Some((&self.front.side, self.object.as_mut()?))
+    }
+
     /// A sample of the known object.
     fn go_on(&mut self, sample: &Sample) -> Option<Estimate> {
         let side = &self.front.side;
@@ -188,9 +201,7 @@ impl Tracker for Tracer {
         if touch.face.face != self.front.side.face.face || self.object.is_none() {
             return false;
         }
-        if let Some(onset) = self.onset.take_if(|onset| onset.known_ahead >= 0.0) {
-            self.settle(onset);
-        }
+        self.concluded();
         self.base = touch.before;
         self.front = front(touch, &self.knowledge);
         self.onset = Some(Onset::default());
