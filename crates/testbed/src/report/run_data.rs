@@ -179,7 +179,9 @@ impl RunData {
 
     /// The sets on objects of which nobody knows where they were touched: there are outlines, but no scores.
     pub(super) fn unscored_sets(&self) -> Vec<&RunSet> {
-        let is_scored = |set: &RunSet| self.summary.iter().any(|row| row.head.group == set.group);
+        let is_scored = |set: &RunSet| {
+            self.summary.iter().any(|row| row.head.group == set.group && row.head.whisker == set.whisker)
+        };
         self.outline_sets().into_iter().filter(|set| !is_scored(set)).collect()
     }
 
@@ -292,6 +294,7 @@ impl RunData {
         self.optional_table(&model_file(calibration, "residuals"))
     }
 
+    /// A table of the run; nothing where there is none, or none but its header.
     fn optional_table<T: DeserializeOwned>(&self, name: &str) -> Result<Option<Vec<T>>> {
         let path = self.folder.join(name);
         if !path.exists() {
