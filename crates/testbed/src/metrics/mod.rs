@@ -10,7 +10,6 @@ pub mod consistency;
 pub mod contact_events;
 pub mod contour;
 pub mod error;
-pub mod outline;
 pub mod radius;
 pub mod rows;
 mod scored;
@@ -87,8 +86,6 @@ pub const METRICS: &[Metric] = &[
     contour::LATER_MEAN,
     contour::LATER_P95,
     contour::BAND_COVERAGE,
-    outline::MEDIAN,
-    outline::P95,
     radius::ERROR,
     radius::COVERED,
     bound::RMSE,

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use whisker::estimators::Kind;
 
 use crate::consistency::Average;
-use crate::metrics::{Metric, error, outline};
+use crate::metrics::{Metric, error};
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
     ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TrialRow, VertexRow, has_outline,
@@ -197,11 +197,6 @@ impl RunData {
     pub(super) fn average_of(&self, set: &RunSet, estimator: &str, freedom: usize, metric: &Metric) -> Option<Average> {
         let of_trials: Vec<f64> = self.trials_of(set, estimator).iter().filter_map(|trial| trial.get(metric)).collect();
         Average::of_trials(freedom, &of_trials)
-    }
-
-    /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.
-    pub(super) fn outline_distance_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
-        self.summary_of(set, estimator)?.get(&outline::MEDIAN)
     }
 
     /// The estimator with the smallest median error in steady state, added up over the [`Self::leading_sets`]: the same
