@@ -426,8 +426,7 @@ pub struct Run {
     pub sets: Vec<RunSet>,
     /// Calibrations used.
     pub calibrations: Vec<RunCalibration>,
-    /// The whiskers, by which the report draws them bent; none in runs that were written before it did.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// The whiskers, by which the report draws them bent.
     pub whiskers: Vec<Whisker>,
 }
 
