@@ -452,6 +452,9 @@ impl Run {
     }
 }
 
+/// The estimator that the documentation recommends.
+pub const RECOMMENDED: &str = "recommended";
+
 /// With it begin the names of the estimators that are configured as in the publication that the filters come from.
 pub const PAPER: &str = "paper-";
 

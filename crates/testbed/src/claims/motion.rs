@@ -4,14 +4,11 @@ use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, monte_carlo};
 use crate::consistency::{Average, NIS_FREEDOM};
 use crate::metrics::{Metric, consistency, error, radius};
 
-/// The circles.
-const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
-
 /// A filter that takes the object for thin.
 const STATIC: &str = "ukf";
 
 pub(super) fn claims() -> Vec<Claim> {
-    let circles = CIRCLES.into_iter().flat_map(|group| WHISKERS.map(|whisker| (group, whisker)));
+    let circles = contours::CIRCLES.into_iter().flat_map(|group| WHISKERS.map(|whisker| (group, whisker)));
     let of_circles =
         circles.flat_map(|(group, whisker)| [sized, noticed].into_iter().flat_map(move |topic| topic(group, whisker)));
     of_circles.chain(WHISKERS.into_iter().flat_map(price)).collect()
