@@ -14,7 +14,7 @@ pub mod radius;
 pub mod rows;
 mod scored;
 
-pub use scored::{Contact, START_UP_S, Scored, Trial, Unscored};
+pub use scored::{Contact, START_UP_S, Scored, Trial, Unscored, first_touch_s};
 
 use crate::statistics::{mean, median_of_scores, rms};
 
