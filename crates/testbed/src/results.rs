@@ -365,7 +365,8 @@ pub fn has_outline(object: &str) -> bool {
     object != "pin"
 }
 
-/// Whether an object of this shape shows a circle in the plane of the sweep.
+/// Whether an object of this shape shows a circle where it is touched. By its name, not by its outline: that of a recorded object may not be known, or be that
+/// of a half ring whose back nobody touches.
 pub fn is_round(object: &str) -> bool {
     object == "circle" || object.contains("cylinder")
 }
