@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use whisker::estimators::Kind;
 
-use crate::consistency::Average;
+use crate::consistency::{Average, Judged};
 use crate::metrics::{Metric, error};
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
@@ -193,10 +193,9 @@ impl RunData {
         self.contour_trials.iter().filter(is_kept)
     }
 
-    /// The average over the trials of a set of something that is chi-square with `freedom` degrees of freedom; nothing where no trial has it.
-    pub(super) fn average_of(&self, set: &RunSet, estimator: &str, freedom: usize, metric: &Metric) -> Option<Average> {
-        let of_trials: Vec<f64> = self.trials_of(set, estimator).iter().filter_map(|trial| trial.get(metric)).collect();
-        Average::of_trials(freedom, &of_trials)
+    /// The average over the trials of a set by which an estimator is judged; nothing where no trial has it.
+    pub(super) fn average_of(&self, set: &RunSet, estimator: &str, judged: &Judged) -> Option<Average> {
+        judged.average(self.trials_of(set, estimator))
     }
 
     /// The estimator with the smallest median error in steady state, added up over the [`Self::leading_sets`]: the same
