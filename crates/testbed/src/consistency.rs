@@ -13,6 +13,9 @@
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
+use crate::metrics::Metric;
+use crate::metrics::consistency::{NEES, NIS};
+use crate::results::TrialRow;
 use crate::statistics::mean;
 
 /// Degrees of freedom of the NEES: the contact has two coordinates.
@@ -43,6 +46,29 @@ pub fn interval(freedom: usize, samples: f64) -> (f64, f64) {
         low / samples
     };
     (quantile(0.5 * (1.0 - LEVEL)), quantile(0.5 * (1.0 + LEVEL)))
+}
+
+/// What an estimator is judged by: a metric that is a mean of chi-square numbers if what the estimator states is right.
+#[derive(Clone, Copy, Debug)]
+pub struct Judged {
+    /// The metric.
+    pub metric: Metric,
+    /// Its degrees of freedom.
+    pub freedom: usize,
+}
+
+/// By its errors, which only the judge sees.
+pub const BY_ERRORS: Judged = Judged { metric: NEES, freedom: NEES_FREEDOM };
+
+/// By its innovations, which the robot sees too.
+pub const BY_INNOVATIONS: Judged = Judged { metric: NIS, freedom: NIS_FREEDOM };
+
+impl Judged {
+    /// The average over some trials; nothing where none has the metric.
+    pub fn average<'a>(&self, trials: impl IntoIterator<Item = &'a TrialRow>) -> Option<Average> {
+        let of_trials: Vec<f64> = trials.into_iter().filter_map(|trial| trial.get(&self.metric)).collect();
+        Average::of_trials(self.freedom, &of_trials)
+    }
 }
 
 /// An average over trials and over time, beside what it would be if all that is stated were right.

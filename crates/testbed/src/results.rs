@@ -365,7 +365,8 @@ pub fn has_outline(object: &str) -> bool {
     object != "pin"
 }
 
-/// Whether an object of this shape shows a circle in the plane of the sweep.
+/// Whether an object of this shape shows a circle where it is touched. By its name, not by its outline: that of a recorded object may not be known, or be that
+/// of a half ring whose back nobody touches.
 pub fn is_round(object: &str) -> bool {
     object == "circle" || object.contains("cylinder")
 }
@@ -426,8 +427,7 @@ pub struct Run {
     pub sets: Vec<RunSet>,
     /// Calibrations used.
     pub calibrations: Vec<RunCalibration>,
-    /// The whiskers, by which the report draws them bent; none in runs that were written before it did.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// The whiskers, by which the report draws them bent.
     pub whiskers: Vec<Whisker>,
 }
 
@@ -452,6 +452,9 @@ impl Run {
         Ok(run)
     }
 }
+
+/// The estimator that the documentation recommends.
+pub const RECOMMENDED: &str = "recommended";
 
 /// With it begin the names of the estimators that are configured as in the publication that the filters come from.
 pub const PAPER: &str = "paper-";

@@ -20,7 +20,7 @@ const ONLINE: &[&str] = &[RECOMMENDED];
 /// Estimators that are judged with hindsight.
 const HINDSIGHT: &[&str] = &["batch-recommended"];
 
-const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
+pub(super) const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
 const POLYGONS: [&str; 2] = ["octagon", "rectangle"];
 
 /// The published filter, which takes the contact to rest.

@@ -25,7 +25,7 @@ use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
 use crate::dataset::Dataset;
 use crate::metrics::Metric;
 use crate::results::{
-    ContourTrialRow, ErrorBandRow, PAPER, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores,
+    ContourTrialRow, ErrorBandRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores,
 };
 use crate::statistics::mean;
 
@@ -269,9 +269,6 @@ fn filters() -> impl Iterator<Item = &'static str> {
     let is_own = |row: &&EstimatorRow| row.kind == Kind::Recursive && !row.name.starts_with(PAPER);
     ESTIMATORS.iter().filter(is_own).map(|row| row.name)
 }
-
-/// The estimator that the documentation recommends.
-const RECOMMENDED: &str = "recommended";
 
 /// The whiskers of the standard suite.
 const WHISKERS: [&str; 2] = ["straight", "curved"];

@@ -1,17 +1,14 @@
 //! Contacts that slide: what the estimators say of the radius, whether a model that is wrong is noticed, and what it costs on pins.
 
 use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, monte_carlo};
-use crate::consistency::{Average, NIS_FREEDOM};
-use crate::metrics::{Metric, consistency, error, radius};
-
-/// The circles.
-const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
+use crate::consistency::BY_INNOVATIONS;
+use crate::metrics::{Metric, error, radius};
 
 /// A filter that takes the object for thin.
 const STATIC: &str = "ukf";
 
 pub(super) fn claims() -> Vec<Claim> {
-    let circles = CIRCLES.into_iter().flat_map(|group| WHISKERS.map(|whisker| (group, whisker)));
+    let circles = contours::CIRCLES.into_iter().flat_map(|group| WHISKERS.map(|whisker| (group, whisker)));
     let of_circles =
         circles.flat_map(|(group, whisker)| [sized, noticed].into_iter().flat_map(move |topic| topic(group, whisker)));
     of_circles.chain(WHISKERS.into_iter().flat_map(price)).collect()
@@ -60,9 +57,7 @@ fn noticed(group: &'static str, whisker: &'static str) -> Vec<Claim> {
         "times",
         move |context| {
             let trials = context.run(contours::RUN).trials_of(group, whisker, STATIC);
-            let of_trials: Vec<f64> = trials.filter_map(|trial| trial.get(&consistency::NIS)).collect();
-            let average = Average::of_trials(NIS_FREEDOM, &of_trials);
-            Ok(average.map(|average| average.value / average.interval.1))
+            Ok(BY_INNOVATIONS.average(trials).map(|average| average.value / average.interval.1))
         },
     )]
 }

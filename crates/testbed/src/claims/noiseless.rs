@@ -2,6 +2,9 @@
 //! about: its error must vanish. Filters that take a motion are told that the contact rests, and a Gaussian one that what it learnt at the start, before its
 //! linearisation was good, is to be forgotten. A particle filter is left with the Monte-Carlo error of its cloud: over several of its own seeds its estimates
 //! scatter, but must scatter about the truth. It is told that the contact neither wanders nor is forgotten, as is true here.
+//!
+//! Only filters are judged that can be told so. `imm` knows from the wire's thickness that a contact slides as the whisker turns, `outline` takes it to run along
+//! a curve that has a radius everywhere, and `recommended` leaves its candidates their defaults: to them this world is not ideal.
 
 use anyhow::{Context as _, ensure};
 use nalgebra::Vector2;

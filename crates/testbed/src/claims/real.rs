@@ -2,16 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::{Claim, Context, Evaluation};
+use super::{Claim, Context, Evaluation, RECOMMENDED};
 use crate::metrics::rows;
 use crate::results::{ContourTrialRow, TrialRow, is_round};
 use crate::statistics::{mean, median_of_scores};
 
 /// Dataset and run.
 pub(crate) const RUN: &str = "stanford";
-
-/// The estimator that the documentation recommends.
-const RECOMMENDED: &str = "recommended";
 
 /// Groups of the pin trials: with what they are told of the first touch.
 const PINS: [(&str, &str); 2] = [("honest", "real pins"), ("wrong", "real pins, told wrongly")];

@@ -14,7 +14,7 @@ use crate::evaluate::estimate_rows;
 use crate::front_end::{FrontEnd, default_noise};
 use crate::metrics::Trial;
 use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
-use crate::results::csv_bytes;
+use crate::results::{RECOMMENDED, csv_bytes};
 use crate::settings::merged;
 
 /// Replay one trace through one estimator and write its estimates as CSV
@@ -23,7 +23,7 @@ pub(super) struct Arguments {
     /// Trace (.csv, its sidecar beside it)
     trace: PathBuf,
     /// Estimator; `whisker list` names them
-    #[arg(long, default_value = "recommended")]
+    #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
     /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
     #[arg(long, default_value = "{}", value_parser = json)]

@@ -10,11 +10,11 @@ use anyhow::{Context, bail};
 use serde_json::json;
 use trace::{is_plain_name, sha256};
 use whisker::estimators::{Estimate, Kind, Knowledge, estimator};
-use whisker::frames::{Base, Pose};
+use whisker::frames::{Base, Pose, Start};
 use whisker::sensor::Face;
 
 use super::process::{Process, Silence};
-use super::protocol::{Greeting, PROTOCOL, Row, Start, estimate};
+use super::protocol::{Greeting, PROTOCOL, Row, estimate};
 use super::{Entrant, Task};
 use crate::front_end::derived_seed;
 use crate::replay::{Replay, signals};
@@ -81,6 +81,7 @@ impl Program {
     ) -> Result<(), String> {
         let &Task { knowledge, touch, samples, trace, seed } = task;
         process.tell(line(&Greeting::new(knowledge, derived_seed(seed, &[&self.name, trace]))));
+        // Counted from where the base stood at the first row: no hint at where the world has its origin.
         let mut base: Pose<Base, Start> = Pose::new(0.0, 0.0, 0.0);
         let mut t_s = 0.0;
         for (index, (sample, signals)) in samples.iter().zip(signals(touch, knowledge, samples)).enumerate() {

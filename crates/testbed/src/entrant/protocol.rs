@@ -5,7 +5,7 @@ use nalgebra::{Matrix1, Matrix2, Vector1};
 use serde::{Deserialize, Serialize};
 use whisker::Whisker;
 use whisker::estimators::{Estimate, Knowledge, Sample};
-use whisker::frames::{Base, Point, Pose};
+use whisker::frames::{Base, Point, Pose, Start};
 use whisker::sensor::{CalibratedFace, Domain, Face};
 
 /// Version of the protocol, in the first line that a program reads.
@@ -158,9 +158,6 @@ fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
         models: None,
     }
 }
-
-/// The frame in which the base stood at the first row: fixed, and free of hints at where the world has its origin.
-pub(super) enum Start {}
 
 /// A line after the first: what the robot learns at one instant.
 #[derive(Serialize)]

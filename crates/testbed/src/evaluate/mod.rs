@@ -30,7 +30,7 @@ use crate::entrant::{Entrant, Program, Registered, Task};
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::FrontEnd;
 use crate::metrics::contact_events::Events;
-use crate::metrics::{Scored, Scores, Trial, Unscored, contour};
+use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
 use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
@@ -348,7 +348,7 @@ impl Bench {
 
     /// Trials without a known contact.
     fn unscored(&self) -> Vec<String> {
-        let is_unknown = |trial: &&BenchTrial| trial.trace.truth.instants.iter().all(|truth| truth.touching.is_none());
+        let is_unknown = |trial: &&BenchTrial| first_touch_s(&trial.trace) == Err(Unscored::TruthUnknown);
         self.trials.iter().filter(is_unknown).map(|trial| trial.trace.sidecar.name.clone()).collect()
     }
 
@@ -368,11 +368,7 @@ impl Bench {
             .iter()
             .filter(|trial| trial.outline.is_some())
             .map(|trial| format!("outlines/{}.csv", trial.trace.sidecar.name));
-        let bounds = self
-            .trials
-            .iter()
-            .filter(|_| run.noise[0] > 0.0)
-            .map(|trial| format!("bounds/{}.csv", trial.trace.sidecar.name));
+        let bounds = self.trials.iter().map(|trial| format!("bounds/{}.csv", trial.trace.sidecar.name));
         let events = self
             .trials
             .iter()
@@ -483,8 +479,8 @@ impl Bench {
         TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
     }
 
-    /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given. A trial that cannot be scored, or on
-    /// which an entrant fails, is no error of the batch.
+    /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
+    /// run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
     fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
         let &Job { trial: BenchTrial { trace, outline, told }, noise, seed, bound } = job;
         let sidecar = &trace.sidecar;
@@ -493,9 +489,10 @@ impl Bench {
         let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
         let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
         let samples = samples(&trace.recording, &readings_n_m);
-        if let (Some(folder), Some(bound)) = (out, bound) {
+        if let Some(folder) = out {
             let path = folder.join("bounds").join(format!("{}.csv", sidecar.name));
-            write_atomically(&path, &csv_bytes(&tables::bound_rows(trace, bound))?)?;
+            let rows = bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
+            write_atomically(&path, &csv_bytes(&rows)?)?;
         }
         let robot = knowledge(sidecar, &calibration.faces[&None], noise_sd_n_m);
         let touched = replay::touched(settings.touch, &robot, &samples);
@@ -512,6 +509,8 @@ impl Bench {
         };
         let events = Events::of(trace, &touched);
         let mut done = Yield::default();
+        let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
+        done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
         for (entrant, name) in self.entrants.iter().zip(self.names()) {
             let faces = &calibration.faces[&entrant.sensor_model()];
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
@@ -533,10 +532,7 @@ impl Bench {
             let scored = match Scored::new(&trial, &replay, contour.as_ref()) {
                 Ok(scored) => Some(scored),
                 Err(Unscored::TruthUnknown) => None,
-                Err(unscored @ Unscored::NeverTouches) => {
-                    done.failures = vec![failed(None, unscored.to_string())];
-                    return Ok(done);
-                }
+                Err(Unscored::NeverTouches) => continue,
             };
             if has_outline(&sidecar.object) {
                 let compared = match &scored {

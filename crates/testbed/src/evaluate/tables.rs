@@ -8,8 +8,8 @@ use whisker::events::Signals;
 
 use super::Outcome;
 use crate::bound::{BoundAt, TraceBound};
-use crate::consistency::{Average, NEES_FREEDOM, NIS_FREEDOM, interval};
-use crate::metrics::{Contact, Scored, Scores, Trial, consistency};
+use crate::consistency::{BY_ERRORS, BY_INNOVATIONS, interval};
+use crate::metrics::{Contact, Scored, Scores, Trial};
 use crate::results::{
     BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SummaryHead, SummaryRow, TrialHead,
 };
@@ -185,11 +185,8 @@ pub(super) fn summarise(outcomes: &[Outcome]) -> Vec<SummaryRow> {
 
 /// What the innovations of a set say of the estimator's model; of one that states none, what its errors do.
 fn verdict(set: &[&Outcome]) -> Option<String> {
-    let judged = [(consistency::NIS, NIS_FREEDOM), (consistency::NEES, NEES_FREEDOM)];
-    judged.into_iter().find_map(|(metric, freedom)| {
-        let of_trials: Vec<f64> = set.iter().filter_map(|outcome| outcome.row.get(&metric)).collect();
-        Some(Average::of_trials(freedom, &of_trials)?.sentence())
-    })
+    let trials = || set.iter().map(|outcome| &outcome.row);
+    [BY_INNOVATIONS, BY_ERRORS].iter().find_map(|judged| Some(judged.average(trials())?.sentence()))
 }
 
 /// What the trials of a set have in each bin.
@@ -241,7 +238,7 @@ pub(super) fn consistency(outcomes: &[Outcome]) -> Vec<ConsistencyRow> {
             };
             let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
             let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
-            let (of_nees, of_nis) = (within(NEES_FREEDOM, &nees), within(NIS_FREEDOM, &nis));
+            let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
             rows.push(ConsistencyRow {
                 group: first.group.clone(),
                 whisker: first.whisker.clone(),

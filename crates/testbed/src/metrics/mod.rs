@@ -10,12 +10,11 @@ pub mod consistency;
 pub mod contact_events;
 pub mod contour;
 pub mod error;
-pub mod outline;
 pub mod radius;
 pub mod rows;
 mod scored;
 
-pub use scored::{Contact, START_UP_S, Scored, Trial, Unscored};
+pub use scored::{Contact, START_UP_S, Scored, Trial, Unscored, first_touch_s};
 
 use crate::statistics::{mean, median_of_scores, rms};
 
@@ -87,8 +86,6 @@ pub const METRICS: &[Metric] = &[
     contour::LATER_MEAN,
     contour::LATER_P95,
     contour::BAND_COVERAGE,
-    outline::MEDIAN,
-    outline::P95,
     radius::ERROR,
     radius::COVERED,
     bound::RMSE,

@@ -42,6 +42,18 @@ pub enum Unscored {
     NeverTouches,
 }
 
+/// Instant of the true first touch of a trace.
+///
+/// # Errors
+/// [`Unscored`] where there is none to score against.
+pub fn first_touch_s(trace: &Trace) -> Result<f64, Unscored> {
+    let truths = &trace.truth.instants;
+    let first = truths.iter().zip(&trace.recording.instants).find(|(truth, _)| truth.contact.is_some());
+    let is_known = truths.iter().any(|truth| truth.touching.is_some());
+    let unscored = if is_known { Unscored::NeverTouches } else { Unscored::TruthUnknown };
+    first.map(|(_, known)| known.t_s).ok_or(unscored)
+}
+
 /// One instant at which the whisker truly touches in one place. What is said of the estimate is nothing where there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
@@ -84,11 +96,10 @@ impl<'a> Scored<'a> {
     pub fn new(trial: &'a Trial<'a>, replay: &'a Replay, contour: Option<&Contour>) -> Result<Self, Unscored> {
         let Trace { recording, truth, .. } = trial.trace;
         let estimates = &replay.estimates;
-        let mut touch_s = None;
+        let touch_s = first_touch_s(trial.trace)?;
         let mut contacts = Vec::new();
         for (row, (known, truth)) in recording.instants.iter().zip(&truth.instants).enumerate() {
             let Some(contact) = truth.contact else { continue };
-            let touch_s = *touch_s.get_or_insert(known.t_s);
             if truth.split == Some(true) {
                 continue;
             }
@@ -105,8 +116,6 @@ impl<'a> Scored<'a> {
                 nis: estimate.and_then(|estimate| Some(estimate.innovation?.nis)),
             });
         }
-        let is_known = truth.instants.iter().any(|truth| truth.touching.is_some());
-        let touch_s = touch_s.ok_or(if is_known { Unscored::NeverTouches } else { Unscored::TruthUnknown })?;
         let touch = contacts.first().map(|contact: &Contact| contact.row);
         let second_stroke = touch.and_then(|row| second_stroke(recording, &trial.knowledge.rest, row));
         let compared = |contour: &Contour, since: usize| {

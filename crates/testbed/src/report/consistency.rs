@@ -3,35 +3,24 @@
 use maud::{Markup, html};
 use whisker::estimators::Kind;
 
-use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM};
-use crate::metrics::{Metric, consistency};
+use crate::consistency::{BY_ERRORS, BY_INNOVATIONS, Judged};
+use crate::metrics::consistency;
 use crate::results::{ConsistencyRow, RunSet, SummaryRow};
 
 use super::run_data::RunData;
 use super::style::plain;
 
-/// An average that is judged.
-struct Judged {
+/// Three columns: an average that is judged.
+struct Columns {
     heading: &'static str,
-    freedom: usize,
-    metric: Metric,
+    judged: Judged,
     /// The average at one time with its interval.
     at: fn(&ConsistencyRow) -> Option<[f64; 3]>,
 }
 
-const JUDGED: [Judged; 2] = [
-    Judged {
-        heading: "NEES",
-        freedom: NEES_FREEDOM,
-        metric: consistency::NEES,
-        at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]),
-    },
-    Judged {
-        heading: "NIS",
-        freedom: NIS_FREEDOM,
-        metric: consistency::NIS,
-        at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]),
-    },
+const COLUMNS: [Columns; 2] = [
+    Columns { heading: "NEES", judged: BY_ERRORS, at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]) },
+    Columns { heading: "NIS", judged: BY_INNOVATIONS, at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]) },
 ];
 
 /// The section of the page; nothing where no estimator of the leading sets states a covariance.
@@ -61,8 +50,8 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
                         tr {
                             th { "whisker" }
                             th { "estimator" }
-                            @for judged in &JUDGED {
-                                th.number { (judged.heading) }
+                            @for columns in &COLUMNS {
+                                th.number { (columns.heading) }
                                 th { "verdict" }
                                 th.number { "times inside" br; small { "%" } }
                             }
@@ -75,7 +64,7 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
                                 tr {
                                     td { (set.whisker) }
                                     td { (label) }
-                                    @for judged in &JUDGED { (judged.cells(data, set, row)) }
+                                    @for columns in &COLUMNS { (columns.cells(data, set, row)) }
                                     td.number { (percent(row.get(&consistency::COVERAGE))) }
                                 }
                             }
@@ -122,9 +111,9 @@ fn models(data: &RunData) -> Markup {
     }
 }
 
-impl Judged {
+impl Columns {
     fn cells(&self, data: &RunData, set: &RunSet, row: &SummaryRow) -> Markup {
-        let Some(average) = data.average_of(set, &row.head.estimator, self.freedom, &self.metric) else {
+        let Some(average) = data.average_of(set, &row.head.estimator, &self.judged) else {
             return html! { td.number { "–" } td { "–" } td.number { "–" } };
         };
         let (low, high) = average.interval;

@@ -13,7 +13,7 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
     if rows.is_empty() {
         return None;
     }
-    let circles: Vec<&ContourTrialRow> = data
+    let sweeps: Vec<&ContourTrialRow> = data
         .unscored_sets()
         .into_iter()
         .flat_map(|set| &set.traces)
@@ -64,13 +64,13 @@ pub(super) fn section(data: &RunData) -> Option<Markup> {
                     }
                 }
             }
-            @if !circles.is_empty() { (sweeps(&circles, &label)) }
+            @if !sweeps.is_empty() { (sweep_table(&sweeps, &label)) }
         }
     })
 }
 
 /// What is known of each sweep over an object of which nobody knows where it was touched.
-fn sweeps(rows: &[&ContourTrialRow], label: &dyn Fn(&str) -> String) -> Markup {
+fn sweep_table(rows: &[&ContourTrialRow], label: &dyn Fn(&str) -> String) -> Markup {
     html! {
         h3 { "Sweep by sweep, where the true contact is not known" }
         p {

@@ -15,7 +15,7 @@ use super::run_data::{RunData, smallest};
 use super::style::plain;
 use crate::metrics::consistency::CHI2_95;
 use crate::metrics::error;
-use crate::results::{EstimateRow, RunEstimator, RunSet};
+use crate::results::{EstimateRow, RECOMMENDED, RunEstimator, RunSet};
 
 /// Most instants of a trial that are kept.
 const FRAMES: usize = 200;
@@ -143,7 +143,7 @@ fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
         smallest(names, |name| data.summary_of(set, name)?.get(&error::RMSE))
     };
     let [filter, hindsight, baseline] = [Kind::Recursive, Kind::Hindsight, Kind::Baseline].map(best);
-    let chosen = [filter, Some("recommended"), hindsight, baseline];
+    let chosen = [filter, Some(RECOMMENDED), hindsight, baseline];
     let mut leading: Vec<&RunEstimator> =
         chosen.iter().flatten().filter_map(|name| all.iter().find(|estimator| estimator.name == *name)).collect();
     leading.extend(all.iter().filter(|estimator| estimator.is_program()));

@@ -7,8 +7,8 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use whisker::estimators::Kind;
 
-use crate::consistency::Average;
-use crate::metrics::{Metric, error, outline};
+use crate::consistency::{Average, Judged};
+use crate::metrics::{Metric, error};
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
     ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TrialRow, VertexRow, has_outline,
@@ -179,7 +179,9 @@ impl RunData {
 
     /// The sets on objects of which nobody knows where they were touched: there are outlines, but no scores.
     pub(super) fn unscored_sets(&self) -> Vec<&RunSet> {
-        let is_scored = |set: &RunSet| self.summary.iter().any(|row| row.head.group == set.group);
+        let is_scored = |set: &RunSet| {
+            self.summary.iter().any(|row| row.head.group == set.group && row.head.whisker == set.whisker)
+        };
         self.outline_sets().into_iter().filter(|set| !is_scored(set)).collect()
     }
 
@@ -191,15 +193,9 @@ impl RunData {
         self.contour_trials.iter().filter(is_kept)
     }
 
-    /// The average over the trials of a set of something that is chi-square with `freedom` degrees of freedom; nothing where no trial has it.
-    pub(super) fn average_of(&self, set: &RunSet, estimator: &str, freedom: usize, metric: &Metric) -> Option<Average> {
-        let of_trials: Vec<f64> = self.trials_of(set, estimator).iter().filter_map(|trial| trial.get(metric)).collect();
-        Average::of_trials(freedom, &of_trials)
-    }
-
-    /// Distance of an estimator's surface points to the true outline: the median over trials of each one's median.
-    pub(super) fn outline_distance_m(&self, set: &RunSet, estimator: &str) -> Option<f64> {
-        self.summary_of(set, estimator)?.get(&outline::MEDIAN)
+    /// The average over the trials of a set by which an estimator is judged; nothing where no trial has it.
+    pub(super) fn average_of(&self, set: &RunSet, estimator: &str, judged: &Judged) -> Option<Average> {
+        judged.average(self.trials_of(set, estimator))
     }
 
     /// The estimator with the smallest median error in steady state, added up over the [`Self::leading_sets`]: the same
@@ -292,6 +288,7 @@ impl RunData {
         self.optional_table(&model_file(calibration, "residuals"))
     }
 
+    /// A table of the run; nothing where there is none, or none but its header.
     fn optional_table<T: DeserializeOwned>(&self, name: &str) -> Result<Option<Vec<T>>> {
         let path = self.folder.join(name);
         if !path.exists() {

@@ -7,11 +7,12 @@ use serde::Serialize;
 use serde_json::json;
 use whisker::events::{DETECTORS, TouchConfig};
 
+use super::run_data::RunData;
 use super::{FIGURES, report, take_animations};
 use crate::metrics::Scores;
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, ResidualRow,
-    SummaryHead, SummaryRow, SurfaceRow, TrialHead, TrialRow, VertexRow, csv_bytes, score_bytes,
+    RunSet, SummaryHead, SummaryRow, SurfaceRow, TrialHead, TrialRow, VertexRow, csv_bytes, score_bytes,
 };
 
 const ESTIMATORS: [&str; 3] = ["ekf", "euler-bernoulli", "paper-ekf"];
@@ -317,6 +318,30 @@ fn verif_the_replay_has_whisker_truth_and_estimators_of_each_set() {
     assert_eq!(trial["runs"][0]["name"], "ekf");
     assert_eq!(trial["runs"][0]["error_um"][frames - 1], 200);
     assert_eq!(trial["runs"][1]["name"], "euler-bernoulli");
+}
+
+#[test]
+fn robust_an_estimator_whose_table_has_no_rows_is_left_out_of_the_replay() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let header = csv_bytes::<EstimateRow>(&[]).expect("a header");
+    fs::write(folder.path().join("estimates/pin_straight.ekf.csv"), header).expect("written");
+    let page = fs::read_to_string(report(folder.path()).expect("drawn").page).expect("read");
+    let (_, rest) = page.split_once("data-part=\"trials\">").expect("a replay");
+    let trials: serde_json::Value =
+        serde_json::from_str(rest.split_once("</script>").expect("its end").0).expect("JSON");
+    assert_eq!(trials[0]["runs"][0]["name"], "euler-bernoulli");
+}
+
+#[test]
+fn verif_a_set_is_unscored_by_its_group_and_whisker() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    let mut data = RunData::read(folder.path()).expect("a run");
+    let scored = data.run.sets.iter().find(|set| set.group == "circle").expect("a set").clone();
+    data.run.sets.push(RunSet { whisker: "curved".to_owned(), ..scored });
+    let found = data.unscored_sets().into_iter().map(|set| (set.group.as_str(), set.whisker.as_str()));
+    assert_eq!(found.collect::<Vec<_>>(), [("drum", "straight"), ("circle", "curved")]);
 }
 
 #[test]

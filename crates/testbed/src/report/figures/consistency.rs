@@ -3,8 +3,8 @@
 use anyhow::Result;
 use plotters::style::{Color, RGBAColor};
 
-use crate::consistency::{NEES_FREEDOM, NIS_FREEDOM, interval};
-use crate::metrics::{Metric, consistency};
+use crate::consistency::{BY_ERRORS, BY_INNOVATIONS, Judged, interval};
+use crate::metrics::consistency;
 use crate::report::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::report::canvas::{Canvas, Picture};
 use crate::report::run_data::RunData;
@@ -30,8 +30,7 @@ const PANEL_PX: f64 = 250.0;
 struct Average {
     title: &'static str,
     label: &'static str,
-    freedom: usize,
-    metric: Metric,
+    judged: Judged,
     value: fn(&ConsistencyRow) -> Option<f64>,
 }
 
@@ -39,15 +38,13 @@ const AVERAGES: [Average; 2] = [
     Average {
         title: "normalised estimation error squared (NEES)",
         label: "average over runs",
-        freedom: NEES_FREEDOM,
-        metric: consistency::NEES,
+        judged: BY_ERRORS,
         value: |row| row.anees,
     },
     Average {
         title: "normalised innovation squared (NIS)",
         label: "average over runs",
-        freedom: NIS_FREEDOM,
-        metric: consistency::NIS,
+        judged: BY_INNOVATIONS,
         value: |row| row.anis,
     },
 ];
@@ -75,7 +72,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let axes = [0, 1].map(|row| {
         let points = columns.iter().flat_map(|column| &column.curves[row]).flat_map(|(_, series)| series);
         let values = points.map(|(_, value)| *value).filter(|value| *value < LARGEST);
-        let ends = columns.iter().map(|column| interval(AVERAGES[row].freedom, column.runs as f64));
+        let ends = columns.iter().map(|column| interval(AVERAGES[row].judged.freedom, column.runs as f64));
         let shown = without_dips(values).into_iter().chain(ends.flat_map(|(low, high)| [low, high]));
         Axis::logarithmic(AVERAGES[row].label, shown)
     });
@@ -123,7 +120,7 @@ fn column(data: &RunData, set: &RunSet) -> Column {
     let labels = data.labels();
     let coverage = data.under_test().filter_map(|estimator| {
         let row = data.summary_of(set, estimator)?;
-        let verdict = data.average_of(set, estimator, NEES_FREEDOM, &AVERAGES[0].metric)?.verdict().word();
+        let verdict = data.average_of(set, estimator, &BY_ERRORS)?.verdict().word();
         let place = data.place_of(estimator);
         Some((Look::of(place), labels[place].clone(), row.get(&consistency::COVERAGE)?, verdict.to_owned()))
     });
@@ -137,7 +134,7 @@ fn column(data: &RunData, set: &RunSet) -> Column {
 
 impl Column {
     fn paint_average(&self, panel: &Panel, row: usize, end_s: f64) -> Result<()> {
-        let freedom = AVERAGES[row].freedom;
+        let freedom = AVERAGES[row].judged.freedom;
         let (low, high) = interval(freedom, self.runs as f64);
         panel.area([(0.0, low), (end_s, low), (end_s, high), (0.0, high)], INTERVAL)?;
         panel.level(freedom as f64, if freedom == 1 { "1" } else { "2" }, MUTED)?;

@@ -108,8 +108,8 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "objects",
         title: "All objects",
-        caption: "Above, steady root mean square contact error; below, median distance of the estimated surface \
-                  points to the true outline. Medians over trials and noise seeds. Errors lie mostly along the outline, so an \
+        caption: "Above, steady root mean square contact error; below, mean distance of the outline found from the true one. \
+                  Medians over trials and noise seeds. Errors lie mostly along the outline, so an \
                   outline looks better than the contact: judge both.",
         draw: objects::draw,
     },

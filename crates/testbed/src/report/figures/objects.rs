@@ -1,8 +1,8 @@
-//! Contact error and distance to the outline of every estimator on every object.
+//! Contact error of every estimator on every object, and how far the outline that it finds lies from the true one.
 
 use anyhow::Result;
 
-use crate::metrics::error;
+use crate::metrics::{Metric, contour, error};
 use crate::report::axes::{Axis, Panel, Rect, equal};
 use crate::report::canvas::{Align, Canvas, Picture};
 use crate::report::run_data::RunData;
@@ -17,12 +17,10 @@ struct Cell {
     dots: Vec<(usize, usize, f64)>,
 }
 
-/// A metric's value for an estimator on a set, in metres.
-type Metric = fn(&RunData, &RunSet, &str) -> Option<f64>;
-
-const METRICS: [(&str, &str, Metric); 2] = [
-    ("contact", "RMS contact error (mm)", |data, set, estimator| data.summary_of(set, estimator)?.get(&error::RMSE)),
-    ("outline", "distance to outline (mm)", RunData::outline_distance_m),
+/// What is shown: name, label of the axis and metric, a length.
+const SHOWN: [(&str, &str, Metric); 2] = [
+    ("contact", "RMS contact error (mm)", error::RMSE),
+    ("outline", "mean distance of the outline (mm)", contour::MEAN),
 ];
 
 /// Lays the figure out.
@@ -33,10 +31,10 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
             whiskers.push(&set.whisker);
         }
     }
-    let rows: Vec<(&str, Vec<Cell>)> = METRICS
+    let rows: Vec<(&str, Vec<Cell>)> = SHOWN
         .into_iter()
         .map(|(name, label, metric)| {
-            let cells = whiskers.iter().map(|whisker| cell(data, whisker, name, metric));
+            let cells = whiskers.iter().map(|whisker| cell(data, whisker, name, &metric));
             (label, cells.collect())
         })
         .collect();
@@ -63,12 +61,13 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     Ok(Some(Picture { width_px: 1200, height_px: 680, paint: Box::new(paint) }))
 }
 
-fn cell(data: &RunData, whisker: &str, name: &str, metric: Metric) -> Cell {
+fn cell(data: &RunData, whisker: &str, name: &str, metric: &Metric) -> Cell {
     let sets: Vec<&RunSet> = data.run.sets.iter().filter(|set| set.whisker == whisker).collect();
     let mut dots = Vec::new();
     for (place, set) in sets.iter().enumerate() {
         for (index, estimator) in data.estimators().enumerate() {
-            dots.extend(metric(data, set, estimator).map(|value| (place, index, 1e3 * value)));
+            let value_m = data.summary_of(set, estimator).and_then(|row| row.get(metric));
+            dots.extend(value_m.map(|value_m| (place, index, 1e3 * value_m)));
         }
     }
     Cell {
