@@ -126,6 +126,11 @@ impl Side {
         Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
     }
 
+    /// Radius of the wire at an arc length.
+    pub(super) fn wire_radius_m(&self, arc_m: f64) -> f64 {
+        0.5 * self.whisker.diameter_m(arc_m)
+    }
+
     /// Radius of the object alone that a belief states, where its model of the motion has one; no object is smaller than a point.
     pub(super) fn radius<Model: Motion<N>, const N: usize>(
         &self,
@@ -133,7 +138,7 @@ impl Side {
         belief: &Gaussian<N>,
         contact: Point<Base>,
     ) -> Option<Radius> {
-        let wire_m = 0.5 * self.whisker.diameter_m(self.face.along_and_away(contact).0);
+        let wire_m = self.wire_radius_m(self.face.along_and_away(contact).0);
         let sd_m = |i| belief.covariance[(i, i)].max(0.0).sqrt();
         motion.radius().map(|i| Radius { radius_m: (belief.mean[i] - wire_m).max(0.0), sd_m: sd_m(i) })
     }

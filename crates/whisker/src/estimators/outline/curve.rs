@@ -199,6 +199,11 @@ impl Curve {
         position.clamp(0.0, (self.logs.len() - 1) as f64) as usize
     }
 
+    /// The cells between two `tau`, at least one.
+    pub(super) fn cells_between(&self, low_m: f64, high_m: f64) -> Range<usize> {
+        self.cell(low_m)..self.cell(high_m) + 1
+    }
+
     /// The end of a cell that is nearer to the anchor, and the way from there to `tau`.
     fn reached(&self, cell: usize, tau_m: f64) -> (&Knot, f64) {
         let near = if cell >= self.before { cell } else { cell + 1 };

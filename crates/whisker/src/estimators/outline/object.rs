@@ -11,7 +11,7 @@ use super::fit::{Evidence, Residual};
 use super::prior::Prior;
 use super::readings::{Reading, keep};
 use crate::estimators::side::Side;
-use crate::estimators::{Estimate, OutlinePoint};
+use crate::estimators::{Estimate, OutlinePoint, Radius};
 use crate::frames::{Base, Point, Pose, Start};
 use crate::rest::direction;
 
@@ -28,6 +28,9 @@ const LAST_STEPS: usize = 40;
 
 /// By how much less a curve from far has to cost.
 const FAR_MARGIN: f64 = 1.0;
+
+/// Stretch of `tau` over which the radius is stated.
+const RADIUS_STRETCH_M: f64 = 6e-3;
 
 /// Variance by which the logarithm of the radius may differ from one cell to the next where nothing was touched yet.
 const NEW_VARIANCE: f64 = 0.01;
@@ -95,7 +98,21 @@ impl Object {
         let spread = self.spread(contact, &[Vector2::x(), Vector2::y()]);
         let spread = Matrix2::new(spread[(0, 0)], spread[(0, 1)], spread[(1, 0)], spread[(1, 1)]);
         let calibrated = side.face.domain.contains(contact.place_m.0, contact.place_m.1);
-        side.estimate_at(contact.point, calibrated, base.inverse().turn(spread), *innovation)
+        let stated = side.estimate_at(contact.point, calibrated, base.inverse().turn(spread), *innovation);
+        Estimate { radius: Some(self.radius(side, contact)), ..stated }
+    }
+
+    /// The object's mean radius, of the logarithm, over a stretch about a contact.
+    fn radius(&self, side: &Side, contact: &Contact) -> Radius {
+        let reach_m = 0.5 * RADIUS_STRETCH_M;
+        let cells = self.curve.cells_between(contact.place.tau_m - reach_m, contact.place.tau_m + reach_m);
+        let count = cells.len() as f64;
+        let mean = self.curve.logs()[cells.clone()].iter().sum::<f64>() / count;
+        let rows = ANCHOR + cells.start;
+        let variance = self.covariance.view((rows, rows), (cells.len(), cells.len())).sum() / count.powi(2);
+        let radius_m = SCALE_M * mean.exp();
+        let object_m = (radius_m - side.wire_radius_m(contact.place_m.0)).max(0.0);
+        Radius { radius_m: object_m, sd_m: radius_m * variance.max(0.0).sqrt() }
     }
 
     /// Covariance of what has the derivatives `by_point` by the contact's point.
@@ -208,10 +225,10 @@ impl Object {
             self.curve.pull_back(place, by_point, by_tangent, slope.as_mut_slice());
             slope
         };
-        let by_tangent = SCALE_M * SCALE_M * place.tangent_rate;
-        let length = place.point_rate.norm_squared() + by_tangent * place.tangent_rate;
-        let within = slope(place.point_rate, by_tangent) / length;
-        let out = [Vector2::x(), Vector2::y()].map(|axis| slope(axis, 0.0) - &within * place.point_rate.dot(&axis));
+        let by_tangent = SCALE_M * SCALE_M * place.tangent_rad_per_m;
+        let length = place.point_by_tau.norm_squared() + by_tangent * place.tangent_rad_per_m;
+        let within = slope(place.point_by_tau, by_tangent) / length;
+        let out = [Vector2::x(), Vector2::y()].map(|axis| slope(axis, 0.0) - &within * place.point_by_tau.dot(&axis));
         let spread = |i: usize, j: usize| out[i].dot(&(&self.covariance * &out[j]));
         Matrix2::new(spread(0, 0), spread(0, 1), spread(0, 1), spread(1, 1))
     }
