@@ -27,7 +27,7 @@ pub(super) fn is_whole(run: &Evaluation) -> bool {
 
 pub(super) fn claims() -> Vec<Claim> {
     let pins = PINS.into_iter().flat_map(|(start, group)| pins(start, group));
-    pins.chain(cylinder()).map(Claim::of_recordings).collect()
+    pins.chain([RECOMMENDED, "outline"].into_iter().flat_map(cylinder)).map(Claim::of_recordings).collect()
 }
 
 fn pins(start: &str, group: &'static str) -> Vec<Claim> {
@@ -67,41 +67,43 @@ fn pins(start: &str, group: &'static str) -> Vec<Claim> {
     ]
 }
 
-fn cylinder() -> Vec<Claim> {
-    let about = format!("real cylinders, {RECOMMENDED}, circle through the outline of each sweep");
+fn cylinder(estimator: &'static str) -> Vec<Claim> {
+    let about = format!("real cylinders, {estimator}, circle through the outline of each sweep");
     vec![
         Claim::at_most(
-            "real_cylinder_residual".into(),
+            format!("real_cylinder_{estimator}_residual"),
             format!("{about}: root mean square distance of the outline from it, largest of the sweeps"),
             0.2,
             "mm",
-            |context| {
-                let residuals_m: Option<Vec<f64>> = sweeps(context).iter().map(|row| row.residual_rms_m).collect();
+            move |context| {
+                let residuals_m: Option<Vec<f64>> =
+                    sweeps(context, estimator).iter().map(|row| row.residual_rms_m).collect();
                 Ok(residuals_m.and_then(|all| all.into_iter().reduce(f64::max)).map(|residual_m| 1e3 * residual_m))
             },
         ),
         Claim::at_least(
-            "real_cylinder_radius_stated".into(),
+            format!("real_cylinder_{estimator}_radius_stated"),
             format!("{about}: sweeps that tell a radius with both ends of its interval"),
             100.0,
             "%",
-            |context| Ok(mean(sweeps(context).iter().map(|row| 100.0 * f64::from(row.radius_high_m.is_some())))),
+            move |context| {
+                Ok(mean(sweeps(context, estimator).iter().map(|row| 100.0 * f64::from(row.radius_high_m.is_some()))))
+            },
         ),
         Claim::at_most(
-            "real_cylinder_radius_agrees".into(),
+            format!("real_cylinder_{estimator}_radius_agrees"),
             format!("{about}: gap between the intervals of the radius of two sweeps over the same object, largest"),
             0.0,
             "mm",
-            |context| Ok(largest_gap_m(&sweeps(context)).map(|gap_m| 1e3 * gap_m)),
+            move |context| Ok(largest_gap_m(&sweeps(context, estimator)).map(|gap_m| 1e3 * gap_m)),
         ),
     ]
 }
 
-/// The sweeps over round objects.
-fn sweeps(context: &Context) -> Vec<ContourTrialRow> {
+/// The sweeps over round objects, by one estimator.
+fn sweeps(context: &Context, estimator: &str) -> Vec<ContourTrialRow> {
     let rows = context.recordings.iter().flat_map(|run| &run.contours);
-    let is_meant =
-        |row: &&ContourTrialRow| row.group == OBJECTS && row.estimator == RECOMMENDED && is_round(&row.object);
+    let is_meant = |row: &&ContourTrialRow| row.group == OBJECTS && row.estimator == estimator && is_round(&row.object);
     rows.filter(is_meant).cloned().collect()
 }
 
