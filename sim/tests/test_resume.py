@@ -30,7 +30,7 @@ LONGEST_S = 30.0
 def suite(tmp_path_factory):
     """A suite of many traces, each of which is made in some 50 ms."""
     folder = tmp_path_factory.mktemp("suite")
-    scene = json.loads((SCENES / "pin_curved.json").read_text()) | {"name": "short", "duration_s": 1.0}
+    scene = json.loads((SCENES / "pin_curved.json").read_text()) | {"name": "short", "duration_s": 1.3}
     (folder / "scene.json").write_text(json.dumps(scene))
     suite = {"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(TRACES))}]}
     path = folder / "suite.json"

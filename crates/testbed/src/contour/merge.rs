@@ -128,6 +128,7 @@ struct Merged {
 }
 
 impl Merged {
+    /// Nothing where the points contradict each other.
     fn new(points: &[Placed]) -> Option<Self> {
         let total: f64 = points.iter().map(|point| point.weight).sum();
         let share = |point: &Placed| point.weight / total;
@@ -141,7 +142,9 @@ impl Merged {
             points.iter().map(|point| share(point) * point.normal.dot(&(point.at - at)).powi(2)).sum();
         let stated_m2: f64 = points.iter().map(|point| share(point) / point.weight).sum();
         let covariance_m2 = points.iter().all(|point| point.is_stated).then_some(covariance);
-        Some(Self { at, normal, covariance_m2, scatter: scatter_m2 / stated_m2 })
+        // Points that state far too little of their errors, along nearly the same line, cross anywhere.
+        let is_near = points.iter().any(|point| (point.at - at).norm() <= MOST_SD_M);
+        is_near.then_some(Self { at, normal, covariance_m2, scatter: scatter_m2 / stated_m2 })
     }
 
     /// The vertex, of whose points' variance across the outline this share is common to all.
@@ -273,6 +276,16 @@ mod tests {
             let off_m = (vertex.at.vector().norm() - 0.05).abs();
             assert!(off_m < NORMAL_95 * vertex.sd_m().expect("stated"), "{off_m}");
         }
+    }
+
+    #[test]
+    fn robust_points_that_contradict_each_other_say_nothing() {
+        let needle = |x_m: f64, tilt_rad: f64| {
+            let (n, t) = (direction(tilt_rad), direction(tilt_rad + 0.5 * PI));
+            let covariance = n * n.transpose() * 1e-18 + t * t.transpose() * 1e-7;
+            SurfacePoint { at: Vector2::new(x_m, 0.0), normal_rad: 0.0, covariance_m2: Some(covariance) }
+        };
+        assert_eq!(merged(&[needle(0.0, 0.0), needle(2e-4, 1e-5)]), None);
     }
 
     #[test]

@@ -102,8 +102,8 @@ const MOST_SD_M: f64 = 1e-3;
 /// After a touch an estimator has so long to find the contact before what it says counts as outline.
 const SETTLING_S: f64 = 1.0;
 
-/// The surface points in World that an estimator stands for: not right after a touch, and not where it says itself that its sensor model does not hold, beyond the
-/// calibrated region or at the tip.
+/// The surface points in World that an estimator stands for: not right after a touch, not where it says itself that its sensor model does not hold, beyond the
+/// calibrated region or at the tip, and not farther from the root than the whisker is long, as filters that have run away say.
 fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>], since: usize) -> Vec<SurfacePoint> {
     let mut points = Vec::new();
     let mut touch_s = None;
@@ -114,7 +114,8 @@ fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>], since: usiz
             continue;
         };
         let is_settled = known.t_s - *touch_s.get_or_insert(known.t_s) >= SETTLING_S;
-        if !is_settled || row < since || !estimate.calibrated || estimate.at_tip {
+        let is_on_whisker = estimate.contact.vector().norm() <= trial.knowledge.whisker.length_m;
+        if !is_settled || row < since || !estimate.calibrated || estimate.at_tip || !is_on_whisker {
             continue;
         }
         let left_rad = trial.knowledge.tangent_rad(estimate, reading_n_m) + FRAC_PI_2;
