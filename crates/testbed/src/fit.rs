@@ -15,6 +15,7 @@ use crate::front_end::FrontEnd;
 use crate::provenance::watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
 use crate::settings::merged;
+use crate::statistics::mean;
 
 /// Nodes of the grid on which a fitted model is written for the report: along and away from the undeflected whisker.
 const SURFACE_NODES: (usize, usize) = (81, 41);
@@ -100,13 +101,14 @@ pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Res
     for trace in dataset.read(Role::Calibration)? {
         whiskers.entry(trace.sidecar.whisker.name.clone()).or_default().push(trace);
     }
-    whiskers.values().map(|traces| fit_whisker(&candidates, traces, settings, out)).collect()
+    whiskers.values().map(|traces| fit_whisker(&candidates, traces, settings, &dataset.folder, out)).collect()
 }
 
 fn fit_whisker(
     candidates: &[Candidate],
     traces: &[Trace],
     settings: &FitSettings,
+    folder: &Path,
     out: &Path,
 ) -> anyhow::Result<Fitted> {
     let whisker = &traces[0].sidecar.whisker;
@@ -121,6 +123,7 @@ fn fit_whisker(
     let mut data = Digest::default();
     for trace in traces {
         data.add(&trace.sidecar.name).add(&trace.sidecar.csv_sha256).add(trace.sidecar.face.name());
+        data.add(trace.sidecar.contour.as_ref().map_or("", |contour| &contour.sha256));
     }
     let data_sha256 = data.finish();
     let mut inputs = vec![data_sha256.clone(), serde_json::to_string(whisker)?];
@@ -157,7 +160,8 @@ fn fit_whisker(
             continue;
         }
         let place = || format!("whisker `{}`, face {}", whisker.name, face.name());
-        let (fits, failed) = fit_face(candidates, whisker, face, &of_face, &front_end).with_context(place)?;
+        let (fits, failed) = fit_face(candidates, whisker, face, &of_face, &front_end, pin_radius_m(&of_face, folder)?)
+            .with_context(place)?;
         left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
         let file = FaceFile::new(&fits).expect("there is a fit");
         let chosen = fits.iter().find(|fit| fit.face.label == file.chosen).expect("the chosen one is among the fits");
@@ -177,6 +181,7 @@ fn fit_face(
     face: Face,
     traces: &[&Trace],
     front_end: &FrontEnd,
+    pin_radius_m: f64,
 ) -> anyhow::Result<(Vec<Fit>, Vec<String>)> {
     let measured: Vec<Vec<Sample>> = traces
         .iter()
@@ -184,8 +189,14 @@ fn fit_face(
         .collect();
     let reference: Vec<Vec<Sample>> = traces.iter().map(|trace| clean_contacts(trace)).collect();
     let noise = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / traces.len() as f64;
-    let material =
-        Material { whisker, face, measured: &measured, reference: &reference, reference_noise_sd_n_m: noise.sqrt() };
+    let material = Material {
+        whisker,
+        face,
+        measured: &measured,
+        reference: &reference,
+        reference_noise_sd_n_m: noise.sqrt(),
+        pin_radius_m,
+    };
     let fitted: Vec<Result<Fit, ModelError>> =
         candidates.par_iter().map(|it| sensor::fit(it.row, &it.config, &material)).collect();
     let mut fits = Vec::new();
@@ -222,6 +233,17 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
             Some(Sample { contact: known.base.inverse().apply(truth.contact?), reading_n_m })
         })
         .collect()
+}
+
+/// Mean distance of the known contacts from the middle of the object that touched. Where no outline is known the contacts stand for the middle.
+fn pin_radius_m(traces: &[&Trace], folder: &Path) -> anyhow::Result<f64> {
+    let mut distances_m = Vec::new();
+    for trace in traces {
+        let Some(middle) = trace.outline(folder)?.map(|outline| outline.middle()) else { return Ok(0.0) };
+        let contacts = trace.truth.instants.iter().filter_map(|truth| truth.contact);
+        distances_m.extend(contacts.map(|contact| contact.distance(&middle)));
+    }
+    Ok(mean(distances_m).unwrap_or_default())
 }
 
 /// Stem of the files about one face, beside a calibration or in a run.

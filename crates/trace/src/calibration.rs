@@ -61,6 +61,8 @@ pub struct FaceFile {
     pub samples: usize,
     /// Largest absolute reading.
     pub largest_reading_n_m: f64,
+    /// How far the contacts lay from the middle of the calibration's pin.
+    pub pin_radius_m: f64,
     /// Label of the model that predicts held-out traces best.
     pub chosen: String,
     /// The fitted models.
@@ -100,6 +102,7 @@ impl FaceFile {
             domain: best.face.domain.clone(),
             samples: best.samples,
             largest_reading_n_m: best.face.largest_reading_n_m,
+            pin_radius_m: best.face.pin_radius_m,
             chosen: best.face.label.clone(),
             models: models.collect(),
         })
@@ -216,6 +219,9 @@ impl CalibrationFile {
                 let key = face.key("largest_reading_n_m");
                 return Err(Error::value(path, key, face.largest_reading_n_m, "a positive number"));
             }
+            if !(face.pin_radius_m.is_finite() && face.pin_radius_m >= 0.0) {
+                return Err(Error::value(path, face.key("pin_radius_m"), face.pin_radius_m, "a number of 0 or more"));
+            }
             for model in &face.models {
                 self.load(path, face, model)?;
             }
@@ -257,6 +263,7 @@ impl CalibrationFile {
             heldout_rms_n_m: model.heldout_rms_n_m,
             heldout_worst_n_m: model.heldout_worst_n_m,
             largest_reading_n_m: face.largest_reading_n_m,
+            pin_radius_m: face.pin_radius_m,
         })
     }
 }

@@ -46,6 +46,7 @@ fn fits() -> Vec<Fit> {
         measured: &traces,
         reference: &traces,
         reference_noise_sd_n_m: 0.0,
+        pin_radius_m: 0.0,
     };
     sensor::MODELS.iter().map(|row| sensor::fit(row, &(row.defaults)(), &material).unwrap()).collect()
 }

@@ -81,7 +81,14 @@ fn fits(whisker: &Whisker, face: Face) -> Vec<Fit> {
     let reference: Vec<Vec<Sample>> =
         [0.0, 0.3, 0.6].map(|phase| samples(whisker, &contacts(whisker, face, phase))).into();
     let measured: Vec<Vec<Sample>> = reference.iter().zip(1..).map(|(trace, seed)| noisy(trace, NOISE, seed)).collect();
-    let material = Material { whisker, face, measured: &measured, reference: &reference, reference_noise_sd_n_m: 0.0 };
+    let material = Material {
+        whisker,
+        face,
+        measured: &measured,
+        reference: &reference,
+        reference_noise_sd_n_m: 0.0,
+        pin_radius_m: 0.0,
+    };
     candidates().iter().map(|(row, config)| sensor::fit(row, config, &material).unwrap()).collect()
 }
 
@@ -233,6 +240,7 @@ fn robust_data_that_do_not_determine_a_model_are_refused() {
                 measured: &traces,
                 reference: &traces,
                 reference_noise_sd_n_m: 0.0,
+                pin_radius_m: 0.0,
             };
             let error = sensor::fit(row, &config, &material).unwrap_err();
             assert!(matches!(error, ModelError::Data(_)), "{}: {error}", row.kind);
@@ -252,6 +260,7 @@ fn robust_settings_that_make_no_sense_are_refused() {
         measured: &traces,
         reference: &traces,
         reference_noise_sd_n_m: 0.0,
+        pin_radius_m: 0.0,
     };
     for (kind, config, word) in [
         ("polynomial", r#"{"degree": 99}"#, "degree"),
@@ -291,6 +300,7 @@ fn val_physical_parameters_are_found() {
         measured: &traces,
         reference: &[data.clone(), data],
         reference_noise_sd_n_m: 0.0,
+        pin_radius_m: 0.0,
     };
     let row = sensor::model("elastica").unwrap();
     let fit = sensor::fit(row, &(row.defaults)(), &material).unwrap();

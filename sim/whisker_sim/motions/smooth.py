@@ -10,9 +10,11 @@ from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 # Two periods of a suspended whisker of 80 mm (8 Hz): a raised cosine of that length leaves it at rest.
 _APPROACH_S = 0.24
 _PRESS_S = 0.3
-"""At the default depth the press peaks at 40 mm/s, about as fast as the waves."""
+"""At 55 mm the default press peaks at 40 mm/s, about as fast as the waves."""
 _RAMP_S = 0.5
 _WAVES = 4
+_MARGIN_M = 1e-5
+"""What a mean depth that falls short is mended by beyond what is missing, so that it is found in a few steps."""
 _LOOK_S = 0.02
 """Time between the poses at which the depth is looked at; the base moves a fraction of a millimetre in it."""
 
@@ -20,17 +22,20 @@ _LOOK_S = 0.02
 class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
     """Seeded sums of sinusoids in x, y and yaw about a contact, after a short approach.
 
-    The whisker is pressed to its mean depth first; then the waves grow to their full height. The contact's arc length is drawn
-    from `arc_min_m` to `arc_max_m`. Translation and rotation reach `translation_m` and `rotation_rad` either way; frequencies
-    lie between `frequency_min_hz` and `frequency_max_hz`. The mean depth is `depth_m`, or more where the undeflected whisker
-    would otherwise come closer than `depth_min_m` to leaving the object.
+    The whisker is pressed first; then it is let back to its mean depth while the waves grow to their full height. The contact's
+    arc length is drawn from `arc_min_m` to `arc_max_m`. The press is `press_per_m` times its square deep, the mean depth
+    `depth_per_m` times: a cantilever's moment at the root, `3 EI depth / arc^2`, is then the same wherever it is touched. The mean
+    depth is more where the undeflected whisker would otherwise come closer than `depth_min_m` to leaving the object. Translation
+    and rotation reach `translation_m` and `rotation_rad` either way; frequencies lie between `frequency_min_hz` and
+    `frequency_max_hz`.
     """
 
     needs_duration: ClassVar[bool] = True
 
     arc_min_m: Length
     arc_max_m: Length
-    depth_m: Length = 6e-3
+    press_per_m: Positive = 2.4
+    depth_per_m: Positive = 1.6
     depth_min_m: Length = 1e-3
     clearance_m: Length = 1.5e-3
     translation_m: NotNegativeLength = 3e-3
@@ -62,13 +67,13 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         turn_rad = self.rotation_rad * self._waves(time_s, stage.rng)
 
         settled, every = time_s >= settled_s, max(1, round(_LOOK_S / stage.timestep_s))
-        depth_m = self.depth_m
+        depth_m = self.depth_per_m * arc_m**2
         for _ in range(10):
             poses = self._poses(stage, time_s, arc_m, depth_m, along_m, across_m, turn_rad)
             missing_m = self.depth_min_m + float(np.max(stage.rest_gap_m(poses[settled][::every])))
             if missing_m <= 0.0:
                 break
-            depth_m += missing_m
+            depth_m += missing_m + _MARGIN_M
         else:
             raise ValueError(f"motion.depth_min_m: no mean depth up to {depth_m} m keeps the whisker on the object")
         return Plan(poses, ((settled_s, float(time_s[-1])),))
@@ -77,6 +82,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         self, stage: Stage, time_s: Array, arc_m: float, depth_m: float, along_m: Array, across_m: Array, turn_rad: Array
     ) -> Array:
         """Base poses (n, 3): displaced along and across the whisker's tangent at the contact, and turned about the contact."""
+        press_m = max(self.press_per_m * arc_m**2, depth_m)
         start = stage.base_pose(arc_m, self.clearance_m)
         tangent_rad = float(stage.whisker.rest_angle_rad(arc_m))
         tangent = np.array((np.cos(tangent_rad), np.sin(tangent_rad)))
@@ -87,7 +93,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         approach = raised_cosine((time_s - REST_S) / _APPROACH_S)
         press = raised_cosine((time_s - REST_S - _APPROACH_S) / _PRESS_S)
         ramp = raised_cosine((time_s - REST_S - _APPROACH_S - _PRESS_S) / _RAMP_S)
-        push_m = approach * (self.clearance_m - TOUCH_GAP_M) + press * (TOUCH_GAP_M + depth_m) + ramp * across_m
+        push_m = approach * (self.clearance_m - TOUCH_GAP_M) + press * (TOUCH_GAP_M + press_m) + ramp * (depth_m - press_m + across_m)
         turn = ramp * turn_rad
         cos, sin = np.cos(turn), np.sin(turn)
         x = pivot[0] + cos * lever[0] - sin * lever[1] + ramp * along_m * tangent[0] + push_m * normal[0]

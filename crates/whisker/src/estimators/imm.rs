@@ -112,7 +112,11 @@ pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dy
 impl Method for Interacting {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         Box::new(Follower {
-            config: self.config,
+            config: Config {
+                thin: self.config.thin.beyond_pin(touch.face),
+                round: self.config.round.beyond_pin(touch.face),
+                ..self.config
+            },
             side: Side::new(touch.face, &self.knowledge),
             noise_sd_n_m: self.knowledge.noise_sd_n_m,
             told: touch.told,

@@ -39,6 +39,7 @@ pub(super) fn knowledge() -> Knowledge {
         measured: &lines,
         reference: &lines,
         reference_noise_sd_n_m: 0.0,
+        pin_radius_m: 0.0,
     };
     let row = sensor::model("polynomial").unwrap();
     let face = sensor::fit(row, &(row.defaults)(), &material).unwrap().face;

@@ -38,6 +38,8 @@ pub struct Material<'a> {
     pub reference: &'a [Vec<Sample>],
     /// Standard deviation of the noise that is left in the reference.
     pub reference_noise_sd_n_m: f64,
+    /// Mean distance of the contacts from the middle of the object that touched.
+    pub pin_radius_m: f64,
 }
 
 /// Fits the model `row` with `config` to the traces of one face.
@@ -109,6 +111,7 @@ pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fi
             heldout_rms_n_m: (mean_square - noise_n2_m2).max(least_n2_m2).sqrt(),
             heldout_worst_n_m: flat().map(|r| r.abs()).fold(0.0, f64::max),
             largest_reading_n_m,
+            pin_radius_m: material.pin_radius_m,
             domain,
         },
         samples: all.len(),

@@ -243,6 +243,9 @@ pub struct CalibratedFace {
     pub heldout_worst_n_m: f64,
     /// Largest absolute reading of the calibration.
     pub largest_reading_n_m: f64,
+    /// How far the calibration's contacts lay from the middle of its pin: the radius of pin and wire together, and nothing where the
+    /// contacts are themselves the pin's middle, as on a rig that knows no better.
+    pub pin_radius_m: f64,
 }
 
 impl CalibratedFace {

@@ -52,6 +52,7 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
         measured: &traces,
         reference: &traces,
         reference_noise_sd_n_m: 0.0,
+        pin_radius_m: 0.0,
     };
     let fit = sensor::fit(row, &(row.defaults)(), &material).unwrap();
     let face: CalibratedFace = fit.face;

@@ -64,7 +64,7 @@ impl MotionSettings {
     pub(super) fn begin(self, method: &impl AnyMotion, touch: &Touch<'_>) -> Box<dyn Tracker> {
         match self {
             Self::Resting(motion) => method.begin_with(motion, touch),
-            Self::Round(motion) => method.begin_with(motion, touch),
+            Self::Round(motion) => method.begin_with(motion.beyond_pin(touch.face), touch),
         }
     }
 }

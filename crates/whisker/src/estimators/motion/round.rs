@@ -10,6 +10,7 @@ use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
+use crate::sensor::CalibratedFace;
 
 /// A contact on a round object at rest. The state is `(s, d, rho, e)`: its place, the radius of the object and the wire together, and the
 /// sensor model's error there.
@@ -25,7 +26,7 @@ use crate::rest::direction;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(in crate::estimators) struct Round {
-    /// Radius of object and wire that is expected before anything is known, against the pin of a calibration whose contacts are the pin's middle.
+    /// Radius of object and wire that is expected before anything is known, less that of the calibration's pin and wire.
     pub radius_m: f64,
     /// Standard deviation of that.
     pub radius_sd_m: f64,
@@ -65,6 +66,12 @@ impl Round {
         }
     }
 
+    /// The same with the radius of a calibration's pin and wire, where that is known: from it what is touched differs by about its half.
+    pub(in crate::estimators) fn beyond_pin(self, face: &CalibratedFace) -> Self {
+        let radius_sd_m = self.radius_sd_m.hypot(PIN_SHARE_SD * face.pin_radius_m);
+        Self { radius_m: self.radius_m + face.pin_radius_m, radius_sd_m, ..self }
+    }
+
     pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
         within("radius_m", self.radius_m, 0.0..=1.0)?;
         within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
@@ -76,8 +83,11 @@ impl Round {
     }
 }
 
-/// Prior standard deviation of a radius up to which it counts as settled: about a wire's thickness.
-const SETTLED_SD_M: f64 = 3e-4;
+/// Standard deviation of a thin thing's radius, over that of the calibration's pin: it may be a corner, or thicker than the pin.
+const PIN_SHARE_SD: f64 = 0.5;
+
+/// Prior standard deviation of a radius up to which it counts as settled: a thin thing's.
+const SETTLED_SD_M: f64 = 1e-3;
 
 /// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
 const LEAST_PLAY: f64 = 0.1;
