@@ -87,7 +87,7 @@ impl Round {
 const PIN_SHARE_SD: f64 = 0.5;
 
 /// Prior standard deviation of a radius up to which it counts as settled: a thin thing's.
-const SETTLED_SD_M: f64 = 1e-3;
+const SETTLED_SD_M: f64 = 5e-4;
 
 /// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
 const LEAST_PLAY: f64 = 0.1;
