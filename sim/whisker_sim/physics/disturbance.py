@@ -1,15 +1,15 @@
 """What whiskers do to objects that stand free: how far these move, whether they fall, and where soft and curved stops to help.
 
-The base moves straight by 30 mm into the object and back. The approach is the angle between that motion and the undeflected whisker,
-as the line from its root to its tip: 90 degrees from the side, zero head-on. The object is met at three quarters of the whisker's
-reach to the side. The tip is frictionless, as all the rest of the whisker, or it rubs, and then sticks where it is pushed head-on.
+The base moves straight by 30 mm into the object and back. The approach is the angle between that motion and the line from root to
+tip of the undeflected whisker: 90 degrees from the side, zero head-on. The object is met at three quarters of the whisker's reach
+to the side. The tip is frictionless, as all the rest of the whisker, or it rubs, and then sticks where it is pushed head-on.
 
 So held, a straight whisker is a column, and buckles. The elastica that certifies the traces knows no contact of the tip; Euler's
 column stands in, with a root of stiffness k and a tip that is held but free to turn: P = EI (l / L)^2 with
 tan l = l / (1 + l^2 EI / (k L)), l from pi (no stiffness) to 4.493 (clamped).
 
-A wire that cannot shorten, on a root that cannot give way along it, hits head-on before it buckles. Forces are therefore means over 4 ms,
-the time between two readings. A root of silicone softens that blow: head-on, the study is on the safe side.
+A wire that cannot shorten, on a root that cannot give way along it, hits head-on before it buckles. Forces are therefore means
+over 4 ms, the time between two readings. A root of silicone softens that blow: head-on, the study is on the safe side.
 """
 
 from functools import partial
@@ -67,7 +67,7 @@ class Row(NamedTuple):
     tip_friction: float
     peak_force_n: float
     moved_m: float
-    """Largest displacement in the plane of the object's axis at the height of the whisker: that of its middle and its tilt, added."""
+    """Largest displacement in the plane of the object's axis at the height of the whisker: its middle's, and what its tilt adds."""
     tilt_rad: float
     left_m: float
     """Displacement of its middle when the whisker has withdrawn."""
