@@ -13,7 +13,7 @@ const SUITE: &str = "standard";
 /// Tables, figures and page.
 const RESULTS: &str = "results/physics";
 /// What `docs/PHYSICS.md` shows, and the folder in which it is kept.
-const KEPT: [&str; 8] = [
+const KEPT: [&str; 9] = [
     "claims.csv",
     "figures/convergence.svg",
     "figures/sweeps.svg",
@@ -22,6 +22,7 @@ const KEPT: [&str; 8] = [
     "figures/disturbance_approach.svg",
     "figures/disturbance_sideways.svg",
     "figures/disturbance_head_on.svg",
+    "figures/disturbance_speed.svg",
 ];
 const REFERENCE: &str = "results/reference/physics";
 

@@ -23,6 +23,7 @@ struct Row {
     mass_kg: f64,
     approach_rad: f64,
     tip_friction: f64,
+    speed_m_s: f64,
     peak_force_n: f64,
     moved_m: f64,
     fell: u8,
@@ -64,6 +65,18 @@ pub(super) fn sideways(data: &Data) -> Result<Option<Picture>> {
 /// Lays out the figure over the wire's diameter for a straight whisker head-on, with a tip that rubs.
 pub(super) fn head_on(data: &Data) -> Result<Option<Picture>> {
     by_diameter(data, |row| row.tip_friction > 0.0)
+}
+
+/// Lays out the figure over the base's speed for whiskers that meet the object head-on, with a tip that rubs.
+pub(super) fn by_speed(data: &Data) -> Result<Option<Picture>> {
+    let rows: Vec<Row> = data.table("disturbance_speed")?;
+    let layout = Layout {
+        column: |row| format!("object of {} g", grams(row)),
+        line: |row| row.whisker.clone(),
+        x: Axis::marked("largest speed of the base (mm/s)", rows.iter().map(|row| 1e3 * row.speed_m_s).collect()),
+        x_of: |row| 1e3 * row.speed_m_s,
+    };
+    picture(data, &rows, layout)
 }
 
 fn by_diameter(data: &Data, shown: fn(&Row) -> bool) -> Result<Option<Picture>> {

@@ -93,4 +93,11 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
                   buckles.",
         draw: disturbance::head_on,
     },
+    Figure {
+        name: "disturbance_speed",
+        title: "Disturbance head-on, by speed",
+        caption: "The same for the straight and the curved whisker with a tip that rubs, one degree off head-on, over the \
+                  speed of the base. A curved wire gives way at once, and its force does not depend on the speed.",
+        draw: disturbance::by_speed,
+    },
 ];

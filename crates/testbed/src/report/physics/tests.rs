@@ -32,7 +32,7 @@ straight,corner,20,0.00025,0,2.5e-6,2.5e-6
 ";
 
 const DISTURBANCE: &str =
-    "whisker,root_stiffness_n_m_rad,diameter_m,mass_kg,approach_rad,tip_friction,peak_force_n,moved_m,fell,\
+    "whisker,root_stiffness_n_m_rad,diameter_m,mass_kg,approach_rad,tip_friction,speed_m_s,peak_force_n,moved_m,fell,\
     slides_at_n,tips_at_n
 ";
 
@@ -70,13 +70,19 @@ fn write_study(folder: &Path) {
         (
             "disturbance_approach",
             format!(
-                "{DISTURBANCE}a,1.7e-4,2.5e-4,0.02,0.1,0,0.001,1e-9,0,0.1,0.04\na,1.7e-4,2.5e-4,0.02,1.5,0.5,0.1,1e-2,1,0.1,0.04\n"
+                "{DISTURBANCE}a,1.7e-4,2.5e-4,0.02,0.1,0,0.05,0.001,1e-9,0,0.1,0.04\na,1.7e-4,2.5e-4,0.02,1.5,0.5,0.1,0.1,1e-2,1,0.1,0.04\n"
             ),
         ),
         (
             "disturbance_stiffness",
             format!(
-                "{DISTURBANCE}a,1.7e-4,2e-4,0.02,0.1,0,0.001,1e-9,0,0.1,0.04\na,10,4e-4,0.02,1.5,0.5,0.1,1e-2,1,0.1,0.04\n"
+                "{DISTURBANCE}a,1.7e-4,2e-4,0.02,0.1,0,0.05,0.001,1e-9,0,0.1,0.04\na,10,4e-4,0.02,1.5,0.5,0.1,0.1,1e-2,1,0.1,0.04\n"
+            ),
+        ),
+        (
+            "disturbance_speed",
+            format!(
+                "{DISTURBANCE}a,1.7e-4,2e-4,0.02,0.1,0.5,0.05,0.001,1e-9,0,0.1,0.04\na,1.7e-4,2e-4,0.02,0.1,0.5,0.1,0.1,1e-2,1,0.1,0.04\n"
             ),
         ),
         ("speeds", "case,speed_m_s,first_rms,settled_rms\na,0.02,1e-4,1e-5\na,0.1,1e-4,1e-3\n".to_owned()),
