@@ -28,7 +28,7 @@ from whisker_sim.physics.cases import TOUCHED_M, compiled, cylinder, slides_at_n
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import roll
-from whisker_sim.table import displacement
+from whisker_sim.table import FreeObject, displacement
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 STRAIGHT, CURVED = PRESETS["straight"][1], PRESETS["curved"][1]
@@ -110,7 +110,7 @@ def sweep(
     free = cylinder(mass_kg)
     falls_at_rad = np.arctan2(free.object.radius_m, 0.5 * free.height_m)
     side = -1.0 if concave else 1.0
-    swept = _swept(whisker, mass_kg, side * approach_rad, tip_friction, _STROKE_M, speed_m_s, falls_at_rad)
+    swept = _swept(whisker, free, side * approach_rad, tip_friction, _STROKE_M, speed_m_s, falls_at_rad)
     moved = swept.displacement
     middle_m = np.hypot(moved[:, 0], moved[:, 1])
     return Row(
@@ -134,7 +134,7 @@ def sweep(
 def column(root_stiffness_n_m_rad: float) -> Column:
     """Pushes the straight whisker head-on, holds, and measures what it bears once buckled."""
     whisker = msgspec.structs.replace(STRAIGHT, root_stiffness_n_m_rad=root_stiffness_n_m_rad)
-    swept = _swept(whisker, _IMMOVABLE_KG, np.radians(APPROACHES_DEG[0]), RUBBING, _SHORTENING_M, _SPEED_M_S, np.inf)
+    swept = _swept(whisker, cylinder(_IMMOVABLE_KG), np.radians(APPROACHES_DEG[0]), RUBBING, _SHORTENING_M, _SPEED_M_S, np.inf)
     # The base stands still in the middle of the sweep.
     return Column(root_stiffness_n_m_rad, float(swept.force_n[len(swept.force_n) // 2]), euler_n(whisker))
 
@@ -150,7 +150,7 @@ def euler_n(whisker: Whisker) -> float:
 
 def _swept(
     whisker: Whisker,
-    mass_kg: float,
+    free: FreeObject,
     approach_rad: float,
     tip_friction: float,
     stroke_m: float,
@@ -158,7 +158,6 @@ def _swept(
     falls_at_rad: float,
 ) -> _Swept:
     """Moves the base by `stroke_m` past the first touch, holds it, and withdraws it; stops where the object falls."""
-    free = cylinder(mass_kg)
     model = compiled(whisker, free, _TIMESTEP_S, tip_friction)
     data = mujoco.MjData(model)
     touch = _first_touch(whisker, free.object, approach_rad)

@@ -75,7 +75,7 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         caption: "Largest force on a cylinder that stands free, as the mean over 4 ms, and how far it moves, over the angle \
                   between the undeflected whisker and its motion: 30 mm into the object and back. The cylinder is 30 mm thick and 120 mm \
                   tall; the whisker meets it 80 mm above the table. Left, the whisker slips off; right, its tip rubs \
-                  (friction 0.5) and sticks where it is pushed head-on. Displacements under 0.1 µm are the softness of the \
+                  (friction 0.5) and sticks where it is pushed head-on. Displacements under 1 µm are the softness of the \
                   model's contacts.",
         draw: disturbance::by_approach,
     },
