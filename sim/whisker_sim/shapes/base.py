@@ -30,7 +30,10 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
     example: ClassVar[dict[str, Any]]
     """Parameters with which the tests examine the shape."""
 
-    def geoms(self) -> list[dict[str, str]]:
+    upright: ClassVar[bool] = True
+    """Whether the geoms have the outline as their section at every height, not in the whisker's plane alone."""
+
+    def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """Attributes of the MJCF geoms, in millimetres, in the shape's frame."""
         raise NotImplementedError
 
@@ -50,7 +53,7 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         """Largest distance of the polyline from the true outline; polygons override it with zero."""
         return CHORD_ERROR_M
 
-    def meshes(self) -> list[dict[str, str]]:
+    def meshes(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """Attributes of the MJCF meshes that `geoms` refers to; most shapes need none."""
         return []
 

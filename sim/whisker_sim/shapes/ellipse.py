@@ -14,11 +14,12 @@ class Ellipse(Shape, frozen=True, forbid_unknown_fields=True, tag="ellipse"):
     semi_x_m: Length
     semi_y_m: Length
 
+    upright: ClassVar[bool] = False
     example: ClassVar[dict[str, Any]] = {"semi_x_m": 0.02, "semi_y_m": 0.012, "yaw_rad": 0.4}
 
-    def geoms(self) -> list[dict[str, str]]:
+    def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """An ellipsoid whose section in the whisker's plane is the ellipse."""
-        return [{"type": "ellipsoid", "size": mjcf(1e3 * self.semi_x_m, 1e3 * self.semi_y_m, HALF_HEIGHT_MM)}]
+        return [{"type": "ellipsoid", "size": mjcf(1e3 * self.semi_x_m, 1e3 * self.semi_y_m, half_height_mm)}]
 
     def local_outline_m(self) -> Array:
         """Points at equal steps of the parameter t in (a cos t, b sin t).

@@ -12,14 +12,14 @@ class Polygon(Shape, frozen=True, forbid_unknown_fields=True):
         """Vertices (n, 2) in the shape's frame, counter-clockwise."""
         raise NotImplementedError
 
-    def geoms(self) -> list[dict[str, str]]:
+    def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """An upright prism, as a convex mesh."""
         return [{"type": "mesh", "mesh": "prism"}]
 
-    def meshes(self) -> list[dict[str, str]]:
+    def meshes(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """The prism's vertices, in millimetres."""
         corners_mm = 1e3 * self.vertices()
-        prism = [mjcf(x, y, z) for z in (-HALF_HEIGHT_MM, HALF_HEIGHT_MM) for x, y in corners_mm]
+        prism = [mjcf(x, y, z) for z in (-half_height_mm, half_height_mm) for x, y in corners_mm]
         return [{"name": "prism", "vertex": " ".join(prism), "inertia": "convex"}]
 
     def chord_error_m(self) -> float:

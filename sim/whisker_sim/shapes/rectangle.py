@@ -22,10 +22,10 @@ class Rectangle(Polygon, frozen=True, forbid_unknown_fields=True, tag="rectangle
         x, y = 0.5 * self.width_m, 0.5 * self.height_m
         return np.array(((-x, -y), (x, -y), (x, y), (-x, y)))
 
-    def geoms(self) -> list[dict[str, str]]:
+    def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """A box: it collides with capsules in closed form, which a mesh does not."""
-        return [{"type": "box", "size": mjcf(500.0 * self.width_m, 500.0 * self.height_m, HALF_HEIGHT_MM)}]
+        return [{"type": "box", "size": mjcf(500.0 * self.width_m, 500.0 * self.height_m, half_height_mm)}]
 
-    def meshes(self) -> list[dict[str, str]]:
+    def meshes(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """None."""
         return []

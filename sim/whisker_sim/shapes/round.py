@@ -11,9 +11,9 @@ class Round(Shape, frozen=True, forbid_unknown_fields=True):
 
     radius_m: Length
 
-    def geoms(self) -> list[dict[str, str]]:
+    def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """A vertical capsule: its section in the whisker's plane is the circle, and capsules collide in closed form."""
-        return [{"type": "capsule", "size": mjcf(1e3 * self.radius_m, HALF_HEIGHT_MM)}]
+        return [{"type": "capsule", "size": mjcf(1e3 * self.radius_m, half_height_mm)}]
 
     def local_outline_m(self) -> Array:
         """A regular polygon inscribed in the circle; its sagitta r (1 - cos(pi/n)) is the chord error."""
