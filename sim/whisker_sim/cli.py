@@ -20,10 +20,12 @@ from typing import NamedTuple
 import msgspec
 
 from whisker_sim import __version__
+from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.motions import AnyMotion
-from whisker_sim.scene import SIMULATIONS, Run, load_runs, with_simulation
+from whisker_sim.runs import Run, load_runs, with_simulation
+from whisker_sim.scene import SIMULATIONS
 from whisker_sim.shapes import AnyShape
 from whisker_sim.whisker import PRESETS
 
@@ -237,11 +239,29 @@ def make_trace(folder: Path, run: Run) -> Outcome:
     from whisker_sim.simulate import simulate
     from whisker_sim.trace import write_trace
 
+    if isinstance(run.scene, ArmScene):
+        return make_recording(folder, run)
+
     def work() -> str:
         simulated = simulate(run)
         write_trace(folder, run, simulated)
         share = simulated.touching.mean()
         return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * share:.0f} % in contact"
+
+    return _outcome(run, work)
+
+
+def make_recording(folder: Path, run: Run) -> Outcome:
+    """Simulates `run`, which has an arm, and writes its recording into `folder`."""
+    from whisker_sim.arm.recording import write_recording
+    from whisker_sim.arm.simulate import simulate_passage
+
+    def work() -> str:
+        passed = simulate_passage(run)
+        write_recording(folder, run, passed)
+        touching = [whisker.touching.mean() for whisker in passed.whiskers.values()]
+        shares = ", ".join(f"{100 * share:.0f}" for share in touching)
+        return f"{run.name}: {passed.time_s[-1]:.1f} s, {shares} % in contact"
 
     return _outcome(run, work)
 

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from whisker_sim.model import MM_PER_M
-from whisker_sim.scene import Run
+from whisker_sim.runs import Run
 from whisker_sim.simulate import Simulated
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import Array

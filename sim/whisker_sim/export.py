@@ -9,7 +9,7 @@ import whisker_sim
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError
 from whisker_sim.model import MM_PER_M, build_mjcf
-from whisker_sim.scene import Run
+from whisker_sim.runs import Run
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import Array

@@ -18,7 +18,7 @@ from whisker_sim import drawing
 from whisker_sim.drawing import Drawing
 from whisker_sim.errors import InputError, SimulationError
 from whisker_sim.model import MM_PER_M, build_model
-from whisker_sim.scene import Run
+from whisker_sim.runs import Run
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import inputs_sha256, write_atomically
 

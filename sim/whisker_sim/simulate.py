@@ -12,7 +12,8 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSORS, build_model
 from whisker_sim.motions import Plan
 from whisker_sim.motions.base import REST_S
-from whisker_sim.scene import Run, Scene
+from whisker_sim.runs import Run
+from whisker_sim.scene import Scene
 from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
 from whisker_sim.whisker import Array
 
@@ -41,8 +42,10 @@ class Simulated:
     """(n, N + 1): rotation of the root, then of the hinges."""
     touching: NDArray[np.bool_]
     force_n: Array
+    nearest: NDArray[np.intp]
+    """Index of the object nearest to the whisker (n,): zero where there is one alone."""
     truth: ContactTruth
-    """Of every row; it has a meaning where the whisker touches."""
+    """Of every row, for the nearest object; it has a meaning where the whisker touches."""
     split: NDArray[np.bool_]
     """Whether the whisker touches in places apart from one another (n,): the one contact of `truth` is then but the nearest."""
     penetration_m: Array
@@ -75,8 +78,9 @@ def simulate(run: Run) -> Simulated:
         rotations_rad=qpos[:, 3:],
         touching=force_n > 0.0,
         force_n=force_n,
+        nearest=np.zeros(len(qpos), dtype=int),
         truth=nearest_contact(line, scene.object),
-        split=_extent_mm(sensors[:, SENSORS["places"]]) > MM_PER_M * _APART_M,
+        split=is_split(sensors),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
     _check(simulated, plan)
@@ -87,21 +91,29 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     """Positions, velocities and sensor data at the logged instants, in the model's units."""
     model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
     data = mujoco.MjData(model)
-    _warnings.clear()
     poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses_mm[0]
+    velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
+    return roll_out(model, data, velocities, scene.steps_per_row)
+
+
+def roll_out(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:
+    """Steps `model` from `data` under `controls` (n, nu), one a time step.
+
+    Gives positions, velocities and sensor data at the start and after every `stride` steps, in the model's units. Raises
+    `SimulationError` where MuJoCo warns or the state is not finite.
+    """
+    _warnings.clear()
+    timestep_s = model.opt.timestep
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, state, spec)
-
-    stride, timestep_s = scene.steps_per_row, scene.simulation.timestep_s
-    velocities = np.diff(poses_mm, axis=0) / timestep_s
     # A step's sensor data belong to the state before the step, so one more step gives those of the last row.
-    velocities = np.concatenate((velocities[: len(velocities) // stride * stride], np.zeros((1, 3))))
+    controls = np.concatenate((controls[: len(controls) // stride * stride], np.zeros((1, model.nu))))
     states, sensors = [], []
     chunk = max(1, _CHUNK_STEPS // stride) * stride
-    for start in range(0, len(velocities), chunk):
-        control = velocities[start : start + chunk]
+    for start in range(0, len(controls), chunk):
+        control = controls[start : start + chunk]
         warmstart = data.qacc_warmstart.copy()
         after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
         _check_physics(after[0], start * timestep_s, timestep_s)
@@ -113,17 +125,20 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     return qpos, qvel, sensors
 
 
-def _extent_mm(places: Array) -> Array:
-    """Diagonal (n,) of the box around the loaded places, from the sensor data (n, 6 x places); zero where there are not two."""
-    slots = places.reshape(len(places), -1, 6)
+def is_split(sensors: Array) -> NDArray[np.bool_]:
+    """Whether the loaded places lie apart from one another (n,), from one whisker's sensor data (n, columns of `SENSORS`).
+
+    They do where the diagonal of the box around them is longer than `_APART_M`.
+    """
+    slots = sensors[:, SENSORS["places"]].reshape(len(sensors), -1, 6)
     loaded = np.any(slots[:, :, :3] != 0.0, axis=-1)
     several = np.sum(loaded, axis=1) > 1
     points_mm, where = slots[several, :, 3:], loaded[several, :, None]
     highest = np.max(points_mm, axis=1, where=where, initial=-np.inf)
     lowest = np.min(points_mm, axis=1, where=where, initial=np.inf)
-    extent_mm = np.zeros(len(places))
+    extent_mm = np.zeros(len(slots))
     extent_mm[several] = np.linalg.norm(highest - lowest, axis=1)
-    return extent_mm
+    return extent_mm > MM_PER_M * _APART_M
 
 
 def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:

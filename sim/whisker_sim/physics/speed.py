@@ -24,7 +24,8 @@ from whisker_sim.errors import WhiskerSimError
 from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.physics.__main__ import claim_line
 from whisker_sim.physics.study import Bar
-from whisker_sim.scene import SIMULATIONS, Run, load_runs, with_simulation
+from whisker_sim.runs import Run, load_runs, with_simulation
+from whisker_sim.scene import SIMULATIONS
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import write_trace
 

@@ -1,0 +1,180 @@
+"""The way of the tool between the objects, and the joint trajectory that takes it there.
+
+The tool passes one object after the other, at a distance from its outline, heading where it goes; a spline joins the passes. So
+the array on the object's side is drawn along the outline while the other is free.
+"""
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from whisker_sim.arm import panda
+from whisker_sim.arm.spline import Spline
+from whisker_sim.arm.tool import TOOL
+from whisker_sim.motions.base import REST_S, check_steps, raised_cosine
+from whisker_sim.shapes import Shape
+from whisker_sim.table import FreeObject
+from whisker_sim.whisker import Array, Length, Positive
+
+_RAMP_S = 0.5
+"""The tool takes so long to reach its speed, and to stop."""
+_WAYPOINT_M = 0.012
+"""Distance of the spline's points along a pass."""
+_DENSE_M = 1e-4
+"""Distance of the points between which the way along the spline is measured."""
+_KNOT_S = 0.02
+"""Time between the tool's poses for which joint angles are sought; a spline joins them."""
+
+_DAMPING = 1e-3
+"""Of the inverse kinematics, in metres and radians: what is smaller among the arm's singular values hardly moves it."""
+_STEP_RAD = 0.2
+"""No joint turns further at a time, lest the first solution is sought from too far."""
+_ITERATIONS = 100
+_TOLERANCE = 1e-10
+_ELBOW = 2
+"""Index of the joint that stays at zero."""
+
+
+class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A way along an outline, from where its normal has one direction in World to where it has another.
+
+    A rising direction leads round the object with the object on the left, a falling one with the object on the right.
+    """
+
+    object: str
+    from_rad: float
+    to_rad: float
+    distance_m: Length
+    """Of the tool's axis from the outline."""
+
+    def points_m(self, shape: Shape) -> Array:
+        """Points (n, 2) in World along the pass, `_WAYPOINT_M` apart."""
+        angles = np.linspace(self.from_rad, self.to_rad, 2 + int(abs(self.to_rad - self.from_rad) / 1e-3))
+        normals = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        points_m = np.array([shape.support_m(normal) for normal in normals]) + self.distance_m * normals
+        way_m = _way_m(points_m)
+        return _along(way_m, points_m, np.linspace(0.0, way_m[-1], 1 + max(1, round(way_m[-1] / _WAYPOINT_M))))
+
+
+class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The way of the tool: passes, one after the other, with a straight way before the first and after the last."""
+
+    passes: Annotated[tuple[Pass, ...], msgspec.Meta(min_length=1)]
+    height_m: Length
+    """Of the middle whiskers above the table."""
+    speed_m_s: Positive = 0.035
+    lead_m: Length = 0.07
+    """Length of the straight way before and after."""
+
+    def poses(self, objects: dict[str, FreeObject]) -> tuple[Array, Array]:
+        """Times (n,), `_KNOT_S` apart, and the tool's poses (n, 3) in World: x, y, yaw. It rests for `REST_S` first.
+
+        Raises `ValueError` where a pass names no object.
+        """
+        for index, one in enumerate(self.passes):
+            if one.object not in objects:
+                raise ValueError(
+                    f"path.passes: expected one of {', '.join(objects)} as the object of pass {index}, found '{one.object}'"
+                )
+        points_m = np.concatenate([one.points_m(objects[one.object].object) for one in self.passes])
+        for end, inner in ((0, 1), (-1, -2)):
+            ahead = points_m[end] - points_m[inner]
+            lead = points_m[end] + self.lead_m * np.linspace(1.0, 0.0, 5, endpoint=False)[:, None] * ahead / np.hypot(*ahead)
+            points_m = np.concatenate((lead, points_m) if end == 0 else (points_m, lead[::-1]))
+        spline = Spline(_way_m(points_m), points_m)
+        dense = np.linspace(0.0, _way_m(points_m)[-1], 2 + int(_way_m(points_m)[-1] / _DENSE_M))
+        way_m = _way_m(spline(dense))
+        # Each ramp covers half of what the full speed would in its time.
+        duration_s = way_m[-1] / self.speed_m_s + _RAMP_S
+        if duration_s < 2.0 * _RAMP_S:
+            raise ValueError(f"path.speed_m_s: expected at most {way_m[-1] / _RAMP_S:.3g} for a way of {way_m[-1]:.3g} m, found {self.speed_m_s}")
+        time_s = _KNOT_S * np.arange(check_steps((REST_S + duration_s) / _KNOT_S) + 2)
+        passed_m = self._passed_m(time_s - REST_S, duration_s)
+        at = np.interp(passed_m, way_m, dense)
+        slope = spline.slope(at)
+        return time_s, np.column_stack((spline(at), np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))))
+
+    def _passed_m(self, time_s: Array, duration_s: float) -> Array:
+        """Way passed at `time_s` since the start: the speed rises and falls as a raised cosine."""
+
+        def ramp(time_s: Array) -> Array:
+            """Integral over time of the share of the full speed."""
+            share = np.clip(time_s / _RAMP_S, 0.0, 1.0)
+            rising = _RAMP_S * 0.5 * (share - np.sin(np.pi * share) / np.pi)
+            return rising + np.maximum(time_s - _RAMP_S, 0.0)
+
+        return self.speed_m_s * (ramp(time_s) - ramp(time_s - duration_s + _RAMP_S))
+
+
+def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) -> Spline:
+    """Joint angles over time that take the tool through `poses` (n, 3) at `time_s` (n,).
+
+    `base` (4, 4) is the arm's base in World. The seventh degree of freedom keeps the third joint at zero: the elbow stays in the
+    vertical plane through the shoulder and the wrist.
+
+    Raises `ValueError` where the arm does not reach a pose, or would pass the limit of a joint's speed.
+    """
+    into_base = np.linalg.inv(base)
+    q_rad, angles_rad = panda.READY_RAD, []
+    for at_s, (x_m, y_m, yaw_rad) in zip(time_s, poses, strict=True):
+        target = into_base @ panda.translation((x_m, y_m, height_m)) @ panda.rotation_z(yaw_rad)
+        q_rad = _solve(target, q_rad)
+        if q_rad is None:
+            raise ValueError(f"path: expected a way within the arm's reach, found none to ({x_m:.3f}, {y_m:.3f}) m at {at_s:.2f} s")
+        angles_rad.append(q_rad)
+    trajectory = Spline(time_s, np.array(angles_rad))
+    speed_rad_s = np.max(np.abs(trajectory.slope(time_s)), axis=0)
+    if np.any(speed_rad_s > panda.SPEED_RAD_S):
+        joint = int(np.argmax(speed_rad_s / panda.SPEED_RAD_S))
+        raise ValueError(
+            f"path.speed_m_s: expected joint {joint + 1} to turn by at most {panda.SPEED_RAD_S[joint]} rad/s, "
+            f"found {speed_rad_s[joint]:.3g} rad/s"
+        )
+    return trajectory
+
+
+def _solve(target: Array, q_rad: Array) -> Array | None:
+    """Joint angles (7,) with the tool at `target`, near `q_rad`; None where there are none within the limits.
+
+    Damped least squares (C. W. Wampler, "Manipulator inverse kinematic solutions based on vector formulations and damped
+    least-squares methods", IEEE Trans. SMC 16(1), 1986).
+    """
+    for _ in range(_ITERATIONS):
+        pose = panda.tool_pose(q_rad, TOOL)
+        back = pose[:3, :3].T
+        turn = back @ target[:3, :3]
+        # The skew part of a small turn is the vector about which it turns.
+        turn_rad = 0.5 * np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
+        miss = np.concatenate((back @ (target[:3, 3] - pose[:3, 3]), turn_rad, [-q_rad[_ELBOW]]))
+        if np.max(np.abs(miss)) < _TOLERANCE:
+            within = np.all((q_rad >= panda.LOWER_RAD) & (q_rad <= panda.UPPER_RAD))
+            return q_rad if within else None
+        task = np.vstack((panda.body_jacobian(q_rad, TOOL), np.eye(panda.JOINTS)[_ELBOW]))
+        step_rad = task.T @ np.linalg.solve(task @ task.T + _DAMPING**2 * np.eye(len(task)), miss)
+        q_rad = q_rad + step_rad * min(1.0, _STEP_RAD / np.max(np.abs(step_rad)))
+    return None
+
+
+def shaken(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
+    """Joint angles (n, 7) with the tool displaced by `displacement_m` (n, 2) along x and y of World, to first order.
+
+    `yaw_rad` (n,) is the tool's. Of all small changes of the joints that do it, the smallest.
+    """
+    jacobian = panda.body_jacobian(q_rad, TOOL)
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x_m, y_m = displacement_m.T
+    wanted = np.zeros((len(q_rad), 6, 1))
+    wanted[:, 0, 0], wanted[:, 1, 0] = cos * x_m + sin * y_m, cos * y_m - sin * x_m
+    back = jacobian.swapaxes(-1, -2)
+    return q_rad + (back @ np.linalg.solve(jacobian @ back, wanted))[..., 0]
+
+
+def _way_m(points_m: Array) -> Array:
+    """Way (n,) along the polyline through `points_m` (n, 2), from its start to each of them."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))))
+
+
+def _along(way_m: Array, points_m: Array, at_m: Array) -> Array:
+    """Points (k, 2) of a polyline at the ways `at_m` (k,)."""
+    return np.stack([np.interp(at_m, way_m, values) for values in points_m.T], axis=-1)
