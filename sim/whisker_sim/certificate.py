@@ -94,9 +94,7 @@ def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Sim
     slow = np.flatnonzero(quasi_static(contacts) & (not vibrates))
     sample = slow[np.linspace(0, len(slow) - 1, min(_SAMPLES, len(slow))).round().astype(int)]
     nearest = simulated.nearest[simulated.touching][sample]
-    found = [
-        disagreement(whisker, shape, face, contacts.at(sample[nearest == index])) for index, shape in enumerate(shapes)
-    ]
+    found = [disagreement(whisker, shape, face, contacts.at(sample[nearest == index])) for index, shape in enumerate(shapes)]
 
     def solved(values: Callable[[Disagreement], Array]) -> Array:
         return np.concatenate([values(part)[part.exact.solved] for part in found])

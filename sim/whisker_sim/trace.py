@@ -17,7 +17,7 @@ from whisker_sim.certificate import Certificate, certify
 from whisker_sim.documents import to_json
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
-from whisker_sim.simulate import Simulated
+from whisker_sim.simulate import Simulated, simulate
 from whisker_sim.whisker import Array, Whisker
 
 COLUMNS = (
@@ -44,7 +44,7 @@ COLUMNS = (
 """Columns of a trace in order, with their decimals."""
 
 # Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
-_ONLOOKERS = {"__main__.py", "cli.py", "drawing.py", "export.py", "render.py", "physics"}
+_ONLOOKERS = {"__main__.py", "cli.py", "drawing.py", "export.py", "products.py", "render.py", "physics", "arm/picture.py"}
 
 
 class Generator(msgspec.Struct, frozen=True):
@@ -91,6 +91,13 @@ class Sidecar(msgspec.Struct, Generic[AnyScene], frozen=True):
     certificate: Certificate
     recording: str | msgspec.UnsetType = msgspec.UNSET
     """The recording of several whiskers to which the trace belongs; left out where there is none."""
+
+
+def make(folder: Path, run: Run) -> str:
+    """Simulates `run` and writes its trace into `folder`; gives one line for people."""
+    simulated = simulate(run)
+    write_trace(folder, run, simulated)
+    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
 
 
 def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
@@ -236,7 +243,7 @@ def generator() -> Generator:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         module = path.relative_to(package)
-        if module.parts[0] not in _ONLOOKERS:
+        if _ONLOOKERS.isdisjoint((module.parts[0], module.as_posix())):
             digest.update(module.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), _git_commit(package), digest.hexdigest())
 

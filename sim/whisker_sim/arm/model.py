@@ -24,6 +24,31 @@ TABLE_M = 0.0
 _SERVO_RAD_S = 2.0 * np.pi * 40.0
 _FELT_KG_M2 = (1.0, 1.5, 0.8, 0.8, 0.06, 0.05, 0.012)
 """Inertia that each servo is tuned for: about what its joint has to turn."""
+_LOOKS: dict[str, tuple[tuple[float, ...], ...]] = {
+    "foot": ((0.0, 0.0, 60.0, 0.0, 0.0, 200.0, 72.0), (-50.0, 0.0, 40.0, 0.0, 0.0, 40.0, 78.0)),
+    "arm_1": ((0.0, 0.0, -120.0, 0.0, 0.0, 0.0, 60.0), (0.0, -60.0, 0.0, 0.0, 60.0, 0.0, 58.0)),
+    "arm_2": ((0.0, 0.0, 0.0, 0.0, -200.0, 0.0, 54.0),),
+    "arm_3": (
+        (0.0, 0.0, -110.0, 0.0, 0.0, 0.0, 54.0),
+        (0.0, 0.0, 0.0, 82.5, 0.0, 0.0, 50.0),
+        (82.5, -45.0, 0.0, 82.5, 45.0, 0.0, 50.0),
+    ),
+    "arm_4": ((0.0, 0.0, 0.0, -82.5, 82.5, 0.0, 46.0), (-82.5, 82.5, 0.0, -82.5, 190.0, 0.0, 50.0)),
+    "arm_5": ((0.0, 0.0, -190.0, 0.0, 30.0, -60.0, 46.0), (0.0, 30.0, -60.0, 0.0, 0.0, 0.0, 46.0)),
+    "arm_6": ((0.0, 0.0, -40.0, 0.0, 0.0, 40.0, 44.0), (0.0, 0.0, 0.0, 88.0, 0.0, 0.0, 42.0)),
+    "arm_7": ((0.0, 0.0, -10.0, 0.0, 0.0, 70.0, 40.0),),
+    "tool": ((0.0, 0.0, 112.0, 0.0, 0.0, 16.0, 8.0),),
+}
+"""Capsules that stand for the links: both ends and the radius, in millimetres, in the frame of the body."""
+_SUN = {
+    "pos": "-300 -500 900",
+    "dir": "0.3 0.5 -0.9",
+    "directional": "true",
+    "diffuse": "0.45 0.45 0.45",
+    "specular": "0.1 0.1 0.1",
+}
+_BLOCK_MM = (50.0, MM_PER_M * HALF_WIDTH_M, 14.0)
+_LIGHT, _DARK = "0.93 0.94 0.95 1", "0.25 0.27 0.30 1"
 _TOOL_MASS_KG, _TOOL_INERTIA_KG_M2 = 0.25, (4e-4, 5e-4, 2e-4)
 
 TOOL_SENSOR = len(MOUNTS) * SENSOR_COLUMNS
@@ -48,6 +73,7 @@ def build_arm_mjcf(scene: ArmScene, start_rad: Array) -> str:
     option.set("jacobian", "sparse")
     world = root.find("worldbody")
     add_table(world, TABLE_M)
+    ET.SubElement(world, "light", _SUN)
     tool = _add_arm(world, scene, start_rad)
     sensor = ET.SubElement(root, "sensor")
     for mount in MOUNTS:
@@ -68,6 +94,7 @@ def _add_arm(world: ET.Element, scene: ArmScene, start_rad: Array) -> ET.Element
     """Adds the arm; gives the body of the tool's frame."""
     foot_mm = MM_PER_M * np.array(scene.arm.foot_m)
     body = ET.SubElement(world, "body", name="foot", pos=mjcf(*foot_mm), euler=mjcf(0.0, 0.0, scene.arm.yaw_rad))
+    _add_looks(body, "foot")
     rows = zip(panda.LINKS, panda.BODIES, start_rad, panda.TORQUE_N_M, strict=True)
     for index, (link, mass, angle_rad, torque_n_m) in enumerate(rows, start=1):
         # Tx and Tz of Craig's link transform, seen from the link before: Rx(alpha) turns z to (0, -sin, cos).
@@ -89,6 +116,7 @@ def _add_arm(world: ET.Element, scene: ArmScene, start_rad: Array) -> ET.Element
             mass=mjcf(G_PER_KG * mass.mass_kg),
             fullinertia=mjcf(*(G_PER_KG * MM_PER_M**2 * np.array(mass.inertia_kg_m2))),
         )
+        _add_looks(body, f"arm_{index}")
     tool_mm = (0.0, 0.0, MM_PER_M * (panda.FLANGE_D_M + LENGTH_M))
     tool = ET.SubElement(body, "body", name="tool", pos=mjcf(*tool_mm), euler=mjcf(np.pi, 0.0, 0.0), gravcomp="1")
     ET.SubElement(
@@ -98,7 +126,16 @@ def _add_arm(world: ET.Element, scene: ArmScene, start_rad: Array) -> ET.Element
         mass=mjcf(G_PER_KG * _TOOL_MASS_KG),
         diaginertia=mjcf(*(G_PER_KG * MM_PER_M**2 * np.array(_TOOL_INERTIA_KG_M2))),
     )
+    _add_looks(tool, "tool")
+    # The block that bears the whiskers is the one part of the arm that comes near the objects, and meets them.
+    ET.SubElement(tool, "geom", type="box", size=mjcf(*_BLOCK_MM), contype="1", conaffinity="0", condim="1", rgba=_DARK)
     return tool
+
+
+def _add_looks(body: ET.Element, name: str) -> None:
+    for *ends_mm, radius_mm in _LOOKS[name]:
+        seen = {"type": "capsule", "fromto": mjcf(*ends_mm), "size": mjcf(radius_mm), "rgba": _DARK if name == "tool" else _LIGHT}
+        ET.SubElement(body, "geom", seen, contype="0", conaffinity="0")
 
 
 def _add_servos(root: ET.Element) -> None:

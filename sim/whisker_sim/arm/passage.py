@@ -1,10 +1,11 @@
 """The way of the tool between the objects, and the joint trajectory that takes it there.
 
-The tool passes one object after the other, at a distance from its outline, heading where it goes; a spline joins the passes. So
-the array on the object's side is drawn along the outline while the other is free.
+The tool passes one object after the other, at a distance from its outline, with one side turned to it: the array on that side is
+drawn along the outline while the other is free.
 """
 
-from typing import Annotated
+from math import ceil
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from whisker_sim.arm import panda
 from whisker_sim.arm.spline import Spline
 from whisker_sim.arm.tool import TOOL
-from whisker_sim.motions.base import REST_S, check_steps, raised_cosine
+from whisker_sim.motions.base import REST_S, check_steps
 from whisker_sim.shapes import Shape
 from whisker_sim.table import FreeObject
 from whisker_sim.whisker import Array, Length, Positive
@@ -21,6 +22,8 @@ _RAMP_S = 0.5
 """The tool takes so long to reach its speed, and to stop."""
 _WAYPOINT_M = 0.012
 """Distance of the spline's points along a pass."""
+_ANGLE_RAD = 1e-3
+"""Between the directions in which an outline's support points are taken."""
 _DENSE_M = 1e-4
 """Distance of the points between which the way along the spline is measured."""
 _KNOT_S = 0.02
@@ -39,72 +42,89 @@ _ELBOW = 2
 class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A way along an outline, from where its normal has one direction in World to where it has another.
 
-    A rising direction leads round the object with the object on the left, a falling one with the object on the right.
+    The tool turns its `side` to the object. Where the direction rises, the whiskers trail; where it falls, they go tip first.
     """
 
     object: str
+    side: Literal["left", "right"]
     from_rad: float
     to_rad: float
     distance_m: Length
     """Of the tool's axis from the outline."""
 
-    def points_m(self, shape: Shape) -> Array:
-        """Points (n, 2) in World along the pass, `_WAYPOINT_M` apart."""
-        angles = np.linspace(self.from_rad, self.to_rad, 2 + int(abs(self.to_rad - self.from_rad) / 1e-3))
+    def poses(self, shape: Shape) -> Array:
+        """Poses (n, 3) of the tool in World along the pass, about `_WAYPOINT_M` apart: x, y, yaw."""
+        angles = np.linspace(self.from_rad, self.to_rad, 2 + int(abs(self.to_rad - self.from_rad) / _ANGLE_RAD))
         normals = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
         points_m = np.array([shape.support_m(normal) for normal in normals]) + self.distance_m * normals
+        yaw_rad = angles + (0.5 if self.side == "left" else -0.5) * np.pi
         way_m = _way_m(points_m)
-        return _along(way_m, points_m, np.linspace(0.0, way_m[-1], 1 + max(1, round(way_m[-1] / _WAYPOINT_M))))
+        at_m = np.linspace(0.0, way_m[-1], 1 + max(1, round(way_m[-1] / _WAYPOINT_M)))
+        return np.stack([np.interp(at_m, way_m, values) for values in (*points_m.T, yaw_rad)], axis=-1)
 
 
 class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The way of the tool: passes, one after the other, with a straight way before the first and after the last."""
+    """The way of the tool: strokes from rest to rest, each of passes that a spline joins.
 
-    passes: Annotated[tuple[Pass, ...], msgspec.Meta(min_length=1)]
+    A stroke begins and ends with a straight way, on which the tool comes to the first object and leaves the last. From one stroke
+    to the next it moves straight.
+    """
+
+    strokes: Annotated[tuple[Annotated[tuple[Pass, ...], msgspec.Meta(min_length=1)], ...], msgspec.Meta(min_length=1)]
     height_m: Length
     """Of the middle whiskers above the table."""
-    speed_m_s: Positive = 0.035
+    speed_m_s: Positive = 0.04
     lead_m: Length = 0.07
-    """Length of the straight way before and after."""
+    """Length of the straight way at either end of a stroke."""
 
     def poses(self, objects: dict[str, FreeObject]) -> tuple[Array, Array]:
         """Times (n,), `_KNOT_S` apart, and the tool's poses (n, 3) in World: x, y, yaw. It rests for `REST_S` first.
 
         Raises `ValueError` where a pass names no object.
         """
-        for index, one in enumerate(self.passes):
+        strokes = [self._waypoints(stroke, objects) for stroke in self.strokes]
+        legs = [strokes[0]]
+        for stroke in strokes[1:]:
+            stroke[:, 2] -= 2.0 * np.pi * np.round((stroke[0, 2] - legs[-1][-1, 2]) / (2.0 * np.pi))
+            legs += [np.stack((legs[-1][-1], stroke[0])), stroke]
+        poses = [np.repeat(strokes[0][:1], 1 + ceil(REST_S / _KNOT_S), axis=0), *map(self._moved_along, legs)]
+        poses = np.concatenate(poses)
+        return _KNOT_S * np.arange(len(poses)), poses
+
+    def _waypoints(self, stroke: tuple[Pass, ...], objects: dict[str, FreeObject]) -> Array:
+        """Poses (n, 3) through which a stroke leads."""
+        poses = []
+        for one in stroke:
             if one.object not in objects:
-                raise ValueError(
-                    f"path.passes: expected one of {', '.join(objects)} as the object of pass {index}, found '{one.object}'"
-                )
-        points_m = np.concatenate([one.points_m(objects[one.object].object) for one in self.passes])
-        for end, inner in ((0, 1), (-1, -2)):
-            ahead = points_m[end] - points_m[inner]
-            lead = points_m[end] + self.lead_m * np.linspace(1.0, 0.0, 5, endpoint=False)[:, None] * ahead / np.hypot(*ahead)
-            points_m = np.concatenate((lead, points_m) if end == 0 else (points_m, lead[::-1]))
-        spline = Spline(_way_m(points_m), points_m)
-        dense = np.linspace(0.0, _way_m(points_m)[-1], 2 + int(_way_m(points_m)[-1] / _DENSE_M))
+                raise ValueError(f"path.strokes: expected passes of {', '.join(objects)}, found one of '{one.object}'")
+            poses.append(one.poses(objects[one.object].object))
+        poses = np.concatenate(poses)
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        shares = np.linspace(0.0, 1.0, 1 + max(1, round(self.lead_m / _WAYPOINT_M)))[1:, None]
+        leads = []
+        for end, inner in ((poses[0], poses[1]), (poses[-1], poses[-2])):
+            away = (end - inner)[:2] / np.hypot(*(end - inner)[:2])
+            leads.append(end + shares * np.append(self.lead_m * away, 0.0))
+        return np.concatenate((leads[0][::-1], poses, leads[1]))
+
+    def _moved_along(self, waypoints: Array) -> Array:
+        """Poses (n, 3), one every `_KNOT_S`, on the way through `waypoints` (m, 3) from rest to rest."""
+        knots = _way_m(waypoints)
+        spline = Spline(knots, waypoints)
+        dense = np.linspace(0.0, knots[-1], 2 + int(knots[-1] / _DENSE_M))
         way_m = _way_m(spline(dense))
-        # Each ramp covers half of what the full speed would in its time.
-        duration_s = way_m[-1] / self.speed_m_s + _RAMP_S
-        if duration_s < 2.0 * _RAMP_S:
-            raise ValueError(f"path.speed_m_s: expected at most {way_m[-1] / _RAMP_S:.3g} for a way of {way_m[-1]:.3g} m, found {self.speed_m_s}")
-        time_s = _KNOT_S * np.arange(check_steps((REST_S + duration_s) / _KNOT_S) + 2)
-        passed_m = self._passed_m(time_s - REST_S, duration_s)
-        at = np.interp(passed_m, way_m, dense)
-        slope = spline.slope(at)
-        return time_s, np.column_stack((spline(at), np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))))
+        # Each ramp covers half of what the full speed would in its time; a short way is never passed at full speed.
+        speed_m_s = min(self.speed_m_s, way_m[-1] / _RAMP_S)
+        duration_s = way_m[-1] / speed_m_s + _RAMP_S
+        time_s = _KNOT_S * np.arange(1, 1 + check_steps(duration_s / _KNOT_S))
+        passed_m = speed_m_s * (_ramp_s(time_s) - _ramp_s(time_s - duration_s + _RAMP_S))
+        return spline(np.interp(passed_m, way_m, dense))
 
-    def _passed_m(self, time_s: Array, duration_s: float) -> Array:
-        """Way passed at `time_s` since the start: the speed rises and falls as a raised cosine."""
 
-        def ramp(time_s: Array) -> Array:
-            """Integral over time of the share of the full speed."""
-            share = np.clip(time_s / _RAMP_S, 0.0, 1.0)
-            rising = _RAMP_S * 0.5 * (share - np.sin(np.pi * share) / np.pi)
-            return rising + np.maximum(time_s - _RAMP_S, 0.0)
-
-        return self.speed_m_s * (ramp(time_s) - ramp(time_s - duration_s + _RAMP_S))
+def _ramp_s(time_s: Array) -> Array:
+    """Integral over time of a speed that rises to one within `_RAMP_S`, as a raised cosine."""
+    share = np.clip(time_s / _RAMP_S, 0.0, 1.0)
+    return 0.5 * _RAMP_S * (share - np.sin(np.pi * share) / np.pi) + np.maximum(time_s - _RAMP_S, 0.0)
 
 
 def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) -> Spline:
@@ -170,11 +190,6 @@ def shaken(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
     return q_rad + (back @ np.linalg.solve(jacobian @ back, wanted))[..., 0]
 
 
-def _way_m(points_m: Array) -> Array:
-    """Way (n,) along the polyline through `points_m` (n, 2), from its start to each of them."""
-    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))))
-
-
-def _along(way_m: Array, points_m: Array, at_m: Array) -> Array:
-    """Points (k, 2) of a polyline at the ways `at_m` (k,)."""
-    return np.stack([np.interp(at_m, way_m, values) for values in points_m.T], axis=-1)
+def _way_m(poses: Array) -> Array:
+    """Way (n,) in the plane along the polyline through `poses` (n, 2 or 3), from its start to each of them."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))

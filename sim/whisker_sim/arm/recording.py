@@ -7,7 +7,7 @@ import numpy as np
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.scene import ArmScene
-from whisker_sim.arm.simulate import Passed
+from whisker_sim.arm.simulate import Passed, simulate_passage
 from whisker_sim.arm.tool import FACE, MOUNTS
 from whisker_sim.certificate import certify
 from whisker_sim.documents import to_json
@@ -20,6 +20,7 @@ from whisker_sim.trace import (
     format_csv,
     generator,
     inputs_sha256,
+    remove_leftovers,
     sha256,
     sidecar_of,
     trace_columns,
@@ -85,6 +86,14 @@ class Recording(msgspec.Struct, frozen=True):
     inputs_sha256: str
 
 
+def make(folder: Path, run: Run) -> str:
+    """Simulates `run` and writes its recording into `folder`; gives one line for people."""
+    passed = simulate_passage(run)
+    write_recording(folder, run, passed)
+    shares = [f"{100 * whisker.touching.mean():.0f}" for whisker in passed.whiskers.values()]
+    return f"{run.name}: {passed.time_s[-1]:.1f} s, {', '.join(shares)} % in contact"
+
+
 def write_recording(folder: Path, run: Run, passed: Passed) -> None:
     """Writes a trace a whisker, the joints, the objects' displacements and outlines and, last, `<name>.json` into `folder`."""
     scene, name = run.scene, run.name
@@ -130,12 +139,14 @@ def write_recording(folder: Path, run: Run, passed: Passed) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     # What ties the files together must not stand beside others than those that it describes.
     (folder / f"{name}.json").unlink(missing_ok=True)
+    for mount in MOUNTS:
+        remove_leftovers(folder, trace_name(name, mount.name))
     for file, content in files.items():
         write_atomically(folder / file, content)
     write_atomically(folder / f"{name}.json", to_json(recording))
 
 
-def is_recorded(folder: Path, run: Run) -> bool:
+def is_up_to_date(folder: Path, run: Run) -> bool:
     """Whether `folder` holds just the recording that `run` would make: same inputs, and files that match their hashes."""
     try:
         recording = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())

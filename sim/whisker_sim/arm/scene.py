@@ -10,7 +10,7 @@ from whisker_sim.arm.passage import Passage, joint_trajectory, shaken
 from whisker_sim.scene import Format, Name, Seed, Simulation, check_rate, random_stream, resolve_simulation
 from whisker_sim.table import FreeObject
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Array, Coordinate, Positive, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Array, Coordinate, Whisker, WhiskerOverride, resolve_whisker
 
 
 class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -34,6 +34,9 @@ class Passed:
     """One a mount, by its name."""
     objects: dict[str, Array]
     """Displacement (n, 5) of each object from its start pose, by its name: x, y, z, yaw, tilt, in metres and radians."""
+    model: mujoco.MjModel
+    qpos: Array
+    """The model's coordinates (n, nq), in its units."""
 
 
 def simulate_passage(run: Run) -> Passed:
@@ -58,7 +61,7 @@ def simulate_passage(run: Run) -> Passed:
         readings = sensors[:, index * SENSOR_COLUMNS : (index + 1) * SENSOR_COLUMNS]
         base_pose, base_twist = base_motion(scene, mount, q_rad, dq_rad_s)
         whiskers[mount.name] = _whisker(scene, base_pose, base_twist, qpos[:, first : first + hinges], readings, moved, time_s)
-    passed = Passed(time_s, q_rad, dq_rad_s, whiskers, moved)
+    passed = Passed(time_s, q_rad, dq_rad_s, whiskers, moved, model, qpos)
     _check(passed, sensors[:, TOOL_SENSOR])
     return passed
 
@@ -113,7 +116,9 @@ def _truth(
     truth = ContactTruth(points, points.copy(), numbers, numbers.copy(), np.zeros(count, dtype=bool))
     for index, free in enumerate(scene.objects):
         frame = _Displaced(free.object, moved[free.name][rows])
-        found = nearest_contact(CenterLine.from_joints(whisker, frame.start_pose(base_pose[rows]), rotations_rad[rows]), free.object)
+        found = nearest_contact(
+            CenterLine.from_joints(whisker, frame.start_pose(base_pose[rows]), rotations_rad[rows]), free.object
+        )
         gap_m = free.object.closest(found.contact_m)[1] - whisker.radius_m(found.arc_m)
         nearer = gap_m < least_m
         here = rows[nearer]

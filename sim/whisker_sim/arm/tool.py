@@ -22,9 +22,9 @@ FACE = "right"
 
 HALF_WIDTH_M = 0.012
 """The roots lie so far to the left and to the right of the tool's axis."""
-_AHEAD_M = 0.02
+_AHEAD_M = 0.032
 """The middle root of the left array lies so far ahead of the axis, for its whisker reaches back from there."""
-_ECHELON_M, _RISE_M = 0.012, 0.008
+_ECHELON_M, _RISE_M = 0.01, 0.008
 """From one root of an array to the next, ahead and up."""
 _YAW_RAD = np.radians(137.0)
 """Direction of the left roots. A whisker of 80 mm with a radius of 80 mm points straight back at three quarters of its length."""

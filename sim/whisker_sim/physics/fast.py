@@ -9,7 +9,7 @@ from whisker_sim.documents import read_document
 from whisker_sim.physics.study import Findings, Study
 from whisker_sim.physics.sweeps import Row, bars, compare_contacts
 from whisker_sim.runs import Run, with_simulation
-from whisker_sim.scene import SIMULATIONS
+from whisker_sim.scene import SIMULATIONS, Scene
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import COLUMNS, Sidecar, format_csv, trace_columns
 
@@ -23,7 +23,9 @@ def fast(run: Run) -> Row:
     run = with_simulation(run, FAST)
     simulated = simulate(run)
     rows = format_csv(trace_columns(simulated, run.scene.resolved_whisker), COLUMNS)
-    row, _ = compare_contacts(run.name, run.scene, contacts_of(run.scene.resolved_whisker, simulated), hashlib.sha256(rows).hexdigest())
+    row, _ = compare_contacts(
+        run.name, run.scene, contacts_of(run.scene.resolved_whisker, simulated), hashlib.sha256(rows).hexdigest()
+    )
     return row
 
 
