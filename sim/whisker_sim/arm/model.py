@@ -37,18 +37,19 @@ _LOOKS: dict[str, tuple[tuple[float, ...], ...]] = {
     "arm_5": ((0.0, 0.0, -190.0, 0.0, 30.0, -60.0, 46.0), (0.0, 30.0, -60.0, 0.0, 0.0, 0.0, 46.0)),
     "arm_6": ((0.0, 0.0, -40.0, 0.0, 0.0, 40.0, 44.0), (0.0, 0.0, 0.0, 88.0, 0.0, 0.0, 42.0)),
     "arm_7": ((0.0, 0.0, -10.0, 0.0, 0.0, 70.0, 40.0),),
-    "tool": ((0.0, 0.0, 112.0, 0.0, 0.0, 16.0, 8.0),),
+    "tool": ((0.0, 0.0, MM_PER_M * LENGTH_M - 8.0, 0.0, 0.0, 16.0, 7.0),),
 }
 """Capsules that stand for the links: both ends and the radius, in millimetres, in the frame of the body."""
 _SUN = {
-    "pos": "-300 -500 900",
-    "dir": "0.3 0.5 -0.9",
+    "pos": "600 -500 1200",
+    "dir": "-0.45 0.35 -0.8",
     "directional": "true",
-    "diffuse": "0.45 0.45 0.45",
+    "diffuse": "0.55 0.55 0.55",
+    "ambient": "0.1 0.1 0.1",
     "specular": "0.1 0.1 0.1",
 }
 _BLOCK_MM = (50.0, MM_PER_M * HALF_WIDTH_M, 14.0)
-_LIGHT, _DARK = "0.93 0.94 0.95 1", "0.25 0.27 0.30 1"
+_LIGHT, _DARK = "0.93 0.94 0.95 0.3", "0.25 0.27 0.30 1"
 _TOOL_MASS_KG, _TOOL_INERTIA_KG_M2 = 0.25, (4e-4, 5e-4, 2e-4)
 
 TOOL_SENSOR = len(MOUNTS) * SENSOR_COLUMNS

@@ -25,10 +25,10 @@ from whisker_sim.whisker import Array
 _WIDTH, _HEIGHT = 640, 400
 _OVERSAMPLING = 2
 _MOST_SHAPES = 20_000
-_WHISKER_MM, _CONTACT_MM, _TRACE_MM = 0.5, 1.8, 0.9
+_WHISKER_MM, _CONTACT_MM, _TRACE_MM = 0.7, 2.2, 1.0
 _TRACE_APART_M = 1e-3
 """A place is marked where it lies so far from the one marked before."""
-_LOOK_AT_MM, _DISTANCE_MM, _AZIMUTH_DEG, _ELEVATION_DEG = (0.0, 0.0, 45.0), 760.0, 145.0, -42.0
+_LOOK_AT_MM, _DISTANCE_MM, _AZIMUTH_DEG, _ELEVATION_DEG = (35.0, -12.0, 50.0), 520.0, 160.0, -50.0
 
 
 class PassageDrawing:
@@ -146,6 +146,7 @@ def _add(scene: mujoco.MjvScene, start_mm: Array, end_mm: Array, radius_mm: floa
     mujoco.mjv_initGeom(shape, kind, np.full(3, radius_mm), start_mm, np.eye(3).ravel(), rgba)
     if not ball:
         mujoco.mjv_connector(shape, kind, radius_mm, start_mm, end_mm)
+    shape.emission = 0.5
     scene.ngeom += 1
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from whisker_sim.arm.panda import rotation_x, rotation_z, translation
 from whisker_sim.whisker import Array
 
-LENGTH_M = 0.12
+LENGTH_M = 0.15
 """From the flange to the middle whiskers' plane."""
 TOOL = translation((0.0, 0.0, LENGTH_M)) @ rotation_x(np.pi)
 """Pose (4, 4) of the tool's frame in the flange's."""
