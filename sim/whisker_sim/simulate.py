@@ -1,5 +1,6 @@
 """Runs a scene: plans the motion, steps the physics, reads the truth."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -94,35 +95,51 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses_mm[0]
     velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
-    return roll_out(model, data, velocities, scene.steps_per_row)
+    return logged(model, data, velocities, scene.steps_per_row)
 
 
-def roll_out(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:
-    """Steps `model` from `data` under `controls` (n, nu), one a time step.
+def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:
+    """Steps from the state of `data` with the controls (n, nu), one a step.
 
-    Gives positions, velocities and sensor data at the start and after every `stride` steps, in the model's units. Raises
-    `SimulationError` where MuJoCo warns or the state is not finite.
+    Gives positions, velocities and sensor data at the start and after every `stride` steps, in the model's units. Raises as `roll`
+    does.
     """
-    _warnings.clear()
-    timestep_s = model.opt.timestep
+    # A step's sensor data belong to the state before the step, so one more step gives those of the last row.
+    controls = np.concatenate((controls[: len(controls) // stride * stride], np.zeros((1, model.nu))))
+    start, states, sensors = full_state(model, data), [], []
+    chunk = max(1, _CHUNK_STEPS // stride) * stride
+    for after, readings in roll(model, data, controls, chunk):
+        states += [start[None], after[stride - 1 : -1 : stride]]
+        sensors.append(readings[::stride])
+        start = after[-1]
+    states, sensors = np.concatenate(states), np.concatenate(sensors)
+    qpos, qvel = states[:, 1 : 1 + model.nq], states[:, 1 + model.nq : 1 + model.nq + model.nv]
+    return qpos, qvel, sensors
+
+
+def full_state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """MuJoCo's full physics state: time, then coordinates, velocities and what else there is."""
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, state, spec)
-    # A step's sensor data belong to the state before the step, so one more step gives those of the last row.
-    controls = np.concatenate((controls[: len(controls) // stride * stride], np.zeros((1, model.nu))))
-    states, sensors = [], []
-    chunk = max(1, _CHUNK_STEPS // stride) * stride
+    return state
+
+
+def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int) -> Iterator[tuple[Array, Array]]:
+    """Steps from the state of `data` with the controls (n, nu), one a step, and gives `chunk` steps at a time.
+
+    Gives full physics states after each step, and sensor data, which belong to the state before it. Raises `SimulationError` where
+    MuJoCo warns or the state is not finite.
+    """
+    _warnings.clear()
+    state, timestep_s = full_state(model, data), model.opt.timestep
     for start in range(0, len(controls), chunk):
         control = controls[start : start + chunk]
         warmstart = data.qacc_warmstart.copy()
         after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
         _check_physics(after[0], start * timestep_s, timestep_s)
-        states += [state[None], after[0][stride - 1 : -1 : stride]]
-        sensors.append(readings[0][::stride])
+        yield after[0], readings[0]
         state = after[0][-1]
-    states, sensors = np.concatenate(states), np.concatenate(sensors)
-    qpos, qvel = states[:, 1 : 1 + model.nq], states[:, 1 + model.nq : 1 + model.nq + model.nv]
-    return qpos, qvel, sensors
 
 
 def is_split(sensors: Array) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
 from whisker_sim.motions.base import REST_S
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
-from whisker_sim.simulate import Simulated, is_split, roll_out
+from whisker_sim.simulate import Simulated, is_split, logged
 from whisker_sim.table import displacement
 from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
 from whisker_sim.whisker import Array
@@ -76,7 +76,7 @@ def base_motion(scene: ArmScene, mount: Mount, q_rad: Array, dq_rad_s: Array) ->
 
 def _integrate(scene: ArmScene, model: mujoco.MjModel, plan: JointPlan) -> tuple[Array, Array, Array]:
     controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)
-    return roll_out(model, mujoco.MjData(model), controls[1:], scene.steps_per_row)
+    return logged(model, mujoco.MjData(model), controls[1:], scene.steps_per_row)
 
 
 def _whisker(

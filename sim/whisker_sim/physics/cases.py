@@ -1,9 +1,16 @@
-"""Whiskers and helpers that several studies share."""
+"""Whiskers, objects and helpers that several studies share."""
+
+import xml.etree.ElementTree as ET
 
 import msgspec
+import mujoco
 import numpy as np
 
+from whisker_sim.model import build_mjcf
+from whisker_sim.shapes.base import mjcf
+from whisker_sim.shapes.circle import Circle
 from whisker_sim.shapes.pin import Pin
+from whisker_sim.table import GRAVITY_M_S2, FreeObject, add_free_object, add_table, let_gravity_act
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 TAPERED = msgspec.structs.replace(PRESETS["straight"][1], name="tapered", tip_diameter_m=0.12e-3)
@@ -24,3 +31,40 @@ def largest(values: Array) -> float:
 
 FAR_AWAY = Pin(center_m=(1.0, 1.0))
 """An object that nothing reaches."""
+
+TOUCHED_M = 0.08
+"""Height above the table at which a whisker meets an object that stands free."""
+
+
+def cylinder(mass_kg: float, height_m: float = 0.12) -> FreeObject:
+    """An upright cylinder 30 mm thick, its axis in World's origin."""
+    return FreeObject("object", Circle(radius_m=0.015), mass_kg, height_m)
+
+
+def slides_at_n(free: FreeObject) -> float:
+    """Horizontal force that overcomes friction: mu m g."""
+    return free.friction * free.mass_kg * GRAVITY_M_S2
+
+
+def tips_at_n(free: FreeObject, height_m: float) -> float:
+    """Horizontal force at `height_m` above the table that tips a round object over the foot ahead of it: m g R / height."""
+    return free.mass_kg * GRAVITY_M_S2 * free.object.radius_m / height_m
+
+
+def compiled(whisker: Whisker, free: FreeObject, timestep_s: float, tip_friction: float = 0.0) -> mujoco.MjModel:
+    """The model of `whisker` with `free`, on a table `TOUCHED_M` below the whisker, in the place of the fixed object.
+
+    The name of `free` is that of the object which it replaces, so that the model's sensors are of its contact. The last link of the
+    whisker rubs on the object with `tip_friction`; the others are frictionless.
+    """
+    root = ET.fromstring(build_mjcf(whisker, free.object, timestep_s))
+    world = root.find("worldbody")
+    world.remove(world.find(f"body[@name='{free.name}']"))
+    let_gravity_act(root.find("option"))
+    add_table(world, -TOUCHED_M)
+    add_free_object(root, free, -TOUCHED_M, timestep_s)
+    if tip_friction > 0.0:
+        for geom in root.findall(f".//body[@name='link_{whisker.segments}']/geom"):
+            geom.set("condim", "3")
+            geom.set("friction", mjcf(tip_friction, 0.0, 0.0))
+    return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))

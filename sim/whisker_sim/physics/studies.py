@@ -1,6 +1,6 @@
 """Registry of studies: one file and one row a study."""
 
-from whisker_sim.physics import convergence, fast, frequencies, oracle, ringing, speeds, steps, sweeps
+from whisker_sim.physics import convergence, disturbance, fast, frequencies, oracle, ringing, speeds, standing, steps, sweeps
 
 STUDIES = (
     oracle.STUDY,
@@ -11,5 +11,7 @@ STUDIES = (
     ringing.STUDY,
     steps.STUDY,
     speeds.STUDY,
+    standing.STUDY,
+    disturbance.STUDY,
 )
 """The studies in the order in which they are reported."""

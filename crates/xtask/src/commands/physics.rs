@@ -13,8 +13,17 @@ const SUITE: &str = "standard";
 /// Tables, figures and page.
 const RESULTS: &str = "results/physics";
 /// What `docs/PHYSICS.md` shows, and the folder in which it is kept.
-const KEPT: [&str; 5] =
-    ["claims.csv", "figures/convergence.svg", "figures/sweeps.svg", "figures/ringing.svg", "figures/speeds.svg"];
+const KEPT: [&str; 9] = [
+    "claims.csv",
+    "figures/convergence.svg",
+    "figures/sweeps.svg",
+    "figures/ringing.svg",
+    "figures/speeds.svg",
+    "figures/disturbance_approach.svg",
+    "figures/disturbance_sideways.svg",
+    "figures/disturbance_head_on.svg",
+    "figures/disturbance_speed.svg",
+];
 const REFERENCE: &str = "results/reference/physics";
 
 pub(crate) fn run() -> Outcome {

@@ -5,6 +5,7 @@ use super::figure::Figure;
 
 mod convergence;
 mod data;
+mod disturbance;
 mod frequencies;
 mod page;
 mod panels;
@@ -67,5 +68,36 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         caption: "Largest change of the settled reading when the default of 40 segments and 0.5 ms is changed, relative to its \
                   range, for the same strokes. Dashed: bound for half the time step and for twice the segments.",
         draw: steps::draw,
+    },
+    Figure {
+        name: "disturbance_approach",
+        title: "Disturbance, by approach",
+        caption: "Largest force on a cylinder that stands free, as the mean over 4 ms, and how far it moves, over the angle \
+                  between the undeflected whisker and its motion: 30 mm into the object and back. The cylinder is 30 mm thick and 120 mm \
+                  tall; the whisker meets it 80 mm above the table. Left, the whisker slips off; right, its tip rubs \
+                  (friction 0.5) and sticks where it is pushed head-on. Displacements under 0.1 µm are the softness of the \
+                  model's contacts.",
+        draw: disturbance::by_approach,
+    },
+    Figure {
+        name: "disturbance_sideways",
+        title: "Disturbance from the side",
+        caption: "The same for the curved whisker that meets the object with its convex side, its root and tip across the \
+                  motion, over the diameter of the wire, for roots of four stiffnesses and objects of three masses.",
+        draw: disturbance::sideways,
+    },
+    Figure {
+        name: "disturbance_head_on",
+        title: "Disturbance head-on",
+        caption: "The same for the straight whisker with a tip that rubs, one degree off head-on: it hits like a rod before it \
+                  buckles.",
+        draw: disturbance::head_on,
+    },
+    Figure {
+        name: "disturbance_speed",
+        title: "Disturbance head-on, by speed",
+        caption: "The same for the straight and the curved whisker with a tip that rubs, one degree off head-on, over the \
+                  speed of the base. A curved wire gives way at once, and its force does not depend on the speed.",
+        draw: disturbance::by_speed,
     },
 ];
