@@ -15,13 +15,17 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from types import UnionType
 from typing import NamedTuple
 
 import msgspec
 
 from whisker_sim import __version__
+from whisker_sim.arm.passage import Pass, Passage
+from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError, WhiskerSimError
+from whisker_sim.free_object import FreeObject
 from whisker_sim.motions import AnyMotion
 from whisker_sim.runs import Run, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
@@ -377,12 +381,17 @@ def _list(_: argparse.Namespace) -> int:
         for name, (about, values) in presets.items():
             print(f"  {name:<18}{about}")
             print(f"  {'':<18}{_values(values)}")
-    for title, registry in (("shapes", AnyShape), ("motions", AnyMotion)):
+    with_an_arm = {"scene": ArmScene, "object": FreeObject, "path": Passage, "pass": Pass}
+    for title, rows in (("shapes", _by_tag(AnyShape)), ("motions", _by_tag(AnyMotion)), ("scenes with an arm", with_an_arm)):
         print(title)
-        for row in registry.__args__:
-            print(f"  {row.__struct_config__.tag:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")
+        for name, row in rows.items():
+            print(f"  {name:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")
             print(f"  {'':<18}{_parameters(row)}")
     return GOOD
+
+
+def _by_tag(registry: UnionType) -> dict[str, type[msgspec.Struct]]:
+    return {row.__struct_config__.tag: row for row in registry.__args__}
 
 
 def _values(struct: msgspec.Struct) -> str:

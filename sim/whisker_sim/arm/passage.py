@@ -13,9 +13,9 @@ import numpy as np
 from whisker_sim.arm import panda
 from whisker_sim.arm.spline import Spline
 from whisker_sim.arm.tool import TOOL
+from whisker_sim.free_object import FreeObject
 from whisker_sim.motions.base import REST_S, check_steps
 from whisker_sim.shapes import Shape
-from whisker_sim.table import FreeObject
 from whisker_sim.whisker import Array, Length, Positive
 
 _RAMP_S = 0.5

@@ -183,5 +183,5 @@ def _objects_csv(passed: Passed) -> bytes:
 
 
 def _numbers(pose: Array) -> tuple[float, ...]:
-    """A pose (4, 4) row by row, with exact zeros where rounding left less than the twentieth decimal."""
+    """A pose (4, 4) row by row, with exact zeros where a rotation left a rounding error."""
     return tuple(np.where(np.abs(pose) < 1e-15, 0.0, pose).ravel().tolist())

@@ -7,8 +7,8 @@ import numpy as np
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.passage import Passage, joint_trajectory, shaken
+from whisker_sim.free_object import FreeObject
 from whisker_sim.scene import Format, Name, Seed, Simulation, check_rate, random_stream, resolve_simulation
-from whisker_sim.table import FreeObject
 from whisker_sim.vibration import Vibration
 from whisker_sim.whisker import Array, Coordinate, Whisker, WhiskerOverride, resolve_whisker
 
