@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from whisker_sim.scene import Run, load_runs
+from whisker_sim.runs import Run, load_runs
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = REPOSITORY / "scenes"

@@ -14,6 +14,11 @@ def contacts(time_s, arc_m, on_the_side):
     return Contacts(time_s, np.zeros((count, 3)), blank, points, points, arc_m, blank, on_the_side, time_s[-1])
 
 
+def certified(run, simulated):
+    scene = run.scene
+    return certify(scene.resolved_whisker, [scene.object], scene.face, simulated, vibrates=False)
+
+
 def test_verif_quasi_static_instants():
     """Not the first moments of a contact, nor its last, nor those about a fast run along the whisker or a second place."""
     time_s = np.concatenate((np.arange(200), np.arange(300, 600))) * 0.004
@@ -32,7 +37,7 @@ def test_verif_quasi_static_instants():
 def test_val_certificate_keeps_the_bars(make_run):
     """Within the bars of the default settings, at as many instants as a certificate takes."""
     run = make_run()
-    certificate = certify(run.scene, simulate(run))
+    certificate = certified(run, simulate(run))
     assert certificate.sampled == 50
     assert certificate.unsolved == certificate.tip == certificate.split == 0
     assert certificate.moment_rms < 5e-4
@@ -45,10 +50,10 @@ def test_val_certificate_keeps_the_bars(make_run):
 def test_verif_certificate_notices_a_wrong_reading_and_a_wrong_place(make_run):
     run = make_run()
     simulated = simulate(run)
-    stiffer = certify(run.scene, dataclasses.replace(simulated, rotations_rad=1.01 * simulated.rotations_rad))
+    stiffer = certified(run, dataclasses.replace(simulated, rotations_rad=1.01 * simulated.rotations_rad))
     assert 2e-3 < stiffer.moment_rms < 1e-2
     truth = dataclasses.replace(simulated.truth, surface_m=simulated.truth.surface_m + np.array((1e-4, 0.0)))
-    moved = certify(run.scene, dataclasses.replace(simulated, truth=truth))
+    moved = certified(run, dataclasses.replace(simulated, truth=truth))
     assert 0.9e-4 < moved.surface_rms_m < 1.1e-4
 
 
@@ -59,7 +64,7 @@ def test_verif_certificate_without_a_quasi_static_instant(make_run):
     brief = np.zeros_like(simulated.touching)
     brief[np.flatnonzero(simulated.touching)[:10]] = True
     for touching in (brief, np.zeros_like(brief)):
-        certificate = certify(run.scene, dataclasses.replace(simulated, touching=touching))
+        certificate = certified(run, dataclasses.replace(simulated, touching=touching))
         assert certificate.touching == np.sum(touching)
         assert certificate.sampled == 0
         assert certificate.moment_rms is certificate.surface_worst_m is certificate.penetration_worst_m is None

@@ -8,7 +8,7 @@ import pytest
 
 from whisker_sim.errors import SimulationError
 from whisker_sim.physics.scipy_elastica import contact_with_disc
-from whisker_sim.scene import load_runs
+from whisker_sim.runs import load_runs
 from whisker_sim.simulate import simulate
 from whisker_sim.truth import CenterLine, nearest_contact
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from whisker_sim.motions.base import REST_S
-from whisker_sim.scene import load_runs
+from whisker_sim.runs import load_runs
 from whisker_sim.simulate import simulate
 from whisker_sim.vibration import Vibration
 

@@ -6,7 +6,7 @@ import pytest
 
 from whisker_sim.cli import main
 from whisker_sim.model import MM_PER_M, build_model
-from whisker_sim.scene import load_runs
+from whisker_sim.runs import load_runs
 from whisker_sim.shapes import AnyShape
 
 from conftest import SCENES

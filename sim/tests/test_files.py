@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from whisker_sim.cli import main
-from whisker_sim.scene import load_runs
+from whisker_sim.runs import load_runs
 from whisker_sim.trace import COLUMNS, format_csv
 
 from conftest import REPOSITORY, SCENES

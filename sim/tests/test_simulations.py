@@ -7,7 +7,8 @@ import pytest
 
 from whisker_sim import cli
 from whisker_sim.cli import main
-from whisker_sim.scene import SIMULATIONS, Simulation, load_runs
+from whisker_sim.runs import load_runs
+from whisker_sim.scene import SIMULATIONS, Simulation
 
 
 @pytest.mark.parametrize("name", SIMULATIONS)

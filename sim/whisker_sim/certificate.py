@@ -7,6 +7,7 @@ a polygon, from one corner to the next within some 30 ms, its inertia counts and
 undetermined.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -14,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whisker_sim.elastica import Touching, loaded, touching
-from whisker_sim.scene import Scene
+from whisker_sim.shapes import Shape
 from whisker_sim.simulate import Simulated
-from whisker_sim.whisker import Array
+from whisker_sim.whisker import Array, Whisker
 
 SETTLING_S = 0.3
 LEAVING_S = 0.02
@@ -84,40 +85,48 @@ class Disagreement(NamedTuple):
     exact: Touching
 
 
-def certify(scene: Scene, simulated: Simulated) -> Certificate:
-    """Solves a sample of the quasi-static instants of `simulated` again."""
-    contacts = contacts_of(scene, simulated)
-    # A base that vibrates never lets the whisker come to rest.
-    slow = np.flatnonzero(quasi_static(contacts) & (scene.vibration is None))
+def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Simulated, vibrates: bool) -> Certificate:
+    """Solves a sample of the quasi-static instants of `simulated` again, each with the one of `shapes` that is nearest.
+
+    On a base that vibrates none is quasi-static, for the whisker never comes to rest.
+    """
+    contacts = contacts_of(whisker, simulated)
+    slow = np.flatnonzero(quasi_static(contacts) & (not vibrates))
     sample = slow[np.linspace(0, len(slow) - 1, min(_SAMPLES, len(slow))).round().astype(int)]
-    found = disagreement(scene, contacts.at(sample))
-    solved = found.exact.solved
+    nearest = simulated.nearest[simulated.touching][sample]
+    found = [disagreement(whisker, shape, face, contacts.at(sample[nearest == index])) for index, shape in enumerate(shapes)]
+
+    def solved(values: Callable[[Disagreement], Array]) -> Array:
+        return np.concatenate([values(part)[part.exact.solved] for part in found])
+
     range_n_m = np.max(np.abs(contacts.moment_n_m), initial=0.0)
-    moment = found.moment_n_m[solved] / range_n_m
+    moment = solved(lambda part: part.moment_n_m) / range_n_m
+    surface_m, arc_m = solved(lambda part: part.surface_m), solved(lambda part: part.arc_m)
+    penetration_m = np.concatenate([part.penetration_m for part in found])
     return Certificate(
         touching=len(contacts.time_s),
         tip=int(np.sum(simulated.truth.tip & simulated.touching)),
         split=int(np.sum(simulated.split & simulated.touching)),
         quasi_static=len(slow),
         sampled=len(sample),
-        unsolved=int(np.sum(~solved)),
+        unsolved=len(sample) - len(moment),
         moment_rms=_rms(moment),
         moment_worst=_largest(moment),
-        surface_rms_m=_rms(found.surface_m[solved]),
-        surface_worst_m=_largest(found.surface_m[solved]),
-        arc_rms_m=_rms(found.arc_m[solved]),
-        arc_worst_m=_largest(found.arc_m[solved]),
-        penetration_worst_m=_largest(np.maximum(found.penetration_m, 0.0)),
+        surface_rms_m=_rms(surface_m),
+        surface_worst_m=_largest(surface_m),
+        arc_rms_m=_rms(arc_m),
+        arc_worst_m=_largest(arc_m),
+        penetration_worst_m=_largest(np.maximum(penetration_m, 0.0)),
     )
 
 
-def contacts_of(scene: Scene, simulated: Simulated) -> Contacts:
+def contacts_of(whisker: Whisker, simulated: Simulated) -> Contacts:
     """The instants of contact of `simulated`."""
     rows = np.flatnonzero(simulated.touching)
     return Contacts(
         time_s=simulated.time_s[rows],
         base_pose=simulated.base_pose[rows],
-        moment_n_m=scene.resolved_whisker.root_stiffness_n_m_rad * simulated.rotations_rad[rows, 0],
+        moment_n_m=whisker.root_stiffness_n_m_rad * simulated.rotations_rad[rows, 0],
         contact_m=simulated.truth.contact_m[rows],
         surface_m=simulated.truth.surface_m[rows],
         arc_m=simulated.truth.arc_m[rows],
@@ -147,20 +156,20 @@ def quasi_static(contacts: Contacts) -> NDArray[np.bool_]:
     return (time_s - started_s >= SETTLING_S) & lasts & calm
 
 
-def disagreement(scene: Scene, contacts: Contacts) -> Disagreement:
+def disagreement(whisker: Whisker, shape: Shape, face: str, contacts: Contacts) -> Disagreement:
     """Solves every instant again: looked for near the simulator's contact, then near those of the solved neighbours.
 
     The force to begin with is that of the simulator's reading, for the contact's own force lags by the damping of whisker and
     solver, and a per cent of force moves a deflected whisker by more than its thickness.
     """
-    whisker, face = scene.resolved_whisker, 1 if scene.face == "left" else -1
+    side = 1 if face == "left" else -1
 
     def solved_at(rows: NDArray[np.intp], arc_m: Array, force_n: Array) -> Touching:
-        return touching(whisker, scene.object, face, contacts.base_pose[rows], arc_m, force_n)
+        return touching(whisker, shape, side, contacts.base_pose[rows], arc_m, force_n)
 
     force_n = contacts.force_n
     for _ in range(2):
-        force_n = force_n * contacts.moment_n_m / loaded(whisker, contacts.arc_m, -face * force_n).moment_n_m
+        force_n = force_n * contacts.moment_n_m / loaded(whisker, contacts.arc_m, -side * force_n).moment_n_m
     exact = solved_at(np.arange(len(force_n)), contacts.arc_m, force_n)
     missing, known = np.flatnonzero(~exact.solved), np.flatnonzero(exact.solved)
     if len(missing) and len(known):

@@ -15,15 +15,20 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from types import UnionType
 from typing import NamedTuple
 
 import msgspec
 
 from whisker_sim import __version__
+from whisker_sim.arm.passage import Pass, Passage
+from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError, WhiskerSimError
+from whisker_sim.free_object import FreeObject
 from whisker_sim.motions import AnyMotion
-from whisker_sim.scene import SIMULATIONS, Run, load_runs, with_simulation
+from whisker_sim.runs import Run, load_runs, with_simulation
+from whisker_sim.scene import SIMULATIONS
 from whisker_sim.shapes import AnyShape
 from whisker_sim.whisker import PRESETS
 
@@ -150,7 +155,10 @@ def _simulate(options: argparse.Namespace) -> int:
 
     # An interrupt that comes while MuJoCo loads would be lost, or pass for a failure of the library.
     with _interrupts_wait():
-        from whisker_sim.trace import is_up_to_date
+        from whisker_sim.products import product_of
+
+    def is_up_to_date(folder: Path, run: Run) -> bool:
+        return product_of(run).is_up_to_date(folder, run)
 
     chore = Chore("simulate", "trace", lambda run: run.name, is_up_to_date, make_trace)
     return _do(chore, waiting, options.jobs, options.force)
@@ -232,26 +240,20 @@ def _outcomes(chore: Chore, waiting: list[tuple[Path, Run]], jobs: int, force: b
 
 
 def make_trace(folder: Path, run: Run) -> Outcome:
-    """Simulates `run` and writes its trace into `folder`."""
+    """Simulates `run` and writes what comes of it into `folder`."""
     # MuJoCo takes a moment to load, which commands that only look at files need not wait for.
-    from whisker_sim.simulate import simulate
-    from whisker_sim.trace import write_trace
+    from whisker_sim.products import product_of
 
-    def work() -> str:
-        simulated = simulate(run)
-        write_trace(folder, run, simulated)
-        share = simulated.touching.mean()
-        return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * share:.0f} % in contact"
-
-    return _outcome(run, work)
+    return _outcome(run, lambda: product_of(run).make(folder, run))
 
 
 def make_pictures(folder: Path, run: Run) -> Outcome:
     """Simulates `run` and draws it into `folder` for its group and whisker."""
+    from whisker_sim.products import product_of
     from whisker_sim.render import render_set, set_name
 
     def work() -> str:
-        render_set(folder, run)
+        render_set(folder, run, product_of(run).draw)
         return f"{set_name(run)}: drawn from {run.name}"
 
     return _outcome(run, work)
@@ -323,11 +325,12 @@ def _progress(chore: Chore, total: int) -> Iterator[Callable[[Outcome], None]]:
 
 def _render(options: argparse.Namespace) -> int:
     with _interrupts_wait():
+        from whisker_sim.products import product_of
         from whisker_sim.render import first_of_each_set, is_rendered, render, set_name
 
     suite, runs = load_runs(options.file)
     if suite is None:
-        render(runs[0], options.out)
+        render(runs[0], options.out, product_of(runs[0]).draw)
         print(options.out)
         return GOOD
     chore = Chore("render", "animation", set_name, is_rendered, make_pictures)
@@ -335,16 +338,20 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
+    from whisker_sim.products import product_of
     from whisker_sim.render import view
 
-    view(_one_scene(options.scene))
+    run = _one_scene(options.scene)
+    view(run, product_of(run).replay)
     return GOOD
 
 
 def _export(options: argparse.Namespace) -> int:
     from whisker_sim.export import export
+    from whisker_sim.products import product_of
 
-    export(_one_scene(options.scene), options.out)
+    run = _one_scene(options.scene)
+    export(run, options.out, product_of(run).start)
     print(options.out)
     return GOOD
 
@@ -374,12 +381,17 @@ def _list(_: argparse.Namespace) -> int:
         for name, (about, values) in presets.items():
             print(f"  {name:<18}{about}")
             print(f"  {'':<18}{_values(values)}")
-    for title, registry in (("shapes", AnyShape), ("motions", AnyMotion)):
+    with_an_arm = {"scene": ArmScene, "object": FreeObject, "path": Passage, "pass": Pass}
+    for title, rows in (("shapes", _by_tag(AnyShape)), ("motions", _by_tag(AnyMotion)), ("scenes with an arm", with_an_arm)):
         print(title)
-        for row in registry.__args__:
-            print(f"  {row.__struct_config__.tag:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")
+        for name, row in rows.items():
+            print(f"  {name:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")
             print(f"  {'':<18}{_parameters(row)}")
     return GOOD
+
+
+def _by_tag(registry: UnionType) -> dict[str, type[msgspec.Struct]]:
+    return {row.__struct_config__.tag: row for row in registry.__args__}
 
 
 def _values(struct: msgspec.Struct) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from whisker_sim.model import MM_PER_M
-from whisker_sim.scene import Run
+from whisker_sim.runs import Run
 from whisker_sim.simulate import Simulated
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import Array
@@ -39,7 +39,7 @@ _BEYOND_SHARE = 0.3
 """How far the object is shown beyond the whisker's reach, as a share of the whisker's length."""
 
 # Colours that people of any colour vision tell apart: Okabe and Ito, "Color Universal Design", 2008.
-_VERMILION, _BLUE, _GREEN = (213, 94, 0), (0, 114, 178), (0, 158, 115)
+VERMILION, BLUE, GREEN = (213, 94, 0), (0, 114, 178), (0, 158, 115)
 _PAPER, _INK, _BODY, _EDGE = (255, 255, 255), (40, 40, 40), (226, 230, 235), (128, 137, 148)
 _SHADES = 7
 """Shades from one colour to another that meets it at an edge."""
@@ -47,6 +47,10 @@ _SHADES = 7
 
 class Drawing:
     """A simulated sweep, ready to be drawn at any instant."""
+
+    frames_hz = 20.0
+    lossless = True
+    """Flat colours are smaller without loss than with it."""
 
     def __init__(self, run: Run, simulated: Simulated) -> None:
         self.run, self._simulated = run, simulated
@@ -69,7 +73,7 @@ class Drawing:
         return len(self._simulated.time_s)
 
     @property
-    def largest_reading_row(self) -> int:
+    def still_row(self) -> int:
         """The instant of the largest reading; of several within 1 % of it the last, by when the most contacts are traced."""
         reading = np.abs(self._simulated.rotations_rad[:, 0])
         return int(np.flatnonzero(reading >= 0.99 * np.max(reading))[-1])
@@ -82,7 +86,7 @@ class Drawing:
         for row in rows:
             pen = _Pen(backdrop)
             for surface_m in truth.surface_m[traced : row + 1][touching[traced : row + 1]]:
-                pen.dot(self._on_paper(surface_m), _TRACE_RADIUS, _GREEN)
+                pen.dot(self._on_paper(surface_m), _TRACE_RADIUS, GREEN)
             traced = row + 1
             picture = backdrop.copy()
             self._draw_instant(_Pen(picture), row)
@@ -90,7 +94,7 @@ class Drawing:
 
     def _draw_instant(self, pen: "_Pen", row: int) -> None:
         simulated = self._simulated
-        pen.line(self._on_paper(self._line_m[row]), _WHISKER_WIDTH, _VERMILION)
+        pen.line(self._on_paper(self._line_m[row]), _WHISKER_WIDTH, VERMILION)
         x_m, y_m, yaw_rad = simulated.base_pose[row]
         back = -np.array((math.cos(yaw_rad), -math.sin(yaw_rad)))
         side = _BASE_HALF_WIDTH * np.array((-back[1], back[0]))
@@ -98,8 +102,8 @@ class Drawing:
         pen.polygon(np.array((root - side, root + side, end + side, end - side)), _INK)
         if simulated.touching[row]:
             surface = self._on_paper(simulated.truth.surface_m[row])
-            pen.arrow(surface, self._on_paper(self._arrow_end_m[row]), _BLUE)
-            pen.ring(surface, _RING_RADIUS, _BLUE)
+            pen.arrow(surface, self._on_paper(self._arrow_end_m[row]), BLUE)
+            pen.ring(surface, _RING_RADIUS, BLUE)
         time = f"t = {simulated.time_s[row]:.2f} s"
         pen.text((_WIDTH - _MARGIN, _CAPTION_HEIGHT / 2), time, self._font, anchor="rm")
 
@@ -143,14 +147,14 @@ class Drawing:
         bar = self._per_m * bar_m
 
         def whisker(x: float) -> None:
-            pen.line(np.array(((x, y), (x + 22.0, y))), _WHISKER_WIDTH, _VERMILION)
+            pen.line(np.array(((x, y), (x + 22.0, y))), _WHISKER_WIDTH, VERMILION)
 
         def contact(x: float) -> None:
-            pen.ring((x + _RING_RADIUS, y), _RING_RADIUS, _BLUE)
+            pen.ring((x + _RING_RADIUS, y), _RING_RADIUS, BLUE)
 
         def trace(x: float) -> None:
             for step in range(4):
-                pen.dot((x + _TRACE_RADIUS + 6.0 * step, y), _TRACE_RADIUS, _GREEN)
+                pen.dot((x + _TRACE_RADIUS + 6.0 * step, y), _TRACE_RADIUS, GREEN)
 
         def scale(x: float) -> None:
             pen.line(np.array(((x, y), (x + bar, y))), _THIN_WIDTH, _INK)
@@ -169,7 +173,7 @@ class Drawing:
             arrow = per_n * force_n
 
             def force(x: float) -> None:
-                pen.arrow(np.array((x, y)), np.array((x + arrow, y)), _BLUE)
+                pen.arrow(np.array((x, y)), np.array((x + arrow, y)), BLUE)
 
             samples.insert(3, (force, arrow, f"force, {1e3 * force_n:g} mN"))
         gap = 6.0
@@ -239,8 +243,8 @@ def _largest_round(most: float) -> float:
 @functools.cache
 def _palette() -> Image.Image:
     """The colours of every picture, and the shades between those that meet: files stay small, and colours do not flicker."""
-    on_top = (_VERMILION, _BLUE, _GREEN, _INK, _EDGE)
-    meeting = [*itertools.product(on_top, (_PAPER, _BODY)), *itertools.combinations((_VERMILION, _BLUE, _GREEN), 2)]
+    on_top = (VERMILION, BLUE, GREEN, _INK, _EDGE)
+    meeting = [*itertools.product(on_top, (_PAPER, _BODY)), *itertools.combinations((VERMILION, BLUE, GREEN), 2)]
     colours = {
         tuple(np.round(np.array(a) + share * np.subtract(b, a)).astype(int).tolist())
         for a, b in meeting

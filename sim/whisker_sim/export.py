@@ -1,49 +1,74 @@
 """A scene as plain MJCF, for MuJoCo's own viewer and other programs."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import whisker_sim
+from whisker_sim.arm.model import build_arm_mjcf
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError
 from whisker_sim.model import MM_PER_M, build_mjcf
-from whisker_sim.scene import Run
+from whisker_sim.runs import Run
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import Array
 
 
-def export(run: Run, path: Path) -> None:
-    """Writes the model that `simulate` steps as one MJCF file that needs no other, with the base where the motion begins.
+class Start(NamedTuple):
+    """A model where its scene starts."""
 
-    The base's coordinates count from there, along World's axes. MuJoCo starts every coordinate, and every integrator of a
-    servo, at zero, and a viewer that opened the model with the base in World's origin would find it inside the object.
+    model: ET.Element
+    controls: str
+    """What its controls are, in a few words with units."""
+
+
+def export(run: Run, path: Path, start_of: Callable[[Run], Start]) -> None:
+    """Writes the model that is simulated as one MJCF file that needs no other, as `start_of` gives it.
 
     Raises `InputError` where `path` does not end in `.xml`, or the motion does not fit the scene.
     """
     if path.suffix != ".xml":
         raise InputError(f"{path}: expected a name that ends in .xml, found '{path.suffix}'")
-    scene = run.scene
     try:
-        start = scene.plan().poses[0]
+        start = start_of(run)
     except ValueError as error:
         raise located(run.path, str(error)) from None
-    root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s))
-    root.set("model", run.name)
-    _put_base_at(root, start)
-    ET.indent(root)
+    start.model.set("model", run.name)
+    ET.indent(start.model)
     # Two hyphens in a row would end the comment.
     name = run.name.replace("--", "- -")
     about = f"""<!--
   Scene {name}, written by whisker_sim {whisker_sim.__version__}.
   Units: millimetre, gram, second, radian; hence micronewton and nanonewton metre.
-  The controls are the velocities of the base: x and y in mm/s, yaw in rad/s.
+  The controls are {start.controls}.
 -->
 """
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, f"{about}{ET.tostring(root, encoding='unicode')}\n".encode())
+    write_atomically(path, f"{about}{ET.tostring(start.model, encoding='unicode')}\n".encode())
+
+
+def sweep_at_start(run: Run) -> Start:
+    """The model of a sweep, with the base where the motion begins.
+
+    The base's coordinates count from there, along World's axes. MuJoCo starts every coordinate, and every integrator of a
+    servo, at zero, and a viewer that opened the model with the base in World's origin would find it inside the object.
+    Raises `ValueError` where the motion does not fit the scene.
+    """
+    scene = run.scene
+    pose = scene.plan().poses[0]
+    root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s))
+    _put_base_at(root, pose)
+    return Start(root, "the velocities of the base: x and y in mm/s, yaw in rad/s")
+
+
+def passage_at_start(run: Run) -> Start:
+    """The model of a scene with an arm; raises `ValueError` where the arm cannot do what is asked."""
+    root = ET.fromstring(build_arm_mjcf(run.scene, run.scene.plan().q_rad[0]))
+    return Start(root, "the angles of the joints in rad, from where they start, and their speeds in rad/s")
 
 
 def _put_base_at(root: ET.Element, pose: Array) -> None:

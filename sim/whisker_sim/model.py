@@ -44,9 +44,10 @@ _BASE_MASS_G = 100.0
 _BASE_INERTIA_G_MM2 = 1e5
 _BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
 
-_PLACES = 8
+PLACES = 8
 
-SENSORS = {"force": slice(0, 3), "distance": 3, "places": slice(4, 4 + 6 * _PLACES)}
+SENSOR_COLUMNS = 4 + 6 * PLACES
+SENSORS = {"force": slice(0, 3), "distance": 3, "places": slice(4, 4 + 6 * PLACES)}
 """Columns of the sensor data: net contact force in micronewtons; smallest distance in millimetres; force in micronewtons and place
 in millimetres, in World, of each of the strongest contacts, zero where there are fewer."""
 
@@ -59,8 +60,13 @@ def build_model(whisker: Whisker, shape: Shape, timestep_s: float) -> mujoco.MjM
 
     Raises `SimulationError` where MuJoCo rejects the model, as it does with links too small to weigh anything.
     """
+    return compiled(build_mjcf(whisker, shape, timestep_s))
+
+
+def compiled(model: str) -> mujoco.MjModel:
+    """Compiles MJCF; raises `SimulationError` where MuJoCo rejects it."""
     try:
-        return mujoco.MjModel.from_xml_string(build_mjcf(whisker, shape, timestep_s))
+        return mujoco.MjModel.from_xml_string(model)
     except ValueError as error:
         raise SimulationError(f"MuJoCo rejects the model: {' '.join(str(error).split())}") from None
 
@@ -68,7 +74,20 @@ def build_model(whisker: Whisker, shape: Shape, timestep_s: float) -> mujoco.MjM
 @functools.lru_cache(maxsize=8)
 def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
     """The model as MJCF."""
-    root = ET.Element("mujoco", model="whisker")
+    root = new_model("whisker", timestep_s, whisker.length_m)
+    asset, world = root.find("asset"), root.find("worldbody")
+    for mesh in shape.meshes():
+        ET.SubElement(asset, "mesh", mesh)
+    _add_object(world, shape)
+    add_whisker(_add_base(world), whisker, timestep_s)
+    _add_actuators(root)
+    add_contact_sensors(ET.SubElement(root, "sensor"), {"subtree1": "base", "body2": "object"})
+    return ET.tostring(root, encoding="unicode")
+
+
+def new_model(name: str, timestep_s: float, extent_m: float) -> ET.Element:
+    """An MJCF model with an empty `asset` and `worldbody`, set up as whiskers need it."""
+    root = ET.Element("mujoco", model=name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     option = ET.SubElement(
         root,
@@ -82,24 +101,21 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
     )
     # The native collider of 3.17 lets a capsule that lies along a prism's face sink in by tens of micrometres.
     ET.SubElement(option, "flag", nativeccd="disable")
-    ET.SubElement(root, "statistic", center="0 0 0", extent=mjcf(MM_PER_M * whisker.length_m))
+    ET.SubElement(root, "statistic", center="0 0 0", extent=mjcf(MM_PER_M * extent_m))
     visual = ET.SubElement(root, "visual")
     ET.SubElement(visual, "global", offwidth="1280", offheight="960")
     asset = ET.SubElement(root, "asset")
     white = {"rgb1": "1 1 1", "rgb2": "1 1 1", "width": "4", "height": "24"}
     ET.SubElement(asset, "texture", white, type="skybox", builtin="flat")
-    for mesh in shape.meshes():
-        ET.SubElement(asset, "mesh", mesh)
-    world = ET.SubElement(root, "worldbody")
-    _add_object(world, shape)
-    _add_whisker(_add_base(world), whisker, timestep_s)
-    _add_actuators(root)
-    sensor = ET.SubElement(root, "sensor")
-    pair = {"subtree1": "base", "body2": "object"}
-    ET.SubElement(sensor, "contact", pair, name="net", num="1", reduce="netforce", data="force")
-    ET.SubElement(sensor, "contact", pair, name="nearest", num="1", reduce="mindist", data="dist")
-    ET.SubElement(sensor, "contact", pair, name="places", num=str(_PLACES), reduce="maxforce", data="force pos")
-    return ET.tostring(root, encoding="unicode")
+    ET.SubElement(root, "worldbody")
+    return root
+
+
+def add_contact_sensors(sensor: ET.Element, pair: dict[str, str], prefix: str = "") -> None:
+    """Adds the sensors whose columns `SENSORS` tells, of the contacts between the `pair`, to MJCF's `sensor`."""
+    ET.SubElement(sensor, "contact", pair, name=f"{prefix}net", num="1", reduce="netforce", data="force")
+    ET.SubElement(sensor, "contact", pair, name=f"{prefix}nearest", num="1", reduce="mindist", data="dist")
+    ET.SubElement(sensor, "contact", pair, name=f"{prefix}places", num=str(PLACES), reduce="maxforce", data="force pos")
 
 
 def _add_object(world: ET.Element, shape: Shape) -> None:
@@ -119,7 +135,8 @@ def _add_base(world: ET.Element) -> ET.Element:
     return base
 
 
-def _add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float) -> None:
+def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: str = "") -> None:
+    """Adds `whisker` to the body `base`, whose frame is its Base; the names of its bodies and joints begin with `prefix`."""
     length_m, step_m = whisker.length_m, whisker.segment_m
     hinges_m = (np.arange(whisker.segments) + 0.5) * step_m
     ends_m = np.concatenate(([0.0], hinges_m, [length_m]))
@@ -133,7 +150,7 @@ def _add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float) -> None:
         body = ET.SubElement(
             parent,
             "body",
-            name=f"link_{index}",
+            name=f"{prefix}link_{index}",
             pos=mjcf(*MM_PER_M * frame.local(link_frame.origin_m), 0.0),
             euler=mjcf(0.0, 0.0, link_frame.angle_rad - frame.angle_rad),
         )
@@ -143,7 +160,7 @@ def _add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float) -> None:
         ET.SubElement(
             body,
             "joint",
-            name="root" if index == 0 else f"hinge_{index}",
+            name=f"{prefix}root" if index == 0 else f"{prefix}hinge_{index}",
             type="hinge",
             axis="0 0 1",
             stiffness=mjcf(NNM_PER_NM * stiffness_n_m_rad),

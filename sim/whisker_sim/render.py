@@ -5,9 +5,12 @@ import io
 import os
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Protocol
 
+import mujoco
+import numpy as np
 import PIL
 from PIL import Image
 from PIL.ExifTags import Base as ExifTag
@@ -15,24 +18,44 @@ from tqdm import tqdm
 
 import whisker_sim
 from whisker_sim import drawing
-from whisker_sim.drawing import Drawing
+from whisker_sim.arm import picture
 from whisker_sim.errors import InputError, SimulationError
 from whisker_sim.model import MM_PER_M, build_model
-from whisker_sim.scene import Run
+from whisker_sim.runs import Run
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import inputs_sha256, write_atomically
+from whisker_sim.whisker import Array
 
-_FRAMES_HZ = 20.0
+
+class Pictures(Protocol):
+    """A simulated run, ready to be drawn at any instant."""
+
+    run: Run
+    frames_hz: float
+    """Pictures a second of an animation."""
+    lossless: bool
+    """Whether the colours are so few that an animation is best kept without loss."""
+
+    @property
+    def rows(self) -> int:
+        """Number of instants."""
+
+    @property
+    def still_row(self) -> int:
+        """The instant that is worth a still picture."""
+
+    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+        """The pictures at `rows`, which rise."""
 
 
-def render(run: Run, path: Path) -> None:
-    """Simulates `run` and draws it: `.png` the instant of the largest reading, `.gif` or `.webp` the sweep in real time.
+def render(run: Run, path: Path, draw: Callable[[Run], Pictures]) -> None:
+    """Simulates `run` and draws it: `.png` one instant, `.gif` or `.webp` the whole in real time.
 
-    Raises `InputError` for another ending, and what `simulate` raises.
+    Raises `InputError` for another ending, and what `draw` raises, which simulates.
     """
     if path.suffix not in (".png", ".gif", ".webp"):
         raise InputError(f"{path}: expected a name that ends in .png, .gif or .webp, found '{path.suffix}'")
-    sweep = Drawing(run, simulate(run))
+    sweep = draw(run)
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".png":
         _write_still(path, sweep)
@@ -49,9 +72,9 @@ def first_of_each_set(runs: Iterable[Run]) -> list[Run]:
     return list(first.values())
 
 
-def render_set(folder: Path, run: Run) -> None:
+def render_set(folder: Path, run: Run, draw: Callable[[Run], Pictures]) -> None:
     """Simulates `run` and writes, into `folder`, the animation `<group>.<whisker>.webp` and a still `<group>.<whisker>.png`."""
-    sweep = Drawing(run, simulate(run))
+    sweep = draw(run)
     folder.mkdir(parents=True, exist_ok=True)
     still, animation = _set_paths(folder, run)
     _write_still(still, sweep)
@@ -63,43 +86,46 @@ def is_rendered(folder: Path, run: Run) -> bool:
     return all(_description(path) == _provenance(run) for path in _set_paths(folder, run))
 
 
-def view(run: Run) -> None:
+def view(run: Run, replay: Callable[[Run], tuple[mujoco.MjModel, Array]]) -> None:
     """Simulates `run` and plays it in MuJoCo's viewer, over and over, until the window is closed."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise SimulationError("the viewer needs a display, found none; `render` draws without one")
     import mujoco.viewer
 
-    simulated = simulate(run)
-    model = build_model(run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s)
+    model, qpos = replay(run)
     data = mujoco.MjData(model)
     with mujoco.viewer.launch_passive(model, data) as viewer:
         while viewer.is_running():
             start_s = time.monotonic()
-            while viewer.is_running() and (elapsed_s := time.monotonic() - start_s) < simulated.time_s[-1]:
-                row = int(elapsed_s * run.scene.rate_hz)
-                data.qpos[:3] = simulated.base_pose[row] * (MM_PER_M, MM_PER_M, 1.0)
-                data.qpos[3:] = simulated.rotations_rad[row]
+            while viewer.is_running() and (row := int(run.scene.rate_hz * (time.monotonic() - start_s))) < len(qpos):
+                data.qpos[:] = qpos[row]
                 mujoco.mj_kinematics(model, data)
                 viewer.sync()
                 time.sleep(1.0 / 60.0)
 
 
-def _write_still(path: Path, sweep: Drawing) -> None:
-    """Writes the picture at the largest reading."""
-    (picture,) = sweep.pictures([sweep.largest_reading_row])
+def replayed_sweep(run: Run) -> tuple[mujoco.MjModel, Array]:
+    """Simulates a sweep; gives the model and its coordinates (n, nq) at every row."""
+    simulated = simulate(run)
+    model = build_model(run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s)
+    return model, np.concatenate((simulated.base_pose * (MM_PER_M, MM_PER_M, 1.0), simulated.rotations_rad), axis=1)
+
+
+def _write_still(path: Path, sweep: Pictures) -> None:
+    """Writes the picture of one instant."""
+    (picture,) = sweep.pictures([sweep.still_row])
     buffer = io.BytesIO()
     picture.save(buffer, "png", optimize=True, exif=_exif(sweep.run))
     write_atomically(path, buffer.getvalue())
 
 
-def _write_animation(path: Path, sweep: Drawing, shows_progress: bool) -> None:
-    """Writes the whole sweep in real time, over and over."""
+def _write_animation(path: Path, sweep: Pictures, shows_progress: bool) -> None:
+    """Writes the whole in real time, over and over."""
     rate_hz = sweep.run.scene.rate_hz
-    stride = max(1, round(rate_hz / _FRAMES_HZ))
+    stride = max(1, round(rate_hz / sweep.frames_hz))
     rows = tqdm(range(0, sweep.rows, stride), unit="frame", desc="render", disable=not shows_progress)
     first, *rest = sweep.pictures(rows)
-    # Flat colours are smaller without loss than with it.
-    options = {"lossless": True, "quality": 75, "method": 3, "exif": _exif(sweep.run)}
+    options = {"lossless": sweep.lossless, "quality": 75, "method": 3, "exif": _exif(sweep.run)}
     if path.suffix == ".gif":
         options = {"comment": _provenance(sweep.run)}
     buffer = io.BytesIO()
@@ -128,7 +154,7 @@ def _exif(run: Run) -> Image.Exif:
 def _provenance(run: Run) -> str:
     """What a picture says of itself: the name of the trace, and a hash of all that determines the picture."""
     digest = hashlib.sha256(f"{inputs_sha256(run.scene)} {PIL.__version__}".encode())
-    for source in (__file__, drawing.__file__):
+    for source in (__file__, drawing.__file__, picture.__file__):
         digest.update(Path(source).read_bytes())
     return f"{run.name}, inputs {digest.hexdigest()}"
 

@@ -1,15 +1,11 @@
-"""Scenes and suites: what is simulated, as people write it and as it is run."""
+"""Scenes: what is simulated, as people write it and as it is run."""
 
 import hashlib
-import os
-from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
-from whisker_sim.documents import located, read_document, read_json
-from whisker_sim.errors import InputError
 from whisker_sim.motions import AnyMotion, Plan, Stage
 from whisker_sim.shapes import AnyShape
 from whisker_sim.vibration import Vibration
@@ -42,6 +38,18 @@ def resolve_simulation(choice: str | Simulation) -> Simulation:
     return SIMULATIONS[choice][1]
 
 
+def check_rate(rate_hz: float, simulation: Simulation) -> None:
+    """Raises `ValueError` where a row is not a whole number of time steps."""
+    steps = 1.0 / (rate_hz * simulation.timestep_s)
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
+        raise ValueError(f"rate_hz: expected a whole number of time steps of {simulation.timestep_s} s a row, found {steps:g}")
+
+
+def random_stream(name: str, seed: int) -> np.random.Generator:
+    """The random stream of a scene, which follows from its name and seed alone."""
+    return np.random.Generator(np.random.PCG64([int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big"), seed]))
+
+
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """One experiment: a whisker, an object, a motion."""
 
@@ -69,11 +77,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(
                 f"duration_s: expected none, for the motion '{self.motion_kind}' ends by itself, found {self.duration_s}"
             )
-        steps = 1.0 / (self.rate_hz * self.simulation.timestep_s)
-        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
-            raise ValueError(
-                f"rate_hz: expected a whole number of time steps of {self.simulation.timestep_s} s a row, found {steps:g}"
-            )
+        check_rate(self.rate_hz, self.simulation)
 
     @property
     def motion_kind(self) -> str:
@@ -106,78 +110,12 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
         return msgspec.structs.replace(plan, poses=plan.poses + np.pad(added_m, ((0, 0), (0, 1))))
 
     def stage(self) -> Stage:
-        """What the motion may know. The random stream follows from the scene's name and seed alone."""
-        name = int.from_bytes(hashlib.sha256(self.name.encode()).digest()[:8], "big")
+        """What the motion may know."""
         return Stage(
             whisker=self.resolved_whisker,
             shape=self.object,
             face=1 if self.face == "left" else -1,
             timestep_s=self.simulation.timestep_s,
             duration_s=self.duration_s,
-            rng=np.random.Generator(np.random.PCG64([name, self.seed])),
+            rng=random_stream(self.name, self.seed),
         )
-
-
-class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One scene of a suite, and the seeds it is run with; without them, its own."""
-
-    scene: str
-    seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] | None = None
-
-
-class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A set of scenes that are run together."""
-
-    format: Format
-    name: Name
-    scenes: Annotated[tuple[SuiteEntry, ...], msgspec.Meta(min_length=1)]
-
-
-class Run(msgspec.Struct, frozen=True):
-    """One trace to be made."""
-
-    name: str
-    scene: Scene
-    """The scene, with the seed it is run with."""
-    path: Path
-    """The scene's file."""
-
-
-def load(path: Path) -> Scene | Suite:
-    """Reads a scene or a suite; raises `InputError` where the file is neither."""
-    value, _ = read_json(path)
-    if not isinstance(value, dict):
-        raise InputError(f"{path}: expected an object, found {type(value).__name__}")
-    kind = Suite if "scenes" in value else Scene
-    return read_document(path, kind)
-
-
-def with_simulation(run: Run, simulation: Simulation) -> Run:
-    """The same run with other settings of the simulation; raises `InputError` where its rows do not fit their time step."""
-    try:
-        return msgspec.structs.replace(run, scene=msgspec.structs.replace(run.scene, simulation=simulation))
-    except ValueError as error:
-        raise located(run.path, str(error)) from None
-
-
-def load_runs(path: Path) -> tuple[str | None, list[Run]]:
-    """The traces that a scene or suite file stands for, and the suite's name.
-
-    Raises `InputError`, also where two traces of a suite would have the same name.
-    """
-    document = load(path)
-    if isinstance(document, Scene):
-        return None, [Run(document.name, document, path)]
-    runs: dict[str, Run] = {}
-    for index, entry in enumerate(document.scenes):
-        scene_path = Path(os.path.normpath(path.parent / entry.scene))
-        if not scene_path.is_file():
-            raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found no file '{entry.scene}'")
-        scene = read_document(scene_path, Scene)
-        seeds = entry.seeds or (scene.seed,)
-        for seed in seeds:
-            name = scene.name if entry.seeds is None else f"{scene.name}_{seed:02d}"
-            if name in runs:
-                raise InputError(f"{path}: scenes[{index}]: expected traces of different names, found '{name}' twice")
-            runs[name] = Run(name, msgspec.structs.replace(scene, seed=seed), scene_path)
-    return document.name, list(runs.values())

@@ -13,7 +13,8 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSORS, build_model
 from whisker_sim.motions import Plan
 from whisker_sim.motions.base import REST_S
-from whisker_sim.scene import Run, Scene
+from whisker_sim.runs import Run
+from whisker_sim.scene import Scene
 from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
 from whisker_sim.whisker import Array
 
@@ -42,8 +43,10 @@ class Simulated:
     """(n, N + 1): rotation of the root, then of the hinges."""
     touching: NDArray[np.bool_]
     force_n: Array
+    nearest: NDArray[np.intp]
+    """Index of the object nearest to the whisker (n,): zero where there is one alone."""
     truth: ContactTruth
-    """Of every row; it has a meaning where the whisker touches."""
+    """Of every row, for the nearest object; it has a meaning where the whisker touches."""
     split: NDArray[np.bool_]
     """Whether the whisker touches in places apart from one another (n,): the one contact of `truth` is then but the nearest."""
     penetration_m: Array
@@ -76,8 +79,9 @@ def simulate(run: Run) -> Simulated:
         rotations_rad=qpos[:, 3:],
         touching=force_n > 0.0,
         force_n=force_n,
+        nearest=np.zeros(len(qpos), dtype=int),
         truth=nearest_contact(line, scene.object),
-        split=_extent_mm(sensors[:, SENSORS["places"]]) > MM_PER_M * _APART_M,
+        split=is_split(sensors),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
     _check(simulated, plan)
@@ -90,15 +94,21 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     data = mujoco.MjData(model)
     poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses_mm[0]
-    start = full_state(model, data)
+    velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
+    return logged(model, data, velocities, scene.steps_per_row)
 
-    stride, timestep_s = scene.steps_per_row, scene.simulation.timestep_s
-    velocities = np.diff(poses_mm, axis=0) / timestep_s
+
+def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:
+    """Steps from the state of `data` with the controls (n, nu), one a step.
+
+    Gives positions, velocities and sensor data at the start and after every `stride` steps, in the model's units. Raises as `roll`
+    does.
+    """
     # A step's sensor data belong to the state before the step, so one more step gives those of the last row.
-    velocities = np.concatenate((velocities[: len(velocities) // stride * stride], np.zeros((1, 3))))
-    states, sensors = [], []
+    controls = np.concatenate((controls[: len(controls) // stride * stride], np.zeros((1, model.nu))))
+    start, states, sensors = full_state(model, data), [], []
     chunk = max(1, _CHUNK_STEPS // stride) * stride
-    for after, readings in roll(model, data, velocities, chunk):
+    for after, readings in roll(model, data, controls, chunk):
         states += [start[None], after[stride - 1 : -1 : stride]]
         sensors.append(readings[::stride])
         start = after[-1]
@@ -132,17 +142,20 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int
         state = after[0][-1]
 
 
-def _extent_mm(places: Array) -> Array:
-    """Diagonal (n,) of the box around the loaded places, from the sensor data (n, 6 x places); zero where there are not two."""
-    slots = places.reshape(len(places), -1, 6)
+def is_split(sensors: Array) -> NDArray[np.bool_]:
+    """Whether the loaded places lie apart from one another (n,), from one whisker's sensor data (n, columns of `SENSORS`).
+
+    They do where the diagonal of the box around them is longer than `_APART_M`.
+    """
+    slots = sensors[:, SENSORS["places"]].reshape(len(sensors), -1, 6)
     loaded = np.any(slots[:, :, :3] != 0.0, axis=-1)
     several = np.sum(loaded, axis=1) > 1
     points_mm, where = slots[several, :, 3:], loaded[several, :, None]
     highest = np.max(points_mm, axis=1, where=where, initial=-np.inf)
     lowest = np.min(points_mm, axis=1, where=where, initial=np.inf)
-    extent_mm = np.zeros(len(places))
+    extent_mm = np.zeros(len(slots))
     extent_mm[several] = np.linalg.norm(highest - lowest, axis=1)
-    return extent_mm
+    return extent_mm > MM_PER_M * _APART_M
 
 
 def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:

@@ -9,16 +9,14 @@ Units of the model are those of `model.py`: millimetres, grams, seconds.
 """
 
 import xml.etree.ElementTree as ET
-from typing import Annotated
 
-import msgspec
 import mujoco
 import numpy as np
 
+from whisker_sim.free_object import FreeObject
 from whisker_sim.model import G_PER_KG, MM_PER_M
-from whisker_sim.shapes import AnyShape
 from whisker_sim.shapes.base import mjcf
-from whisker_sim.whisker import Array, Length, Positive
+from whisker_sim.whisker import Array
 
 GRAVITY_M_S2 = 9.81
 
@@ -27,21 +25,6 @@ _FOOT_RADIUS_MM = 0.1
 _NOSLIP_ITERATIONS = 5
 """MuJoCo's friction is soft: an object under a steady push creeps, by a micrometre a second at half the push that would move it. So
 many iterations without that softness, after the solver's own, leave less than a thousandth of it."""
-
-
-class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An object that stands free on the table."""
-
-    name: Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
-    object: AnyShape
-    mass_kg: Positive
-    height_m: Length
-    friction: Positive = 0.5
-    """Coulomb's coefficient between object and table."""
-
-    def __post_init__(self) -> None:
-        if not self.object.upright:
-            raise ValueError(f"object.shape: expected a shape with upright sides, found '{self.object.__struct_config__.tag}'")
 
 
 def let_gravity_act(option: ET.Element) -> None:

@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 import whisker_sim
 from whisker_sim.certificate import Certificate, certify
 from whisker_sim.documents import to_json
-from whisker_sim.scene import Run, Scene
-from whisker_sim.simulate import Simulated
+from whisker_sim.runs import Run
+from whisker_sim.shapes import Shape
+from whisker_sim.simulate import Simulated, simulate
 from whisker_sim.whisker import Array, Whisker
 
 COLUMNS = (
@@ -43,7 +44,7 @@ COLUMNS = (
 """Columns of a trace in order, with their decimals."""
 
 # Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
-_ONLOOKERS = {"__main__.py", "cli.py", "drawing.py", "export.py", "render.py", "physics"}
+_ONLOOKERS = {"__main__.py", "cli.py", "drawing.py", "export.py", "products.py", "render.py", "physics", "arm/picture.py"}
 
 
 class Generator(msgspec.Struct, frozen=True):
@@ -64,7 +65,10 @@ class Contour(msgspec.Struct, frozen=True):
     chord_error_m: float
 
 
-class Sidecar(msgspec.Struct, frozen=True):
+AnyScene = TypeVar("AnyScene")
+
+
+class Sidecar(msgspec.Struct, Generic[AnyScene], frozen=True):
     """All that is known of a trace beside its rows."""
 
     format: int
@@ -78,46 +82,77 @@ class Sidecar(msgspec.Struct, frozen=True):
     rate_hz: float
     rows: int
     whisker: Whisker
-    scene: Scene
+    scene: AnyScene
     generator: Generator
     inputs_sha256: str
     csv_sha256: str
-    contour: Contour
+    contour: Contour | None
+    """Null in a trace of a recording, which has the outlines of all its objects."""
     certificate: Certificate
+    recording: str | msgspec.UnsetType = msgspec.UNSET
+    """The recording of several whiskers to which the trace belongs; left out where there is none."""
+
+
+def make(folder: Path, run: Run) -> str:
+    """Simulates `run` and writes its trace into `folder`; gives one line for people."""
+    simulated = simulate(run)
+    write_trace(folder, run, simulated)
+    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
 
 
 def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
     """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json`, which says that all is there, into `folder`."""
     scene = run.scene
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
-    outline_m = scene.object.outline_m()
-    contour = format_csv([outline_m[:, 0], outline_m[:, 1]], (("x_m", 10), ("y_m", 10)))
-    contour_name = f"{run.name}.contour.csv"
-    sidecar = Sidecar(
-        format=scene.format,
-        kind="trace",
-        name=run.name,
-        role=scene.role,
-        group=scene.group,
-        object=scene.shape,
-        face=scene.face,
-        seed=scene.seed,
-        rate_hz=scene.rate_hz,
-        rows=len(simulated.time_s),
-        whisker=scene.resolved_whisker,
-        scene=scene,
-        generator=generator(),
-        inputs_sha256=inputs_sha256(scene),
-        csv_sha256=_sha256(csv),
-        contour=Contour(contour_name, _sha256(contour), scene.object.chord_error_m()),
-        certificate=certify(scene, simulated),
-    )
+    contour, outline = contour_of(run.name, scene.object)
+    certificate = certify(scene.resolved_whisker, [scene.object], scene.face, simulated, scene.vibration is not None)
+    sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
     folder.mkdir(parents=True, exist_ok=True)
     # A sidecar of before must not stand beside rows that it does not describe.
     (folder / f"{run.name}.json").unlink(missing_ok=True)
     write_atomically(folder / f"{run.name}.csv", csv)
-    write_atomically(folder / contour_name, contour)
+    write_atomically(folder / contour.file, outline)
     write_atomically(folder / f"{run.name}.json", to_json(sidecar))
+
+
+def contour_of(name: str, shape: Shape) -> tuple[Contour, bytes]:
+    """The outline of `shape` as the file `<name>.contour.csv`, and its bytes."""
+    outline_m = shape.outline_m()
+    outline = format_csv([outline_m[:, 0], outline_m[:, 1]], (("x_m", 10), ("y_m", 10)))
+    return Contour(f"{name}.contour.csv", sha256(outline), shape.chord_error_m()), outline
+
+
+def sidecar_of(
+    name: str,
+    scene: AnyScene,
+    shape: str,
+    face: str,
+    csv: bytes,
+    contour: Contour | None,
+    certificate: Certificate,
+    recording: str | msgspec.UnsetType = msgspec.UNSET,
+) -> Sidecar[AnyScene]:
+    """The sidecar of the trace `name` with the rows `csv`."""
+    return Sidecar(
+        format=scene.format,
+        kind="trace",
+        name=name,
+        role=scene.role,
+        group=scene.group,
+        object=shape,
+        face=face,
+        seed=scene.seed,
+        rate_hz=scene.rate_hz,
+        rows=csv.count(b"\n") - 1,
+        whisker=scene.resolved_whisker,
+        scene=scene,
+        generator=generator(),
+        inputs_sha256=inputs_sha256(scene),
+        csv_sha256=sha256(csv),
+        contour=contour,
+        certificate=certificate,
+        recording=recording,
+    )
 
 
 def is_up_to_date(folder: Path, run: Run) -> bool:
@@ -126,8 +161,8 @@ def is_up_to_date(folder: Path, run: Run) -> bool:
         sidecar = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())
         return bool(
             sidecar["inputs_sha256"] == inputs_sha256(run.scene)
-            and sidecar["csv_sha256"] == _sha256((folder / f"{run.name}.csv").read_bytes())
-            and sidecar["contour"]["sha256"] == _sha256((folder / f"{run.name}.contour.csv").read_bytes())
+            and sidecar["csv_sha256"] == sha256((folder / f"{run.name}.csv").read_bytes())
+            and sidecar["contour"]["sha256"] == sha256((folder / f"{run.name}.contour.csv").read_bytes())
         )
     except (OSError, msgspec.DecodeError, KeyError, TypeError):
         return False
@@ -195,10 +230,10 @@ def remove_leftovers(folder: Path, name: str) -> None:
         path.unlink(missing_ok=True)
 
 
-def inputs_sha256(scene: Scene) -> str:
+def inputs_sha256(scene: msgspec.Struct) -> str:
     """Hash of all that determines a trace: the scene with its seed, the generator's sources, the libraries' versions."""
     made_by = generator()
-    return _sha256(to_json([scene, made_by.source_sha256, made_by.mujoco, version("numpy")]))
+    return sha256(to_json([scene, made_by.source_sha256, made_by.mujoco, version("numpy")]))
 
 
 @functools.cache
@@ -208,7 +243,7 @@ def generator() -> Generator:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         module = path.relative_to(package)
-        if module.parts[0] not in _ONLOOKERS:
+        if _ONLOOKERS.isdisjoint((module.parts[0], module.as_posix())):
             digest.update(module.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), _git_commit(package), digest.hexdigest())
 
@@ -228,5 +263,6 @@ def _git_commit(folder: Path) -> str | None:
     return asked.stdout.strip()
 
 
-def _sha256(content: bytes) -> str:
+def sha256(content: bytes) -> str:
+    """Hash of `content`, in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()

@@ -8,7 +8,8 @@ from whisker_sim.certificate import contacts_of
 from whisker_sim.documents import read_document
 from whisker_sim.physics.study import Findings, Study
 from whisker_sim.physics.sweeps import Row, bars, compare_contacts
-from whisker_sim.scene import SIMULATIONS, Run, with_simulation
+from whisker_sim.runs import Run, with_simulation
+from whisker_sim.scene import SIMULATIONS, Scene
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import COLUMNS, Sidecar, format_csv, trace_columns
 
@@ -22,12 +23,14 @@ def fast(run: Run) -> Row:
     run = with_simulation(run, FAST)
     simulated = simulate(run)
     rows = format_csv(trace_columns(simulated, run.scene.resolved_whisker), COLUMNS)
-    row, _ = compare_contacts(run.name, run.scene, contacts_of(run.scene, simulated), hashlib.sha256(rows).hexdigest())
+    row, _ = compare_contacts(
+        run.name, run.scene, contacts_of(run.scene.resolved_whisker, simulated), hashlib.sha256(rows).hexdigest()
+    )
     return row
 
 
 def _tasks(dataset: Path) -> list[partial[Row]]:
-    sidecars = [(path, read_document(path, Sidecar)) for path in sorted(dataset.glob("*.json"))]
+    sidecars = [(path, read_document(path, Sidecar[Scene])) for path in sorted(dataset.glob("*.json"))]
     return [partial(fast, Run(sidecar.name, sidecar.scene, path)) for path, sidecar in sidecars if sidecar.role == "trial"]
 
 

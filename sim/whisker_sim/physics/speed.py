@@ -19,16 +19,19 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
+from whisker_sim.arm.simulate import Passed, simulate_passage
 from whisker_sim.cli import FAILED, GOOD, exit_code
 from whisker_sim.errors import WhiskerSimError
 from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.physics.__main__ import claim_line
 from whisker_sim.physics.study import Bar
-from whisker_sim.scene import SIMULATIONS, Run, load_runs, with_simulation
+from whisker_sim.runs import Run, load_runs, with_simulation
+from whisker_sim.scene import SIMULATIONS
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import write_trace
 
-_SUITE = Path(__file__).resolve().parents[3] / "scenes/suites/standard.json"
+_SCENES = Path(__file__).resolve().parents[3] / "scenes"
+_SUITE, _PASSAGE = _SCENES / "suites/standard.json", _SCENES / "arm/passage.json"
 _TURNS = 7
 
 
@@ -67,7 +70,7 @@ def _report() -> int:
                 f"{row.traced_s / row.steps_s:>17.3f}{row.written_s / row.steps_s:>13.3f}",
                 flush=True,
             )
-    claims = conclude(rows, two_workers())
+    claims = [*conclude(rows, two_workers()), arm()]
     print()
     for claim in claims:
         print(claim_line(claim))
@@ -104,6 +107,15 @@ def bare_steps(run: Run) -> Callable[[], object]:
 def two_workers() -> float:
     """How many times faster two workers make the standard suite than one, by the clock, from the command's start to its end."""
     return _suite_s(1) / _suite_s(2)
+
+
+def arm() -> Bar:
+    """The claim about the arm, its six whiskers and its free objects, in one model: plan, steps, logging and truth, once."""
+    ((run,),) = load_runs(_PASSAGE)[1:]
+    passed: list[Passed] = []
+    taken_s = _processor_s(lambda: passed.append(simulate_passage(run)))
+    claim = f"arm with six whiskers and free objects, one core, times real time ({run.name})"
+    return Bar("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")
 
 
 def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Bar]:

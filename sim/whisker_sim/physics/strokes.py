@@ -8,7 +8,8 @@ import numpy as np
 from whisker_sim.elastica import touching
 from whisker_sim.motions.lateral_sweep import LateralSweep
 from whisker_sim.physics.convergence import OBJECTS
-from whisker_sim.scene import Run, Scene, Simulation
+from whisker_sim.runs import Run
+from whisker_sim.scene import Scene, Simulation
 from whisker_sim.simulate import simulate
 from whisker_sim.whisker import Array, WhiskerOverride
 

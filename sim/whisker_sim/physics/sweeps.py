@@ -69,7 +69,7 @@ def read_columns(folder: Path, sidecar: Sidecar) -> tuple[dict[str, Array], str]
 
 def compare(path: Path) -> tuple[Row, list[Instant]]:
     """Compares the trace whose sidecar is at `path`."""
-    sidecar = read_document(path, Sidecar)
+    sidecar = read_document(path, Sidecar[Scene])
     columns, digest = read_columns(path.parent, sidecar)
     return compare_contacts(sidecar.name, sidecar.scene, contacts_of_columns(columns), digest)
 
@@ -97,7 +97,7 @@ def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
 def compare_contacts(trace: str, scene: Scene, contacts: Contacts, trace_sha256: str) -> tuple[Row, list[Instant]]:
     """Compares the instants of contact of a trace; the instants' errors are given for lateral sweeps alone."""
     slow = quasi_static(contacts)
-    found = disagreement(scene, contacts)
+    found = disagreement(scene.resolved_whisker, scene.object, scene.face, contacts)
     solved = found.exact.solved
     good = slow & solved
     range_n_m = largest(contacts.moment_n_m)

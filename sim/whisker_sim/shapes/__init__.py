@@ -7,6 +7,7 @@ from whisker_sim.shapes.ellipse import Ellipse
 from whisker_sim.shapes.pin import Pin
 from whisker_sim.shapes.rectangle import Rectangle
 from whisker_sim.shapes.regular_polygon import RegularPolygon
+from whisker_sim.shapes.stadium import Stadium
 
 AnyShape = (
     Pin  #
@@ -14,6 +15,7 @@ AnyShape = (
     | Rectangle
     | RegularPolygon
     | Ellipse
+    | Stadium
     | ConvexPolygon
 )
 """The shapes that a scene's `object` may name by the key `shape`."""

@@ -1,0 +1,302 @@
+"""The arm: its kinematics, its way, its recordings, and what a wrong scene is told."""
+
+import copy
+import csv
+import hashlib
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+from whisker_sim.arm import panda
+from whisker_sim.arm.model import build_arm_model
+from whisker_sim.arm.simulate import base_motion, simulate_passage
+from whisker_sim.arm.spline import Spline
+from whisker_sim.arm.tool import MOUNTS, TOOL
+from whisker_sim.cli import main
+from whisker_sim.model import MM_PER_M
+from whisker_sim.runs import load_runs
+from whisker_sim.trace import COLUMNS
+
+from conftest import SCENES
+
+COARSE = {"preset": "curved", "name": "coarse", "segments": 12}
+SHORT = {
+    "format": 1,
+    "name": "short",
+    "group": "arm",
+    "arm": {"foot_m": [-0.5, 0.02, 0.01], "yaw_rad": 0.3},
+    "whisker": COARSE,
+    "objects": [
+        {
+            "name": "can",
+            "object": {"shape": "circle", "radius_m": 0.02, "center_m": [0.0, 0.05]},
+            "mass_kg": 0.02,
+            "height_m": 0.09,
+        },
+        {"name": "box", "object": {"shape": "rectangle", "width_m": 0.03, "height_m": 0.02}, "mass_kg": 0.02, "height_m": 0.09},
+    ],
+    "path": {
+        "height_m": 0.06,
+        "lead_m": 0.05,
+        "strokes": [[{"object": "can", "side": "left", "from_rad": -2.2, "to_rad": -1.3, "distance_m": 0.024}]],
+    },
+}
+"""A scene that is simulated within seconds: the left array is drawn along a can, and a box stands by."""
+SHORT["objects"][1]["object"]["center_m"] = [0.0, -0.12]
+
+
+@pytest.fixture
+def write_short(tmp_path):
+    """Gives a function that writes `SHORT`, changed by another function, and returns its path."""
+
+    def write(change=lambda scene: None):
+        scene = copy.deepcopy(SHORT)
+        change(scene)
+        path = tmp_path / "scene.json"
+        path.write_text(json.dumps(scene, indent=2))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def short(write_short):
+    """The scene `SHORT`, to be run."""
+    return load_runs(write_short())[1][0]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The folder into which `SHORT` was recorded, and its scene's file."""
+    folder = tmp_path_factory.mktemp("recorded")
+    path = folder / "scene.json"
+    path.write_text(json.dumps(SHORT))
+    assert main(["simulate", str(path), "--out", str(folder / "out")]) == 0
+    return folder / "out", path
+
+
+def postures(count: int) -> np.ndarray:
+    rng = np.random.default_rng(6)
+    return rng.uniform(panda.LOWER_RAD, panda.UPPER_RAD, (count, panda.JOINTS))
+
+
+def test_val_kinematics_and_jacobian_are_those_of_mujoco(short):
+    """Every whisker's Base, and its body Jacobian, in random postures."""
+    start_rad = panda.READY_RAD
+    model = build_arm_model(short.scene, start_rad)
+    data = mujoco.MjData(model)
+    linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
+    for q_rad in postures(20):
+        data.qpos[: panda.JOINTS] = q_rad - start_rad
+        mujoco.mj_forward(model, data)
+        for mount in MOUNTS:
+            pose = short.scene.arm.base @ panda.tool_pose(q_rad, mount.in_flange)
+            body = data.body(mount.name)
+            turn = body.xmat.reshape(3, 3)
+            np.testing.assert_allclose(body.xpos / MM_PER_M, pose[:3, 3], atol=1e-12)
+            np.testing.assert_allclose(turn, pose[:3, :3], atol=1e-12)
+            mujoco.mj_jacBody(model, data, linear, angular, body.id)
+            expected = np.concatenate((turn.T @ linear / MM_PER_M, turn.T @ angular))[:, : panda.JOINTS]
+            np.testing.assert_allclose(panda.body_jacobian(q_rad, mount.in_flange), expected, atol=1e-12)
+
+
+def test_val_the_flange_of_the_stretched_arm():
+    """All joints at zero: the flange points down, 88 mm ahead and 926 mm up, by adding up Franka's table."""
+    flange = panda.frames(np.zeros(panda.JOINTS))[-1]
+    np.testing.assert_allclose(flange[:3, 3], (0.088, 0.0, 0.333 + 0.316 + 0.384 - 0.107), atol=1e-15)
+    np.testing.assert_allclose(flange[:3, 2], (0.0, 0.0, -1.0), atol=1e-15)
+
+
+def test_val_the_twist_is_the_derivative_of_the_pose():
+    """J(q) dq/dt against central differences of the pose, of fourth order, along random motions: 1e-6 of the twist."""
+    rng = np.random.default_rng(7)
+    step = 1e-3
+    for q_rad in postures(50):
+        dq_rad_s = rng.uniform(-1.0, 1.0, panda.JOINTS)
+        for mount in MOUNTS:
+            before2, before, after, after2 = (
+                panda.tool_pose(q_rad + share * step * dq_rad_s, mount.in_flange) for share in (-2, -1, 1, 2)
+            )
+            slope = (before2 - 8.0 * before + 8.0 * after - after2) / (12.0 * step)
+            hat = panda.tool_pose(q_rad, mount.in_flange)[:3, :3].T @ slope[:3]
+            expected = np.array((*hat[:, 3], hat[2, 1], hat[0, 2], hat[1, 0]))
+            twist = panda.body_jacobian(q_rad, mount.in_flange) @ dq_rad_s
+            assert np.max(np.abs(twist - expected)) < 1e-6 * np.max(np.abs(expected))
+
+
+def test_verif_the_joints_take_the_tool_along_the_way(short):
+    """Where the way's poses are asked for, to a micrometre and a microradian; between them within the joints' limits."""
+    scene = short.scene
+    time_s, poses = scene.path.poses({free.name: free for free in scene.objects})
+    plan = scene.plan()
+    rows = np.round(time_s / scene.simulation.timestep_s).astype(int)
+    tool = scene.arm.base @ panda.tool_pose(plan.q_rad[rows], TOOL)
+    np.testing.assert_allclose(tool[:, :2, 3], poses[:, :2], atol=1e-6)
+    np.testing.assert_allclose(tool[:, 2, 3], scene.path.height_m, atol=1e-6)
+    np.testing.assert_allclose(tool[:, 1, 0], np.sin(poses[:, 2]), atol=1e-6)
+    np.testing.assert_allclose(tool[:, 2, 2], 1.0, atol=1e-6)
+    assert np.all((plan.q_rad >= panda.LOWER_RAD) & (plan.q_rad <= panda.UPPER_RAD))
+    assert np.all(np.abs(plan.dq_rad_s) <= panda.SPEED_RAD_S)
+    speed_m_s = np.hypot(*np.diff(poses[:, :2], axis=0).T) / np.diff(time_s)
+    assert speed_m_s[0] == 0.0
+    assert np.max(speed_m_s) == pytest.approx(scene.path.speed_m_s, rel=1e-3)
+
+
+def test_verif_vibration_shakes_the_tool_as_asked(write_short):
+    """The references' displacement is that of the spectrum along World's x and y, and nothing else."""
+    still = load_runs(write_short())[1][0].scene
+    shaken = load_runs(write_short(lambda scene: scene.update(vibration={"acceleration_m_s2": 0.3})))[1][0].scene
+    added = [panda.tool_pose(scene.plan().q_rad, TOOL) for scene in (shaken, still)]
+    moved_m = (shaken.arm.base[:3, :3] @ (added[0] - added[1])[:, :3, 3:])[..., 0]
+    timestep_s = shaken.simulation.timestep_s
+    acceleration_m_s2 = np.diff(moved_m, 2, axis=0)[1000:] / timestep_s**2
+    np.testing.assert_allclose(np.sqrt(np.mean(acceleration_m_s2[:, :2] ** 2, axis=0)), 0.3, rtol=0.05)
+    assert np.max(np.abs(moved_m[:, 2])) < 1e-3 * np.max(np.abs(moved_m[:, :2]))
+
+
+def test_val_a_spline_of_a_smooth_curve():
+    """A sine through points a tenth apart, from and to where its second derivative is zero."""
+    knots = np.linspace(0.0, 2.0 * np.pi, 64)
+    spline = Spline(knots, np.stack((np.sin(knots), knots), axis=-1))
+    at = np.linspace(0.0, 2.0 * np.pi, 500)
+    np.testing.assert_allclose(spline(at), np.stack((np.sin(at), at), axis=-1), atol=1e-6)
+    np.testing.assert_allclose(spline.slope(at), np.stack((np.cos(at), np.ones_like(at)), axis=-1), atol=1e-4)
+
+
+def read(path):
+    with path.open() as file:
+        return {key: [row[key] for row in rows] for rows in [list(csv.DictReader(file))] for key in rows[0]}
+
+
+def test_verif_a_recording_is_what_its_format_says(recorded):
+    """Files, hashes, a common clock; and the base of every whisker follows from the joints by what the recording tells."""
+    folder, _ = recorded
+    recording = json.loads((folder / "short.json").read_text())
+    assert list(recording) == [
+        *("format", "kind", "name", "seed", "rate_hz", "rows", "whiskers", "arm", "objects", "joints", "poses"),
+        *("scene", "generator", "inputs_sha256"),
+    ]
+    named = [recording["joints"], recording["poses"], *(one["contour"] for one in recording["objects"])]
+    for one in named:
+        assert hashlib.sha256((folder / one["file"]).read_bytes()).hexdigest() == one["sha256"]
+    joints = read(folder / recording["joints"]["file"])
+    assert list(joints) == ["t_s", *(f"q{i}_rad" for i in range(1, 8)), *(f"dq{i}_rad_s" for i in range(1, 8))]
+    assert len(joints["t_s"]) == recording["rows"]
+    q_rad = np.array([joints[f"q{i}_rad"] for i in range(1, 8)], dtype=float).T
+    dq_rad_s = np.array([joints[f"dq{i}_rad_s"] for i in range(1, 8)], dtype=float).T
+    assert list(read(folder / recording["poses"]["file"]))[:6] == [
+        "t_s",
+        *(f"can_{key}" for key in ("x_m", "y_m", "z_m", "yaw_rad", "tilt_rad")),
+    ]
+
+    base = np.reshape(recording["arm"]["base"], (4, 4))
+    assert [one["name"] for one in recording["whiskers"]] == [f"{side}_{i}" for side in ("left", "right") for i in (1, 2, 3)]
+    for one in recording["whiskers"]:
+        trace = read(folder / f"{one['trace']}.csv")
+        assert tuple(trace) == tuple(name for name, _ in COLUMNS)
+        assert trace["t_s"] == joints["t_s"]
+        mount = np.reshape(one["mount"], (4, 4))
+        pose = base @ panda.tool_pose(q_rad, mount)
+        twist = (panda.body_jacobian(q_rad, mount) @ dq_rad_s[..., None])[..., 0]
+        columns = {"base_x_m": pose[:, 0, 3], "base_y_m": pose[:, 1, 3]}
+        columns |= {"base_vx_m_s": twist[:, 0], "base_vy_m_s": twist[:, 1], "base_wz_rad_s": twist[:, 5]}
+        for name, values in columns.items():
+            np.testing.assert_allclose(np.array(trace[name], dtype=float), values, atol=1e-9)
+        sidecar = json.loads((folder / f"{one['trace']}.json").read_text())
+        assert sidecar["csv_sha256"] == hashlib.sha256((folder / f"{one['trace']}.csv").read_bytes()).hexdigest()
+        assert (sidecar["object"], sidecar["contour"], sidecar["whisker"]["name"]) == ("several", None, "coarse")
+        assert list(sidecar)[-1] == "recording"
+        assert sidecar["recording"] == "short"
+
+
+def test_verif_a_recording_that_is_up_to_date_is_kept(recorded, capsys):
+    folder, path = recorded
+    before = {file: file.stat().st_mtime_ns for file in folder.iterdir()}
+    assert main(["simulate", str(path), "--out", str(folder)]) == 0
+    assert "up to date" in capsys.readouterr().err
+    assert {file: file.stat().st_mtime_ns for file in folder.iterdir()} == before
+
+
+def test_val_a_recording_lies_near_the_elastica_and_leaves_its_objects_where_they_are(recorded):
+    """Already with few segments: the left array touches the can, the right nothing; the can of 20 g moves by nanometres."""
+    folder, _ = recorded
+    for side, touches in (("left", True), ("right", False)):
+        for number in (1, 2, 3):
+            certificate = json.loads((folder / f"short_{side}_{number}.json").read_text())["certificate"]
+            assert (certificate["touching"] > 200) == touches
+            if touches:
+                assert certificate["sampled"] == 50
+                assert certificate["unsolved"] == 0
+                assert certificate["moment_rms"] < 1e-2
+                assert certificate["surface_worst_m"] < 60e-6
+    poses = read(folder / "short.objects.csv")
+    moved_m = np.array([poses["can_x_m"], poses["can_y_m"]], dtype=float)
+    assert np.max(np.abs(moved_m)) < 1e-7
+
+
+def test_verif_the_truth_lies_on_the_object(short):
+    passed = simulate_passage(short)
+    middle = passed.whiskers["left_2"]
+    assert np.all(middle.nearest[middle.touching] == 0)
+    inside = middle.touching & ~middle.truth.tip
+    _, distance_m = short.scene.objects[0].object.closest(middle.truth.contact_m[inside])
+    np.testing.assert_allclose(distance_m, short.scene.resolved_whisker.radius_m(middle.truth.arc_m[inside]), atol=40e-6)
+    pose, twist = base_motion(short.scene, MOUNTS[1], passed.q_rad, passed.dq_rad_s)
+    np.testing.assert_array_equal(pose, middle.base_pose)
+    np.testing.assert_array_equal(twist, middle.base_twist)
+
+
+def one_pass(**changes):
+    return lambda scene: scene["path"]["strokes"][0][0].update(changes)
+
+
+WRONG = {
+    "unknown object": (one_pass(object="jug"), ["path.strokes", "can, box", "'jug'"]),
+    "unknown side": (one_pass(side="top"), ["path.strokes[0][0].side", "left, right", '"top"']),
+    "unknown key": (one_pass(speed=1), ["path.strokes[0][0].speed", "unknown key", "from_rad"]),
+    "out of reach": (lambda scene: scene["arm"].update(foot_m=[-2.0, 0.0, 0.0]), ["path", "reach", "at 0.00 s"]),
+    "too fast": (lambda scene: scene["path"].update(speed_m_s=2.0), ["path.speed_m_s", "joint", "rad/s"]),
+    "twins": (lambda scene: scene["objects"][1].update(name="can"), ["objects", "'can' 2 times"]),
+    "no objects": (lambda scene: scene.update(objects=[]), ["objects", "found []"]),
+    "no strokes": (lambda scene: scene["path"].update(strokes=[]), ["path.strokes", "found []"]),
+    "uneven rate": (lambda scene: scene.update(rate_hz=300), ["rate_hz", "whole number"]),
+    "no foot": (lambda scene: scene.update(arm={}), ["arm", "foot_m"]),
+    "unknown whisker": (lambda scene: scene.update(whisker="cat"), ["whisker", "straight, curved", "'cat'"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_robust_wrong_scene(write_short, capsys, case):
+    """One line on stderr that names the file, the key, what was expected and what was found; exit code 2."""
+    change, words = WRONG[case]
+    path = write_short(change)
+    assert main(["check", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {path}")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+
+
+def test_robust_the_tool_may_not_touch(write_short, tmp_path, capsys):
+    path = write_short(one_pass(distance_m=0.005))
+    assert main(["simulate", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert "the tool itself touches" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["passage", "passage_still"])
+def test_verif_the_scenes_are_good_and_open_at_rest(tmp_path, name):
+    path, out = SCENES / "arm" / f"{name}.json", tmp_path / "arm.xml"
+    assert json.loads(path.read_text())["name"] == name
+    assert main(["export", str(path), "--out", str(out)]) == 0
+    model = mujoco.MjModel.from_xml_path(str(out))
+    data = mujoco.MjData(model)
+    for _ in range(50):
+        mujoco.mj_step(model, data)
+    assert np.max(np.abs(data.qpos[: panda.JOINTS])) < 1e-6
+    assert not np.any(data.warning.number)
+    whiskers = data.qpos[panda.JOINTS : model.jnt_qposadr[model.joint("cylinder_90").id]]
+    assert np.max(np.abs(whiskers)) < 1e-4

@@ -1,0 +1,195 @@
+"""The way of the tool between the objects, and the joint trajectory that takes it there.
+
+The tool passes one object after the other, at a distance from its outline, with one side turned to it: the array on that side is
+drawn along the outline while the other is free.
+"""
+
+from math import ceil
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from whisker_sim.arm import panda
+from whisker_sim.arm.spline import Spline
+from whisker_sim.arm.tool import TOOL
+from whisker_sim.free_object import FreeObject
+from whisker_sim.motions.base import REST_S, check_steps
+from whisker_sim.shapes import Shape
+from whisker_sim.whisker import Array, Length, Positive
+
+_RAMP_S = 0.5
+"""The tool takes so long to reach its speed, and to stop."""
+_WAYPOINT_M = 0.012
+"""Distance of the spline's points along a pass."""
+_ANGLE_RAD = 1e-3
+"""Between the directions in which an outline's support points are taken."""
+_DENSE_M = 1e-4
+"""Distance of the points between which the way along the spline is measured."""
+_KNOT_S = 0.02
+"""Time between the tool's poses for which joint angles are sought; a spline joins them."""
+
+_DAMPING = 1e-3
+"""Of the inverse kinematics, in metres and radians: what is smaller among the arm's singular values hardly moves it."""
+_STEP_RAD = 0.2
+"""No joint turns further at a time, lest the first solution is sought from too far."""
+_ITERATIONS = 100
+_TOLERANCE = 1e-10
+_ELBOW = 2
+"""Index of the joint that stays at zero."""
+
+
+class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A way along an outline, from where its normal has one direction in World to where it has another.
+
+    The tool turns its `side` to the object. Where the direction rises, the whiskers trail; where it falls, they go tip first.
+    """
+
+    object: str
+    side: Literal["left", "right"]
+    from_rad: float
+    to_rad: float
+    distance_m: Length
+    """Of the tool's axis from the outline."""
+
+    def poses(self, shape: Shape) -> Array:
+        """Poses (n, 3) of the tool in World along the pass, about `_WAYPOINT_M` apart: x, y, yaw."""
+        angles = np.linspace(self.from_rad, self.to_rad, 2 + int(abs(self.to_rad - self.from_rad) / _ANGLE_RAD))
+        normals = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        points_m = np.array([shape.support_m(normal) for normal in normals]) + self.distance_m * normals
+        yaw_rad = angles + (0.5 if self.side == "left" else -0.5) * np.pi
+        way_m = _way_m(points_m)
+        at_m = np.linspace(0.0, way_m[-1], 1 + max(1, round(way_m[-1] / _WAYPOINT_M)))
+        return np.stack([np.interp(at_m, way_m, values) for values in (*points_m.T, yaw_rad)], axis=-1)
+
+
+class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The way of the tool: strokes from rest to rest, each of passes that a spline joins.
+
+    A stroke begins and ends with a straight way, on which the tool comes to the first object and leaves the last. From one stroke
+    to the next it moves straight.
+    """
+
+    strokes: Annotated[tuple[Annotated[tuple[Pass, ...], msgspec.Meta(min_length=1)], ...], msgspec.Meta(min_length=1)]
+    height_m: Length
+    """Of the middle whiskers above the table."""
+    speed_m_s: Positive = 0.04
+    lead_m: Length = 0.07
+    """Length of the straight way at either end of a stroke."""
+
+    def poses(self, objects: dict[str, FreeObject]) -> tuple[Array, Array]:
+        """Times (n,), `_KNOT_S` apart, and the tool's poses (n, 3) in World: x, y, yaw. It rests for `REST_S` first.
+
+        Raises `ValueError` where a pass names no object.
+        """
+        strokes = [self._waypoints(stroke, objects) for stroke in self.strokes]
+        legs = [strokes[0]]
+        for stroke in strokes[1:]:
+            stroke[:, 2] -= 2.0 * np.pi * np.round((stroke[0, 2] - legs[-1][-1, 2]) / (2.0 * np.pi))
+            legs += [np.stack((legs[-1][-1], stroke[0])), stroke]
+        poses = [np.repeat(strokes[0][:1], 1 + ceil(REST_S / _KNOT_S), axis=0), *map(self._moved_along, legs)]
+        poses = np.concatenate(poses)
+        return _KNOT_S * np.arange(len(poses)), poses
+
+    def _waypoints(self, stroke: tuple[Pass, ...], objects: dict[str, FreeObject]) -> Array:
+        """Poses (n, 3) through which a stroke leads."""
+        poses = []
+        for one in stroke:
+            if one.object not in objects:
+                raise ValueError(f"path.strokes: expected passes of {', '.join(objects)}, found one of '{one.object}'")
+            poses.append(one.poses(objects[one.object].object))
+        poses = np.concatenate(poses)
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        shares = np.linspace(0.0, 1.0, 1 + max(1, round(self.lead_m / _WAYPOINT_M)))[1:, None]
+        leads = []
+        for end, inner in ((poses[0], poses[1]), (poses[-1], poses[-2])):
+            away = (end - inner)[:2] / np.hypot(*(end - inner)[:2])
+            leads.append(end + shares * np.append(self.lead_m * away, 0.0))
+        return np.concatenate((leads[0][::-1], poses, leads[1]))
+
+    def _moved_along(self, waypoints: Array) -> Array:
+        """Poses (n, 3), one every `_KNOT_S`, on the way through `waypoints` (m, 3) from rest to rest."""
+        knots = _way_m(waypoints)
+        spline = Spline(knots, waypoints)
+        dense = np.linspace(0.0, knots[-1], 2 + int(knots[-1] / _DENSE_M))
+        way_m = _way_m(spline(dense))
+        # Each ramp covers half of what the full speed would in its time; a short way is never passed at full speed.
+        speed_m_s = min(self.speed_m_s, way_m[-1] / _RAMP_S)
+        duration_s = way_m[-1] / speed_m_s + _RAMP_S
+        time_s = _KNOT_S * np.arange(1, 1 + check_steps(duration_s / _KNOT_S))
+        passed_m = speed_m_s * (_ramp_s(time_s) - _ramp_s(time_s - duration_s + _RAMP_S))
+        return spline(np.interp(passed_m, way_m, dense))
+
+
+def _ramp_s(time_s: Array) -> Array:
+    """Integral over time of a speed that rises to one within `_RAMP_S`, as a raised cosine."""
+    share = np.clip(time_s / _RAMP_S, 0.0, 1.0)
+    return 0.5 * _RAMP_S * (share - np.sin(np.pi * share) / np.pi) + np.maximum(time_s - _RAMP_S, 0.0)
+
+
+def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) -> Spline:
+    """Joint angles over time that take the tool through `poses` (n, 3) at `time_s` (n,).
+
+    `base` (4, 4) is the arm's base in World. The seventh degree of freedom keeps the third joint at zero: the elbow stays in the
+    vertical plane through the shoulder and the wrist.
+
+    Raises `ValueError` where the arm does not reach a pose, or would pass the limit of a joint's speed.
+    """
+    into_base = np.linalg.inv(base)
+    q_rad, angles_rad = panda.READY_RAD, []
+    for at_s, (x_m, y_m, yaw_rad) in zip(time_s, poses, strict=True):
+        target = into_base @ panda.translation((x_m, y_m, height_m)) @ panda.rotation_z(yaw_rad)
+        q_rad = _solve(target, q_rad)
+        if q_rad is None:
+            raise ValueError(f"path: expected a way within the arm's reach, found none to ({x_m:.3f}, {y_m:.3f}) m at {at_s:.2f} s")
+        angles_rad.append(q_rad)
+    trajectory = Spline(time_s, np.array(angles_rad))
+    speed_rad_s = np.max(np.abs(trajectory.slope(time_s)), axis=0)
+    if np.any(speed_rad_s > panda.SPEED_RAD_S):
+        joint = int(np.argmax(speed_rad_s / panda.SPEED_RAD_S))
+        raise ValueError(
+            f"path.speed_m_s: expected joint {joint + 1} to turn by at most {panda.SPEED_RAD_S[joint]} rad/s, "
+            f"found {speed_rad_s[joint]:.3g} rad/s"
+        )
+    return trajectory
+
+
+def _solve(target: Array, q_rad: Array) -> Array | None:
+    """Joint angles (7,) with the tool at `target`, near `q_rad`; None where there are none within the limits.
+
+    Damped least squares (C. W. Wampler, "Manipulator inverse kinematic solutions based on vector formulations and damped
+    least-squares methods", IEEE Trans. SMC 16(1), 1986).
+    """
+    for _ in range(_ITERATIONS):
+        pose = panda.tool_pose(q_rad, TOOL)
+        back = pose[:3, :3].T
+        turn = back @ target[:3, :3]
+        # The skew part of a small turn is the vector about which it turns.
+        turn_rad = 0.5 * np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
+        miss = np.concatenate((back @ (target[:3, 3] - pose[:3, 3]), turn_rad, [-q_rad[_ELBOW]]))
+        if np.max(np.abs(miss)) < _TOLERANCE:
+            within = np.all((q_rad >= panda.LOWER_RAD) & (q_rad <= panda.UPPER_RAD))
+            return q_rad if within else None
+        task = np.vstack((panda.body_jacobian(q_rad, TOOL), np.eye(panda.JOINTS)[_ELBOW]))
+        step_rad = task.T @ np.linalg.solve(task @ task.T + _DAMPING**2 * np.eye(len(task)), miss)
+        q_rad = q_rad + step_rad * min(1.0, _STEP_RAD / np.max(np.abs(step_rad)))
+    return None
+
+
+def shaken(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
+    """Joint angles (n, 7) with the tool displaced by `displacement_m` (n, 2) along x and y of World, to first order.
+
+    `yaw_rad` (n,) is the tool's. Of all small changes of the joints that do it, the smallest.
+    """
+    jacobian = panda.body_jacobian(q_rad, TOOL)
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x_m, y_m = displacement_m.T
+    wanted = np.zeros((len(q_rad), 6, 1))
+    wanted[:, 0, 0], wanted[:, 1, 0] = cos * x_m + sin * y_m, cos * y_m - sin * x_m
+    back = jacobian.swapaxes(-1, -2)
+    return q_rad + (back @ np.linalg.solve(jacobian @ back, wanted))[..., 0]
+
+
+def _way_m(poses: Array) -> Array:
+    """Way (n,) in the plane along the polyline through `poses` (n, 2 or 3), from its start to each of them."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))

@@ -1,0 +1,165 @@
+"""An arm between its objects in perspective: MuJoCo's own picture of the model, with whiskers, contacts and places touched so far.
+
+Whiskers are drawn several times as thick as they are, for a wire of a quarter of a millimetre would not be seen. Colours are those
+of `whisker_sim.drawing`.
+"""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from PIL import Image
+
+from whisker_sim.arm.simulate import simulate_passage
+from whisker_sim.arm.tool import MOUNTS
+from whisker_sim.drawing import BLUE, GREEN, VERMILION, Colour
+from whisker_sim.errors import SimulationError
+from whisker_sim.model import MM_PER_M
+from whisker_sim.runs import Run
+from whisker_sim.truth import CenterLine
+from whisker_sim.whisker import Array
+
+_WIDTH, _HEIGHT = 640, 400
+_OVERSAMPLING = 2
+_MOST_SHAPES = 20_000
+_WHISKER_MM, _CONTACT_MM, _TRACE_MM = 0.7, 2.2, 1.0
+_TRACE_APART_M = 1e-3
+"""A place is marked where it lies so far from the one marked before."""
+_LOOK_AT_MM, _DISTANCE_MM, _AZIMUTH_DEG, _ELEVATION_DEG = (35.0, -12.0, 50.0), 520.0, 160.0, -50.0
+
+
+class PassageDrawing:
+    """A simulated passage, ready to be drawn at any instant."""
+
+    frames_hz = 8.0
+    lossless = False
+    """Shaded faces are far smaller with loss than without."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        passed = self._passed = simulate_passage(run)
+        whisker = run.scene.resolved_whisker
+        self._heights_mm = {mount.name: MM_PER_M * (run.scene.path.height_m + mount.pose[2, 3]) for mount in MOUNTS}
+        self._lines_m = {
+            name: CenterLine.from_joints(whisker, one.base_pose, one.rotations_rad).points_m
+            for name, one in passed.whiskers.items()
+        }
+
+    @property
+    def rows(self) -> int:
+        """Number of instants."""
+        return len(self._passed.time_s)
+
+    @property
+    def still_row(self) -> int:
+        """The instant at which most whiskers touch; of several the last."""
+        touching = np.sum([whisker.touching for whisker in self._passed.whiskers.values()], axis=0)
+        return int(np.flatnonzero(touching == np.max(touching))[-1])
+
+    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+        """The pictures at `rows`, which rise; each shows the contact points up to its own.
+
+        Raises `SimulationError` where the machine cannot draw in perspective.
+        """
+        passed = self._passed
+        marked = {name: _apart(one.truth.surface_m, one.touching) for name, one in passed.whiskers.items()}
+        with _painter(passed.model) as paint:
+            for row in rows:
+                sticks: list[Stick] = []
+                for name, one in passed.whiskers.items():
+                    z_mm = self._heights_mm[name]
+                    line_mm = _lifted(self._lines_m[name][row, ::2], z_mm)
+                    sticks += [(start, end, _WHISKER_MM, VERMILION) for start, end in pairwise(line_mm)]
+                    touched = marked[name][marked[name] <= row]
+                    sticks += [(place, place, _TRACE_MM, GREEN) for place in _lifted(one.truth.surface_m[touched], z_mm)]
+                    if one.touching[row]:
+                        place = _lifted(one.truth.surface_m[row], z_mm)
+                        sticks.append((place, place, _CONTACT_MM, BLUE))
+                yield paint(passed.qpos[row], sticks)
+
+
+def replayed_passage(run: Run) -> tuple[mujoco.MjModel, Array]:
+    """Simulates a passage; gives the model and its coordinates (n, nq) at every row."""
+    passed = simulate_passage(run)
+    return passed.model, passed.qpos
+
+
+Stick = tuple[Array, Array, float, Colour]
+"""Ends (3,) and radius in millimetres of a rod with round ends, or of a ball where both ends are the same; and its colour."""
+
+
+@contextlib.contextmanager
+def _painter(model: mujoco.MjModel) -> Iterator[Callable[[Array, list[Stick]], Image.Image]]:
+    """Gives a function that draws the model at its coordinates (nq,) with some rods and balls added.
+
+    Raises `SimulationError` where there is no OpenGL to draw with.
+    """
+    width, height = _OVERSAMPLING * _WIDTH, _OVERSAMPLING * _HEIGHT
+    try:
+        # On Linux without a display MuJoCo would look for one all the same.
+        if sys.platform == "linux":
+            from mujoco.egl import GLContext
+        else:
+            from mujoco import GLContext
+        context = GLContext(width, height)
+    except (ImportError, AttributeError, RuntimeError) as error:
+        raise SimulationError(f"a picture in perspective needs OpenGL (on Linux: EGL), found none: {error}") from None
+    try:
+        context.make_current()
+        drawn = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_resizeOffscreen(width, height, drawn)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawn)
+        data, scene, option = mujoco.MjData(model), mujoco.MjvScene(model, _MOST_SHAPES), mujoco.MjvOption()
+        camera = mujoco.MjvCamera()
+        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (
+            _LOOK_AT_MM,
+            _DISTANCE_MM,
+            _AZIMUTH_DEG,
+            _ELEVATION_DEG,
+        )
+        field, pixels = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), dtype=np.uint8)
+
+        def paint(qpos: Array, sticks: list[Stick]) -> Image.Image:
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
+            for stick in sticks:
+                _add(scene, *stick)
+            mujoco.mjr_render(field, scene, drawn)
+            mujoco.mjr_readPixels(pixels, None, field, drawn)
+            return Image.fromarray(pixels[::-1]).reduce(_OVERSAMPLING)
+
+        yield paint
+    finally:
+        context.free()
+
+
+def _add(scene: mujoco.MjvScene, start_mm: Array, end_mm: Array, radius_mm: float, colour: Colour) -> None:
+    shape = scene.geoms[scene.ngeom]
+    rgba = np.array((*colour, 255), dtype=np.float32) / 255.0
+    ball = np.array_equal(start_mm, end_mm)
+    kind = mujoco.mjtGeom.mjGEOM_SPHERE if ball else mujoco.mjtGeom.mjGEOM_CAPSULE
+    mujoco.mjv_initGeom(shape, kind, np.full(3, radius_mm), start_mm, np.eye(3).ravel(), rgba)
+    if not ball:
+        mujoco.mjv_connector(shape, kind, radius_mm, start_mm, end_mm)
+    shape.emission = 0.5
+    scene.ngeom += 1
+
+
+def _apart(places_m: Array, touching: Array) -> Array:
+    """Rows at which the whisker touches `_TRACE_APART_M` away from the place marked before."""
+    rows, last_m = [], np.full(2, np.inf)
+    for row in np.flatnonzero(touching):
+        if not np.hypot(*(places_m[row] - last_m)) < _TRACE_APART_M:
+            rows.append(row)
+            last_m = places_m[row]
+    return np.array(rows, dtype=int)
+
+
+def _lifted(points_m: Array, z_mm: float) -> Array:
+    """Points (..., 3) in millimetres at the height `z_mm`, of points (..., 2) of the plane."""
+    return np.concatenate((MM_PER_M * points_m, np.full((*points_m.shape[:-1], 1), z_mm)), axis=-1)

@@ -1,0 +1,82 @@
+"""A scene with an arm, as people write it and as it is run."""
+
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from whisker_sim.arm import panda
+from whisker_sim.arm.passage import Passage, joint_trajectory, shaken
+from whisker_sim.free_object import FreeObject
+from whisker_sim.scene import Format, Name, Seed, Simulation, check_rate, random_stream, resolve_simulation
+from whisker_sim.vibration import Vibration
+from whisker_sim.whisker import Array, Coordinate, Whisker, WhiskerOverride, resolve_whisker
+
+
+class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the arm stands: the middle of its foot in World, and where it looks."""
+
+    foot_m: tuple[Coordinate, Coordinate, Coordinate]
+    yaw_rad: float = 0.0
+
+    @property
+    def base(self) -> Array:
+        """Pose (4, 4) of the arm's base in World."""
+        return panda.translation(self.foot_m) @ panda.rotation_z(self.yaw_rad)
+
+
+class JointPlan(msgspec.Struct, frozen=True):
+    """Joint references, one a time step, the first at time zero."""
+
+    q_rad: Array
+    """(n + 1, 7)."""
+    dq_rad_s: Array
+    """(n + 1, 7)."""
+
+
+class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One experiment: an arm with six whiskers of one kind, objects on a table, a way between them."""
+
+    format: Format
+    name: Name
+    group: Name
+    arm: Arm
+    whisker: str | WhiskerOverride
+    objects: Annotated[tuple[FreeObject, ...], msgspec.Meta(min_length=1)]
+    path: Passage
+    role: Literal["trial"] = "trial"
+    vibration: Vibration | None = None
+    seed: Seed = 0
+    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
+    simulation: str | Simulation = Simulation()
+
+    def __post_init__(self) -> None:
+        resolve_whisker(self.whisker)
+        msgspec.structs.force_setattr(self, "simulation", resolve_simulation(self.simulation))
+        names = [free.name for free in self.objects]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"objects: expected objects of different names, found '{name}' {names.count(name)} times")
+        check_rate(self.rate_hz, self.simulation)
+
+    @property
+    def resolved_whisker(self) -> Whisker:
+        """The whiskers' parameters."""
+        return resolve_whisker(self.whisker)
+
+    @property
+    def steps_per_row(self) -> int:
+        """Time steps between two rows of the traces."""
+        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
+
+    def plan(self) -> JointPlan:
+        """The joint trajectory with what the vibration adds; raises `ValueError` where the arm cannot do it."""
+        time_s, poses = self.path.poses({free.name: free for free in self.objects})
+        trajectory = joint_trajectory(self.arm.base, self.path.height_m, time_s, poses)
+        timestep_s = self.simulation.timestep_s
+        steps_s = timestep_s * np.arange(round(time_s[-1] / timestep_s) + 1)
+        q_rad = trajectory(steps_s)
+        if self.vibration is not None:
+            added_m = self.vibration.displacement_m(len(q_rad) - 1, timestep_s, random_stream(self.name, self.seed))
+            q_rad = shaken(q_rad, added_m, np.interp(steps_s, time_s, poses[:, 2]) - self.arm.yaw_rad)
+        return JointPlan(q_rad, np.gradient(q_rad, timestep_s, axis=0))

@@ -1,0 +1,165 @@
+"""Runs a scene with an arm: plans the joints, steps the physics, reads each whisker's truth."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from whisker_sim.arm import panda
+from whisker_sim.arm.model import TOOL_SENSOR, build_arm_model
+from whisker_sim.arm.scene import ArmScene, JointPlan
+from whisker_sim.arm.tool import MOUNTS, Mount
+from whisker_sim.documents import located
+from whisker_sim.errors import SimulationError
+from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
+from whisker_sim.motions.base import REST_S
+from whisker_sim.runs import Run
+from whisker_sim.shapes import Shape
+from whisker_sim.simulate import Simulated, is_split, logged
+from whisker_sim.table import displacement
+from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
+from whisker_sim.whisker import Array
+
+
+@dataclass(frozen=True)
+class Passed:
+    """One recording: n rows at the logging rate, the same instants for all."""
+
+    time_s: Array
+    q_rad: Array
+    """Joint angles (n, 7)."""
+    dq_rad_s: Array
+    whiskers: dict[str, Simulated]
+    """One a mount, by its name."""
+    objects: dict[str, Array]
+    """Displacement (n, 5) of each object from its start pose, by its name: x, y, z, yaw, tilt, in metres and radians."""
+    model: mujoco.MjModel
+    qpos: Array
+    """The model's coordinates (n, nq), in its units."""
+
+
+def simulate_passage(run: Run) -> Passed:
+    """Simulates the scene of `run`, which has an arm.
+
+    Raises `InputError` where the arm cannot do what the scene asks, and `SimulationError` where the physics fails.
+    """
+    scene: ArmScene = run.scene
+    try:
+        plan = scene.plan()
+    except ValueError as error:
+        raise located(run.path, str(error)) from None
+    model = build_arm_model(scene, plan.q_rad[0])
+    qpos, qvel, sensors = _integrate(scene, model, plan)
+    time_s = np.arange(len(qpos)) / scene.rate_hz
+    q_rad, dq_rad_s = plan.q_rad[0] + qpos[:, : panda.JOINTS], qvel[:, : panda.JOINTS]
+    moved = {free.name: displacement(model, qpos, free.name) for free in scene.objects}
+    hinges = scene.resolved_whisker.segments + 1
+    whiskers = {}
+    for index, mount in enumerate(MOUNTS):
+        first = panda.JOINTS + index * hinges
+        readings = sensors[:, index * SENSOR_COLUMNS : (index + 1) * SENSOR_COLUMNS]
+        base_pose, base_twist = base_motion(scene, mount, q_rad, dq_rad_s)
+        whiskers[mount.name] = _whisker(scene, base_pose, base_twist, qpos[:, first : first + hinges], readings, moved, time_s)
+    passed = Passed(time_s, q_rad, dq_rad_s, whiskers, moved, model, qpos)
+    _check(passed, sensors[:, TOOL_SENSOR])
+    return passed
+
+
+def base_motion(scene: ArmScene, mount: Mount, q_rad: Array, dq_rad_s: Array) -> tuple[Array, Array]:
+    """Poses (n, 3) of a whisker's Base on World's plane and its twists (n, 3) in Base: xi = J(q) dq/dt, of the plane's part."""
+    pose = scene.arm.base @ panda.tool_pose(q_rad, mount.in_flange)
+    yaw_rad = np.unwrap(np.arctan2(pose[:, 1, 0], pose[:, 0, 0]))
+    twist = (panda.body_jacobian(q_rad, mount.in_flange) @ dq_rad_s[..., None])[..., 0]
+    return np.column_stack((pose[:, :2, 3], yaw_rad)), twist[:, (0, 1, 5)]
+
+
+def _integrate(scene: ArmScene, model: mujoco.MjModel, plan: JointPlan) -> tuple[Array, Array, Array]:
+    controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)
+    return logged(model, mujoco.MjData(model), controls[1:], scene.steps_per_row)
+
+
+def _whisker(
+    scene: ArmScene,
+    base_pose: Array,
+    base_twist: Array,
+    rotations_rad: Array,
+    readings: Array,
+    moved: dict[str, Array],
+    time_s: Array,
+) -> Simulated:
+    """One whisker's part of the recording."""
+    force_n = N_PER_UN * np.linalg.norm(readings[:, SENSORS["force"]], axis=1)
+    touching = force_n > 0.0
+    nearest, truth = _truth(scene, base_pose, rotations_rad, moved, np.flatnonzero(touching))
+    return Simulated(
+        time_s=time_s,
+        base_pose=base_pose,
+        base_twist=base_twist,
+        rotations_rad=rotations_rad,
+        touching=touching,
+        force_n=force_n,
+        nearest=nearest,
+        truth=truth,
+        split=is_split(readings),
+        penetration_m=np.maximum(-readings[:, SENSORS["distance"]], 0.0) / MM_PER_M,
+    )
+
+
+def _truth(
+    scene: ArmScene, base_pose: Array, rotations_rad: Array, moved: dict[str, Array], rows: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], ContactTruth]:
+    """Index of the object nearest to the whisker (n,), and where, at `rows`; the other rows mean nothing."""
+    count, whisker = len(base_pose), scene.resolved_whisker
+    nearest, least_m = np.zeros(count, dtype=int), np.full(len(rows), np.inf)
+    points, numbers = np.full((count, 2), np.nan), np.full(count, np.nan)
+    truth = ContactTruth(points, points.copy(), numbers, numbers.copy(), np.zeros(count, dtype=bool))
+    for index, free in enumerate(scene.objects):
+        frame = _Displaced(free.object, moved[free.name][rows])
+        found = nearest_contact(
+            CenterLine.from_joints(whisker, frame.start_pose(base_pose[rows]), rotations_rad[rows]), free.object
+        )
+        gap_m = free.object.closest(found.contact_m)[1] - whisker.radius_m(found.arc_m)
+        nearer = gap_m < least_m
+        here = rows[nearer]
+        least_m[nearer], nearest[here] = gap_m[nearer], index
+        truth.contact_m[here] = frame.now(found.contact_m)[nearer]
+        truth.surface_m[here] = frame.now(found.surface_m)[nearer]
+        truth.arc_m[here], truth.tip[here] = found.arc_m[nearer], found.tip[nearer]
+        truth.tangent_rad[here] = (found.tangent_rad + frame.yaw_rad)[nearer]
+    return nearest, truth
+
+
+class _Displaced:
+    """An object that has moved in the plane, at n instants: turned by `yaw_rad` about its start and then displaced.
+
+    Its tilt lifts its middle by no more than the square of it, and at the whiskers' height, near its middle, moves it by less
+    than a micrometre where it stands still to micrometres.
+    """
+
+    def __init__(self, shape: Shape, moved: Array) -> None:
+        self._center_m, self._moved_m, self.yaw_rad = np.array(shape.center_m), moved[:, :2], moved[:, 3]
+
+    def start_pose(self, poses: Array) -> Array:
+        """Poses (n, 3) in World as seen from the object, as if it had not moved."""
+        local = _turned(poses[:, :2] - self._center_m - self._moved_m, -self.yaw_rad)
+        return np.column_stack((local + self._center_m, poses[:, 2] - self.yaw_rad))
+
+    def now(self, points_m: Array) -> Array:
+        """Where points (n, 2) of the object as it was are now."""
+        return _turned(points_m - self._center_m, self.yaw_rad) + self._center_m + self._moved_m
+
+
+def _turned(vectors_m: Array, angle_rad: Array) -> Array:
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    x, y = vectors_m.T
+    return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+
+
+def _check(passed: Passed, tool_contacts: Array) -> None:
+    if np.any(tool_contacts > 0.0):
+        raise SimulationError(f"the tool itself touches something at {passed.time_s[np.argmax(tool_contacts > 0.0)]:.3f} s")
+    for name, whisker in passed.whiskers.items():
+        early = whisker.touching & (passed.time_s <= REST_S)
+        if np.any(early):
+            raise SimulationError(f"{name} touches at {passed.time_s[np.argmax(early)]:.3f} s, before the arm moves")

@@ -1,0 +1,23 @@
+"""An object that stands free on the table, as a scene gives it. `table` builds it."""
+
+from typing import Annotated
+
+import msgspec
+
+from whisker_sim.shapes import AnyShape
+from whisker_sim.whisker import Length, Positive
+
+
+class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An object that stands free on the table."""
+
+    name: Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
+    object: AnyShape
+    mass_kg: Positive
+    height_m: Length
+    friction: Positive = 0.5
+    """Coulomb's coefficient between object and table."""
+
+    def __post_init__(self) -> None:
+        if not self.object.upright:
+            raise ValueError(f"object.shape: expected a shape with upright sides, found '{self.object.__struct_config__.tag}'")

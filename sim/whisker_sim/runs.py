@@ -1,0 +1,81 @@
+"""What scene and suite files stand for: the runs to be made."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from whisker_sim.arm.scene import ArmScene
+from whisker_sim.documents import located, read_document, read_json
+from whisker_sim.errors import InputError
+from whisker_sim.scene import Format, Name, Scene, Seed, Simulation
+
+AnyScene = Scene | ArmScene
+
+
+class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One scene of a suite, and the seeds it is run with; without them, its own."""
+
+    scene: str
+    seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] | None = None
+
+
+class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A set of scenes that are run together."""
+
+    format: Format
+    name: Name
+    scenes: Annotated[tuple[SuiteEntry, ...], msgspec.Meta(min_length=1)]
+
+
+class Run(msgspec.Struct, frozen=True):
+    """One trace, or one recording of several whiskers, to be made."""
+
+    name: str
+    scene: AnyScene
+    """The scene, with the seed it is run with."""
+    path: Path
+    """The scene's file."""
+
+
+def load(path: Path) -> AnyScene | Suite:
+    """Reads a scene or a suite; raises `InputError` where the file is neither. One with an arm has the key `arm`."""
+    value, _ = read_json(path)
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: expected an object, found {type(value).__name__}")
+    kind = Suite if "scenes" in value else ArmScene if "arm" in value else Scene
+    return read_document(path, kind)
+
+
+def with_simulation(run: Run, simulation: Simulation) -> Run:
+    """The same run with other settings of the simulation; raises `InputError` where its rows do not fit their time step."""
+    try:
+        return msgspec.structs.replace(run, scene=msgspec.structs.replace(run.scene, simulation=simulation))
+    except ValueError as error:
+        raise located(run.path, str(error)) from None
+
+
+def load_runs(path: Path) -> tuple[str | None, list[Run]]:
+    """The traces that a scene or suite file stands for, and the suite's name.
+
+    Raises `InputError`, also where two traces of a suite would have the same name.
+    """
+    document = load(path)
+    if not isinstance(document, Suite):
+        return None, [Run(document.name, document, path)]
+    runs: dict[str, Run] = {}
+    for index, entry in enumerate(document.scenes):
+        scene_path = Path(os.path.normpath(path.parent / entry.scene))
+        if not scene_path.is_file():
+            raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found no file '{entry.scene}'")
+        scene = load(scene_path)
+        if isinstance(scene, Suite):
+            raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found the suite '{entry.scene}'")
+        seeds = entry.seeds or (scene.seed,)
+        for seed in seeds:
+            name = scene.name if entry.seeds is None else f"{scene.name}_{seed:02d}"
+            if name in runs:
+                raise InputError(f"{path}: scenes[{index}]: expected traces of different names, found '{name}' twice")
+            runs[name] = Run(name, msgspec.structs.replace(scene, seed=seed), scene_path)
+    return document.name, list(runs.values())
