@@ -35,12 +35,14 @@ fn dataset(folder: &Path) -> Dataset {
 
 fn evaluated(dataset: &Dataset, results: &Path) -> Evaluated {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
-    fit(dataset, &FitSettings { models, noise: 0.01, seed: 1 }, &dataset.calibrations()).unwrap();
+    let calibrated = FitSettings { models, noise: 0.01, seed: 1, front_end: Default::default(), sensors: Vec::new() };
+    fit(dataset, &calibrated, &dataset.calibrations("white")).unwrap();
     let settings = EvaluateSettings {
         name: "golden".into(),
         estimators: Some(vec!["ekf".into()]),
         programs: vec![Program::new("mute=true", Duration::from_secs(60)).unwrap()],
         config: Default::default(),
+        front_end: Default::default(),
         touch: Default::default(),
         noise: vec![0.01],
         seeds: vec![1],

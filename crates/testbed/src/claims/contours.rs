@@ -151,6 +151,7 @@ fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) 
             estimators: Some(config.iter().map(|(estimator, _)| (*estimator).into()).collect()),
             programs: Vec::new(),
             config: config.into_iter().map(|(estimator, config)| (estimator.into(), config)).collect(),
+            front_end: Default::default(),
             touch: run.touch,
             noise: run.noise[..1].to_vec(),
             seeds: run.seeds.clone(),

@@ -42,7 +42,8 @@ fn write_run(folder: &Path, whole: bool) {
     let run = json!({
         "format": 1, "kind": "run", "name": "small",
         "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
-        "noise": [0.01], "seeds": [1], "touch": TouchConfig::default(),
+        "noise": [0.01], "seeds": [1], "front_end": {"name": "white", "config": {}, "sensors": []},
+        "touch": TouchConfig::default(),
         "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "kind": if name.ends_with("ekf") { "recursive" } else { "baseline" }, "sensor_model": null, "config": {"fading": 1.004}})),
         "sets": objects.iter().chain(whole.then_some(&"drum")).map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
