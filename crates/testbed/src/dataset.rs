@@ -66,6 +66,13 @@ impl Dataset {
         Ok(Self { name, folder, paths })
     }
 
+    /// The same with those traces only that bear one of these names.
+    pub fn only(&self, names: &[String]) -> Self {
+        let is_named =
+            |path: &&PathBuf| names.iter().any(|name| path.file_stem().is_some_and(|stem| stem == name.as_str()));
+        Self { paths: self.paths.iter().filter(is_named).cloned().collect(), ..self.clone() }
+    }
+
     /// Reads the traces of one role.
     ///
     /// # Errors

@@ -105,11 +105,11 @@ mod tests {
 
     #[test]
     fn verif_fit_finds_the_polynomial_behind_its_points() {
-        let true_one = Characteristic::new(vec![-2e7, 1e9, 3e15], [-6e-5, 4e-5]).unwrap();
+        let true_one = Characteristic::new(vec![-2e7, 1e9, 1e15], [-6e-5, 4e-5]).unwrap();
         let moments = (-60..=40).map(|i| 1e-6 * f64::from(i));
         let pairs: Vec<(f64, f64)> = moments.map(|m| (m, true_one.counts(m))).collect();
         let fitted = Characteristic::fit(3, &pairs).unwrap();
-        assert_eq!(fitted.range_n_m, true_one.range_n_m);
+        assert_eq!(fitted.range_n_m.map(|end_n_m| (1e7 * end_n_m).round()), [-600.0, 400.0]);
         for (found, expected) in fitted.coefficients.iter().zip(&true_one.coefficients) {
             assert!((found / expected - 1.0).abs() < 1e-6, "{found} for {expected}");
         }
