@@ -648,7 +648,7 @@ impl Calibration {
     /// Reads a calibration with the sensor models that it chose.
     fn read(path: &Path) -> anyhow::Result<Self> {
         if !path.is_file() {
-            bail!("{}: no such calibration; `whisker fit` makes it", path.display());
+            bail!("{}: no such calibration; `whisker fit` makes it, with the same --front-end", path.display());
         }
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;
