@@ -53,7 +53,7 @@ pub const FRONT_ENDS: &[FrontEndRow] = &[
 
 /// What a front end does to the moments of a recording. One that reads them as they are has no sensor; others read counts, and what
 /// calibrating their sensor teaches turns those back into moments.
-trait Chain: Debug + Send + Sync {
+pub trait Chain: Debug + Send + Sync {
     /// Whether it has a sensor, with noise of its own, that must be calibrated.
     fn has_sensor(&self) -> bool {
         false
