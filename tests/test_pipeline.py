@@ -85,6 +85,23 @@ def test_replay_is_what_evaluate_scores(tmp_path: Path) -> None:
     assert whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0") == out.read_text()
 
 
+def test_a_hall_sensor_is_calibrated_read_through_and_reported(tmp_path: Path) -> None:
+    calibrations, front_end = tmp_path / "calibrations", ["--front-end", "hall"]
+    whisker("fit", SUITE, *front_end, "--out", calibrations, "--model", "elastica")
+    arguments = ["--calibrations", calibrations, "--results", tmp_path, "--estimators", "ukf", "--seeds", "1"]
+    whisker("evaluate", SUITE, *front_end, *arguments)
+    run = tmp_path / "smoke"
+    calibration = calibrations / "straight.json"
+    replayed = whisker("replay", TRACE, *front_end, "--calibration", calibration, "--estimator", "ukf")
+    assert replayed == (run / "estimates" / "smoke_pin.ukf.csv").read_text()
+    whisker("report", run)
+    assert (run / "figures" / "common_mode.svg").is_file()
+    assert (run / "figures" / "transfer.svg").is_file()
+    said = whisker("check", calibration, run / "sensors")
+    for kind in ("through `hall`, sensors straight", "turned sensor with", "counts over rotations with"):
+        assert kind in said
+
+
 def test_a_program_takes_part_and_finds_the_pin(tmp_path: Path) -> None:
     program = ["--estimators", "ekf", "--exec", f"{sys.executable} examples/my_filter.py"]
     for threads in (1, 2):
@@ -129,5 +146,5 @@ def test_check_knows_every_kind_of_file() -> None:
 
 def test_list_prints_every_registry() -> None:
     said = whisker("list")
-    for name in ("euler-bernoulli-calibrated", "polynomial", "error_over_time", "determinism", "lateral_sweep"):
+    for name in ("euler-bernoulli-calibrated", "polynomial", "hall", "error_over_time", "determinism", "lateral_sweep"):
         assert name in said

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use trace::{Role, Suite, Trace, read_json};
 
-use crate::front_end::default_noise;
+use crate::front_end::{FRONT_ENDS, FrontEnd};
 
 /// Traces to work on and the name under which their results go.
 #[derive(Clone, Debug)]
@@ -66,6 +66,13 @@ impl Dataset {
         Ok(Self { name, folder, paths })
     }
 
+    /// The same with those traces only that bear one of these names.
+    pub fn only(&self, names: &[String]) -> Self {
+        let is_named =
+            |path: &&PathBuf| names.iter().any(|name| path.file_stem().is_some_and(|stem| stem == name.as_str()));
+        Self { paths: self.paths.iter().filter(is_named).cloned().collect(), ..self.clone() }
+    }
+
     /// Reads the traces of one role.
     ///
     /// # Errors
@@ -84,20 +91,26 @@ impl Dataset {
         Ok(traces)
     }
 
-    /// Measurement noise to add where none is asked for: see [`default_noise`]. A dataset with a simulated trace counts as simulated.
+    /// Measurement noise to add where none is asked for: see [`FrontEnd::default_noise`]. A dataset with a simulated trace counts as simulated.
     ///
     /// # Errors
     /// If a sidecar cannot be read.
-    pub fn default_noise(&self) -> anyhow::Result<f64> {
+    pub fn default_noise(&self, front_end: &FrontEnd) -> anyhow::Result<f64> {
         let mut noise = 0.0;
         for path in &self.paths {
-            noise = default_noise(&read_json(&path.with_extension("json"))?).max(noise);
+            noise = front_end.default_noise(&read_json(&path.with_extension("json"))?).max(noise);
         }
         Ok(noise)
     }
 
-    /// Where the calibrations of these traces stand.
-    pub fn calibrations(&self) -> PathBuf {
-        self.folder.join("calibrations")
+    /// Where the calibrations of these traces, read through this front end, stand: see [`calibrations`].
+    pub fn calibrations(&self, front_end: &str) -> PathBuf {
+        calibrations(&self.folder, front_end)
     }
+}
+
+/// Folder of the calibrations of a folder of traces: `calibrations` for the default front end, in it a folder for each other.
+pub fn calibrations(folder: &Path, front_end: &str) -> PathBuf {
+    let folder = folder.join("calibrations");
+    if front_end == FRONT_ENDS[0].name { folder } else { folder.join(front_end) }
 }

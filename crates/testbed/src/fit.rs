@@ -1,17 +1,17 @@
 //! Fitting: calibration traces to calibration files.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, Digest, FaceFile, Role, Trace, write_atomically, write_json};
+use trace::{CalibrationFile, Digest, FaceFile, Role, Sidecar, Trace, read_json, write_atomically, write_json};
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Face, Fit, Material, ModelError, Sample};
 
 use crate::dataset::Dataset;
-use crate::front_end::FrontEnd;
+use crate::front_end::{Choice, FrontEnd, Mounting, Played};
 use crate::provenance::watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
 use crate::settings::merged;
@@ -74,8 +74,12 @@ pub struct FitSettings {
     pub models: Models,
     /// Measurement noise that is added to simulated traces, as a fraction of the largest reading of a whisker's calibration.
     pub noise: f64,
-    /// Seed of that noise.
+    /// Seed of that noise, and of the front end's.
     pub seed: u64,
+    /// The front end through which the traces are read.
+    pub front_end: Choice,
+    /// Sensors to calibrate beside those of the dataset's traces.
+    pub sensors: Vec<Mounting>,
 }
 
 /// A fitted whisker and where it was written.
@@ -97,16 +101,41 @@ pub struct Fitted {
 /// If traces cannot be read, contradict one another, or do not determine the model.
 pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Result<Vec<Fitted>> {
     let candidates = settings.models.candidates()?;
+    let front_end = FrontEnd::new(&settings.front_end)?;
     let mut whiskers: BTreeMap<String, Vec<Trace>> = BTreeMap::new();
     for trace in dataset.read(Role::Calibration)? {
+        front_end.check_trace(&trace.sidecar)?;
         whiskers.entry(trace.sidecar.whisker.name.clone()).or_default().push(trace);
     }
-    whiskers.values().map(|traces| fit_whisker(&candidates, traces, settings, &dataset.folder, out)).collect()
+    whiskers
+        .iter()
+        .map(|(whisker, traces)| {
+            let mountings = mountings(dataset, whisker, settings)?;
+            fit_whisker(&candidates, traces, &front_end, &mountings, settings, &dataset.folder, out)
+        })
+        .collect()
+}
+
+/// The sensors with a whisker, each once.
+fn mountings(dataset: &Dataset, whisker: &str, settings: &FitSettings) -> anyhow::Result<Vec<Mounting>> {
+    let mut mountings = Vec::new();
+    for path in &dataset.paths {
+        let sidecar: Sidecar = read_json(&path.with_extension("json"))?;
+        if sidecar.whisker.name == whisker {
+            mountings.push(Mounting::of(&sidecar));
+        }
+    }
+    mountings.extend(settings.sensors.iter().cloned());
+    let mut seen = BTreeSet::new();
+    mountings.retain(|mounting| seen.insert((mounting.array.clone(), mounting.sensor.clone())));
+    Ok(mountings)
 }
 
 fn fit_whisker(
     candidates: &[Candidate],
     traces: &[Trace],
+    front_end: &FrontEnd,
+    mountings: &[Mounting],
     settings: &FitSettings,
     folder: &Path,
     out: &Path,
@@ -129,6 +158,8 @@ fn fit_whisker(
     let mut inputs = vec![data_sha256.clone(), serde_json::to_string(whisker)?];
     inputs.extend(candidates.iter().map(|it| format!("{} {}", it.row.kind, it.config)));
     inputs.extend([settings.noise.to_string(), settings.seed.to_string()]);
+    inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
+    inputs.extend(mountings.iter().map(|mounting| format!("{}/{}", mounting.array, mounting.sensor)));
     let watermark = watermark(inputs.iter().map(String::as_str));
     let path = out.join(format!("{}.json", whisker.name));
     let for_report = |face: &FaceFile| {
@@ -151,17 +182,31 @@ fn fit_whisker(
     // A recording has its own noise.
     let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
     let noise = if is_recorded { 0.0 } else { settings.noise };
-    let front_end = FrontEnd { noise_sd_n_m: noise * largest, seed: settings.seed };
+    let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::of(&trace.sidecar)).collect();
+    let played = |(trace, mounting)| Played::new(trace, mounting, noise * largest, settings.seed);
+    let played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
+    let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;
+    let mut readings_n_m = Vec::new();
+    for played in &played {
+        let Mounting { array, sensor, .. } = played.mounting;
+        let sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
+        readings_n_m.push(front_end.readings_n_m(played, sensor)?);
+    }
     let mut faces = Vec::new();
     let mut left_out = Vec::new();
     for face in [Face::Left, Face::Right] {
-        let of_face: Vec<&Trace> = traces.iter().filter(|trace| trace.sidecar.face == face).collect();
+        let read: Vec<Read> = traces
+            .iter()
+            .zip(&readings_n_m)
+            .filter(|(trace, _)| trace.sidecar.face == face)
+            .map(|(trace, readings_n_m)| Read { trace, readings_n_m })
+            .collect();
+        let of_face: Vec<&Trace> = read.iter().map(|read| read.trace).collect();
         if of_face.is_empty() {
             continue;
         }
         let place = || format!("whisker `{}`, face {}", whisker.name, face.name());
-        let (fits, failed) = fit_face(candidates, whisker, face, &of_face, &front_end, pin_radius_m(&of_face, folder)?)
-            .with_context(place)?;
+        let (fits, failed) = fit_face(candidates, whisker, face, &read, folder).with_context(place)?;
         left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
         let file = FaceFile::new(&fits).expect("there is a fit");
         let chosen = fits.iter().find(|fit| fit.face.label == file.chosen).expect("the chosen one is among the fits");
@@ -169,9 +214,16 @@ fn fit_whisker(
         faces.push(file);
     }
     let names = traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
-    let calibration = CalibrationFile::new(whisker.clone(), noise, settings.seed, data_sha256, names, faces, watermark);
+    let (whisker, seed) = (whisker.clone(), settings.seed);
+    let calibration = CalibrationFile::new(whisker, noise, seed, sensors, data_sha256, names, faces, watermark);
     write_json(&path, &calibration)?;
     Ok(Fitted { calibration, path, is_new: true, left_out })
+}
+
+/// A calibration trace as the sensor read it.
+struct Read<'a> {
+    trace: &'a Trace,
+    readings_n_m: &'a [f64],
 }
 
 /// Fits of the candidates, at least one, and why others are left out.
@@ -179,23 +231,19 @@ fn fit_face(
     candidates: &[Candidate],
     whisker: &Whisker,
     face: Face,
-    traces: &[&Trace],
-    front_end: &FrontEnd,
-    pin_radius_m: f64,
+    read: &[Read],
+    folder: &Path,
 ) -> anyhow::Result<(Vec<Fit>, Vec<String>)> {
-    let measured: Vec<Vec<Sample>> = traces
-        .iter()
-        .map(|trace| contacts(trace, &front_end.readings_n_m(&trace.sidecar.name, &trace.recording)))
-        .collect();
-    let reference: Vec<Vec<Sample>> = traces.iter().map(|trace| clean_contacts(trace)).collect();
-    let noise = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / traces.len() as f64;
+    let measured: Vec<Vec<Sample>> = read.iter().map(|read| contacts(read.trace, read.readings_n_m)).collect();
+    let reference: Vec<Vec<Sample>> = read.iter().map(|read| clean_contacts(read.trace)).collect();
+    let noise = read.iter().map(|read| read.trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / read.len() as f64;
     let material = Material {
         whisker,
         face,
         measured: &measured,
         reference: &reference,
         reference_noise_sd_n_m: noise.sqrt(),
-        pin_radius_m,
+        pin_radius_m: pin_radius_m(read.iter().map(|read| read.trace), folder)?,
     };
     let fitted: Vec<Result<Fit, ModelError>> =
         candidates.par_iter().map(|it| sensor::fit(it.row, &it.config, &material)).collect();
@@ -236,7 +284,7 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
 }
 
 /// Mean distance of the known contacts from the middle of the object that touched. Where no outline is known the contacts stand for the middle.
-fn pin_radius_m(traces: &[&Trace], folder: &Path) -> anyhow::Result<f64> {
+fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> anyhow::Result<f64> {
     let mut distances_m = Vec::new();
     for trace in traces {
         let Some(middle) = trace.outline(folder)?.map(|outline| outline.middle()) else { return Ok(0.0) };

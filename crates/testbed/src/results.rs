@@ -16,6 +16,8 @@
 //! outlines/<trace>.csv                  true outline of the object, `x_m,y_m`
 //! models/<whisker>_<face>.surface.csv   [`SurfaceRow`], the sensor model on a grid over its domain
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
+//! sensors/<sensor>.turn.csv             [`TurnRow`], counts at rest while the sensor is turned, where the front end has a sensor
+//! sensors/<sensor>.transfer.csv         [`TransferRow`], counts over the rotation of the root
 //! ```
 //!
 //! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
@@ -27,6 +29,7 @@ use anyhow::{Context, bail};
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
+use trace::FrontEndFile;
 use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
@@ -403,6 +406,36 @@ pub struct ResidualRow {
     pub residual_n_m: f64,
 }
 
+/// Counts of a resting sensor while it is turned by half a circle and back, from zero.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TurnRow {
+    /// Time since the start.
+    pub t_s: f64,
+    /// Yaw of the base since the start.
+    pub yaw_rad: f64,
+    /// Counts of the axis that is read.
+    pub counts: f64,
+    /// The same with the common mode taken out.
+    pub compensated_counts: f64,
+}
+
+/// Counts of a sensor at one rotation of the root, without noise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransferRow {
+    /// Gain over that of the sensor as it is.
+    pub amplified: f64,
+    /// Rotation of the root against the base.
+    pub rotation_rad: f64,
+    /// Counts of the axis along the root.
+    pub x_counts: f64,
+    /// Counts of the axis across it in the plane: the one that is read.
+    pub y_counts: f64,
+    /// Counts of the axis out of the plane.
+    pub z_counts: f64,
+}
+
 /// `run.json`: what was run, on what, by what.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -419,6 +452,8 @@ pub struct Run {
     pub noise: Vec<f64>,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
+    /// The front end through which the trials were read, with its settings and what calibration taught of its sensors.
+    pub front_end: FrontEndFile,
     /// Settings of the touch detection.
     pub touch: TouchConfig,
     /// Estimators with their settings.

@@ -1,6 +1,7 @@
 //! Evaluation of the golden traces: what is written, and what is kept.
 #![cfg(unix)]
 
+use std::fs;
 use std::path::Path;
 use std::slice;
 use std::time::Duration;
@@ -11,6 +12,7 @@ use testbed::dataset::Dataset;
 use testbed::entrant::Program;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
+use testbed::front_end::Choice;
 use trace::{Role, Trace, TruthInstant, sha256};
 
 /// The golden pin, as a trial and as a calibration, and without its pin: nothing is touched.
@@ -33,24 +35,36 @@ fn dataset(folder: &Path) -> Dataset {
     Dataset::open(folder, None).unwrap()
 }
 
-fn evaluated(dataset: &Dataset, results: &Path) -> Evaluated {
+fn fitted(dataset: &Dataset, front_end: &Choice, out: &Path) {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
-    fit(dataset, &FitSettings { models, noise: 0.01, seed: 1 }, &dataset.calibrations()).unwrap();
+    let settings = FitSettings { models, noise: 0.01, seed: 1, front_end: front_end.clone(), sensors: Vec::new() };
+    fit(dataset, &settings, out).unwrap();
+}
+
+fn evaluated(dataset: &Dataset, results: &Path) -> Evaluated {
+    fitted(dataset, &Choice::default(), &dataset.calibrations("white"));
     let settings = EvaluateSettings {
+        programs: vec![Program::new("mute=true", Duration::from_secs(60)).unwrap()],
+        ..settings(results)
+    };
+    evaluate(slice::from_ref(dataset), &settings, &ProgressBar::hidden()).unwrap()
+}
+
+fn settings(results: &Path) -> EvaluateSettings {
+    EvaluateSettings {
         name: "golden".into(),
         estimators: Some(vec!["ekf".into()]),
-        programs: vec![Program::new("mute=true", Duration::from_secs(60)).unwrap()],
+        programs: Vec::new(),
         config: Default::default(),
+        front_end: Default::default(),
         touch: Default::default(),
         noise: vec![0.01],
         seeds: vec![1],
         starts: Default::default(),
         calibrations: None,
         results: results.into(),
-    };
-    evaluate(slice::from_ref(dataset), &settings, &ProgressBar::hidden()).unwrap()
+    }
 }
-
 #[test]
 fn robust_a_trial_without_a_touch_is_a_failure_beside_the_others_and_is_not_redone() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
@@ -72,4 +86,64 @@ fn robust_a_trial_without_a_touch_is_a_failure_beside_the_others_and_is_not_redo
     let again = evaluated(&dataset, results.path());
     assert!(!again.is_new);
     assert_eq!((again.failures, again.summary), (first.failures, first.summary));
+}
+
+fn hall() -> Choice {
+    Choice { name: "hall".into(), config: json!({"earth_t": 40e-6}) }
+}
+
+#[test]
+fn verif_readings_of_a_hall_sensor_do_not_depend_on_the_number_of_threads() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    let tables = |threads: usize| {
+        let calibrations = results.path().join(format!("calibrations-{threads}"));
+        let settings = EvaluateSettings {
+            name: format!("threads-{threads}"),
+            front_end: hall(),
+            noise: vec![0.0],
+            seeds: vec![1, 2, 3],
+            calibrations: Some(calibrations.clone()),
+            ..settings(results.path())
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let evaluated = pool.install(|| {
+            fitted(&dataset, &hall(), &calibrations);
+            evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap()
+        });
+        let again = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap();
+        assert!(evaluated.is_new && !again.is_new);
+        let of_sensor = ["sensors/straight.turn.csv", "sensors/straight.transfer.csv"];
+        let files = ["trials.csv", "estimates/pin.ekf.csv"].into_iter().chain(of_sensor);
+        files.map(|file| fs::read(evaluated.folder.join(file)).unwrap()).collect::<Vec<_>>()
+    };
+    let one = tables(1);
+    assert!(one == tables(2), "tables differ between one thread and two");
+    let trials = String::from_utf8(one[0].clone()).unwrap();
+    let rows: Vec<&str> = trials.lines().skip(1).collect();
+    assert!(rows.len() == 3 && rows[0] != rows[1], "seeds differ in the noise of the sensor");
+}
+
+#[test]
+fn robust_a_calibration_through_another_front_end_is_named() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    let folder = |name: &str| results.path().join(name);
+    fitted(&dataset, &Choice::default(), &folder("white"));
+    fitted(&dataset, &hall(), &folder("hall"));
+    let refused = |calibrations: &str, front_end: Choice, words: &[&str]| {
+        let calibrations = Some(folder(calibrations));
+        let settings = EvaluateSettings { front_end, calibrations, ..settings(results.path()) };
+        let error = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap_err();
+        let text = format!("{error:#}");
+        assert!(words.iter().all(|word| text.contains(word)) && text.lines().count() == 1, "{text}");
+    };
+    refused("white", hall(), &["white/straight.json", "front_end", "found none", "`hall`", "--front-end hall"]);
+    refused("hall", Choice::default(), &["hall/straight.json", "front_end.name", "`hall`", "expected `white`"]);
+    let other = Choice { config: json!({}), ..hall() };
+    refused("hall", other, &["front_end.config.earth_t", "found 0.00004", "expected 0.000048"]);
+    let path = folder("hall").join("straight.json");
+    let renamed = fs::read_to_string(&path).unwrap().replacen("\"array\": \"straight\"", "\"array\": \"left\"", 1);
+    fs::write(&path, renamed).unwrap();
+    refused("hall", hall(), &["front_end.sensors", "found left/straight", "straight/straight", "--sensors"]);
 }

@@ -9,7 +9,7 @@ use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
 
 use crate::sidecar::plain_name;
-use crate::{Error, FORMAT, Watermark, read_json, sha256};
+use crate::{Characteristic, Error, FORMAT, Watermark, read_json, sha256};
 
 /// The only column that stands for a reading in format 1.
 const READING: &str = "moment_z_n_m";
@@ -37,6 +37,9 @@ pub struct CalibrationFile {
     pub noise_fraction: f64,
     /// Seed of that noise.
     pub seed: u64,
+    /// The front end through which the traces were read, and its sensors; nothing where readings were the moments themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub front_end: Option<FrontEndFile>,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
     /// Names of the traces.
@@ -47,6 +50,41 @@ pub struct CalibrationFile {
     pub faces_sha256: String,
     /// What wrote the file.
     pub watermark: Watermark,
+}
+
+/// A front end and what was learnt of its sensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrontEndFile {
+    /// Its name in the registry.
+    pub name: String,
+    /// Its settings.
+    pub config: Value,
+    /// The sensors that were calibrated.
+    pub sensors: Vec<SensorFile>,
+}
+
+impl FrontEndFile {
+    /// The sensor of this name in this array.
+    pub fn sensor(&self, array: &str, name: &str) -> Option<&SensorFile> {
+        self.sensors.iter().find(|sensor| sensor.array == array && sensor.name == name)
+    }
+}
+
+/// What was learnt of one sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorFile {
+    /// Name of the sensor.
+    pub name: String,
+    /// Name of the array on whose board it sits, beside the reference sensor.
+    pub array: String,
+    /// How many counts of the reference sensor's two axes in the plane, x and y of Base, appear in those of the sensor.
+    pub common_mode: [f64; 2],
+    /// How its counts, with the common mode taken out, answer to the moment.
+    pub characteristic: Characteristic,
+    /// Root mean square of its readings at rest.
+    pub noise_sd_n_m: f64,
 }
 
 /// One face of a calibration.
@@ -127,6 +165,7 @@ impl CalibrationFile {
         whisker: Whisker,
         noise_fraction: f64,
         seed: u64,
+        front_end: Option<FrontEndFile>,
         data_sha256: String,
         traces: Vec<String>,
         faces: Vec<FaceFile>,
@@ -139,6 +178,7 @@ impl CalibrationFile {
             reading: READING.into(),
             noise_fraction,
             seed,
+            front_end,
             data_sha256,
             traces,
             faces_sha256: faces_sha256(&faces),
@@ -169,6 +209,7 @@ impl CalibrationFile {
         file.whisker
             .validate()
             .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))?;
+        file.check_sensors(path)?;
         file.check_faces(path)?;
         Ok(file)
     }
@@ -194,6 +235,21 @@ impl CalibrationFile {
                 Ok(Arc::new(self.load(path, face, model)?))
             })
             .collect()
+    }
+
+    fn check_sensors(&self, path: &Path) -> Result<(), Error> {
+        for sensor in self.front_end.iter().flat_map(|front_end| &front_end.sensors) {
+            let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.name);
+            if !sensor.characteristic.is_valid() {
+                let found = format!("{:?}", sensor.characteristic);
+                let expected = "a polynomial that does not turn back within a range that holds 0";
+                return Err(Error::value(path, key("characteristic"), found, expected));
+            }
+            if !(sensor.noise_sd_n_m.is_finite() && sensor.noise_sd_n_m >= 0.0) {
+                return Err(Error::value(path, key("noise_sd_n_m"), sensor.noise_sd_n_m, "a number of 0 or more"));
+            }
+        }
+        Ok(())
     }
 
     fn check_faces(&self, path: &Path) -> Result<(), Error> {

@@ -6,6 +6,7 @@
 
 mod calibration;
 mod certificate;
+mod characteristic;
 mod error;
 mod files;
 mod import;
@@ -15,8 +16,9 @@ mod suite;
 mod table;
 mod watermark;
 
-pub use calibration::{CalibrationFile, FaceFile, MOST_NOISE, ModelFile};
+pub use calibration::{CalibrationFile, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
+pub use characteristic::Characteristic;
 pub use error::Error;
 pub use files::{Digest, read_json, sha256, write_atomically, write_json};
 pub use import::{IMPORTERS, Imported, ImporterRow, importer};

@@ -55,7 +55,7 @@ fn calibration(fits: &[Fit]) -> CalibrationFile {
     let faces = vec![FaceFile::new(fits).unwrap()];
     let watermark =
         Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
-    CalibrationFile::new(whisker(), 0.0, 1, String::new(), vec!["trace".into()], faces, watermark)
+    CalibrationFile::new(whisker(), 0.0, 1, None, String::new(), vec!["trace".into()], faces, watermark)
 }
 
 /// The one line that reading a changed file gives.

@@ -47,6 +47,27 @@ pub(crate) fn evaluate_on(suite: &str, traces: &str, calibrated: &str, seeds: u3
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
 }
 
+/// Calibration traces, read through a front end, to sensor models: `datasets/<suite>/calibrations/<front end>/`.
+pub(crate) fn fit_through(front_end: &str, suite: &str) -> Outcome {
+    step("fit", || run(whisker(&["fit", &suite_file(suite), "--front-end", front_end])))
+}
+
+/// Some estimators on the traces of a suite, read through a front end at several levels of noise, with the calibrations of another:
+/// `results/<front end>/`.
+pub(crate) fn evaluate_through(
+    front_end: &str,
+    suite: &str,
+    calibrated: &str,
+    estimators: &str,
+    noise: &str,
+) -> Outcome {
+    let traces = format!("datasets/{suite}");
+    let calibrations = format!("datasets/{calibrated}/calibrations/{front_end}");
+    let inputs = ["--traces", &traces, "--calibrations", &calibrations, "--front-end", front_end, "--name", front_end];
+    let options = ["--estimators", estimators, "--noise", noise, "--seeds", "2"];
+    step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &inputs[..], &options[..]].concat())))
+}
+
 /// Recordings of others to traces, sensor models and scores, with what estimators are told of the first touch right and wrong:
 /// `datasets/<name>/`, `results/<name>/`.
 pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {

@@ -1,13 +1,10 @@
 //! Objects of every shape: how far the contact that an estimator follows, and the outline that it makes of them, lie from the truth, and whether it knows.
 
-use std::path::PathBuf;
-
 use anyhow::Context as _;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS};
-use crate::dataset::Dataset;
 use crate::evaluate::{EvaluateSettings, evaluate};
 use crate::metrics::{Metric, consistency, contour};
 
@@ -138,10 +135,7 @@ fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) 
     let Evaluation { run, .. } = context.run(RUN);
     let set = run.sets.iter().find(|set| set.group == group && set.whisker == whisker);
     let traces = &set.with_context(|| format!("{group}, {whisker}: no such set in the run"))?.traces;
-    let is_of_set =
-        |path: &&PathBuf| traces.iter().any(|name| path.file_stem().is_some_and(|stem| stem == name.as_str()));
-    let paths = context.dataset.paths.iter().filter(is_of_set).cloned().collect();
-    let dataset = Dataset { paths, ..context.dataset.clone() };
+    let dataset = context.dataset.only(traces);
     let folder = tempfile::tempdir()?;
     let mut errors_m = Vec::new();
     for fading in FADINGS {
@@ -151,6 +145,7 @@ fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) 
             estimators: Some(config.iter().map(|(estimator, _)| (*estimator).into()).collect()),
             programs: Vec::new(),
             config: config.into_iter().map(|(estimator, config)| (estimator.into(), config)).collect(),
+            front_end: Default::default(),
             touch: run.touch,
             noise: run.noise[..1].to_vec(),
             seeds: run.seeds.clone(),

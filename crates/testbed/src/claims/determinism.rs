@@ -27,6 +27,7 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
         estimators: Some(run.estimators.iter().map(|estimator| estimator.name.clone()).collect()),
         programs: Vec::new(),
         config: Default::default(),
+        front_end: Default::default(),
         touch: run.touch,
         noise: run.noise.clone(),
         seeds: run.seeds.iter().take(1).copied().collect(),

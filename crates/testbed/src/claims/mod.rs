@@ -5,6 +5,7 @@
 mod contact_events;
 mod contours;
 mod determinism;
+mod hall;
 mod monte_carlo;
 mod motion;
 mod noiseless;
@@ -18,14 +19,15 @@ use std::path::Path;
 use anyhow::bail;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
-use trace::write_atomically;
+use trace::{SensorFile, write_atomically};
 
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
 
 use crate::dataset::Dataset;
 use crate::metrics::Metric;
 use crate::results::{
-    ContourTrialRow, ErrorBandRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores,
+    ContourTrialRow, ErrorBandRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow, csv_bytes, read_rows,
+    read_scores,
 };
 use crate::statistics::mean;
 
@@ -94,12 +96,13 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     motion::claims,
     contours::claims,
     contact_events::claims,
+    hall::claims,
     real::claims,
     determinism::claims,
 ];
 
-/// The evaluated suites that claims are measured on. Their runs bear the same names.
-pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN];
+/// The runs that claims are measured on. They bear the names of their suites, and that of the pins through a front end the front end's.
+pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN];
 
 /// The run that claims are measured on unless they name another.
 pub(crate) const STANDARD: &str = "standard";
@@ -146,6 +149,8 @@ struct Evaluation {
     trials: Vec<TrialRow>,
     bands: Vec<ErrorBandRow>,
     contours: Vec<ContourTrialRow>,
+    /// Counts while each sensor is turned, where the front end has sensors.
+    turns: BTreeMap<String, Vec<TurnRow>>,
 }
 
 impl Context {
@@ -186,8 +191,14 @@ impl Evaluation {
         if !folder.join("run.json").is_file() {
             bail!("{}: no such run; `cargo xtask reproduce` makes it", folder.display());
         }
+        let run = Run::read(&folder.join("run.json"))?;
+        let mut turns = BTreeMap::new();
+        for SensorFile { name, .. } in &run.front_end.sensors {
+            turns.insert(name.clone(), read_rows(&folder.join("sensors").join(format!("{name}.turn.csv")))?);
+        }
         Ok(Self {
-            run: Run::read(&folder.join("run.json"))?,
+            run,
+            turns,
             summary: read_scores(&folder.join("summary.csv"))?,
             trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
@@ -197,11 +208,13 @@ impl Evaluation {
 
     /// The summary of an estimator on one set at the run's first noise level.
     fn summary(&self, group: &str, whisker: &str, estimator: &str) -> Option<&SummaryRow> {
+        self.summary_at(group, whisker, estimator, self.run.noise[0])
+    }
+
+    /// The summary of an estimator on one set at a noise level.
+    fn summary_at(&self, group: &str, whisker: &str, estimator: &str, noise: f64) -> Option<&SummaryRow> {
         self.summary.iter().find(|SummaryRow { head, .. }| {
-            head.group == group
-                && head.whisker == whisker
-                && head.estimator == estimator
-                && head.noise == self.run.noise[0]
+            head.group == group && head.whisker == whisker && head.estimator == estimator && head.noise == noise
         })
     }
 

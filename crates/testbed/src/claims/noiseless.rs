@@ -17,6 +17,7 @@ use whisker::frames::{Point, World};
 use whisker::sensor::CalibratedFace;
 
 use super::{Claim, Context, WHISKERS, filters};
+use crate::front_end::FRONT_ENDS;
 use crate::replay::{estimator, knowledge, replay, samples};
 use crate::settings::merged;
 use crate::statistics::quantile;
@@ -80,7 +81,7 @@ fn final_offsets(
     settings: &Value,
     seeds: u64,
 ) -> anyhow::Result<Vec<Vec<Vector2<f64>>>> {
-    let path = context.dataset.calibrations().join(format!("{whisker}.json"));
+    let path = context.dataset.calibrations(FRONT_ENDS[0].name).join(format!("{whisker}.json"));
     let faces = CalibrationFile::read(&path)?.calibrated(&path, None)?;
     let row = estimators::estimator(filter).context("a registered estimator")?;
     let config = merged((row.defaults)(), settings)?;

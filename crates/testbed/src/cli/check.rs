@@ -12,7 +12,7 @@ use super::{print, python};
 use crate::claims::MeasuredClaim;
 use crate::results::{
     BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, ResidualRow, Run, SummaryHead, SurfaceRow,
-    TrialHead, read_rows, read_scores,
+    TransferRow, TrialHead, TurnRow, read_rows, read_scores,
 };
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
@@ -96,7 +96,11 @@ fn check(path: &Path) -> anyhow::Result<String> {
                     Some(format!("{face} ({label}, held-out RMS {share:.3} % of the largest reading)"))
                 })
                 .collect();
-            Ok(format!("calibration of `{}`: {}", calibration.whisker.name, faces.join(", ")))
+            let sensors = calibration.front_end.map_or_else(String::new, |front_end| {
+                let sensors: Vec<_> = front_end.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+                format!("; through `{}`, sensors {}", front_end.name, sensors.join(", "))
+            });
+            Ok(format!("calibration of `{}`: {}{sensors}", calibration.whisker.name, faces.join(", ")))
         }
         Some("run") => {
             let run = Run::read(path)?;
@@ -133,6 +137,8 @@ const TABLES: &[Table] = &[
     Table { name: "claims.csv", about: "claims", rows: count::<MeasuredClaim> },
     Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
     Table { name: ".residuals.csv", about: "residuals", rows: count::<ResidualRow> },
+    Table { name: ".turn.csv", about: "turned sensor", rows: count::<TurnRow> },
+    Table { name: ".transfer.csv", about: "counts over rotations", rows: count::<TransferRow> },
 ];
 
 fn count<Row: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {

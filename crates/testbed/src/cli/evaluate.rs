@@ -11,10 +11,11 @@ use serde_json::Value;
 use trace::read_json;
 use whisker::events::TouchConfig;
 
-use super::{FINISHED_WITH_FAILURES, noise_fraction, print, progress_bar, table};
+use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
 use crate::dataset::Dataset;
 use crate::entrant::Program;
 use crate::evaluate::{EvaluateSettings, Skipped, Starts, evaluate};
+use crate::front_end::FrontEnd;
 use crate::metrics::{bound, consistency, error};
 use crate::results::{FailureRow, SummaryRow};
 
@@ -30,7 +31,7 @@ pub(super) struct Arguments {
     /// Folder of the suites' traces [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
-    /// Folder of the calibrations [default: calibrations/ beside the traces]
+    /// Folder of the calibrations [default: calibrations/ beside the traces, in it a folder for a front end that is not the default]
     #[arg(long)]
     calibrations: Option<PathBuf>,
     /// Estimators, by comma [default: all; `whisker list` names them]
@@ -45,11 +46,13 @@ pub(super) struct Arguments {
     /// File with settings by estimator, and of the touch detection: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}}
     #[arg(long)]
     config: Option<PathBuf>,
-    /// Noise levels to add, as fractions of the largest reading of each set, by comma [default: 0.01; 0 to recordings, which have
-    /// their own]
+    #[command(flatten)]
+    front_end: front_end::Arguments,
+    /// Noise levels to add, as fractions of the largest reading of each set, by comma [default: the front end's, 0.01 or 0 where it has its
+    /// own; 0 to recordings, which have their own]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where no noise is added]
+    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: Option<u64>,
     /// What the estimators are told of the first touch
@@ -74,17 +77,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
     let program = |text: &String| Program::new(text, arguments.exec_timeout);
+    let choice = arguments.front_end.choice();
+    let front_end = FrontEnd::new(&choice)?;
     let noise = match &arguments.noise {
         Some(levels) => levels.clone(),
-        None => vec![default_noise(&datasets)?],
+        None => vec![default_noise(&datasets, &front_end)?],
     };
-    // Without added noise every seed replays the same readings, which would count as so many trials.
-    let seeds = if noise.iter().all(|level| *level == 0.0) { 1 } else { DEFAULT_SEEDS };
+    // Without noise every seed replays the same readings, which would count as so many trials.
+    let is_silent = !front_end.is_noisy() && noise.iter().all(|level| *level == 0.0);
+    let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
         estimators: arguments.estimators.clone(),
         programs: arguments.exec.iter().map(program).collect::<anyhow::Result<_>>()?,
         config,
+        front_end: choice,
         touch,
         starts: arguments.starts,
         seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
@@ -125,8 +132,8 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// The largest that a dataset asks for.
-fn default_noise(datasets: &[Dataset]) -> anyhow::Result<f64> {
-    datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise()?)))
+fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f64> {
+    datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise(front_end)?)))
 }
 
 /// A file of settings.

@@ -7,12 +7,13 @@ use std::time::Instant;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use trace::CalibrationFile;
+use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::Face;
 
-use super::{json, noise_fraction, print, table};
+use super::{front_end, json, noise_fraction, print, table};
 use crate::dataset::Dataset;
 use crate::fit::{FitSettings, Models, fit};
+use crate::front_end::{FrontEnd, Mounting};
 
 /// In the place of a model's name: find the best.
 const AUTO: &str = "auto";
@@ -25,7 +26,7 @@ pub(super) struct Arguments {
     /// Folder of the suite's traces [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
-    /// Folder for the calibrations [default: calibrations/ beside the traces]
+    /// Folder for the calibrations [default: calibrations/ beside the traces, in it a folder for a front end that is not the default]
     #[arg(long)]
     out: Option<PathBuf>,
     /// Sensor model; `whisker list` names them, `auto` fits all and takes the one that predicts held-out traces best
@@ -34,10 +35,15 @@ pub(super) struct Arguments {
     /// Settings of the model as JSON, for example '{"degree": 7}'
     #[arg(long, value_parser = json)]
     config: Option<Value>,
-    /// Measurement noise added to simulated traces, as a fraction of the largest reading
-    #[arg(long, default_value = "0.01", value_parser = noise_fraction)]
-    noise: f64,
-    /// Seed of that noise
+    #[command(flatten)]
+    front_end: front_end::Arguments,
+    /// Sensors to calibrate beside those of the traces, as array/sensor, by comma
+    #[arg(long, value_delimiter = ',', value_parser = mounting)]
+    sensors: Vec<Mounting>,
+    /// Measurement noise added to simulated traces, as a fraction of the largest reading [default: the front end's]
+    #[arg(long, value_parser = noise_fraction)]
+    noise: Option<f64>,
+    /// Seed of that noise, and of the front end's
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -52,8 +58,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Models::One { kind: kind.into(), config }
         }
     };
-    let settings = FitSettings { models, noise: arguments.noise, seed: arguments.seed };
-    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations());
+    let choice = arguments.front_end.choice();
+    let front_end = FrontEnd::new(&choice)?;
+    let settings = FitSettings {
+        models,
+        noise: arguments.noise.unwrap_or(front_end.row.noise),
+        seed: arguments.seed,
+        front_end: choice,
+        sensors: arguments.sensors.clone(),
+    };
+    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
     let fitted = fit(&dataset, &settings, &out)?;
     for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
         eprintln!("left out: {reason}");
@@ -91,6 +105,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         print(&format!("{}{state}\n", whisker.path.display()))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// A sensor and its array.
+fn mounting(text: &str) -> Result<Mounting, String> {
+    let names = text.split_once('/').filter(|(array, sensor)| is_plain_name(array) && is_plain_name(sensor));
+    let (array, sensor) = names.ok_or("expected array/sensor, for example left/left_1")?;
+    Ok(Mounting { sensor: sensor.into(), array: array.into(), recording: String::new() })
 }
 
 /// Wall-clock time of one prediction with its gradient over the calibrated region, the quickest of a few rounds.

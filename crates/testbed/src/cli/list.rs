@@ -10,10 +10,11 @@ use whisker::sensor::MODELS;
 
 use super::{print, python};
 use crate::claims::claims;
+use crate::front_end::FRONT_ENDS;
 use crate::metrics::{METRICS, Metric};
 use crate::report::{FIGURES, physics};
 
-/// Print the registries: estimators, sensor models, detectors, importers, metrics, figures, claims, and the generator's
+/// Print the registries: estimators, sensor models, detectors, front ends, importers, metrics, figures, claims, and the generator's
 #[derive(clap::Args)]
 pub(super) struct Arguments {}
 
@@ -27,6 +28,8 @@ pub(super) fn run(_: &Arguments) -> anyhow::Result<ExitCode> {
     sections.push(("sensor models", models.collect()));
     let detectors = DETECTORS.iter().map(|row| with_defaults(row.name, row.about, json!((row.config)())));
     sections.push(("detectors of contacts", detectors.collect()));
+    let front_ends = FRONT_ENDS.iter().map(|row| with_defaults(row.name, row.about, (row.defaults)()));
+    sections.push(("front ends", front_ends.collect()));
     sections.push(("importers", IMPORTERS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about)).collect()));
     let metric = |row: &Metric| format!("  {:<28} {} ({} over trials)\n", row.name, row.about, row.summary.name());
     sections.push(("metrics", METRICS.iter().map(metric).collect()));

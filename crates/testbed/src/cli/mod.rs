@@ -5,6 +5,7 @@
 mod check;
 mod evaluate;
 mod fit;
+mod front_end;
 mod import;
 mod list;
 mod python;

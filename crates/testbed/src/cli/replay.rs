@@ -1,6 +1,6 @@
 //! `whisker replay`: one trace through one estimator.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
@@ -9,9 +9,10 @@ use trace::{CalibrationFile, Trace, write_atomically};
 use whisker::estimators;
 use whisker::events::TouchConfig;
 
-use super::{json, noise_fraction, print};
+use super::{front_end, json, noise_fraction, print};
+use crate::dataset::calibrations;
 use crate::evaluate::estimate_rows;
-use crate::front_end::{FrontEnd, default_noise};
+use crate::front_end::{FrontEnd, Mounting, Played};
 use crate::metrics::Trial;
 use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
 use crate::results::{RECOMMENDED, csv_bytes};
@@ -28,13 +29,16 @@ pub(super) struct Arguments {
     /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
     #[arg(long, default_value = "{}", value_parser = json)]
     config: Value,
-    /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace]
+    /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace, calibrations/<front end>/ for a front end that is not the default]
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 to a recording, which has its own]
+    #[command(flatten)]
+    front_end: front_end::Arguments,
+    /// Measurement noise to add, as a fraction of the trace's largest reading [default: the front end's, 0.01 or 0 where it has its own; 0 to
+    /// a recording, which has its own]
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
-    /// Seed of that noise
+    /// Seed of that noise, and of the front end's
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// File to write [default: stdout]
@@ -45,21 +49,27 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let trace = Trace::read(&arguments.trace)?;
     let sidecar = &trace.sidecar;
-    let beside = || arguments.trace.with_file_name("calibrations").join(format!("{}.json", sidecar.whisker.name));
+    let front_end = FrontEnd::new(&arguments.front_end.choice())?;
+    front_end.check_trace(sidecar)?;
+    let folder = calibrations(arguments.trace.parent().unwrap_or(Path::new("")), front_end.row.name);
+    let beside = || folder.join(format!("{}.json", sidecar.whisker.name));
     let path = arguments.calibration.clone().unwrap_or_else(beside);
     let calibration = CalibrationFile::read(&path)?;
     check_calibration(&path, &calibration, sidecar)?;
+    let mounting = Mounting::of(sidecar);
+    let sensor = front_end.sensor(&path, &calibration, &mounting)?;
     let row = estimators::estimator(&arguments.estimator).with_context(|| {
         let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
         format!("unknown estimator `{}`, expected one of: {}", arguments.estimator, known.join(", "))
     })?;
     let config = merged((row.defaults)(), &arguments.config)?;
     let largest = trace.recording.instants.iter().map(|i| i.moment_z_n_m.abs()).fold(0.0, f64::max);
-    let noise = arguments.noise.unwrap_or_else(|| default_noise(sidecar));
-    let front_end = FrontEnd { noise_sd_n_m: noise * largest, seed: arguments.seed };
-    let noise_sd_n_m = front_end.noise_sd_n_m.hypot(sidecar.own_noise_sd_n_m());
+    let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(sidecar));
+    let played = Played::new(&trace, &mounting, noise * largest, arguments.seed);
+    let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
+    let noise_sd_n_m = played.noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
     let knowledge = knowledge(sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
-    let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
+    let readings_n_m = front_end.readings_n_m(&played, sensor)?;
     let touch = TouchConfig::default();
     let mut estimator = estimator(row, &config, touch, &knowledge, &sidecar.name, arguments.seed)?;
     let samples = samples(&trace.recording, &readings_n_m);

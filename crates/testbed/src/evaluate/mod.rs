@@ -17,7 +17,8 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
 use trace::{
-    CalibrationFile, Outline, Role, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically, write_json,
+    CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically,
+    write_json,
 };
 use whisker::estimators::{ESTIMATORS, Knowledge, ModelShares, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
@@ -28,7 +29,7 @@ use crate::contour::{Comparison, Contour};
 use crate::dataset::Dataset;
 use crate::entrant::{Entrant, Program, Registered, Task};
 use crate::fit::{REPORT_TABLES, face_stem};
-use crate::front_end::FrontEnd;
+use crate::front_end::{Choice, FrontEnd, Mounting, Played};
 use crate::metrics::contact_events::Events;
 use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
@@ -56,6 +57,8 @@ pub struct EvaluateSettings {
     pub programs: Vec<Program>,
     /// Settings by estimator; what is missing takes its default.
     pub config: BTreeMap<String, Value>,
+    /// The front end through which the trials are read.
+    pub front_end: Choice,
     /// Settings of the touch detection, the same for all.
     pub touch: TouchConfig,
     /// Noise levels as fractions of the largest reading of each set.
@@ -114,6 +117,9 @@ struct Job<'a> {
 struct BenchTrial {
     trace: Trace,
     outline: Option<Outline>,
+    mounting: Mounting,
+    /// What calibration taught of its sensor, where the front end has one.
+    sensor: Option<SensorFile>,
     /// What the estimators are told of the first touch.
     told: Option<Told>,
 }
@@ -123,6 +129,7 @@ struct Bench {
     trials: Vec<BenchTrial>,
     calibrations: BTreeMap<String, Calibration>,
     largest_readings: BTreeMap<SetKey, f64>,
+    front_end: FrontEnd,
     entrants: Vec<Box<dyn Entrant>>,
     skipped: Vec<Skipped>,
 }
@@ -270,12 +277,14 @@ impl Bench {
         check_distinct("noise level", settings.noise.iter().map(f64::to_string))?;
         settings.touch.validate().context("settings of `touch`")?;
         let entrants = settings.entrants()?;
+        let front_end = FrontEnd::new(&settings.front_end)?;
         let mut trials: Vec<BenchTrial> = Vec::new();
         let mut calibrations: BTreeMap<String, Calibration> = BTreeMap::new();
         for dataset in datasets {
-            let folder = settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations());
+            let folder = settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
             for trace in dataset.read(Role::Trial)? {
                 let sidecar = &trace.sidecar;
+                front_end.check_trace(sidecar)?;
                 let whisker = &sidecar.whisker.name;
                 let path = folder.join(format!("{whisker}.json"));
                 match calibrations.get(whisker) {
@@ -292,14 +301,16 @@ impl Bench {
                     }
                 }
                 check_calibration(&path, &calibrations[whisker].file, sidecar)?;
+                let mounting = Mounting::of(sidecar);
+                let sensor = front_end.sensor(&path, &calibrations[whisker].file, &mounting)?.cloned();
                 let outline = trace.outline(&dataset.folder)?;
                 if settings.starts == Starts::Wrong {
                     trials.extend(starts::wrong(&trace).into_iter().map(|(trace, told)| {
-                        let outline = outline.clone();
-                        BenchTrial { trace, outline, told: Some(told) }
+                        let (outline, mounting, sensor) = (outline.clone(), mounting.clone(), sensor.clone());
+                        BenchTrial { trace, outline, mounting, sensor, told: Some(told) }
                     }));
                 }
-                trials.push(BenchTrial { trace, outline, told: None });
+                trials.push(BenchTrial { trace, outline, mounting, sensor, told: None });
             }
         }
         check_distinct("trace", trials.iter().map(|trial| trial.trace.sidecar.name.clone()))?;
@@ -310,7 +321,8 @@ impl Bench {
                 *largest = largest.max(instant.moment_z_n_m.abs());
             }
         }
-        let mut bench = Self { trials, calibrations, largest_readings, entrants: Vec::new(), skipped: Vec::new() };
+        let (entered, skipped) = (Vec::new(), Vec::new());
+        let mut bench = Self { trials, calibrations, largest_readings, front_end, entrants: entered, skipped };
         for entrant in entrants {
             let is_configured = settings.config.contains_key(&entrant.describe().name);
             bench.admit(entrant, settings.estimators.is_some() || is_configured)?;
@@ -392,6 +404,11 @@ impl Bench {
                 .chain(bounds)
                 .chain(events)
                 .chain(self.model_files().map(|(_, name)| format!("models/{name}")))
+                .chain(
+                    self.sensors()
+                        .flat_map(|sensor| self.front_end.table_files(sensor))
+                        .map(|name| format!("sensors/{name}")),
+                )
                 .all(|name| folder.join(name).is_file())
     }
 
@@ -428,6 +445,7 @@ impl Bench {
                 })
             })
             .collect();
+        let front_end = self.front_end.describe(self.sensors().cloned().collect());
         let mut inputs = vec![
             serde_json::to_string(&(
                 &settings.name,
@@ -437,6 +455,7 @@ impl Bench {
                 settings.starts,
             ))?,
             serde_json::to_string(&(&estimators, &sets, &calibrations))?,
+            serde_json::to_string(&front_end)?,
         ];
         for trial in &self.trials {
             let sidecar = &trial.trace.sidecar;
@@ -450,6 +469,7 @@ impl Bench {
             watermark: watermark(inputs.iter().map(String::as_str)),
             noise: settings.noise.clone(),
             seeds: settings.seeds.clone(),
+            front_end,
             touch: settings.touch,
             estimators,
             sets,
@@ -463,9 +483,17 @@ impl Bench {
         noise * self.largest_readings[&set_key(&trial.trace)]
     }
 
-    /// Standard deviation of all of its measurement noise: what is added, and what a recording has of itself.
+    /// Standard deviation of all of its measurement noise: what is added, what the sensor has, and what a recording has of itself.
     fn noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
-        self.added_noise_sd_n_m(trial, noise).hypot(trial.trace.sidecar.own_noise_sd_n_m())
+        let of_sensor = trial.sensor.as_ref().map_or(0.0, |sensor| sensor.noise_sd_n_m);
+        self.added_noise_sd_n_m(trial, noise).hypot(of_sensor).hypot(trial.trace.sidecar.own_noise_sd_n_m())
+    }
+
+    /// The sensors of the trials, each once.
+    fn sensors(&self) -> impl Iterator<Item = &SensorFile> {
+        let mut seen = BTreeSet::new();
+        let of_trials = self.trials.iter().filter_map(|trial| trial.sensor.as_ref());
+        of_trials.filter(move |sensor| seen.insert(&sensor.name))
     }
 
     /// What no estimator can do better than on a trial at a noise level.
@@ -482,12 +510,12 @@ impl Bench {
     /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
     /// run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
     fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
-        let &Job { trial: BenchTrial { trace, outline, told }, noise, seed, bound } = job;
+        let &Job { trial: BenchTrial { trace, outline, mounting, sensor, told }, noise, seed, bound } = job;
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
-        let front_end = FrontEnd { noise_sd_n_m: self.added_noise_sd_n_m(job.trial, noise), seed };
         let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
-        let readings_n_m = front_end.readings_n_m(&sidecar.name, &trace.recording);
+        let played = Played::new(trace, mounting, self.added_noise_sd_n_m(job.trial, noise), seed);
+        let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
         let samples = samples(&trace.recording, &readings_n_m);
         if let Some(folder) = out {
             let path = folder.join("bounds").join(format!("{}.csv", sidecar.name));
@@ -590,6 +618,11 @@ impl Bench {
                 write_atomically(&path, outline.to_csv().as_bytes())?;
             }
         }
+        for sensor in self.sensors() {
+            for (name, bytes) in self.front_end.tables(sensor)? {
+                write_atomically(&folder.join("sensors").join(name), &bytes)?;
+            }
+        }
         for (from, name) in self.model_files() {
             let from = from.join(&name);
             let bytes = fs::read(&from).with_context(|| from.display().to_string())?;
@@ -615,7 +648,7 @@ impl Calibration {
     /// Reads a calibration with the sensor models that it chose.
     fn read(path: &Path) -> anyhow::Result<Self> {
         if !path.is_file() {
-            bail!("{}: no such calibration; `whisker fit` makes it", path.display());
+            bail!("{}: no such calibration; `whisker fit` makes it, with the same --front-end", path.display());
         }
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;

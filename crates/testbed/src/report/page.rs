@@ -128,7 +128,9 @@ pub(super) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) ->
                     p {
                         (counted(traces, "trial")) " in " (counted(run.sets.len(), "set")) ", "
                         (counted(run.estimators.len(), "estimator")) ", "
-                        "measurement noise " (percent_list(&run.noise)) " of each set's largest reading, "
+                        "measurement noise " (percent_list(&run.noise)) " of each set's largest reading"
+                        @if !run.front_end.sensors.is_empty() { " on top of that of the front end " (run.front_end.name) }
+                        ", "
                         (counted(run.seeds.len(), "seed")) " of it. "
                         "All errors are distances from the true contact, unaligned."
                     }
@@ -414,8 +416,10 @@ fn provenance(data: &RunData) -> Markup {
                 dd { @for file in DATA_FILES { a href=(file) { (file) } " " } }
             }
             details {
-                summary { "Estimators and their settings" }
+                summary { "Front end, estimators and their settings" }
                 dl {
+                    dt { "front end" }
+                    dd { (run.front_end.name) pre { (format!("{:#}", run.front_end.config)) } }
                     dt { "touch detection" }
                     dd { "thresholds and times, the same for all" pre { (format!("{:#}", json!(run.touch))) } }
                     @for estimator in &run.estimators {

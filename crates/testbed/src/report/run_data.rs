@@ -11,8 +11,8 @@ use crate::consistency::{Average, Judged};
 use crate::metrics::{Metric, error};
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
-    ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TrialRow, VertexRow, has_outline,
-    read_rows, read_scores,
+    ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow, TurnRow,
+    VertexRow, has_outline, read_rows, read_scores,
 };
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
@@ -286,6 +286,22 @@ impl RunData {
     /// When the file is damaged.
     pub(super) fn residuals(&self, calibration: &RunCalibration) -> Result<Option<Vec<ResidualRow>>> {
         self.optional_table(&model_file(calibration, "residuals"))
+    }
+
+    /// Counts of a sensor while it is turned, if the run kept them.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn turn(&self, sensor: &str) -> Result<Option<Vec<TurnRow>>> {
+        self.optional_table(&format!("sensors/{sensor}.turn.csv"))
+    }
+
+    /// Counts of a sensor over the rotation of the root, if the run kept them.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn transfer(&self, sensor: &str) -> Result<Option<Vec<TransferRow>>> {
+        self.optional_table(&format!("sensors/{sensor}.transfer.csv"))
     }
 
     /// A table of the run; nothing where there is none, or none but its header.

@@ -12,7 +12,8 @@ use super::{FIGURES, report, take_animations};
 use crate::metrics::Scores;
 use crate::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, ResidualRow,
-    RunSet, SummaryHead, SummaryRow, SurfaceRow, TrialHead, TrialRow, VertexRow, csv_bytes, score_bytes,
+    RunSet, SummaryHead, SummaryRow, SurfaceRow, TransferRow, TrialHead, TrialRow, TurnRow, VertexRow, csv_bytes,
+    score_bytes,
 };
 
 const ESTIMATORS: [&str; 3] = ["ekf", "euler-bernoulli", "paper-ekf"];
@@ -39,10 +40,16 @@ fn write_run(folder: &Path, whole: bool) {
         "whisker": "straight", "face": "left", "model": "polynomial <5>", "sha256": "cd",
         "heldout_rms_n_m": 1e-7, "heldout_worst_n_m": 5e-7, "largest_reading_n_m": 1e-4,
     });
+    let sensor = json!({
+        "name": "straight", "array": "left", "common_mode": [0.0, 1.0], "noise_sd_n_m": 1e-7,
+        "characteristic": {"coefficients": [2e7], "range_n_m": [-5e-5, 0.0]},
+    });
     let run = json!({
         "format": 1, "kind": "run", "name": "small",
         "watermark": {"tool": "whisker", "version": "0.1.0", "git_commit": null, "inputs_sha256": "ab"},
-        "noise": [0.01], "seeds": [1], "touch": TouchConfig::default(),
+        "noise": [0.01], "seeds": [1],
+        "front_end": {"name": "hall", "config": {}, "sensors": if whole { vec![sensor] } else { Vec::new() }},
+        "touch": TouchConfig::default(),
         "estimators": ESTIMATORS.map(|name| json!({"name": name, "about": "one line", "kind": if name.ends_with("ekf") { "recursive" } else { "baseline" }, "sensor_model": null, "config": {"fading": 1.004}})),
         "sets": objects.iter().chain(whole.then_some(&"drum")).map(names).collect::<Vec<_>>(),
         "calibrations": if whole { vec![calibration] } else { Vec::new() },
@@ -114,6 +121,7 @@ fn write_run(folder: &Path, whole: bool) {
     write_contours(folder, contours);
     if whole {
         write_model(folder);
+        write_sensor(folder);
     }
 }
 
@@ -277,6 +285,24 @@ fn write_model(folder: &Path) {
     write_table(&folder.join("models/straight_left.residuals.csv"), &residuals);
 }
 
+fn write_sensor(folder: &Path) {
+    let turn = (0..1000).map(|step| {
+        let yaw_rad = if (300..700).contains(&step) { std::f64::consts::PI } else { 0.0 };
+        TurnRow { t_s: f64::from(step) * 0.01, yaw_rad, counts: 4.0 * yaw_rad, compensated_counts: 0.1 * yaw_rad }
+    });
+    write_table(&folder.join("sensors/straight.turn.csv"), &turn.collect::<Vec<_>>());
+    let transfer = [1.0, 16.0].into_iter().flat_map(|amplified| {
+        (-20..=20).map(move |step| TransferRow {
+            amplified,
+            rotation_rad: 0.02 * f64::from(step),
+            x_counts: 5000.0,
+            y_counts: -60.0 * amplified * f64::from(step),
+            z_counts: 0.0,
+        })
+    });
+    write_table(&folder.join("sensors/straight.transfer.csv"), &transfer.collect::<Vec<_>>());
+}
+
 #[test]
 fn verif_every_figure_is_drawn_and_stands_on_the_page() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -399,7 +425,7 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
     report(folder.path()).expect("drawn");
-    for part in ["bounds", "contours", "estimates", "events", "models"] {
+    for part in ["bounds", "contours", "estimates", "events", "models", "sensors"] {
         fs::remove_dir_all(folder.path().join(part)).expect("removed");
     }
     write_run(folder.path(), false);
@@ -408,10 +434,10 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let page = fs::read_to_string(&paths.page).expect("page");
     assert_eq!(
         page.matches("Left out").count(),
-        6,
-        "observability, contours, real objects, sample trace, sensor model, contact events"
+        8,
+        "observability, contours, real objects, sample trace, sensor model, contact events, transfer, common mode"
     );
-    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 6));
+    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 8));
 }
 
 #[test]

@@ -452,8 +452,9 @@ impl Calibrated {
     }
 
     fn trace(&self, head: Head<'_>, table: &Table, instants: impl Iterator<Item = (Instant, TruthInstant)>) -> Trace {
-        let Registration { mounted, characteristic, residual_counts } = &self.registration;
-        let [counts_per_n_m, ..] = characteristic.coefficients;
+        let Registration { mounted, characteristic, largest_n_m, residual_counts } = &self.registration;
+        let coefficients: [f64; 3] = std::array::from_fn(|i| characteristic.coefficients[i]);
+        let [counts_per_n_m, ..] = coefficients;
         let (recording, truth): (Vec<_>, Vec<_>) = instants.unzip();
         let mut inputs = Digest::default();
         inputs.add(&table.sha256).add(&self.table.sha256).add(source_sha256());
@@ -464,7 +465,7 @@ impl Calibrated {
             role: head.role,
             group: head.group.into(),
             object: head.object.into(),
-            face: Face::of_reading(characteristic.largest_n_m),
+            face: Face::of_reading(*largest_n_m),
             seed: 0,
             rate_hz: NOMINAL_RATE_HZ,
             rows: recording.len(),
@@ -483,7 +484,7 @@ impl Calibrated {
             certificate: None,
             recorded: Some(Recorded {
                 clock: "nominal, a row a stage step".into(),
-                characteristic: characteristic.coefficients,
+                characteristic: coefficients,
                 residual_counts: *residual_counts,
                 rest_counts: table.rest_counts(),
                 noise_sd_n_m: self.noise_sd_counts / counts_per_n_m.abs(),

@@ -26,7 +26,7 @@ mod start;
 mod testing;
 mod unscented;
 
-pub use settings::SettingsError;
+pub use settings::{Settings, SettingsError, parse, within};
 pub use shares::ModelShares;
 
 use std::collections::VecDeque;

@@ -24,20 +24,29 @@ pub enum SettingsError {
 }
 
 /// Settings that know what they may be.
-pub(super) trait Settings: DeserializeOwned {
+pub trait Settings: DeserializeOwned {
     /// Checks every value.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first that is out of range.
     fn validate(&self) -> Result<(), SettingsError>;
 }
 
 /// Settings from JSON, checked.
-pub(super) fn parse<T: Settings>(value: &Value) -> Result<T, SettingsError> {
+///
+/// # Errors
+/// [`SettingsError`], if they do not parse or a value is out of range.
+pub fn parse<T: Settings>(value: &Value) -> Result<T, SettingsError> {
     let settings = T::deserialize(value).map_err(|error| SettingsError::Parse(error.to_string()))?;
     settings.validate()?;
     Ok(settings)
 }
 
 /// Checks that a value lies in a range.
-pub(crate) fn within(key: &'static str, found: f64, range: RangeInclusive<f64>) -> Result<(), SettingsError> {
+///
+/// # Errors
+/// [`SettingsError::Range`], if it does not.
+pub fn within(key: &'static str, found: f64, range: RangeInclusive<f64>) -> Result<(), SettingsError> {
     if range.contains(&found) {
         return Ok(());
     }

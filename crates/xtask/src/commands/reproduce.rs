@@ -15,6 +15,9 @@ const OBJECTS: &str = "objects";
 /// Pins for the Monte-Carlo, on the whiskers that the standard suite calibrates.
 const PINS: &str = "pins100";
 
+/// The front end with a sensor of its own, through which the pins are read again.
+const HALL: &str = "hall";
+
 /// Contacts that are lost on a shaking arm, on the same whiskers.
 const LIFT_OFFS: &str = "contact_events";
 
@@ -30,6 +33,8 @@ pub(crate) fn run() -> Outcome {
     pipeline::evaluate_on(OBJECTS, SUITE, SUITE, 20)?;
     pipeline::simulate(PINS)?;
     pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
+    pipeline::fit_through(HALL, SUITE)?;
+    pipeline::evaluate_through(HALL, PINS, SUITE, "recommended,ukf", "0.01,0")?;
     pipeline::simulate(LIFT_OFFS)?;
     pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
     if Path::new(CLONE).is_dir() {

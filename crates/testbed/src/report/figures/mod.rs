@@ -3,6 +3,7 @@
 use super::figure::Figure;
 use super::run_data::RunData;
 
+mod common_mode;
 mod consistency;
 mod contact_events;
 mod contours;
@@ -15,6 +16,7 @@ mod real_objects;
 mod sample_trace;
 mod sensor_model;
 mod start_and_steady;
+mod transfer;
 
 /// All figures, in the order of the page.
 pub(crate) const FIGURES: &[Figure<RunData>] = &[
@@ -130,5 +132,17 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
                   apart; dark, the undeflected whisker. Right, residuals of each calibration trace under the model \
                   fitted to the others, relative to the largest reading.",
         draw: sensor_model::draw,
+    },
+    Figure {
+        name: "transfer",
+        title: "From the root to counts",
+        caption: "Counts of one sensor over the rotation of the whisker's root, without noise and without the earth's field. Left, its three                   axes: the magnet turns and swings over the sensor, so that no axis is straight. Right, the axis that is read, behind                   amplifiers of several gains: its counts end where their bits do.",
+        draw: transfer::draw,
+    },
+    Figure {
+        name: "common_mode",
+        title: "The earth's field, and what is left of it",
+        caption: "Counts of resting sensors that are turned by half a circle and back, from zero: each (pale), and means of a fifth of a second.                   Orange, as read: the earth's field turns in the sensor's axes. Blue, with the common mode taken out, as it was learnt from the                   reference sensor at other headings before; of both sensors' noise that leaves the sum.",
+        draw: common_mode::draw,
     },
 ];

@@ -1,0 +1,180 @@
+use trace::{Recorded, Trace};
+
+use super::*;
+use crate::front_end::{Choice, FrontEnd};
+use crate::statistics::quantile;
+
+fn mounting(sensor: &str, array: &str) -> Mounting {
+    Mounting { sensor: sensor.into(), array: array.into(), recording: "test".into() }
+}
+
+fn golden(name: &str) -> Trace {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+    Trace::read(&folder.join(format!("{name}.csv"))).unwrap()
+}
+
+fn hall(config: Config) -> Hall {
+    Hall { config }
+}
+
+/// A sensor that was calibrated on the golden traces.
+fn calibrated(hall: &Hall, mounting: &Mounting) -> anyhow::Result<SensorFile> {
+    let traces = ["golden_pin", "golden_circle"].map(golden);
+    let own = traces.each_ref().map(|trace| Mounting::of(&trace.sidecar));
+    let played: Vec<Played> = traces.iter().zip(&own).map(|(trace, own)| Played::new(trace, own, 0.0, 1)).collect();
+    Ok(hall.calibrate(mounting, &played)?.expect("it has a sensor"))
+}
+
+#[test]
+fn val_counts_are_those_published() {
+    let config = Config::default();
+    let mut peaks = Vec::new();
+    let mut rests = Vec::new();
+    for copy in 0..20 {
+        let mounting = mounting(&format!("sensor {copy}"), "board");
+        let board = Board::new(&config, &mounting);
+        // The largest rotation of the standard suite's trials is 21.7 degrees.
+        let counts = |rotation_rad: f64| board.own.counts(Y, board.magnet_t(rotation_rad, 0.0), 0.0, 0.0);
+        peaks.push((counts(21.7_f64.to_radians()) - counts(0.0)).abs());
+        let common_mode = common_mode::learn(&board, &mounting, 1, 0.004);
+        let mut watch = board.watch(&mounting, 1);
+        let zero = watch.zero_counts(common_mode, 0.004, 0.0);
+        rests.extend(watch.rest(2500, 0.004, 0.0).iter().map(|counts| (counts.compensated(common_mode) - zero).abs()));
+    }
+    let peak = quantile(&peaks, 0.5).unwrap();
+    assert!((1300.0..1420.0).contains(&peak), "peak {peak}");
+    let rest = quantile(&rests, 0.997).unwrap();
+    assert!((4.0..6.5).contains(&rest), "rest within {rest}");
+}
+
+#[test]
+fn val_compensation_leaves_a_tenth_of_the_earths_shift_in_every_copy() {
+    let hall = hall(Config::default());
+    for copy in 0..20 {
+        let mounting = mounting(&format!("sensor {copy}"), &format!("board {}", copy / 3));
+        let sensor = calibrated(&hall, &mounting).unwrap();
+        let rows = turn::rows(&Board::new(&hall.config, &mounting), &mounting, &sensor);
+        let before = shift_counts(&rows, |row| row.counts).unwrap();
+        let after = shift_counts(&rows, |row| row.compensated_counts).unwrap();
+        assert!((10.0..15.0).contains(&before), "{copy}: {before} counts");
+        assert!(after < 0.1 * before, "{copy}: {after} of {before} counts are left");
+    }
+}
+
+#[test]
+fn verif_without_compensation_the_shift_stays() {
+    let hall = hall(Config { compensated: false, ..Config::default() });
+    let mounting = mounting("sensor", "board");
+    let sensor = calibrated(&hall, &mounting).unwrap();
+    assert_eq!(sensor.common_mode, [0.0; 2]);
+    let rows = turn::rows(&Board::new(&hall.config, &mounting), &mounting, &sensor);
+    assert!(rows.iter().all(|row| row.counts == row.compensated_counts));
+}
+
+#[test]
+fn val_earths_field_turns_in_the_sensor() {
+    let mut config = Config { earth_t: 50e-6, earth_inclination_rad: 0.0, north_rad: 0.0, ..Config::default() };
+    let earth_t = |config: &Config, yaw_rad| Board::new(config, &mounting("sensor", "board")).earth_t(yaw_rad);
+    assert!((earth_t(&config, 0.0) - Vector3::new(50e-6, 0.0, 0.0)).norm() < 1e-18);
+    assert!((earth_t(&config, 0.5 * std::f64::consts::PI) - Vector3::new(0.0, -50e-6, 0.0)).norm() < 1e-18);
+    config.earth_inclination_rad = 0.5 * std::f64::consts::PI;
+    assert!((earth_t(&config, 1.0) - Vector3::new(0.0, 0.0, -50e-6)).norm() < 1e-18);
+}
+
+#[test]
+fn verif_readings_are_moments_within_the_noise_that_was_learnt() {
+    let hall = hall(Config { temperature_sd_k: 0.0, ..Config::default() });
+    let trace = golden("golden_pin");
+    let mounting = Mounting::of(&trace.sidecar);
+    let sensor = calibrated(&hall, &mounting).unwrap();
+    let mut errors_n_m = Vec::new();
+    for seed in 1..=20 {
+        let played = Played::new(&trace, &mounting, 0.0, seed);
+        let readings = hall.readings_n_m(&played, Some(&sensor)).unwrap();
+        let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m);
+        errors_n_m.extend(readings.iter().zip(moments).map(|(reading, moment)| reading - moment));
+    }
+    let ratio = rms(&errors_n_m).unwrap() / sensor.noise_sd_n_m;
+    assert!((0.9..1.1).contains(&ratio), "error over the noise at rest {ratio}");
+}
+
+#[test]
+fn verif_moment_over_stiffness_stands_for_a_rotation_that_is_not_there() {
+    let hall = hall(Config::default());
+    let mut trace = golden("golden_pin");
+    let mounting = Mounting::of(&trace.sidecar);
+    let with = hall.counts(&Played::new(&trace, &mounting, 0.0, 1), [0.0; 2]);
+    trace.recording.instants.iter_mut().for_each(|instant| instant.rotation_z_rad = None);
+    let without = hall.counts(&Played::new(&trace, &mounting, 0.0, 1), [0.0; 2]);
+    // A rotation is written to 1e-10 rad, so that a count may round the other way.
+    assert!(with.iter().zip(&without).all(|(a, b)| (a - b).abs() <= 1.0));
+}
+
+#[test]
+fn verif_whiskers_of_an_array_share_reference_and_temperature() {
+    let config = Config::default();
+    let [left_1, left_2] = ["left_1", "left_2"].map(|sensor| mounting(sensor, "left"));
+    let right = mounting("left_1", "right");
+    let read = |mounting: &Mounting| Board::new(&config, mounting).watch(mounting, 1).rest(200, 0.004, 0.3);
+    let reference = |counts: &[Counts]| counts.iter().map(|counts| counts.reference).collect::<Vec<_>>();
+    let own = |counts: &[Counts]| counts.iter().map(|counts| counts.own).collect::<Vec<_>>();
+    assert_eq!(reference(&read(&left_1)), reference(&read(&left_2)));
+    assert_ne!(own(&read(&left_1)), own(&read(&left_2)));
+    assert_ne!(reference(&read(&left_1)), reference(&read(&right)));
+}
+
+#[test]
+fn verif_seeds_change_the_noise_and_leave_the_sensor() {
+    let hall = hall(Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() });
+    let trace = golden("golden_pin");
+    let mounting = Mounting::of(&trace.sidecar);
+    let counts = |hall: &Hall, seed| hall.counts(&Played::new(&trace, &mounting, 0.0, seed), [0.0; 2]);
+    assert_eq!(counts(&hall, 1), counts(&hall, 2));
+    let noisy = Hall { config: Config::default() };
+    assert_eq!(counts(&noisy, 1), counts(&noisy, 1));
+    assert_ne!(counts(&noisy, 1), counts(&noisy, 2));
+    let other = Hall { config: Config { seed: 1, ..hall.config.clone() } };
+    assert_ne!(counts(&hall, 1), counts(&other, 1));
+}
+
+#[test]
+fn robust_a_sensor_that_saturates_cannot_be_calibrated() {
+    let hall = hall(Config { gain_counts_per_t: 1e9, ..Config::default() });
+    let error = calibrated(&hall, &mounting("loud", "board")).unwrap_err().to_string();
+    assert!(error.contains("sensor `loud`") && error.contains("saturate"), "{error}");
+}
+
+#[test]
+fn robust_recordings_never_get_it() {
+    let mut trace = golden("golden_pin");
+    trace.sidecar.recorded = Some(Recorded {
+        clock: "nominal".into(),
+        characteristic: [1.0, 0.0, 0.0],
+        residual_counts: 0.0,
+        rest_counts: 0.0,
+        noise_sd_n_m: 0.0,
+        touch_counts: 0.0,
+    });
+    let front_end = FrontEnd::new(&Choice { name: "hall".into(), config: json!({}) }).unwrap();
+    let error = front_end.check_trace(&trace.sidecar).unwrap_err().to_string();
+    assert!(error.contains("golden_pin") && error.contains("recorded"), "{error}");
+    let white = FrontEnd::new(&Choice::default()).unwrap();
+    white.check_trace(&trace.sidecar).unwrap();
+    assert_eq!(white.default_noise(&trace.sidecar), 0.0);
+}
+
+#[test]
+fn robust_wrong_settings_are_named() {
+    for (config, words) in [
+        (json!({"gap_m": 0.0}), ["`gap_m`", "found 0", "0.0001 to 0.1"]),
+        (json!({"gap": 1.0}), ["unknown field `gap`", "", ""]),
+        (json!({"bits": 40}), ["`bits`", "found 40", "2 to 32"]),
+        (json!([]), ["expected a JSON object", "", ""]),
+    ] {
+        let error = FrontEnd::new(&Choice { name: "hall".into(), config }).err().expect("wrong settings");
+        let text = format!("{error:#}");
+        assert!(text.contains("`hall`") && words.iter().all(|word| text.contains(word)), "{text}");
+    }
+    let error = FrontEnd::new(&Choice { name: "optical".into(), config: json!({}) }).err().expect("no such one");
+    assert_eq!(error.to_string(), "unknown front end `optical`, expected one of: white, hall");
+}

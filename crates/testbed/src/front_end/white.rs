@@ -1,0 +1,28 @@
+//! The moment itself, with white noise.
+
+use anyhow::ensure;
+use serde_json::Value;
+use trace::SensorFile;
+
+use super::{Chain, Played};
+
+pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
+    let known = config.as_object().and_then(|settings| settings.keys().next());
+    ensure!(known.is_none(), "unknown key `{}`, expected none", known.map_or("", |key| key));
+    Ok(Box::new(White))
+}
+
+/// Adds nothing to the noise that every front end is given.
+#[derive(Debug)]
+struct White;
+
+impl Chain for White {
+    fn readings_n_m(&self, played: &Played, _: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
+        let instants = &played.recording.instants;
+        Ok(instants
+            .iter()
+            .zip(played.noise_n_m())
+            .map(|(instant, noise_n_m)| instant.moment_z_n_m + noise_n_m)
+            .collect())
+    }
+}
