@@ -274,10 +274,11 @@ impl Hall {
         let board = Board::new(&self.config, played.mounting);
         let mut watch = board.watch(played.mounting, played.seed);
         let instants = &played.recording.instants;
+        let Some(first) = instants.first() else { return Vec::new() };
         let stiffness_n_m_rad = played.sidecar.whisker.root_stiffness_n_m_rad;
         let rest_dt_s = 1.0 / played.sidecar.rate_hz;
-        let mut last_s = instants[0].t_s - rest_dt_s;
-        let zero = watch.zero_counts(common_mode, rest_dt_s, instants[0].base.yaw_rad());
+        let mut last_s = first.t_s - rest_dt_s;
+        let zero = watch.zero_counts(common_mode, rest_dt_s, first.base.yaw_rad());
         let read = instants.iter().zip(played.noise_n_m()).map(|(instant, noise_n_m)| {
             let rotation_rad = instant.rotation_z_rad.unwrap_or(instant.moment_z_n_m / stiffness_n_m_rad);
             let turned_rad = rotation_rad + noise_n_m / stiffness_n_m_rad;
