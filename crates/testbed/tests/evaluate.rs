@@ -45,6 +45,8 @@ fn evaluated(dataset: &Dataset, results: &Path) -> Evaluated {
         noise: vec![0.01],
         seeds: vec![1],
         starts: Default::default(),
+        encoders: Vec::new(),
+        map: Default::default(),
         calibrations: None,
         results: results.into(),
     };

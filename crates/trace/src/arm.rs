@@ -204,7 +204,8 @@ mod tests {
         for _ in 0..3 {
             for step in 0..20 {
                 let t_s = 0.37 * f64::from(step);
-                let [before, now, after] = [t_s - h_s, t_s, t_s + h_s].map(|t_s| arm.frames(&mount, &at(t_s).angles_rad).1);
+                let [before, now, after] =
+                    [t_s - h_s, t_s, t_s + h_s].map(|t_s| arm.frames(&mount, &at(t_s).angles_rad).1);
                 let moved = now.rotation.inverse() * (after.translation.vector - before.translation.vector);
                 let turned = (before.rotation.inverse() * after.rotation).scaled_axis();
                 let (_, twist) = arm.carried(&mount, &at(t_s));
@@ -220,7 +221,8 @@ mod tests {
     fn verif_the_yaw_is_continuous() {
         let mut instants = Vec::new();
         for step in 0..100 {
-            let mut instant = JointInstant { t_s: f64::from(step), angles_rad: [0.0; JOINTS], rates_rad_s: [0.0; JOINTS] };
+            let mut instant =
+                JointInstant { t_s: f64::from(step), angles_rad: [0.0; JOINTS], rates_rad_s: [0.0; JOINTS] };
             instant.angles_rad[0] = 0.1 * f64::from(step);
             instants.push(instant);
         }

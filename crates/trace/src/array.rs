@@ -13,7 +13,9 @@ use serde_json::Value;
 use crate::arm::wrapped_rad;
 use crate::sidecar::plain_name;
 use crate::table::{number, reader};
-use crate::{Arm, Contour, Error, FORMAT, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace, read_json, sha256};
+use crate::{
+    Arm, Contour, Error, FORMAT, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace, read_json, sha256,
+};
 
 /// How far a trace's base may lie from where joints and mount put it.
 const BASE_M: f64 = 1e-6;
@@ -261,12 +263,7 @@ impl ArraySidecar {
 }
 
 /// Checks that no two entries of a list have the same name.
-fn distinct<'a>(
-    path: &Path,
-    list: &str,
-    key: &str,
-    names: impl Iterator<Item = &'a String>,
-) -> Result<(), Error> {
+fn distinct<'a>(path: &Path, list: &str, key: &str, names: impl Iterator<Item = &'a String>) -> Result<(), Error> {
     let mut seen = BTreeSet::new();
     for (index, name) in names.enumerate() {
         if !seen.insert(name) {

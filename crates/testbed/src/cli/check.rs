@@ -108,7 +108,9 @@ fn check(path: &Path) -> anyhow::Result<String> {
             let run = Run::read(path)?;
             Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
         }
-        Some(other) => bail!("{}: kind: found `{other}`, expected trace, recording, calibration or run", path.display()),
+        Some(other) => {
+            bail!("{}: kind: found `{other}`, expected trace, recording, calibration or run", path.display())
+        }
         None if value.get("scenes").is_some() => {
             let suite = Suite::read(path)?;
             let runs = suite.names(path)?.len();
@@ -160,7 +162,9 @@ fn check_recording(path: &Path) -> anyhow::Result<String> {
     let last = array.joints.last().map_or(0.0, |joints| joints.t_s);
     let moved_mm = 1e3 * array.moved_m.iter().copied().fold(0.0, f64::max);
     let name = &array.sidecar.name;
-    Ok(format!("recording `{name}` of {whiskers} whiskers among {objects} objects, {last:.2} s, displaced by {moved_mm:.4} mm at most"))
+    Ok(format!(
+        "recording `{name}` of {whiskers} whiskers among {objects} objects, {last:.2} s, displaced by {moved_mm:.4} mm at most"
+    ))
 }
 
 /// The recording to which a table of joints or objects belongs: it cannot be judged by itself.
