@@ -2,6 +2,7 @@
 //!
 //! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
 
+mod arm;
 mod contact_events;
 mod contours;
 mod determinism;
@@ -25,7 +26,8 @@ use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
 use crate::dataset::Dataset;
 use crate::metrics::Metric;
 use crate::results::{
-    ContourTrialRow, ErrorBandRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, csv_bytes, read_rows, read_scores,
+    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, csv_bytes,
+    read_rows, read_scores,
 };
 use crate::statistics::mean;
 
@@ -94,12 +96,13 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     motion::claims,
     contours::claims,
     contact_events::claims,
+    arm::claims,
     real::claims,
     determinism::claims,
 ];
 
 /// The evaluated suites that claims are measured on. Their runs bear the same names.
-pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN];
+pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, arm::RUN];
 
 /// The run that claims are measured on unless they name another.
 pub(crate) const STANDARD: &str = "standard";
@@ -146,6 +149,8 @@ struct Evaluation {
     trials: Vec<TrialRow>,
     bands: Vec<ErrorBandRow>,
     contours: Vec<ContourTrialRow>,
+    maps: Vec<MapRow>,
+    map_objects: Vec<MapObjectRow>,
 }
 
 impl Context {
@@ -192,6 +197,8 @@ impl Evaluation {
             trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
             contours: read_rows(&folder.join("contour_trials.csv"))?,
+            maps: read_rows(&folder.join("maps.csv"))?,
+            map_objects: read_rows(&folder.join("map_objects.csv"))?,
         })
     }
 

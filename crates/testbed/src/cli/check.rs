@@ -11,8 +11,8 @@ use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, Suite, Trace,
 use super::{print, python};
 use crate::claims::MeasuredClaim;
 use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, ResidualRow, Run, SummaryHead, SurfaceRow,
-    TrialHead, read_rows, read_scores,
+    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, GridRow, MapObjectRow, MapPointRow, MapRow,
+    MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TrialHead, read_rows, read_scores,
 };
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
@@ -139,6 +139,11 @@ const TABLES: &[Table] = &[
     Table { name: "consistency.csv", about: "consistency over time", rows: count::<ConsistencyRow> },
     Table { name: "failures.csv", about: "failed trials", rows: count::<FailureRow> },
     Table { name: "claims.csv", about: "claims", rows: count::<MeasuredClaim> },
+    Table { name: "maps.csv", about: "maps", rows: count::<MapRow> },
+    Table { name: "map_objects.csv", about: "objects of maps", rows: count::<MapObjectRow> },
+    Table { name: ".points.csv", about: "contact points of a map", rows: count::<MapPointRow> },
+    Table { name: ".outlines.csv", about: "outlines of a map", rows: count::<MapVertexRow> },
+    Table { name: ".grid.csv", about: "occupancy grid", rows: count::<GridRow> },
     Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
     Table { name: ".residuals.csv", about: "residuals", rows: count::<ResidualRow> },
 ];

@@ -111,7 +111,7 @@ fn judged_object(found: &FoundObject, outlines: &[Outline]) -> Option<JudgedObje
 }
 
 /// The circle that a true outline is, where it is one.
-fn true_circle(outline: &Outline) -> Option<Circle> {
+pub(crate) fn true_circle(outline: &Outline) -> Option<Circle> {
     let vertices = outline.vertices();
     // One covariance for all makes the fit an even one.
     let vertex = |at: &Point<World>| Vertex {

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::contour::{Circle, Contour, SurfacePoint};
 
 use grid::Grid;
-pub(crate) use judge::{Judged, judged};
+pub(crate) use judge::{Judged, judged, true_circle};
 pub(crate) use view::{Seen, View};
 
 /// Settings of the map.

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use plotters::style::{Color, RGBColor};
 
-use crate::report::axes::{Axis, Panel, Rect, equal};
+use crate::report::axes::{Axis, Panel, Rect, equal, extent};
 use crate::report::canvas::{Canvas, Picture};
 use crate::report::run_data::RunData;
 use crate::report::style::{LegendEntry, legend, plain};
@@ -16,8 +16,8 @@ const FOUND: RGBColor = RGBColor(0, 114, 178);
 /// Colour and opacity of the true contacts.
 const TRUTH: RGBColor = RGBColor(0, 158, 115);
 const FAINT: f64 = 0.16;
-/// Height of the bars of the contacts found over that of the panel.
-const BAR: f64 = 0.05;
+/// Room below the readings over their range; above them there is twice as much, where the bars of the contacts found stand.
+const SPARE: f64 = 0.1;
 /// Height of a panel, and of what is between two.
 const PANEL_PX: f64 = 100.0;
 const GAP_PX: f64 = 30.0;
@@ -31,8 +31,8 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     };
     let mut signals = Vec::new();
     for whisker in &recording.whiskers {
-        let title = format!("{} (array {})", plain(&whisker.name), whisker.array);
-        signals.extend(data.estimates(&whisker.trace, estimator)?.map(|rows| (title, rows)));
+        let rows = data.estimates(&whisker.trace, estimator)?;
+        signals.extend(rows.map(|rows| (plain(&whisker.name), rows)));
     }
     if signals.is_empty() {
         return Ok(None);
@@ -47,18 +47,20 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
         let all = signals.iter().flat_map(|(_, rows)| rows);
-        let top = 1.2e6 * all.map(|row| row.reading_n_m.abs()).fold(0.0, f64::max);
+        let (low, high) = extent(all.map(|row| 1e6 * row.reading_n_m)).unwrap_or((-1.0, 1.0));
+        let spare = SPARE * (high - low);
+        let (bottom, top) = (low - spare, high + 2.0 * spare);
         let last = signals.len() - 1;
         for (place, ((title, rows), frame)) in signals.iter().zip(plot.rows(&equal(signals.len()), GAP_PX)).enumerate()
         {
             let time = Axis::linear("time (s)", 0.0, rows[rows.len() - 1].t_s);
             let time = if place == last { time } else { time.bare() };
             let name = if 2 * place == last || 2 * place + 1 == last { "moment (µN·m)" } else { "" };
-            let panel = Panel::new(canvas, frame, title, time, Axis::linear(name, -top, top))?;
+            let panel = Panel::new(canvas, frame, title, time, Axis::linear(name, bottom, top))?;
             for (from_s, to_s) in spans(rows, |row| row.truth_surface_x_m.is_some()) {
-                panel.area([(from_s, -top), (to_s, -top), (to_s, top), (from_s, top)], TRUTH.mix(FAINT))?;
+                panel.area([(from_s, bottom), (to_s, bottom), (to_s, top), (from_s, top)], TRUTH.mix(FAINT))?;
             }
-            let (bar_top, bar_bottom) = (top * (1.0 - BAR), top * (1.0 - 4.0 * BAR));
+            let (bar_top, bar_bottom) = (top - 0.4 * spare, top - 1.3 * spare);
             for (from_s, to_s) in spans(rows, |row| row.contact_x_m.is_some()) {
                 let corners = [(from_s, bar_bottom), (to_s, bar_bottom), (to_s, bar_top), (from_s, bar_top)];
                 panel.area(corners, FOUND.to_rgba())?;

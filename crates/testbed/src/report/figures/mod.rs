@@ -111,10 +111,10 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "scene_map",
         title: "Map of several whiskers",
-        caption: "The scene from above as the run's first filter maps it from all whiskers of a recording, under one noise seed: contact points by array, told apart \
+        caption: "The scene of a recording from above as the run's first filter maps it from all whiskers, under one noise seed: contact points by array, told apart \
                   by what convex objects can be and not by the truth; the outline of each object found with its 95 % band, often narrower than the line; \
                   and the occupancy grid, free where a whisker was, occupied where it touched, white where nothing was seen. On each object, how far its outline \
-                  lies from the true one on the mean and, where the data say that it is round, the circle through it. Nothing is aligned.",
+                  lies from the true one on the mean and, where the data say that it is round, the circle through it. Nothing is aligned. As data: maps.csv and map_objects.csv.",
         draw: scene_map::draw,
     },
     Figure {

@@ -3,17 +3,15 @@
 use anyhow::Result;
 use plotters::style::{Color, RGBColor};
 
-use crate::report::axes::{Panel, Rect, equal, extent};
+use crate::report::axes::{Panel, Rect, extent};
 use crate::report::canvas::{Align, Canvas, Lettering, Picture};
 use crate::report::contour_panel::{Points, band};
 use crate::report::run_data::RunData;
 use crate::report::style::{CURVE_PX, FRAME, INK, LegendEntry, Look, OBJECT, SMALL, legend, plain};
 use crate::results::{GridRow, MapObjectRow, MapPointRow, MapVertexRow, RunRecording, VertexRow};
 
-/// Recordings side by side, at most.
-const PANELS: usize = 2;
 /// Radius of a contact point.
-const DOT_PX: f64 = 2.0;
+const DOT_PX: f64 = 3.0;
 /// Cells that are free, and that are not.
 const FREE: RGBColor = RGBColor(86, 180, 233);
 const FREE_OPACITY: f64 = 0.22;
@@ -22,14 +20,14 @@ const OCCUPIED_OPACITY: f64 = 0.45;
 /// Outlines found.
 const FOUND: RGBColor = RGBColor(0, 158, 115);
 const BAND_OPACITY: f64 = 0.35;
-/// What stands around the map.
-const MARGIN_MM: f64 = 8.0;
+/// What is shown around the objects.
+const MARGIN_MM: f64 = 40.0;
 /// Height of a line of text.
 const LINE_PX: f64 = 15.0;
 /// Cells farther apart than this are no neighbours.
 const NEIGHBOUR: f64 = 1.5;
 
-/// One panel.
+/// What is drawn.
 struct Scene {
     title: String,
     /// Runs of like cells: from, to, y, and whether they are free.
@@ -47,37 +45,27 @@ struct Scene {
 /// Lays the figure out.
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let Some(estimator) = data.filters().next() else { return Ok(None) };
-    let mut scenes = Vec::new();
-    for recording in data.run.recordings.iter().filter(|recording| recording.encoders.are_perfect()).take(PANELS) {
-        scenes.extend(scene(data, recording, estimator)?);
-    }
-    if scenes.is_empty() {
-        return Ok(None);
-    }
-    let height_px = if scenes.len() == 1 { 900 } else { 700 };
+    let recordings = &data.run.recordings;
+    let Some(recording) = recordings.iter().find(|recording| recording.encoders.are_perfect()) else { return Ok(None) };
+    let Some(scene) = scene(data, recording, estimator)? else { return Ok(None) };
     let paint = move |canvas: &Canvas| {
-        let names: Vec<String> =
-            scenes[0].arrays.iter().map(|(name, _)| format!("contact points, array {name}")).collect();
+        let names: Vec<String> = scene.arrays.iter().map(|(name, _)| format!("contact points, array {name}")).collect();
         let mut entries: Vec<LegendEntry> =
-            names.iter().enumerate().map(|(place, name)| LegendEntry::marker(name, look(place), true)).collect();
+            names.iter().enumerate().map(|(place, name)| LegendEntry::line(name, color(place), 2.0 * DOT_PX)).collect();
         entries.push(LegendEntry::line("outline found", FOUND, CURVE_PX));
         entries.push(LegendEntry::bands("its 95 % band", vec![FOUND.mix(BAND_OPACITY)]));
         entries.push(LegendEntry::line("true outline", FRAME, 1.5));
         entries.push(LegendEntry::bands("free", vec![FREE.mix(FREE_OPACITY)]));
         entries.push(LegendEntry::bands("occupied", vec![OCCUPIED.mix(OCCUPIED_OPACITY)]));
         let below = legend(canvas, (56.0, 18.0), &entries)?;
-        let plot = Rect::inside(canvas, [60.0, below + 40.0, 14.0, 48.0]);
-        for (place, (scene, frame)) in scenes.iter().zip(plot.columns(&equal(scenes.len()), 30.0)).enumerate() {
-            scene.paint(canvas, frame, if place == 0 { "y (mm)" } else { "" })?;
-        }
-        Ok(())
+        scene.paint(canvas, Rect::inside(canvas, [60.0, below + 40.0, 14.0, 48.0]))
     };
-    Ok(Some(Picture { width_px: 1200, height_px, paint: Box::new(paint) }))
+    Ok(Some(Picture { width_px: 1200, height_px: 1000, paint: Box::new(paint) }))
 }
 
-/// The look of an array: colours that stand out from the grid.
-fn look(place: usize) -> Look {
-    Look::of([0, 4, 3, 1][place % 4])
+/// The colour of an array, which stands out from the grid.
+fn color(place: usize) -> RGBColor {
+    Look::of([0, 4, 3, 1][place % 4]).color
 }
 
 fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Option<Scene>> {
@@ -133,7 +121,7 @@ fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Op
 fn in_words(row: &MapObjectRow) -> Vec<String> {
     let mm = |value_m: f64| format!("{:.2} mm", 1e3 * value_m);
     let mut words = Vec::new();
-    words.extend(row.outline_mean_m.map(|mean_m| format!("outline off by {}", mm(mean_m))));
+    words.extend(row.outline_mean_m.map(|mean_m| format!("off by {}", mm(mean_m))));
     words.extend(row.radius_m.map(|radius_m| format!("radius {}", mm(radius_m))));
     words.extend(row.center_error_m.map(|error_m| format!("middle off by {}", mm(error_m))));
     words
@@ -153,14 +141,13 @@ fn runs(grid: &[GridRow], cell_m: f64) -> Vec<(f64, f64, f64, bool)> {
 }
 
 impl Scene {
-    fn paint(&self, canvas: &Canvas, frame: Rect, y_name: &str) -> Result<()> {
-        let corners = self.truths.iter().flatten().copied();
-        let cells = self.cells.iter().flat_map(|cell| [(cell.0, cell.2), (cell.1, cell.2)]);
-        let all: Points = corners.chain(cells).collect();
+    fn paint(&self, canvas: &Canvas, frame: Rect) -> Result<()> {
+        let places = self.truths.iter().chain(self.arrays.iter().map(|(_, points)| points));
+        let all: Points = places.flatten().copied().collect();
         let (left, right) = extent(all.iter().map(|at| at.0)).unwrap_or((-1.0, 1.0));
         let (low, high) = extent(all.iter().map(|at| at.1)).unwrap_or((-1.0, 1.0));
         let bounds = [left - MARGIN_MM, right + MARGIN_MM, low - MARGIN_MM, high + MARGIN_MM];
-        let panel = Panel::with_equal_scales(canvas, frame, &self.title, ("x (mm)", y_name), bounds)?;
+        let panel = Panel::with_equal_scales(canvas, frame, &self.title, ("x (mm)", "y (mm)"), bounds)?;
         for truth in &self.truths {
             panel.area(truth.iter().copied(), OBJECT.to_rgba())?;
         }
@@ -174,7 +161,7 @@ impl Scene {
             panel.line(truth.iter().copied(), FRAME, 1.5)?;
         }
         for (place, (_, points)) in self.arrays.iter().enumerate() {
-            panel.discs(points.iter().copied(), DOT_PX, look(place).color.to_rgba())?;
+            panel.discs(points.iter().copied(), DOT_PX, color(place).to_rgba())?;
         }
         for (line, band) in &self.found {
             panel.area(band.iter().copied(), FOUND.mix(BAND_OPACITY))?;
