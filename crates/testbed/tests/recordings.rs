@@ -169,8 +169,8 @@ fn verif_two_whiskers_map_two_discs() {
         assert_eq!((map.whiskers, map.objects_touched, map.objects_found), (2, 2, 2), "{map:?}");
         assert_eq!((map.objects_split, map.objects_merged), (0, 0), "{map:?}");
     }
-    let off_m = |map: &MapRow| map.points_mean_m.unwrap();
-    assert!(off_m(&maps[0]) < 2e-4 && off_m(&maps[0]) < off_m(&maps[1]) && off_m(&maps[1]) < 1e-3, "{maps:?}");
+    // A contact at rest stays where it is in World, however the base is taken to shake.
+    assert!(maps.iter().all(|map| map.points_mean_m.is_some_and(|mean_m| mean_m < 1e-4)), "{maps:?}");
     let objects: Vec<MapObjectRow> = read_rows(&run.folder.join("map_objects.csv")).unwrap();
     let mut matched: Vec<&str> = objects.iter().take(2).filter_map(|row| row.matched.as_deref()).collect();
     matched.sort_unstable();

@@ -56,7 +56,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     };
     let panels = [
         ("contact", "median contact error (mm)", curves(&contact_m)),
-        ("map", "mean distance of contact points from the true outlines (mm)", curves(&map_m)),
+        ("map", "contact points off the true outlines, mean (mm)", curves(&map_m)),
     ];
     let names = data.labels();
     let marks: Vec<f64> = levels.iter().map(|(level_rad, _)| *level_rad).filter(|level_rad| *level_rad > 0.0).collect();

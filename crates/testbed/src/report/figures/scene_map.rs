@@ -121,7 +121,7 @@ fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Op
 fn in_words(row: &MapObjectRow) -> Vec<String> {
     let mm = |value_m: f64| format!("{:.2} mm", 1e3 * value_m);
     let mut words = Vec::new();
-    words.extend(row.outline_mean_m.map(|mean_m| format!("off by {}", mm(mean_m))));
+    words.extend(row.outline_mean_m.map(|mean_m| format!("outline off by {}", mm(mean_m))));
     words.extend(row.radius_m.map(|radius_m| format!("radius {}", mm(radius_m))));
     words.extend(row.center_error_m.map(|error_m| format!("middle off by {}", mm(error_m))));
     words
