@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use trace::{Role, Suite, Trace, read_json};
+use trace::{ArrayRecording, Role, Suite, Trace, read_json};
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
 
@@ -37,12 +37,13 @@ impl Dataset {
         let suite = Suite::read(input)?;
         let folder = folder.map_or_else(|| Path::new("datasets").join(&suite.name), Into::into);
         let mut paths = Vec::new();
-        for name in suite.trace_names(input)? {
-            let path = folder.join(format!("{name}.csv"));
-            if !path.with_extension("json").is_file() {
-                bail!("{}: no such trace; `whisker simulate {}` makes it", path.display(), input.display());
+        for name in suite.names(input)? {
+            for path in traces(&folder, &name)? {
+                if !path.with_extension("json").is_file() {
+                    bail!("{}: no such trace; `whisker simulate {}` makes it", path.display(), input.display());
+                }
+                paths.push(path);
             }
-            paths.push(path);
         }
         Ok(Self { name: suite.name, folder, paths })
     }
@@ -113,4 +114,14 @@ impl Dataset {
 pub fn calibrations(folder: &Path, front_end: &str) -> PathBuf {
     let folder = folder.join("calibrations");
     if front_end == FRONT_ENDS[0].name { folder } else { folder.join(front_end) }
+}
+
+/// Paths of the traces that a scene makes: of one, or of each whisker of a recording.
+fn traces(folder: &Path, name: &str) -> anyhow::Result<Vec<PathBuf>> {
+    let path = folder.join(format!("{name}.json"));
+    if !path.is_file() || !ArrayRecording::is_one(&path)? {
+        return Ok(vec![path.with_extension("csv")]);
+    }
+    let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
+    Ok(whiskers.iter().map(|whisker| folder.join(format!("{}.csv", whisker.trace))).collect())
 }

@@ -122,7 +122,7 @@ fn mountings(dataset: &Dataset, whisker: &str, settings: &FitSettings) -> anyhow
     for path in &dataset.paths {
         let sidecar: Sidecar = read_json(&path.with_extension("json"))?;
         if sidecar.whisker.name == whisker {
-            mountings.push(Mounting::of(&sidecar));
+            mountings.push(Mounting::of(&dataset.folder, &sidecar)?);
         }
     }
     mountings.extend(settings.sensors.iter().cloned());
@@ -182,7 +182,7 @@ fn fit_whisker(
     // A recording has its own noise.
     let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
     let noise = if is_recorded { 0.0 } else { settings.noise };
-    let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::of(&trace.sidecar)).collect();
+    let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
     let played = |(trace, mounting)| Played::new(trace, mounting, noise * largest, settings.seed);
     let played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
     let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;

@@ -14,6 +14,12 @@
 //! contours/<trace>.<estimator>.csv      [`VertexRow`], the outline found, for the first noise level and seed
 //! contour_trials.csv                    [`ContourTrialRow`], one a trace with an outline, estimator, noise level and seed
 //! outlines/<trace>.csv                  true outline of the object, `x_m,y_m`
+//! outlines/<recording>.<object>.csv     the same of each object of a recording of several whiskers
+//! maps.csv                              [`MapRow`], one a recording of several whiskers, estimator, noise level and seed
+//! map_objects.csv                       [`MapObjectRow`], one an object that was found in such a recording
+//! maps/<recording>.<estimator>.points.csv   [`MapPointRow`], the contact points of all whiskers, for the first noise level and seed
+//! maps/<recording>.<estimator>.outlines.csv [`MapVertexRow`], the outlines of the objects found, for the same
+//! maps/<recording>.<estimator>.grid.csv     [`GridRow`], the cells that were seen, for the same
 //! models/<whisker>_<face>.surface.csv   [`SurfaceRow`], the sensor model on a grid over its domain
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
 //! sensors/<sensor>.turn.csv             [`TurnRow`], counts at rest while the sensor is turned, where the front end has a sensor
@@ -34,6 +40,8 @@ use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
 
+use crate::encoders::Encoders;
+use crate::map::MapConfig;
 use crate::metrics::{METRICS, Metric, Scores};
 
 /// A row whose first columns are the fields of `Head` and whose others are the metrics, in the order of [`METRICS`].
@@ -363,15 +371,179 @@ pub struct ContourTrialRow {
     pub residual_rms_m: Option<f64>,
 }
 
-/// Whether an object of this shape has an outline worth tracing: a pin is touched in one place.
+/// What stands for the shape of the object in a trace of a recording among several objects.
+pub const SEVERAL: &str = "several";
+
+/// The shape of a pin, which is touched in one place.
+pub const PIN: &str = "pin";
+
+/// Whether an object of this shape has an outline worth tracing by one whisker: a pin has none, and several objects have one each, of which the map tells.
 pub fn has_outline(object: &str) -> bool {
-    object != "pin"
+    object != PIN && object != SEVERAL
 }
 
 /// Whether an object of this shape shows a circle where it is touched. By its name, not by its outline: that of a recorded object may not be known, or be that
 /// of a half ring whose back nobody touches.
 pub fn is_round(object: &str) -> bool {
     object == "circle" || object.contains("cylinder")
+}
+
+/// The map that an estimator made of a recording of several whiskers, beside the truth. Nothing is aligned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapRow {
+    /// Name of the recording; with that of the encoders, where they are not perfect.
+    pub recording: String,
+    /// Group of its traces.
+    pub group: String,
+    /// Name of the estimator in the registry.
+    pub estimator: String,
+    /// Measurement noise as a fraction of the set's largest reading.
+    pub noise: f64,
+    /// Seed of the measurement noise.
+    pub seed: u64,
+    /// Number of whiskers.
+    pub whiskers: usize,
+    /// Contact points of all whiskers that the estimator is sure of.
+    pub points: usize,
+    /// Their number over that of the rows in which a whisker truly touches in one place.
+    pub points_share: Option<f64>,
+    /// Mean distance of the points from the nearest true outline.
+    pub points_mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub points_p95_m: Option<f64>,
+    /// True objects that were touched.
+    pub objects_touched: usize,
+    /// Objects found.
+    pub objects_found: usize,
+    /// Of these, those beyond the first of each true object.
+    pub objects_split: usize,
+    /// Of these, those with points of several true objects.
+    pub objects_merged: usize,
+}
+
+/// One object of a map, beside the true one whose outline is nearest to its points. Nothing is aligned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapObjectRow {
+    /// Name of the recording; with that of the encoders, where they are not perfect.
+    pub recording: String,
+    /// Name of the estimator in the registry.
+    pub estimator: String,
+    /// Measurement noise as a fraction of the set's largest reading.
+    pub noise: f64,
+    /// Seed of the measurement noise.
+    pub seed: u64,
+    /// Number of the object in the map, from 1: the most often touched first.
+    pub object: usize,
+    /// Whiskers that touched it.
+    pub whiskers: usize,
+    /// Its contact points.
+    pub points: usize,
+    /// Name of the true object.
+    pub matched: Option<String>,
+    /// How far the true object was displaced at most.
+    pub moved_m: Option<f64>,
+    /// Mean distance of its points from the true outline.
+    pub points_mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub points_p95_m: Option<f64>,
+    /// Mean distance of its outline from the true one.
+    pub outline_mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub outline_p95_m: Option<f64>,
+    /// Largest of those distances and of those of the touched part of the true outline from the one found.
+    pub outline_hausdorff_m: Option<f64>,
+    /// Share of the outline whose 95 % band holds the true one.
+    pub band_coverage: Option<f64>,
+    /// Middle of the circle through the outline, where that is round by the data; in World.
+    pub center_x_m: Option<f64>,
+    /// Middle of the circle.
+    pub center_y_m: Option<f64>,
+    /// Radius of the circle.
+    pub radius_m: Option<f64>,
+    /// Lower end of its 95 % interval.
+    pub radius_low_m: Option<f64>,
+    /// Upper end.
+    pub radius_high_m: Option<f64>,
+    /// Root mean square distance of the outline's vertices from the circle.
+    pub residual_rms_m: Option<f64>,
+    /// Radius found less the true one, where the true outline is round, too.
+    pub radius_error_m: Option<f64>,
+    /// Distance of the middle from the true one.
+    pub center_error_m: Option<f64>,
+}
+
+/// One contact point of a map, in World.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapPointRow {
+    /// Time since the start.
+    pub t_s: f64,
+    /// Name of the whisker in the recording.
+    pub whisker: String,
+    /// Array that it belongs to.
+    pub array: String,
+    /// Number of the object that the point was told to be of; none where its touch was too short.
+    pub object: Option<usize>,
+    /// Place on the surface.
+    pub x_m: f64,
+    /// Place on the surface.
+    pub y_m: f64,
+    /// Direction of the outward normal.
+    pub normal_rad: f64,
+    /// Covariance of the place.
+    pub cov_xx_m2: Option<f64>,
+    /// Covariance of the place.
+    pub cov_xy_m2: Option<f64>,
+    /// Covariance of the place.
+    pub cov_yy_m2: Option<f64>,
+}
+
+/// One vertex of an outline of a map, as [`VertexRow`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapVertexRow {
+    /// Number of the object in the map.
+    pub object: usize,
+    /// Place.
+    pub x_m: f64,
+    /// Place.
+    pub y_m: f64,
+    /// Direction of the outward normal.
+    pub normal_rad: f64,
+    /// Covariance of the place; the 95 % band is the envelope of the ellipses of 1.96 standard deviations.
+    pub cov_xx_m2: Option<f64>,
+    /// Covariance of the place.
+    pub cov_xy_m2: Option<f64>,
+    /// Covariance of the place.
+    pub cov_yy_m2: Option<f64>,
+    /// Whether it was touched; where not, the outline is bridged.
+    pub touched: bool,
+}
+
+impl MapVertexRow {
+    /// The vertex without its object.
+    pub fn vertex(&self) -> VertexRow {
+        let &Self { x_m, y_m, normal_rad, cov_xx_m2, cov_xy_m2, cov_yy_m2, touched, .. } = self;
+        VertexRow { x_m, y_m, normal_rad, cov_xx_m2, cov_xy_m2, cov_yy_m2, touched }
+    }
+}
+
+/// One cell of the occupancy grid that was seen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GridRow {
+    /// Middle of the cell.
+    pub x_m: f64,
+    /// Middle of the cell.
+    pub y_m: f64,
+    /// Scans in which a wire lay in it.
+    pub swept: u32,
+    /// Scans in which a contact did.
+    pub touched: u32,
+    /// Probability that there is an object.
+    pub occupied: f64,
 }
 
 /// The sensor model at one node of a grid over its domain.
@@ -464,6 +636,39 @@ pub struct Run {
     pub calibrations: Vec<RunCalibration>,
     /// The whiskers, by which the report draws them bent.
     pub whiskers: Vec<Whisker>,
+    /// Recordings of several whiskers among the traces.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recordings: Vec<RunRecording>,
+}
+
+/// A recording of several whiskers, as it was replayed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunRecording {
+    /// Its name; with that of the encoders, where they are not perfect.
+    pub name: String,
+    /// Group of its traces.
+    pub group: String,
+    /// Encoders of the arm's joints.
+    pub encoders: Encoders,
+    /// Settings of the map.
+    pub map: MapConfig,
+    /// Names of the objects, whose true outlines are `outlines/<name>.<object>.csv`.
+    pub objects: Vec<String>,
+    /// The whiskers.
+    pub whiskers: Vec<RunMounted>,
+}
+
+/// A whisker of a recording of several.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunMounted {
+    /// Its name.
+    pub name: String,
+    /// The array that it belongs to.
+    pub array: String,
+    /// Name of its trace in the run.
+    pub trace: String,
 }
 
 impl Run {

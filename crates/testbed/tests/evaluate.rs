@@ -61,6 +61,8 @@ fn settings(results: &Path) -> EvaluateSettings {
         noise: vec![0.01],
         seeds: vec![1],
         starts: Default::default(),
+        encoders: Vec::new(),
+        map: Default::default(),
         calibrations: None,
         results: results.into(),
     }

@@ -2,8 +2,10 @@
 //!
 //! `datasets/FORMAT.md` specifies the files. A [`Trace`] is read whole, checked, and comes apart into what the robot knows, the
 //! [`Recording`], and what only the simulator knows, the [`Truth`]. Estimators live upstream of this crate, so they cannot
-//! name the second.
+//! name the second. An [`ArrayRecording`] ties the traces of several whiskers on one [`Arm`].
 
+mod arm;
+mod array;
 mod calibration;
 mod certificate;
 mod characteristic;
@@ -16,6 +18,8 @@ mod suite;
 mod table;
 mod watermark;
 
+pub use arm::{Arm, JOINTS, JointInstant, Link, PoseMatrix};
+pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObject};
 pub use calibration::{CalibrationFile, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::Characteristic;

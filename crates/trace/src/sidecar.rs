@@ -116,6 +116,9 @@ pub struct Sidecar {
     /// What is to be known of the recording, where it was not simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorded: Option<Recorded>,
+    /// The recording of several whiskers that the trace belongs to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording: Option<String>,
 }
 
 impl Sidecar {
@@ -138,6 +141,9 @@ impl Sidecar {
             recorded.validate(path)?;
         }
         plain_name(path, "name", &self.name)?;
+        if let Some(recording) = &self.recording {
+            plain_name(path, "recording", recording)?;
+        }
         plain_name(path, "whisker.name", &self.whisker.name)?;
         if let Some(contour) = &self.contour {
             plain_name(path, "contour.file", &contour.file)?;

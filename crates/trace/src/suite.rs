@@ -53,11 +53,11 @@ impl Suite {
         Ok(suite)
     }
 
-    /// Names of the suite's traces, in its order. `path` is the suite's own.
+    /// Names of what the suite's scenes make, in its order: traces, and recordings of several whiskers. `path` is the suite's own.
     ///
     /// # Errors
     /// [`Error`] where a scene's file does not tell its name.
-    pub fn trace_names(&self, path: &Path) -> Result<Vec<String>, Error> {
+    pub fn names(&self, path: &Path) -> Result<Vec<String>, Error> {
         let folder = path.parent().unwrap_or(Path::new("."));
         let mut names = Vec::new();
         for entry in &self.scenes {

@@ -284,7 +284,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Recording, Truth), Error> {
 pub(crate) fn reader<'a>(
     path: &'a Path,
     bytes: &'a [u8],
-    names: &'a [&'static str],
+    names: &'a [&'a str],
 ) -> Result<impl Iterator<Item = Result<(u64, ByteRecord), Error>> + 'a, Error> {
     let table_error = move |line, place: &str, found: String, expected: String| Error::Table {
         path: path.into(),

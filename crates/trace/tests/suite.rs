@@ -16,7 +16,7 @@ fn suite(entries: &str) -> (tempfile::TempDir, PathBuf) {
 
 fn names(entries: &str) -> Vec<String> {
     let (_folder, path) = suite(entries);
-    Suite::read(&path).unwrap().trace_names(&path).unwrap()
+    Suite::read(&path).unwrap().names(&path).unwrap()
 }
 
 #[test]
@@ -35,7 +35,7 @@ fn robust_wrong_suites_are_refused_with_the_place() {
         (r#"{"scene": "other.json"}"#, "other.json"),
     ] {
         let (_folder, path) = suite(entries);
-        let error = Suite::read(&path).and_then(|suite| suite.trace_names(&path)).unwrap_err().to_string();
+        let error = Suite::read(&path).and_then(|suite| suite.names(&path)).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     }
 }

@@ -150,6 +150,8 @@ fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) 
             noise: run.noise[..1].to_vec(),
             seeds: run.seeds.clone(),
             starts: Default::default(),
+            encoders: Vec::new(),
+            map: Default::default(),
             calibrations: None,
             results: folder.path().into(),
         };

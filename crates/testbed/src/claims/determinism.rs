@@ -32,6 +32,8 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
         noise: run.noise.clone(),
         seeds: run.seeds.iter().take(1).copied().collect(),
         starts: Default::default(),
+        encoders: Vec::new(),
+        map: Default::default(),
         calibrations: None,
         results: results.into(),
     };

@@ -123,6 +123,8 @@ fn white_rmse_m(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>>
         noise: vec![sensor.noise_sd_n_m / set.largest_reading_n_m],
         seeds: run.seeds.clone(),
         starts: Default::default(),
+        encoders: Vec::new(),
+        map: Default::default(),
         calibrations: Some(context.dataset.calibrations(FRONT_ENDS[0].name)),
         results: folder.path().into(),
     };

@@ -2,6 +2,7 @@
 //!
 //! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
 
+mod arm;
 mod contact_events;
 mod contours;
 mod determinism;
@@ -26,8 +27,8 @@ use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
 use crate::dataset::Dataset;
 use crate::metrics::Metric;
 use crate::results::{
-    ContourTrialRow, ErrorBandRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow, csv_bytes, read_rows,
-    read_scores,
+    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
+    csv_bytes, read_rows, read_scores,
 };
 use crate::statistics::mean;
 
@@ -97,12 +98,13 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     contours::claims,
     contact_events::claims,
     hall::claims,
+    arm::claims,
     real::claims,
     determinism::claims,
 ];
 
 /// The runs that claims are measured on. They bear the names of their suites, and that of the pins through a front end the front end's.
-pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN];
+pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN, arm::RUN];
 
 /// The run that claims are measured on unless they name another.
 pub(crate) const STANDARD: &str = "standard";
@@ -151,6 +153,8 @@ struct Evaluation {
     contours: Vec<ContourTrialRow>,
     /// Counts while each sensor is turned, where the front end has sensors.
     turns: BTreeMap<String, Vec<TurnRow>>,
+    maps: Vec<MapRow>,
+    map_objects: Vec<MapObjectRow>,
 }
 
 impl Context {
@@ -203,6 +207,8 @@ impl Evaluation {
             trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
             contours: read_rows(&folder.join("contour_trials.csv"))?,
+            maps: read_rows(&folder.join("maps.csv"))?,
+            map_objects: read_rows(&folder.join("map_objects.csv"))?,
         })
     }
 

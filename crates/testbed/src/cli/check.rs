@@ -6,13 +6,13 @@ use std::process::ExitCode;
 use anyhow::bail;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use trace::{CalibrationFile, Certificate, Outline, Suite, Trace, read_json};
+use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, Suite, Trace, read_json};
 
 use super::{print, python};
 use crate::claims::MeasuredClaim;
 use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, ResidualRow, Run, SummaryHead, SurfaceRow,
-    TransferRow, TrialHead, TurnRow, read_rows, read_scores,
+    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, GridRow, MapObjectRow, MapPointRow, MapRow,
+    MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TransferRow, TrialHead, TurnRow, read_rows, read_scores,
 };
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
@@ -78,12 +78,18 @@ fn check(path: &Path) -> anyhow::Result<String> {
     if is_in("bounds") {
         return Ok(format!("bound with {} rows", count::<BoundRow>(path)?));
     }
+    for ending in [".joints.csv", ".objects.csv"] {
+        if name.ends_with(ending) {
+            return check_part(path, ending);
+        }
+    }
     if name.ends_with(".csv") {
         return check_trace(path);
     }
     let value: Value = read_json(path)?;
     match value.get("kind").and_then(Value::as_str) {
         Some("trace") => check_trace(path),
+        Some("recording") => check_recording(path),
         Some("calibration") => {
             let calibration = CalibrationFile::read(path)?;
             let faces: Vec<String> = calibration
@@ -106,12 +112,14 @@ fn check(path: &Path) -> anyhow::Result<String> {
             let run = Run::read(path)?;
             Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
         }
-        Some(other) => bail!("{}: kind: found `{other}`, expected trace, calibration or run", path.display()),
+        Some(other) => {
+            bail!("{}: kind: found `{other}`, expected trace, recording, calibration or run", path.display())
+        }
         None if value.get("scenes").is_some() => {
             let suite = Suite::read(path)?;
-            let traces = suite.trace_names(path)?.len();
+            let runs = suite.names(path)?.len();
             check_scene(path)?;
-            Ok(format!("suite `{}` of {traces} traces", suite.name))
+            Ok(format!("suite `{}` of {runs} runs of scenes", suite.name))
         }
         None => {
             check_scene(path)?;
@@ -135,6 +143,11 @@ const TABLES: &[Table] = &[
     Table { name: "consistency.csv", about: "consistency over time", rows: count::<ConsistencyRow> },
     Table { name: "failures.csv", about: "failed trials", rows: count::<FailureRow> },
     Table { name: "claims.csv", about: "claims", rows: count::<MeasuredClaim> },
+    Table { name: "maps.csv", about: "maps", rows: count::<MapRow> },
+    Table { name: "map_objects.csv", about: "objects of maps", rows: count::<MapObjectRow> },
+    Table { name: ".points.csv", about: "contact points of a map", rows: count::<MapPointRow> },
+    Table { name: ".outlines.csv", about: "outlines of a map", rows: count::<MapVertexRow> },
+    Table { name: ".grid.csv", about: "occupancy grid", rows: count::<GridRow> },
     Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
     Table { name: ".residuals.csv", about: "residuals", rows: count::<ResidualRow> },
     Table { name: ".turn.csv", about: "turned sensor", rows: count::<TurnRow> },
@@ -147,6 +160,30 @@ fn count<Row: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
 
 fn count_scores<Head: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
     Ok(read_scores::<Head>(path)?.len())
+}
+
+/// A recording of several whiskers with all that belongs to it.
+fn check_recording(path: &Path) -> anyhow::Result<String> {
+    let array = ArrayRecording::read(path)?;
+    for whisker in &array.sidecar.whiskers {
+        let path = path.with_file_name(format!("{}.csv", whisker.trace));
+        array.check(&path, &Trace::read(&path)?)?;
+    }
+    let (whiskers, objects) = (array.sidecar.whiskers.len(), array.sidecar.objects.len());
+    let last = array.joints.last().map_or(0.0, |joints| joints.t_s);
+    let moved_mm = 1e3 * array.moved_m.iter().copied().fold(0.0, f64::max);
+    let name = &array.sidecar.name;
+    Ok(format!(
+        "recording `{name}` of {whiskers} whiskers among {objects} objects, {last:.2} s, displaced by {moved_mm:.4} mm at most"
+    ))
+}
+
+/// The recording to which a table of joints or objects belongs: it cannot be judged by itself.
+fn check_part(path: &Path, ending: &str) -> anyhow::Result<String> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let recording = path.with_file_name(format!("{}.json", name.trim_end_matches(ending)));
+    ArrayRecording::read(&recording)?;
+    Ok(format!("part of {}", recording.display()))
 }
 
 fn check_trace(path: &Path) -> anyhow::Result<String> {

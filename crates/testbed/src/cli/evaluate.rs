@@ -13,9 +13,11 @@ use whisker::events::TouchConfig;
 
 use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
 use crate::dataset::Dataset;
+use crate::encoders::Encoders;
 use crate::entrant::Program;
 use crate::evaluate::{EvaluateSettings, Skipped, Starts, evaluate};
 use crate::front_end::FrontEnd;
+use crate::map::MapConfig;
 use crate::metrics::{bound, consistency, error};
 use crate::results::{FailureRow, SummaryRow};
 
@@ -43,7 +45,7 @@ pub(super) struct Arguments {
     /// Longest wait for one answer of such a program
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     exec_timeout: Duration,
-    /// File with settings by estimator, and of the touch detection: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}}
+    /// File with settings by estimator, of the touch detection and of maps: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
     #[arg(long)]
     config: Option<PathBuf>,
     #[command(flatten)]
@@ -58,6 +60,10 @@ pub(super) struct Arguments {
     /// What the estimators are told of the first touch
     #[arg(long, value_enum, default_value_t)]
     starts: Starts,
+    /// Encoders of the joints of an arm, as often as you like: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', '{}' for perfect ones; only recordings
+    /// with an arm have any [default: perfect]
+    #[arg(long, value_name = "JSON", value_parser = encoders)]
+    encoders: Vec<Encoders>,
     /// Name of the run [default: that of the suite or folder, several joined by +]
     #[arg(long)]
     name: Option<String>,
@@ -73,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let traces = arguments.traces.as_deref();
     let datasets: Vec<Dataset> =
         arguments.inputs.iter().map(|input| Dataset::open(input, traces)).collect::<anyhow::Result<_>>()?;
-    let Config { touch, estimators: config } =
+    let Config { touch, map, estimators: config } =
         arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
     let program = |text: &String| Program::new(text, arguments.exec_timeout);
@@ -94,6 +100,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         front_end: choice,
         touch,
         starts: arguments.starts,
+        encoders: arguments.encoders.clone(),
+        map,
         seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
         noise,
         calibrations: arguments.calibrations.clone(),
@@ -123,6 +131,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
+/// Encoders of an arm's joints.
+fn encoders(text: &str) -> Result<Encoders, String> {
+    serde_json::from_str(text).map_err(|error| error.to_string())
+}
+
 /// A time to wait.
 fn seconds(text: &str) -> Result<Duration, String> {
     match text.parse::<f64>() {
@@ -141,6 +154,8 @@ fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f
 struct Config {
     #[serde(default)]
     touch: TouchConfig,
+    #[serde(default)]
+    map: MapConfig,
     #[serde(flatten)]
     estimators: BTreeMap<String, Value>,
 }

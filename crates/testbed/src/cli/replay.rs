@@ -51,12 +51,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let sidecar = &trace.sidecar;
     let front_end = FrontEnd::new(&arguments.front_end.choice())?;
     front_end.check_trace(sidecar)?;
-    let folder = calibrations(arguments.trace.parent().unwrap_or(Path::new("")), front_end.row.name);
+    let beside_trace = arguments.trace.parent().unwrap_or(Path::new(""));
+    let folder = calibrations(beside_trace, front_end.row.name);
     let beside = || folder.join(format!("{}.json", sidecar.whisker.name));
     let path = arguments.calibration.clone().unwrap_or_else(beside);
     let calibration = CalibrationFile::read(&path)?;
     check_calibration(&path, &calibration, sidecar)?;
-    let mounting = Mounting::of(sidecar);
+    let mounting = Mounting::of(beside_trace, sidecar)?;
     let sensor = front_end.sensor(&path, &calibration, &mounting)?;
     let row = estimators::estimator(&arguments.estimator).with_context(|| {
         let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();

@@ -4,7 +4,7 @@
 //! smooth an error looks like another radius: their covariance is `sd_i sd_j exp(-way / CORRELATION_M)`, and the interval follows
 //! from it (generalised least squares). Where the contour is farther from any circle than that allows, the interval is as much wider (Birge 1932).
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
 use whisker::frames::{Point, World};
 
 use super::{Contour, Vertex};
@@ -16,6 +16,9 @@ const CORRELATION_M: f64 = 1e-2;
 /// Fewest vertices, and shortest way relative to the radius, that tell of a circle.
 const LEAST_VERTICES: usize = 5;
 const LEAST_ARC_RAD: f64 = 0.1;
+
+/// What is round lies so many times nearer to a circle than to any two straight lines.
+const LEAST_ROUND: f64 = 4.0;
 
 /// A circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,6 +85,28 @@ impl Circle {
             residual_rms_m: rms(residuals.as_slice())?,
         })
     }
+
+    /// The same where the contour itself says that it is round: what was touched of it lies several times nearer to a circle than to any two straight lines, and
+    /// to none so wide that a straight line is within the interval of its radius.
+    pub fn round(contour: &Contour) -> Option<Self> {
+        let circle = Self::through(contour)?;
+        let touched = contour.vertices.iter().filter(|vertex| vertex.touched);
+        let points: Vec<Vector2<f64>> = touched.map(|vertex| vertex.at.vector()).collect();
+        let is_round = LEAST_ROUND * circle.residual_rms_m < two_lines_rms_m(&points);
+        (is_round && circle.high_m.is_some()).then_some(circle)
+    }
+}
+
+/// Root mean square distance of points from the two straight lines that fit them best, one up to some point and one from the next.
+fn two_lines_rms_m(points: &[Vector2<f64>]) -> f64 {
+    let squares_m2 = |points: &[Vector2<f64>]| {
+        let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
+        let spread: Matrix2<f64> = points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
+        spread.symmetric_eigenvalues().min().max(0.0)
+    };
+    let split = |at: usize| squares_m2(&points[..at]) + squares_m2(&points[at..]);
+    let least_m2 = (0..points.len()).map(split).fold(f64::INFINITY, f64::min);
+    (least_m2 / points.len() as f64).sqrt()
 }
 
 /// Distances outside of the circle `(x, y, radius)`.
@@ -112,7 +137,6 @@ fn algebraic(points: &[Vector2<f64>]) -> Option<Vector3<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Matrix2;
     use rand::{RngExt, SeedableRng};
     use rand_distr::StandardNormal;
     use rand_pcg::Pcg64;
@@ -157,6 +181,17 @@ mod tests {
         };
         let share = (0..400).filter(|&seed| holds(seed)).count() as f64 / 400.0;
         assert!((0.91..=0.99).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn verif_an_arc_is_round_and_a_corner_is_not() {
+        assert!(Circle::round(&arc(0.05, 0.9, SD_M, 1)).is_some());
+        let sides = (-20..=20).map(|i: i32| Point::new(1e-3 * f64::from(i.max(0)), 1e-3 * f64::from(i.min(0))));
+        let covariance_m2 = Some(Matrix2::identity() * SD_M.powi(2));
+        let vertex = |at| Vertex { at, normal_rad: 0.0, covariance_m2, touched: true };
+        let corner = Contour { vertices: sides.map(vertex).collect() };
+        assert!(Circle::through(&corner).is_some());
+        assert_eq!(Circle::round(&corner), None);
     }
 
     #[test]

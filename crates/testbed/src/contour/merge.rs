@@ -68,9 +68,7 @@ impl Placed {
             None => (Matrix2::identity(), 1.0),
         };
         let is_stated = point.covariance_m2.is_some();
-        let least_information = information.symmetric_eigenvalues().min();
-        let is_sure = !is_stated || least_information * MOST_SD_M * MOST_SD_M >= 1.0;
-        (variance_m2 > 0.0 && is_sure).then_some(Self {
+        (variance_m2 > 0.0 && point.is_sure()).then_some(Self {
             at: point.at,
             normal,
             information,
@@ -200,12 +198,16 @@ mod tests {
 
     const SD_M: f64 = 1e-4;
 
+    fn surface_point(at: Vector2<f64>, normal_rad: f64, covariance_m2: Matrix2<f64>) -> SurfacePoint {
+        SurfacePoint { row: 0, touch: 0, since_touch_s: 0.0, at, normal_rad, covariance_m2: Some(covariance_m2) }
+    }
+
     /// A point whose error lies along the outline, as those of whiskers do.
     fn point(x_m: f64, y_m: f64, normal_deg: f64) -> SurfacePoint {
         let normal_rad = normal_deg.to_radians();
         let (n, t) = (direction(normal_rad), direction(normal_rad + 0.5 * PI));
         let covariance = n * n.transpose() * SD_M.powi(2) + t * t.transpose() * (10.0 * SD_M).powi(2);
-        SurfacePoint { at: Vector2::new(x_m, y_m), normal_rad, covariance_m2: Some(covariance) }
+        surface_point(Vector2::new(x_m, y_m), normal_rad, covariance)
     }
 
     fn circle(radius_m: f64, from_deg: f64, to_deg: f64, count: usize) -> Vec<SurfacePoint> {
@@ -283,7 +285,7 @@ mod tests {
         let needle = |x_m: f64, tilt_rad: f64| {
             let (n, t) = (direction(tilt_rad), direction(tilt_rad + 0.5 * PI));
             let covariance = n * n.transpose() * 1e-18 + t * t.transpose() * 1e-7;
-            SurfacePoint { at: Vector2::new(x_m, 0.0), normal_rad: 0.0, covariance_m2: Some(covariance) }
+            surface_point(Vector2::new(x_m, 0.0), 0.0, covariance)
         };
         assert_eq!(merged(&[needle(0.0, 0.0), needle(2e-4, 1e-5)]), None);
     }

@@ -59,13 +59,22 @@ impl Contour {
     pub fn found(trial: &Trial<'_>, replay: &Replay, since: usize) -> Option<Self> {
         match &replay.outline {
             Some(outline) => carried(trial, outline),
-            None => merge::merged(&surface_points(trial, &replay.estimates, since)),
+            None => {
+                let mut points = surface_points(trial, &replay.estimates);
+                points.retain(|point| point.row >= since && point.since_touch_s >= SETTLING_S);
+                Self::merged(&points)
+            }
         }
+    }
+
+    /// The outline of a convex object through surface points, of one whisker or of several; nothing where none says where it is.
+    pub(crate) fn merged(points: &[SurfacePoint]) -> Option<Self> {
+        merge::merged(points)
     }
 }
 
 /// Unit vector at an angle.
-fn direction(angle_rad: f64) -> Vector2<f64> {
+pub(crate) fn direction(angle_rad: f64) -> Vector2<f64> {
     let (sin, cos) = angle_rad.sin_cos();
     Vector2::new(cos, sin)
 }
@@ -89,11 +98,26 @@ fn carried(trial: &Trial<'_>, outline: &[OutlinePoint]) -> Option<Contour> {
 
 /// What one estimate says of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct SurfacePoint {
-    at: Vector2<f64>,
+pub(crate) struct SurfacePoint {
+    /// Row of the trace.
+    pub(crate) row: usize,
+    /// Row at which the touch began.
+    pub(crate) touch: usize,
+    /// Time since then.
+    pub(crate) since_touch_s: f64,
+    /// Where the surface is, in World.
+    pub(crate) at: Vector2<f64>,
     /// Direction of the outward normal: from the object to the whisker.
-    normal_rad: f64,
-    covariance_m2: Option<Matrix2<f64>>,
+    pub(crate) normal_rad: f64,
+    /// Covariance, where stated.
+    pub(crate) covariance_m2: Option<Matrix2<f64>>,
+}
+
+impl SurfacePoint {
+    /// Whether its place is sure enough to say where the outline is, in every direction; one that states nothing counts as sure.
+    pub(crate) fn is_sure(&self) -> bool {
+        self.covariance_m2.is_none_or(|covariance| covariance.symmetric_eigenvalues().max() <= MOST_SD_M * MOST_SD_M)
+    }
 }
 
 /// A point whose place is less sure than this does not say where the outline is.
@@ -102,25 +126,28 @@ const MOST_SD_M: f64 = 1e-3;
 /// After a touch an estimator has so long to find the contact before what it says counts as outline.
 const SETTLING_S: f64 = 1.0;
 
-/// The surface points in World that an estimator stands for: not right after a touch, not where it says itself that its sensor model does not hold, beyond the
+/// The surface points in World that an estimator stands for: not where it says itself that its sensor model does not hold, beyond the
 /// calibrated region or at the tip, and not farther from the root than the whisker is long, as filters that have run away say.
-fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>], since: usize) -> Vec<SurfacePoint> {
+pub(crate) fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<SurfacePoint> {
+    let instants = &trial.trace.recording.instants;
     let mut points = Vec::new();
-    let mut touch_s = None;
-    let instants = trial.trace.recording.instants.iter().zip(trial.readings_n_m);
-    for (row, ((known, &reading_n_m), estimate)) in instants.zip(estimates).enumerate() {
+    let mut begun = None;
+    for (row, ((known, &reading_n_m), estimate)) in instants.iter().zip(trial.readings_n_m).zip(estimates).enumerate() {
         let Some(estimate) = estimate else {
-            touch_s = None;
+            begun = None;
             continue;
         };
-        let is_settled = known.t_s - *touch_s.get_or_insert(known.t_s) >= SETTLING_S;
+        let touch = *begun.get_or_insert(row);
         let is_on_whisker = estimate.contact.vector().norm() <= trial.knowledge.whisker.length_m;
-        if !is_settled || row < since || !estimate.calibrated || estimate.at_tip || !is_on_whisker {
+        if !estimate.calibrated || estimate.at_tip || !is_on_whisker {
             continue;
         }
         let left_rad = trial.knowledge.tangent_rad(estimate, reading_n_m) + FRAC_PI_2;
         let outward_rad = if estimate.face.away_sign() > 0.0 { 0.0 } else { PI };
         points.push(SurfacePoint {
+            row,
+            touch,
+            since_touch_s: known.t_s - instants[touch].t_s,
             at: known.base.apply(trial.knowledge.surface(estimate, reading_n_m)).vector(),
             normal_rad: known.base.yaw_rad() + left_rad + outward_rad,
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),

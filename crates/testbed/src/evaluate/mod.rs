@@ -2,11 +2,13 @@
 //!
 //! Trials run in parallel; what they yield is put together in their order, so the results do not depend on the number of threads.
 
+mod arrays;
 mod contours;
 mod part_folder;
 mod starts;
 mod tables;
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,18 +29,21 @@ use whisker::sensor::CalibratedFace;
 use crate::bound::TraceBound;
 use crate::contour::{Comparison, Contour};
 use crate::dataset::Dataset;
+use crate::encoders::Encoders;
 use crate::entrant::{Entrant, Program, Registered, Task};
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
+use crate::map::MapConfig;
 use crate::metrics::contact_events::Events;
 use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
 use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
-    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
-    has_outline, read_rows, read_scores, score_bytes,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SEVERAL, SummaryRow, TrialHead, TrialRow,
+    csv_bytes, has_outline, read_rows, read_scores, score_bytes,
 };
 
+use arrays::{Arrays, Mounted, Sighting};
 use contours::{trial_row, vertex_rows};
 use part_folder::PartFolder;
 use tables::OverTime;
@@ -67,6 +72,10 @@ pub struct EvaluateSettings {
     pub seeds: Vec<u64>,
     /// What the estimators are told of the first touch.
     pub starts: Starts,
+    /// Encoders of an arm's joints, each a trial of its own; without any, perfect ones.
+    pub encoders: Vec<Encoders>,
+    /// Settings of the maps of recordings of several whiskers.
+    pub map: MapConfig,
     /// Folder of the calibrations; without it, that beside the traces.
     pub calibrations: Option<PathBuf>,
     /// Folder under which the run's folder is made.
@@ -120,6 +129,8 @@ struct BenchTrial {
     mounting: Mounting,
     /// What calibration taught of its sensor, where the front end has one.
     sensor: Option<SensorFile>,
+    /// The recording of several whiskers that it belongs to.
+    mounted: Option<Mounted>,
     /// What the estimators are told of the first touch.
     told: Option<Told>,
 }
@@ -149,6 +160,8 @@ struct Yield {
     outcomes: Vec<Outcome>,
     /// One an entrant, where the object has an outline.
     contours: Vec<ContourTrialRow>,
+    /// One an entrant, where the whisker is one of a recording of several.
+    sightings: Vec<Sighting>,
     /// What went wrong.
     failures: Vec<FailureRow>,
 }
@@ -204,9 +217,11 @@ pub fn evaluate(
         })
         .collect::<anyhow::Result<_>>()?;
     let (mut outcomes, mut contours, mut failures) = (Vec::new(), Vec::new(), Vec::new());
+    let mut sightings = Vec::new();
     for job in done {
         outcomes.extend(job.outcomes);
         contours.extend(job.contours);
+        sightings.extend(job.sightings);
         failures.extend(job.failures);
     }
     if outcomes.is_empty() {
@@ -229,6 +244,7 @@ pub fn evaluate(
     for (name, bytes) in tables {
         write_atomically(&part.path().join(name), &bytes)?;
     }
+    arrays::write_maps(part.path(), &sightings, settings)?;
     bench.copy_for_report(part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
     part.finish()?;
@@ -276,10 +292,14 @@ impl Bench {
         }
         check_distinct("noise level", settings.noise.iter().map(f64::to_string))?;
         settings.touch.validate().context("settings of `touch`")?;
+        settings.map.validate()?;
+        settings.encoders.iter().try_for_each(Encoders::validate)?;
+        check_distinct("encoders", settings.encoders.iter().map(Encoders::label))?;
         let entrants = settings.entrants()?;
         let front_end = FrontEnd::new(&settings.front_end)?;
         let mut trials: Vec<BenchTrial> = Vec::new();
         let mut calibrations: BTreeMap<String, Calibration> = BTreeMap::new();
+        let mut arrays = Arrays::default();
         for dataset in datasets {
             let folder = settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
             for trace in dataset.read(Role::Trial)? {
@@ -301,18 +321,22 @@ impl Bench {
                     }
                 }
                 check_calibration(&path, &calibrations[whisker].file, sidecar)?;
-                let mounting = Mounting::of(sidecar);
+                let mounting = Mounting::of(&dataset.folder, sidecar)?;
                 let sensor = front_end.sensor(&path, &calibrations[whisker].file, &mounting)?.cloned();
                 let outline = trace.outline(&dataset.folder)?;
                 if settings.starts == Starts::Wrong {
                     trials.extend(starts::wrong(&trace).into_iter().map(|(trace, told)| {
                         let (outline, mounting, sensor) = (outline.clone(), mounting.clone(), sensor.clone());
-                        BenchTrial { trace, outline, mounting, sensor, told: Some(told) }
+                        BenchTrial { trace, outline, mounting, sensor, mounted: None, told: Some(told) }
                     }));
                 }
-                trials.push(BenchTrial { trace, outline, mounting, sensor, told: None });
+                for (trace, mounted) in arrays.trials(&dataset.folder, trace, &settings.encoders)? {
+                    let (outline, mounting, sensor) = (outline.clone(), mounting.clone(), sensor.clone());
+                    trials.push(BenchTrial { trace, outline, mounting, sensor, mounted, told: None });
+                }
             }
         }
+        arrays.check(&settings.encoders)?;
         check_distinct("trace", trials.iter().map(|trial| trial.trace.sidecar.name.clone()))?;
         let mut largest_readings: BTreeMap<SetKey, f64> = BTreeMap::new();
         for trial in &trials {
@@ -393,6 +417,8 @@ impl Bench {
             "contours.csv",
             "contour_trials.csv",
             "failures.csv",
+            "maps.csv",
+            "map_objects.csv",
         ];
         read_json::<Run>(&folder.join("run.json")).is_ok_and(same)
             && tables
@@ -403,6 +429,7 @@ impl Bench {
                 .chain(outlines)
                 .chain(bounds)
                 .chain(events)
+                .chain(arrays::files(&run.recordings, &names))
                 .chain(self.model_files().map(|(_, name)| format!("models/{name}")))
                 .chain(
                     self.sensors()
@@ -446,6 +473,8 @@ impl Bench {
             })
             .collect();
         let front_end = self.front_end.describe(self.sensors().cloned().collect());
+        let mounted = self.trials.iter().filter_map(|trial| Some((&trial.trace, trial.mounted.as_ref()?)));
+        let recordings = arrays::recordings(mounted.clone(), settings.map);
         let mut inputs = vec![
             serde_json::to_string(&(
                 &settings.name,
@@ -456,7 +485,9 @@ impl Bench {
             ))?,
             serde_json::to_string(&(&estimators, &sets, &calibrations))?,
             serde_json::to_string(&front_end)?,
+            serde_json::to_string(&recordings)?,
         ];
+        inputs.extend(arrays::inputs(mounted.map(|(_, mounted)| mounted))?);
         for trial in &self.trials {
             let sidecar = &trial.trace.sidecar;
             inputs.push(sidecar.csv_sha256.clone());
@@ -475,6 +506,7 @@ impl Bench {
             sets,
             calibrations,
             whiskers: self.calibrations.values().map(|calibration| calibration.file.whisker.clone()).collect(),
+            recordings,
         })
     }
 
@@ -510,11 +542,15 @@ impl Bench {
     /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
     /// run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
     fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
-        let &Job { trial: BenchTrial { trace, outline, mounting, sensor, told }, noise, seed, bound } = job;
+        let &Job { trial: BenchTrial { trace: played, outline, mounting, sensor, mounted, told }, noise, seed, bound } =
+            job;
+        let known = mounted.as_ref().map_or(Cow::Borrowed(played), |mounted| mounted.known(played, seed));
+        let trace = known.as_ref();
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
         let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
-        let played = Played::new(trace, mounting, self.added_noise_sd_n_m(job.trial, noise), seed);
+        // The earth's field turns with the sensor as it is, not as the encoders have it.
+        let played = Played::new(played, mounting, self.added_noise_sd_n_m(job.trial, noise), seed);
         let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
         let samples = samples(&trace.recording, &readings_n_m);
         if let Some(folder) = out {
@@ -550,7 +586,10 @@ impl Bench {
             let outline = outline.as_ref();
             let events = events.as_ref();
             let trial = Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, events, bound };
-            let contour = Contour::found(&trial, &replay, 0);
+            if let Some(mounted) = mounted {
+                done.sightings.push(mounted.sighting((&trial, &replay), (&name, noise, seed), &settings.map)?);
+            }
+            let contour = Contour::found(&trial, &replay, 0).filter(|_| sidecar.object != SEVERAL);
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;

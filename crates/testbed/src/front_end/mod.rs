@@ -13,7 +13,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
-use trace::{CalibrationFile, Digest, FrontEndFile, Recording, SensorFile, Sidecar, Trace};
+use trace::{ArrayRecording, CalibrationFile, Digest, FrontEndFile, Recording, SensorFile, Sidecar, Trace};
 
 use crate::settings::merged;
 
@@ -238,10 +238,25 @@ pub struct Mounting {
 }
 
 impl Mounting {
-    /// That of a trace: a whisker alone is an array of its own.
-    pub fn of(sidecar: &Sidecar) -> Self {
+    /// That of a whisker that is recorded alone: an array of its own.
+    pub fn alone(sidecar: &Sidecar) -> Self {
         let whisker = &sidecar.whisker.name;
         Self { sensor: whisker.clone(), array: whisker.clone(), recording: sidecar.name.clone() }
+    }
+
+    /// That of a trace in a folder, by the recording of several whiskers to which it belongs, if to any.
+    ///
+    /// # Errors
+    /// If that recording cannot be read or does not have the trace.
+    pub fn of(folder: &Path, sidecar: &Sidecar) -> anyhow::Result<Self> {
+        let Some(recording) = &sidecar.recording else { return Ok(Self::alone(sidecar)) };
+        let path = folder.join(format!("{recording}.json"));
+        let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
+        let whisker = whiskers.into_iter().find(|whisker| whisker.trace == sidecar.name);
+        let whisker = whisker.with_context(|| {
+            format!("{}: whiskers: expected one with the trace `{}`, found none", path.display(), sidecar.name)
+        })?;
+        Ok(Self { sensor: whisker.name, array: whisker.array, recording: recording.clone() })
     }
 }
 

@@ -59,7 +59,7 @@ impl Found {
 
 /// The envelope of the vertices' ellipses, once around: where each reaches farthest outwards, half the last ellipse, where each reaches farthest
 /// inwards, and half the first.
-fn band(vertices: &[VertexRow]) -> Option<Points> {
+pub(super) fn band(vertices: &[VertexRow]) -> Option<Points> {
     let farthest = |row: &VertexRow, turn_rad: f64| {
         let (sin, cos) = (row.normal_rad + turn_rad).sin_cos();
         let (xx, xy, yy) = (row.cov_xx_m2?, row.cov_xy_m2?, row.cov_yy_m2?);

@@ -10,9 +10,9 @@ use whisker::estimators::Kind;
 use crate::consistency::{Average, Judged};
 use crate::metrics::{Metric, error};
 use crate::results::{
-    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, PAPER,
-    ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow, TurnRow,
-    VertexRow, has_outline, read_rows, read_scores,
+    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
+    MapRow, PAPER, PIN, ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow,
+    TrialRow, TurnRow, VertexRow, has_outline, read_rows, read_scores,
 };
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
@@ -109,7 +109,7 @@ impl RunData {
     /// The sets on which the error is followed over time, one a whisker: those whose contact stands still or, in a run
     /// without such, those of the first group.
     pub(super) fn leading_sets(&self) -> Vec<&RunSet> {
-        let first = self.run.sets.iter().find(|set| !has_outline(&set.object));
+        let first = self.run.sets.iter().find(|set| set.object == PIN);
         let Some(leading) = first.or(self.run.sets.first()) else {
             return Vec::new();
         };
@@ -270,6 +270,35 @@ impl RunData {
     pub(super) fn outline(&self, trace: &str) -> Result<Option<Vec<(f64, f64)>>> {
         let rows: Option<Vec<OutlineRow>> = self.optional_table(&format!("outlines/{trace}.csv"))?;
         Ok(rows.map(|rows| rows.iter().map(|row| (row.x_m, row.y_m)).collect()))
+    }
+
+    /// The maps of the run, if it has any.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn maps(&self) -> Result<Vec<MapRow>> {
+        Ok(self.optional_table("maps.csv")?.unwrap_or_default())
+    }
+
+    /// The objects on the maps of the run, if it has any.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn map_objects(&self) -> Result<Vec<MapObjectRow>> {
+        Ok(self.optional_table("map_objects.csv")?.unwrap_or_default())
+    }
+
+    /// A table of the map that an estimator made of a recording, if the run kept it.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub(super) fn map_table<T: DeserializeOwned>(
+        &self,
+        recording: &str,
+        estimator: &str,
+        table: &str,
+    ) -> Result<Option<Vec<T>>> {
+        self.optional_table(&format!("maps/{recording}.{estimator}.{table}.csv"))
     }
 
     /// The sensor model of a calibration on a grid, if the run kept it.

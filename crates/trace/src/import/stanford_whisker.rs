@@ -490,6 +490,7 @@ impl Calibrated {
                 noise_sd_n_m: self.noise_sd_counts / counts_per_n_m.abs(),
                 touch_counts: self.touch_counts,
             }),
+            recording: None,
         };
         let mut trace =
             Trace { sidecar, recording: Recording { instants: recording }, truth: Truth { instants: truth } };

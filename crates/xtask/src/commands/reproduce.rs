@@ -21,6 +21,9 @@ const HALL: &str = "hall";
 /// Contacts that are lost on a shaking arm, on the same whiskers.
 const LIFT_OFFS: &str = "contact_events";
 
+/// Six whiskers on a robot arm, with calibrations of their own.
+const ARM: &str = "arm";
+
 /// A clone of the public repository with recordings of real sensors, where somebody put one (docs/REAL.md), and what becomes of it.
 const CLONE: &str = "datasets/stanford-clone";
 const RECORDINGS: &str = "stanford";
@@ -37,6 +40,9 @@ pub(crate) fn run() -> Outcome {
     pipeline::evaluate_through(HALL, PINS, SUITE, "recommended,ukf", "0.01,0")?;
     pipeline::simulate(LIFT_OFFS)?;
     pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
+    pipeline::simulate(ARM)?;
+    pipeline::fit(ARM)?;
+    pipeline::evaluate_on(ARM, ARM, ARM, 2)?;
     if Path::new(CLONE).is_dir() {
         pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
     }

@@ -20,7 +20,7 @@ fn hall(config: Config) -> Hall {
 /// A sensor that was calibrated on the golden traces.
 fn calibrated(hall: &Hall, mounting: &Mounting) -> anyhow::Result<SensorFile> {
     let traces = ["golden_pin", "golden_circle"].map(golden);
-    let own = traces.each_ref().map(|trace| Mounting::of(&trace.sidecar));
+    let own = traces.each_ref().map(|trace| Mounting::alone(&trace.sidecar));
     let played: Vec<Played> = traces.iter().zip(&own).map(|(trace, own)| Played::new(trace, own, 0.0, 1)).collect();
     Ok(hall.calibrate(mounting, &played)?.expect("it has a sensor"))
 }
@@ -85,7 +85,7 @@ fn val_earths_field_turns_in_the_sensor() {
 fn verif_readings_are_moments_within_the_noise_that_was_learnt() {
     let hall = hall(Config { temperature_sd_k: 0.0, ..Config::default() });
     let trace = golden("golden_pin");
-    let mounting = Mounting::of(&trace.sidecar);
+    let mounting = Mounting::alone(&trace.sidecar);
     let sensor = calibrated(&hall, &mounting).unwrap();
     let mut errors_n_m = Vec::new();
     for seed in 1..=20 {
@@ -102,7 +102,7 @@ fn verif_readings_are_moments_within_the_noise_that_was_learnt() {
 fn verif_moment_over_stiffness_stands_for_a_rotation_that_is_not_there() {
     let hall = hall(Config::default());
     let mut trace = golden("golden_pin");
-    let mounting = Mounting::of(&trace.sidecar);
+    let mounting = Mounting::alone(&trace.sidecar);
     let with = hall.counts(&Played::new(&trace, &mounting, 0.0, 1), [0.0; 2]);
     trace.recording.instants.iter_mut().for_each(|instant| instant.rotation_z_rad = None);
     let without = hall.counts(&Played::new(&trace, &mounting, 0.0, 1), [0.0; 2]);
@@ -127,7 +127,7 @@ fn verif_whiskers_of_an_array_share_reference_and_temperature() {
 fn verif_seeds_change_the_noise_and_leave_the_sensor() {
     let hall = hall(Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() });
     let trace = golden("golden_pin");
-    let mounting = Mounting::of(&trace.sidecar);
+    let mounting = Mounting::alone(&trace.sidecar);
     let counts = |hall: &Hall, seed| hall.counts(&Played::new(&trace, &mounting, 0.0, seed), [0.0; 2]);
     assert_eq!(counts(&hall, 1), counts(&hall, 2));
     let noisy = Hall { config: Config::default() };

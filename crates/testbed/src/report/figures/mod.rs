@@ -3,10 +3,12 @@
 use super::figure::Figure;
 use super::run_data::RunData;
 
+mod array_signals;
 mod common_mode;
 mod consistency;
 mod contact_events;
 mod contours;
+mod encoder_noise;
 mod error_over_time;
 mod objects;
 mod observability;
@@ -14,6 +16,7 @@ mod physical_limit;
 mod published;
 mod real_objects;
 mod sample_trace;
+mod scene_map;
 mod sensor_model;
 mod start_and_steady;
 mod transfer;
@@ -106,6 +109,29 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
                   stands above; of a round object, the radius of the circle through the outline with its 95 % interval and the root mean \
                   square distance from that circle, too. Dots were touched; between them the outline is bridged.",
         draw: real_objects::draw,
+    },
+    Figure {
+        name: "scene_map",
+        title: "Map of several whiskers",
+        caption: "The scene of a recording from above as the run's first filter maps it from all whiskers, under one noise seed: contact points by array, told apart \
+                  by what convex objects can be and not by the truth; the outline of each object found with its 95 % band, often narrower than the line; \
+                  and the occupancy grid, free where a whisker was, occupied where it touched, white where nothing was seen. On each object, how far its outline \
+                  lies from the true one on the mean and, where the data say that it is round, the circle through it. Nothing is aligned. As data: maps.csv and map_objects.csv.",
+        draw: scene_map::draw,
+    },
+    Figure {
+        name: "array_signals",
+        title: "Signals of all whiskers",
+        caption: "The readings of all whiskers of a recording, with measurement noise, on its common clock. Bars: where the first filter follows a contact; ground: true contacts.",
+        draw: array_signals::draw,
+    },
+    Figure {
+        name: "encoder_noise",
+        title: "Imperfect proprioception",
+        caption: "Errors against the noise of the arm's joint encoders. The estimators believe what the encoders say, and are not told how well these know. Left, contact error in \
+                  steady state, median over whiskers and noise seeds; right, the contact points of all whiskers from the nearest true outline, mean. Both in World, where the base is \
+                  where the encoders put it. Dashed: perfect encoders.",
+        draw: encoder_noise::draw,
     },
     Figure {
         name: "objects",

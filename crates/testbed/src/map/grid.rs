@@ -1,0 +1,166 @@
+//! The occupancy grid: where a whisker has been is free, where it touched is not.
+//!
+//! The plane is cut into square cells that are fixed in World, so that the grids of several whiskers add up. An instant of a whisker is one scan: the cells that its
+//! wire lies in were swept, that of its contact was touched, and touched counts where both are so. The log-odds of a cell are the sum over its scans, within bounds (Moravec and Elfes
+//! 1985; the bounds as in OctoMap, Hornung et al. 2013).
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use whisker::frames::{Point, World};
+
+/// What one scan adds to the log-odds of a cell that it swept: that it is free nine times in ten would be 2.2; the wire of a whisker is known to a cell, not better.
+const SWEPT: f64 = -0.4;
+
+/// What it adds where it touched: a contact that is sure is nearly always in its cell.
+const TOUCHED: f64 = 2.0;
+
+/// Bounds of the log-odds.
+const LOWEST: f64 = -4.0;
+const HIGHEST: f64 = 4.0;
+
+/// Place of a cell in the grid: along x and along y.
+pub(crate) type Place = (i32, i32);
+
+/// In how many scans a cell was swept and touched.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Cell {
+    pub(crate) swept: u32,
+    pub(crate) touched: u32,
+}
+
+impl Cell {
+    fn log_odds(self) -> f64 {
+        (f64::from(self.swept) * SWEPT + f64::from(self.touched) * TOUCHED).clamp(LOWEST, HIGHEST)
+    }
+
+    /// The probability that there is an object.
+    pub(crate) fn occupied(self) -> f64 {
+        1.0 / (1.0 + (-self.log_odds()).exp())
+    }
+}
+
+/// Cells that were seen; all others are unknown.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Grid {
+    cell_m: f64,
+    cells: BTreeMap<Place, Cell>,
+}
+
+impl Grid {
+    /// A grid of which nothing is known.
+    pub(crate) fn new(cell_m: f64) -> Self {
+        Self { cell_m, cells: BTreeMap::new() }
+    }
+
+    /// The cells that were seen, in order.
+    pub(crate) fn cells(&self) -> impl Iterator<Item = (Point<World>, Cell)> {
+        let middle = |place: i32| (f64::from(place) + 0.5) * self.cell_m;
+        self.cells.iter().map(move |(&(x, y), &cell)| (Point::new(middle(x), middle(y)), cell))
+    }
+
+    /// Takes one scan: the wire as a line, and where it touches.
+    pub(crate) fn scan(&mut self, wire: &[Point<World>], contact: Option<Point<World>>) {
+        let contact = contact.map(|contact| self.place(contact));
+        let swept: BTreeSet<Place> = wire.windows(2).flat_map(|ends| self.along(ends[0], ends[1])).collect();
+        for place in swept.into_iter().filter(|place| Some(*place) != contact) {
+            self.cells.entry(place).or_default().swept += 1;
+        }
+        if let Some(place) = contact {
+            self.cells.entry(place).or_default().touched += 1;
+        }
+    }
+
+    /// Adds what another grid of the same cells has seen.
+    pub(crate) fn add(&mut self, other: &Self) {
+        for (place, seen) in &other.cells {
+            let cell = self.cells.entry(*place).or_default();
+            cell.swept += seen.swept;
+            cell.touched += seen.touched;
+        }
+    }
+
+    /// The cells that are free with all cells around them up to `margin` cells away: well clear of any surface.
+    pub(crate) fn open(&self, margin: i32) -> Open {
+        let is_free = |place: &Place| self.cells.get(place).is_some_and(|cell| cell.log_odds() < 0.0);
+        let around =
+            |&(x, y): &Place| (-margin..=margin).flat_map(move |i| (-margin..=margin).map(move |j| (x + i, y + j)));
+        let is_open = |place: &&Place| around(place).all(|place| is_free(&place));
+        Open { places: self.cells.keys().filter(is_open).copied().collect(), cell_m: self.cell_m }
+    }
+
+    fn place(&self, point: Point<World>) -> Place {
+        place(point, self.cell_m)
+    }
+
+    fn along(&self, from: Point<World>, to: Point<World>) -> impl Iterator<Item = Place> + use<> {
+        along(from, to, self.cell_m)
+    }
+}
+
+/// Free cells well clear of any surface.
+pub(crate) struct Open {
+    places: BTreeSet<Place>,
+    cell_m: f64,
+}
+
+impl Open {
+    /// Whether a straight line leads through.
+    pub(crate) fn is_crossed(&self, from: Point<World>, to: Point<World>) -> bool {
+        along(from, to, self.cell_m).any(|place| self.places.contains(&place))
+    }
+}
+
+fn place(point: Point<World>, cell_m: f64) -> Place {
+    ((point.x() / cell_m).floor() as i32, (point.y() / cell_m).floor() as i32)
+}
+
+/// The cells along a line, in steps of half a cell.
+fn along(from: Point<World>, to: Point<World>, cell_m: f64) -> impl Iterator<Item = Place> {
+    let way = to.vector() - from.vector();
+    let steps = (2.0 * way.norm() / cell_m).ceil().max(1.0) as u32;
+    (0..=steps).map(move |step| place(from.shifted(way * (f64::from(step) / f64::from(steps))), cell_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x_mm: f64, y_mm: f64) -> Point<World> {
+        Point::new(1e-3 * x_mm, 1e-3 * y_mm)
+    }
+
+    #[test]
+    fn verif_swept_is_free_touched_is_not_and_the_rest_is_unknown() {
+        let mut grid = Grid::new(2e-3);
+        grid.scan(&[point(1.0, 1.0), point(9.0, 1.0)], Some(point(9.0, 1.0)));
+        let seen: Vec<(f64, bool)> = grid.cells().map(|(at, cell)| (1e3 * at.x(), cell.occupied() > 0.5)).collect();
+        let expected = [(1.0, false), (3.0, false), (5.0, false), (7.0, false), (9.0, true)];
+        assert_eq!(seen.len(), expected.len());
+        assert!(seen.iter().zip(expected).all(|(a, b)| (a.0 - b.0).abs() < 1e-9 && a.1 == b.1), "{seen:?}");
+    }
+
+    #[test]
+    fn verif_grids_add_up_in_any_order() {
+        let scan = |y_mm: f64| {
+            let mut grid = Grid::new(2e-3);
+            grid.scan(&[point(-3.0, y_mm), point(5.0, y_mm)], None);
+            grid
+        };
+        let [mut one, mut other] = [scan(1.0), scan(1.5)];
+        one.add(&scan(1.5));
+        other.add(&scan(1.0));
+        assert_eq!(one, other);
+        assert!(one.cells().all(|(_, cell)| cell.swept == 2));
+    }
+
+    #[test]
+    fn verif_what_is_well_inside_the_free_is_open() {
+        let mut grid = Grid::new(2e-3);
+        for y in 0..10 {
+            grid.scan(&[point(1.0, 2.0 * f64::from(y) + 1.0), point(19.0, 2.0 * f64::from(y) + 1.0)], None);
+        }
+        let open = grid.open(2);
+        assert!(open.is_crossed(point(10.0, -5.0), point(10.0, 30.0)));
+        assert!(!open.is_crossed(point(3.0, -5.0), point(3.0, 30.0)), "along the border");
+    }
+}

@@ -1,0 +1,126 @@
+//! The map beside the truth, unaligned.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Matrix2;
+use trace::{ArrayRecording, Outline};
+use whisker::frames::{Point, World};
+
+use super::{FoundObject, SceneMap, Seen, View};
+use crate::contour::{Circle, Comparison, Contour, Vertex};
+use crate::statistics::{mean, quantile};
+
+/// A found object is merged of several where at least this share of its points was truly on another than most are.
+const LEAST_MERGED: f64 = 0.1;
+
+/// A true outline is round where it lies nowhere farther from its circle than this, relative to the radius.
+const MOST_OUT_OF_ROUND: f64 = 2e-3;
+
+/// What the judge says of a map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Judged {
+    /// Contact points of all whiskers.
+    pub(crate) points: usize,
+    /// Over the rows in which a whisker truly touches.
+    pub(crate) share: Option<f64>,
+    /// Mean distance of the points from the nearest true outline.
+    pub(crate) mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub(crate) p95_m: Option<f64>,
+    /// True objects that were touched.
+    pub(crate) touched: usize,
+    /// Found objects beyond the first of each true one.
+    pub(crate) split: usize,
+    /// Found objects with points of several true ones.
+    pub(crate) merged: usize,
+    /// One entry a found object.
+    pub(crate) objects: Vec<JudgedObject>,
+}
+
+/// What the judge says of a found object.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct JudgedObject {
+    /// Place of the true object in the recording: that whose outline is nearest to its points.
+    pub(crate) object: usize,
+    /// Mean distance of its points from that outline.
+    pub(crate) mean_m: f64,
+    /// 95th percentile of that distance.
+    pub(crate) p95_m: f64,
+    /// Its outline beside the true one.
+    pub(crate) contour: Comparison,
+    /// Radius of the true outline, where that is round.
+    pub(crate) radius_m: Option<f64>,
+    /// Distance of the middle of its circle from the true one, where both are round.
+    pub(crate) center_error_m: Option<f64>,
+}
+
+/// Lays a map beside the truth. A recording without objects has none.
+pub(crate) fn judged(map: &SceneMap, views: &[&View], array: &ArrayRecording) -> Option<Judged> {
+    let outlines = &array.outlines;
+    let nearest = |point: Point<World>| {
+        let distances = outlines.iter().map(|outline| outline.distance_m(point)).enumerate();
+        distances.min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let points: Vec<&Seen> = views.iter().flat_map(|view| &view.points).collect();
+    let distances_m: Vec<f64> =
+        points.iter().map(|seen| Some(nearest(Point::from_vector(seen.point.at))?.1)).collect::<Option<_>>()?;
+    let touching: usize = views.iter().map(|view| view.touching).sum();
+    let mut touched = BTreeMap::new();
+    for truth in points.iter().filter_map(|seen| seen.truth) {
+        *touched.entry(nearest(truth)?.0).or_insert(0usize) += 1;
+    }
+    let objects: Vec<JudgedObject> = map.objects.iter().filter_map(|found| judged_object(found, outlines)).collect();
+    let matched: BTreeSet<usize> = objects.iter().map(|object| object.object).collect();
+    let is_merged = |found: &&FoundObject| {
+        let mut of_objects: BTreeMap<usize, usize> = BTreeMap::new();
+        for object in found.points.iter().filter_map(|(_, seen)| Some(nearest(seen.truth?)?.0)) {
+            *of_objects.entry(object).or_default() += 1;
+        }
+        let (all, most): (usize, usize) = (of_objects.values().sum(), of_objects.values().copied().max().unwrap_or(0));
+        (all - most) as f64 > LEAST_MERGED * all as f64
+    };
+    Some(Judged {
+        points: points.len(),
+        share: (touching > 0).then(|| points.len() as f64 / touching as f64),
+        mean_m: mean(distances_m.iter().copied()),
+        p95_m: quantile(&distances_m, 0.95),
+        touched: touched.len(),
+        split: objects.len() - matched.len(),
+        merged: map.objects.iter().filter(is_merged).count(),
+        objects,
+    })
+}
+
+fn judged_object(found: &FoundObject, outlines: &[Outline]) -> Option<JudgedObject> {
+    let distances_m = |outline: &Outline| -> Vec<f64> {
+        found.points.iter().map(|(_, seen)| outline.distance_m(Point::from_vector(seen.point.at))).collect()
+    };
+    let candidates = outlines.iter().map(distances_m).enumerate();
+    let mean_of = |distances_m: &[f64]| mean(distances_m.iter().copied()).unwrap_or(f64::INFINITY);
+    let (object, distances_m) = candidates.min_by(|a, b| mean_of(&a.1).total_cmp(&mean_of(&b.1)))?;
+    let touched: Vec<Point<World>> = found.points.iter().filter_map(|(_, seen)| seen.truth).collect();
+    let circle = true_circle(&outlines[object]);
+    Some(JudgedObject {
+        object,
+        mean_m: mean_of(&distances_m),
+        p95_m: quantile(&distances_m, 0.95)?,
+        contour: Comparison::new(&found.contour, &outlines[object], &touched),
+        radius_m: circle.map(|circle| circle.radius_m),
+        center_error_m: found.circle.zip(circle).map(|(found, circle)| found.center.distance(&circle.center)),
+    })
+}
+
+/// The circle that a true outline is, where it is one.
+pub(crate) fn true_circle(outline: &Outline) -> Option<Circle> {
+    let vertices = outline.vertices();
+    // One covariance for all makes the fit an even one.
+    let vertex = |at: &Point<World>| Vertex {
+        at: *at,
+        normal_rad: 0.0,
+        covariance_m2: Some(Matrix2::identity() * 1e-12),
+        touched: true,
+    };
+    let circle = Circle::through(&Contour { vertices: vertices[1..].iter().map(vertex).collect() })?;
+    let off_m = |at: &Point<World>| (at.distance(&circle.center) - circle.radius_m).abs();
+    vertices.iter().all(|at| off_m(at) <= MOST_OUT_OF_ROUND * circle.radius_m).then_some(circle)
+}

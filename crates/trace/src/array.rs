@@ -1,0 +1,355 @@
+//! Recordings of several whiskers: whiskers on one arm, on a common clock, among several objects.
+//!
+//! Each whisker has a trace of its own. What ties them is the recording's file, with the arm, where the whiskers are mounted on it, and the
+//! objects; the joints' table says what the arm did, and the objects' how far each was disturbed.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::arm::wrapped_rad;
+use crate::sidecar::plain_name;
+use crate::table::{number, reader};
+use crate::{
+    Arm, Contour, Error, FORMAT, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace, read_json, sha256,
+};
+
+/// How far a trace's base may lie from where joints and mount put it.
+const BASE_M: f64 = 1e-6;
+const BASE_RAD: f64 = 1e-6;
+
+/// How far its twist may, in m/s and rad/s.
+const TWIST: f64 = 1e-5;
+
+/// A whisker of a recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MountedWhisker {
+    /// Its name within the recording, for example `left_1`.
+    pub name: String,
+    /// Name of its trace.
+    pub trace: String,
+    /// The array that it belongs to.
+    pub array: String,
+    /// Pose of its base in the frame of the arm's flange.
+    pub mount: PoseMatrix,
+}
+
+/// An object of a recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneObject {
+    /// Its name within the recording.
+    pub name: String,
+    /// Its shape.
+    pub shape: String,
+    /// Its mass.
+    pub mass_kg: f64,
+    /// Its height.
+    pub height_m: f64,
+    /// Its friction on the table.
+    pub friction: f64,
+    /// Its outline at the height of the whiskers, where it stood at the start.
+    pub contour: Contour,
+}
+
+/// A file that belongs to a recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartFile {
+    /// Its name, in the recording's folder.
+    pub file: String,
+    /// Its hash.
+    pub sha256: String,
+}
+
+/// The file of a recording: `<recording>.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ArraySidecar {
+    /// Version of the format.
+    pub format: u32,
+    /// `"recording"`.
+    pub kind: String,
+    /// Name of the recording.
+    pub name: String,
+    /// Seed of the scene.
+    pub seed: u64,
+    /// Rows a second, in all of its tables.
+    pub rate_hz: f64,
+    /// Number of rows, of each of its tables.
+    pub rows: usize,
+    /// The whiskers.
+    pub whiskers: Vec<MountedWhisker>,
+    /// The arm that carries them.
+    pub arm: Arm,
+    /// The objects.
+    pub objects: Vec<SceneObject>,
+    /// What the joints did.
+    pub joints: PartFile,
+    /// How far the objects moved.
+    pub poses: PartFile,
+    /// The scene as it was run.
+    pub scene: Value,
+    /// What made the recording.
+    pub generator: Generator,
+    /// Hash over all that determines the data.
+    pub inputs_sha256: String,
+}
+
+/// A recording of several whiskers, but for their traces.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArrayRecording {
+    /// What it is and what made it.
+    pub sidecar: ArraySidecar,
+    /// The joints, exact, one entry an instant.
+    pub joints: Vec<JointInstant>,
+    /// The objects' outlines at the start, in the sidecar's order.
+    pub outlines: Vec<Outline>,
+    /// How far each object's centre was displaced at most.
+    pub moved_m: Vec<f64>,
+}
+
+impl ArrayRecording {
+    /// Whether a JSON file is that of a recording.
+    ///
+    /// # Errors
+    /// [`Error`] if it cannot be read or is no JSON.
+    pub fn is_one(path: &Path) -> Result<bool, Error> {
+        let value: Value = read_json(path)?;
+        Ok(value.get("kind").and_then(Value::as_str) == Some("recording"))
+    }
+
+    /// Reads a recording's file, `<recording>.json`, and the tables that it names, and checks them against it.
+    ///
+    /// # Errors
+    /// [`Error`] names file, line and column or key, what was found and what was expected.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let sidecar: ArraySidecar = read_json(path)?;
+        sidecar.validate(path)?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let part = |key: &str, file: &str, expected: &str| {
+            let path = folder.join(file);
+            let bytes = fs::read(&path).map_err(Error::io(&path))?;
+            let found = sha256(&bytes);
+            if found != expected {
+                return Err(Error::value(&path, "sha256", found, format!("{expected}, as `{key}` says")));
+            }
+            Ok((path, bytes))
+        };
+        let (joints_path, bytes) = part("joints", &sidecar.joints.file, &sidecar.joints.sha256)?;
+        let joints = parse_joints(&joints_path, &bytes)?;
+        check_rows(&joints_path, joints.len(), sidecar.rows)?;
+        let (poses_path, bytes) = part("poses", &sidecar.poses.file, &sidecar.poses.sha256)?;
+        let names: Vec<&str> = sidecar.objects.iter().map(|object| object.name.as_str()).collect();
+        let (clock_s, moved_m) = parse_poses(&poses_path, &bytes, &names)?;
+        check_rows(&poses_path, clock_s.len(), sidecar.rows)?;
+        check_clock(&poses_path, &clock_s, &joints)?;
+        let outlines = sidecar.objects.iter().map(|object| {
+            let Contour { file, sha256, .. } = &object.contour;
+            let (path, bytes) = part("contour", file, sha256)?;
+            Outline::parse(&path, &bytes)
+        });
+        let outlines = outlines.collect::<Result<_, _>>()?;
+        Ok(Self { joints, outlines, moved_m, sidecar })
+    }
+
+    /// The whisker whose trace this is.
+    pub fn whisker_of(&self, trace: &str) -> Option<&MountedWhisker> {
+        self.sidecar.whiskers.iter().find(|whisker| whisker.trace == trace)
+    }
+
+    /// Checks that a trace belongs to this recording: named by it, on its clock, its base where joints and mount put it. `path` is the trace's CSV.
+    ///
+    /// # Errors
+    /// [`Error`] names what does not fit, by line and column of the trace or by key of its sidecar.
+    pub fn check(&self, path: &Path, trace: &Trace) -> Result<(), Error> {
+        let name = &self.sidecar.name;
+        let beside = path.with_extension("json");
+        let said = trace.sidecar.recording.as_deref();
+        if said != Some(name) {
+            let found = said.map_or_else(|| "no such key".into(), |said| format!("`{said}`"));
+            return Err(Error::value(&beside, "recording", found, format!("`{name}`, which names this trace")));
+        }
+        let Some(whisker) = self.whisker_of(&trace.sidecar.name) else {
+            return Err(Error::value(&beside, "recording", format!("`{name}`"), "a recording that names this trace"));
+        };
+        if trace.sidecar.rate_hz != self.sidecar.rate_hz {
+            return Err(Error::value(&beside, "rate_hz", trace.sidecar.rate_hz, self.sidecar.rate_hz));
+        }
+        check_rows(path, trace.recording.instants.len(), self.sidecar.rows)?;
+        let clock_s: Vec<f64> = trace.recording.instants.iter().map(|instant| instant.t_s).collect();
+        check_clock(path, &clock_s, &self.joints)?;
+        let carried = self.sidecar.arm.carry(&whisker.mount, &self.joints);
+        for (row, (instant, (base, twist))) in trace.recording.instants.iter().zip(&carried).enumerate() {
+            let (found, expected) = (instant.base.origin(), base.origin());
+            let mut pairs = vec![
+                ("base_x_m", found.x(), expected.x(), BASE_M),
+                ("base_y_m", found.y(), expected.y(), BASE_M),
+                ("base_yaw_rad", instant.base.yaw_rad(), base.yaw_rad(), BASE_RAD),
+            ];
+            if let Some(found) = instant.twist {
+                pairs.push(("base_vx_m_s", found.vx_m_s, twist.vx_m_s, TWIST));
+                pairs.push(("base_vy_m_s", found.vy_m_s, twist.vy_m_s, TWIST));
+                pairs.push(("base_wz_rad_s", found.wz_rad_s, twist.wz_rad_s, TWIST));
+            }
+            for (column, found, expected, most) in pairs {
+                let off = found - expected;
+                let off = if column == "base_yaw_rad" { wrapped_rad(off) } else { off };
+                if off.abs() > most {
+                    return Err(Error::Table {
+                        path: path.into(),
+                        line: row as u64 + 2,
+                        place: format!("column {column}"),
+                        found: found.to_string(),
+                        expected: format!("{expected}, by the arm's joints and the mount of `{}`", whisker.name),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ArraySidecar {
+    fn validate(&self, path: &Path) -> Result<(), Error> {
+        if self.format != FORMAT {
+            return Err(Error::value(path, "format", self.format, FORMAT));
+        }
+        if self.kind != "recording" {
+            return Err(Error::value(path, "kind", format!("`{}`", self.kind), "`recording`"));
+        }
+        plain_name(path, "name", &self.name)?;
+        if path.file_stem().is_none_or(|stem| stem != self.name.as_str()) {
+            return Err(Error::value(path, "name", format!("`{}`", self.name), "the name of its file"));
+        }
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return Err(Error::value(path, "rate_hz", self.rate_hz, "a positive number"));
+        }
+        if self.rows == 0 {
+            return Err(Error::value(path, "rows", 0, "at least one row"));
+        }
+        if self.whiskers.is_empty() {
+            return Err(Error::value(path, "whiskers", "an empty list", "at least one whisker"));
+        }
+        self.arm.base.validate(path, "arm.base")?;
+        for (index, whisker) in self.whiskers.iter().enumerate() {
+            let key = |key: &str| format!("whiskers[{index}].{key}");
+            plain_name(path, &key("name"), &whisker.name)?;
+            plain_name(path, &key("trace"), &whisker.trace)?;
+            plain_name(path, &key("array"), &whisker.array)?;
+            whisker.mount.validate(path, &key("mount"))?;
+        }
+        for (index, object) in self.objects.iter().enumerate() {
+            plain_name(path, &format!("objects[{index}].name"), &object.name)?;
+            plain_name(path, &format!("objects[{index}].contour.file"), &object.contour.file)?;
+            let not_negative =
+                [("mass_kg", object.mass_kg), ("height_m", object.height_m), ("friction", object.friction)];
+            for (key, value) in not_negative {
+                if !(value.is_finite() && value >= 0.0) {
+                    return Err(Error::value(path, format!("objects[{index}].{key}"), value, "a number of 0 or more"));
+                }
+            }
+        }
+        distinct(path, "whiskers", "name", self.whiskers.iter().map(|whisker| &whisker.name))?;
+        distinct(path, "whiskers", "trace", self.whiskers.iter().map(|whisker| &whisker.trace))?;
+        distinct(path, "objects", "name", self.objects.iter().map(|object| &object.name))?;
+        plain_name(path, "joints.file", &self.joints.file)?;
+        plain_name(path, "poses.file", &self.poses.file)
+    }
+}
+
+/// Checks that no two entries of a list have the same name.
+fn distinct<'a>(path: &Path, list: &str, key: &str, names: impl Iterator<Item = &'a String>) -> Result<(), Error> {
+    let mut seen = BTreeSet::new();
+    for (index, name) in names.enumerate() {
+        if !seen.insert(name) {
+            return Err(Error::value(path, format!("{list}[{index}].{key}"), format!("`{name}` again"), "each once"));
+        }
+    }
+    Ok(())
+}
+
+fn check_rows(path: &Path, found: usize, expected: usize) -> Result<(), Error> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Table {
+        path: path.into(),
+        line: found as u64 + 2,
+        place: "row".into(),
+        found: format!("the end after {found} rows"),
+        expected: format!("{expected} rows, as the recording says"),
+    })
+}
+
+/// Checks that a table has the times of the joints' table.
+fn check_clock(path: &Path, clock_s: &[f64], joints: &[JointInstant]) -> Result<(), Error> {
+    match clock_s.iter().zip(joints).position(|(t_s, joint)| *t_s != joint.t_s) {
+        None => Ok(()),
+        Some(row) => Err(Error::Table {
+            path: path.into(),
+            line: row as u64 + 2,
+            place: "column t_s".into(),
+            found: clock_s[row].to_string(),
+            expected: format!("{}, the common clock, as the joints' table has it", joints[row].t_s),
+        }),
+    }
+}
+
+/// Rows of a table of numbers, the first of which is a time that grows.
+fn timed_rows(path: &Path, bytes: &[u8], names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    for row in reader(path, bytes, names)? {
+        let (line, record) = row?;
+        let row: Vec<f64> =
+            (0..names.len()).map(|i| number(path, line, &record, names, i)).collect::<Result<_, _>>()?;
+        if let Some(last) = rows.last()
+            && row[0] <= last[0]
+        {
+            return Err(Error::Table {
+                path: path.into(),
+                line,
+                place: "column t_s".into(),
+                found: row[0].to_string(),
+                expected: format!("a time after {} (rows in order of time)", last[0]),
+            });
+        }
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+/// Parses the bytes of a joints' table.
+fn parse_joints(path: &Path, bytes: &[u8]) -> Result<Vec<JointInstant>, Error> {
+    let angles = (1..=JOINTS).map(|joint| format!("q{joint}_rad"));
+    let rates = (1..=JOINTS).map(|joint| format!("dq{joint}_rad_s"));
+    let names: Vec<String> = std::iter::once("t_s".into()).chain(angles).chain(rates).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let rows = timed_rows(path, bytes, &names)?;
+    let instant = |row: Vec<f64>| JointInstant {
+        t_s: row[0],
+        angles_rad: std::array::from_fn(|joint| row[1 + joint]),
+        rates_rad_s: std::array::from_fn(|joint| row[1 + JOINTS + joint]),
+    };
+    Ok(rows.into_iter().map(instant).collect())
+}
+
+/// Parses the bytes of the objects' table: its clock, and each object's largest displacement.
+fn parse_poses(path: &Path, bytes: &[u8], objects: &[&str]) -> Result<(Vec<f64>, Vec<f64>), Error> {
+    const COLUMNS: [&str; 5] = ["x_m", "y_m", "z_m", "yaw_rad", "tilt_rad"];
+    let of_objects = objects.iter().flat_map(|object| COLUMNS.map(|column| format!("{object}_{column}")));
+    let names: Vec<String> = std::iter::once("t_s".into()).chain(of_objects).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let rows = timed_rows(path, bytes, &names)?;
+    let displaced_m = |row: &Vec<f64>, object: usize| {
+        let first = 1 + COLUMNS.len() * object;
+        row[first].hypot(row[first + 1]).hypot(row[first + 2])
+    };
+    let moved_m =
+        (0..objects.len()).map(|object| rows.iter().map(|row| displaced_m(row, object)).fold(0.0, f64::max)).collect();
+    Ok((rows.iter().map(|row| row[0]).collect(), moved_m))
+}
