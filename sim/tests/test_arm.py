@@ -8,6 +8,7 @@ import json
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.model import build_arm_model
@@ -246,6 +247,18 @@ def test_verif_the_truth_lies_on_the_object(short):
     pose, twist = base_motion(short.scene, MOUNTS[1], passed.q_rad, passed.dq_rad_s)
     np.testing.assert_array_equal(pose, middle.base_pose)
     np.testing.assert_array_equal(twist, middle.base_twist)
+
+
+def test_verif_a_passage_is_drawn(write_short, tmp_path, capsys):
+    """The whiskers are seen in their colour, which light changes a little."""
+    out = tmp_path / "passage.png"
+    if main(["render", str(write_short()), "--out", str(out)]) != 0:
+        error = capsys.readouterr().err
+        assert "needs OpenGL" in error
+        pytest.skip(error)
+    with Image.open(out) as picture:
+        red, green, blue = np.moveaxis(np.asarray(picture.convert("RGB"), dtype=int), -1, 0)
+    assert np.sum((red > green + 60) & (green > blue + 30)) > 50
 
 
 def one_pass(**changes):

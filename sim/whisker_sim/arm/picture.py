@@ -109,6 +109,8 @@ def _painter(model: mujoco.MjModel) -> Iterator[Callable[[Array, list[Stick]], I
         raise SimulationError(f"a picture in perspective needs OpenGL (on Linux: EGL), found none: {error}") from None
     try:
         context.make_current()
+        # The picture is drawn larger and shrunk, which smooths every edge; OpenGL would take as long again for it.
+        model.vis.quality.offsamples = 0
         drawn = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_resizeOffscreen(width, height, drawn)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawn)

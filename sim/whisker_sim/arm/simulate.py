@@ -21,6 +21,8 @@ from whisker_sim.table import displacement
 from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
 from whisker_sim.whisker import Array
 
+_SETTLING_ROWS = 25
+
 
 @dataclass(frozen=True)
 class Passed:
@@ -53,7 +55,7 @@ def simulate_passage(run: Run) -> Passed:
     qpos, qvel, sensors = _integrate(scene, model, plan)
     time_s = np.arange(len(qpos)) / scene.rate_hz
     q_rad, dq_rad_s = plan.q_rad[0] + qpos[:, : panda.JOINTS], qvel[:, : panda.JOINTS]
-    moved = {free.name: displacement(model, qpos, free.name) for free in scene.objects}
+    moved = {free.name: _since_start(displacement(model, qpos, free.name)) for free in scene.objects}
     hinges = scene.resolved_whisker.segments + 1
     whiskers = {}
     for index, mount in enumerate(MOUNTS):
@@ -75,8 +77,19 @@ def base_motion(scene: ArmScene, mount: Mount, q_rad: Array, dq_rad_s: Array) ->
 
 
 def _integrate(scene: ArmScene, model: mujoco.MjModel, plan: JointPlan) -> tuple[Array, Array, Array]:
-    controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)
-    return logged(model, mujoco.MjData(model), controls[1:], scene.steps_per_row)
+    """Positions, velocities and sensor data at the logged instants, in the model's units.
+
+    The objects settle into the table, by a micrometre, before the first of them.
+    """
+    controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)[1:]
+    settling = np.zeros((_SETTLING_ROWS * scene.steps_per_row, model.nu))
+    rows = logged(model, mujoco.MjData(model), np.concatenate((settling, controls)), scene.steps_per_row)
+    return tuple(values[_SETTLING_ROWS:] for values in rows)
+
+
+def _since_start(moved: Array) -> Array:
+    """Displacements (n, 5) counted from the first, but for the tilt, which is counted from the vertical."""
+    return np.column_stack((moved[:, :4] - moved[0, :4], moved[:, 4]))
 
 
 def _whisker(
