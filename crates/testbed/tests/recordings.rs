@@ -136,12 +136,14 @@ fn write_recording(folder: &Path) {
 
 fn evaluated(dataset: &Dataset, encoders: Vec<Encoders>, results: &Path) -> Evaluated {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
-    fit(dataset, &FitSettings { models, noise: 0.01, seed: 1 }, &dataset.calibrations()).unwrap();
+    let settings = FitSettings { models, noise: 0.01, seed: 1, front_end: Default::default(), sensors: Vec::new() };
+    fit(dataset, &settings, &dataset.calibrations("white")).unwrap();
     let settings = EvaluateSettings {
         name: "arm".into(),
         estimators: Some(vec!["sliding".into()]),
         programs: Vec::new(),
         config: Default::default(),
+        front_end: Default::default(),
         touch: Default::default(),
         noise: vec![0.01],
         seeds: vec![1],
