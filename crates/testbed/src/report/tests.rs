@@ -9,11 +9,12 @@ use whisker::events::{DETECTORS, TouchConfig};
 
 use super::run_data::RunData;
 use super::{FIGURES, report, take_animations};
+use crate::map::MapConfig;
 use crate::metrics::Scores;
 use crate::results::{
-    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, ResidualRow,
-    RunSet, SummaryHead, SummaryRow, SurfaceRow, TransferRow, TrialHead, TrialRow, TurnRow, VertexRow, csv_bytes,
-    score_bytes,
+    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, GridRow,
+    MapPointRow, MapRow, MapVertexRow, ResidualRow, RunSet, SummaryHead, SummaryRow, SurfaceRow, TransferRow,
+    TrialHead, TrialRow, TurnRow, VertexRow, csv_bytes, score_bytes,
 };
 
 const ESTIMATORS: [&str; 3] = ["ekf", "euler-bernoulli", "paper-ekf"];
@@ -58,6 +59,7 @@ fn write_run(folder: &Path, whole: bool) {
             "density_kg_m3": 6450.0, "curvature": [{"length_m": 0.08, "curvature_per_m": 0.0}],
             "root_stiffness_n_m_rad": 0.17e-3, "segments": 40, "damping_s": 0.0,
         }],
+        "recordings": if whole { LEVELS.map(recording).to_vec() } else { Vec::new() },
     });
     fs::write(folder.join("run.json"), run.to_string()).expect("written");
 
@@ -122,7 +124,77 @@ fn write_run(folder: &Path, whole: bool) {
     if whole {
         write_model(folder);
         write_sensor(folder);
+        write_maps(folder);
     }
+}
+
+/// Encoders under which a recording of one whisker among one object was replayed: the name that it has then, and their noise.
+const LEVELS: [(&str, f64); 3] = [("scene", 0.0), ("scene_noise_1e-4", 1e-4), ("scene_noise_1e-3", 1e-3)];
+
+fn recording((name, noise_rad): (&str, f64)) -> serde_json::Value {
+    json!({
+        "name": name, "group": "circle", "encoders": {"resolution_rad": 0.0, "noise_rad": noise_rad},
+        "map": MapConfig::default(), "objects": ["disc"],
+        "whiskers": [{"name": "left_1", "array": "left", "trace": "circle_straight"}],
+    })
+}
+
+/// The maps that the first estimator made.
+fn write_maps(folder: &Path) {
+    let map = |(name, noise_rad): (&str, f64)| MapRow {
+        recording: name.to_owned(),
+        group: "circle".to_owned(),
+        estimator: ESTIMATORS[0].to_owned(),
+        noise: 0.01,
+        seed: 1,
+        whiskers: 1,
+        points: 20,
+        points_share: Some(0.5),
+        points_mean_m: Some(1e-4 + noise_rad),
+        points_p95_m: Some(2e-4),
+        objects_touched: 1,
+        objects_found: 1,
+        objects_split: 0,
+        objects_merged: 0,
+    };
+    write_table(&folder.join("maps.csv"), &LEVELS.map(map));
+    let outline = "x_m,y_m\n0.05,0\n0.06,0.01\n0.05,0.02\n0.04,0.01\n0.05,0\n";
+    fs::write(folder.join("outlines/scene.disc.csv"), outline).expect("written");
+    let places: Vec<(f64, f64)> = (0..10).map(|i| (0.04 + 1e-3 * f64::from(i), 0.01 - 1e-3 * f64::from(i))).collect();
+    let covariance = (Some(1e-8), Some(0.0), Some(1e-8));
+    let point = |&(x_m, y_m): &(f64, f64)| MapPointRow {
+        t_s: 1.0,
+        whisker: "left_1".to_owned(),
+        array: "left".to_owned(),
+        object: Some(1),
+        x_m,
+        y_m,
+        normal_rad: -2.4,
+        cov_xx_m2: covariance.0,
+        cov_xy_m2: covariance.1,
+        cov_yy_m2: covariance.2,
+    };
+    let vertex = |&(x_m, y_m): &(f64, f64)| MapVertexRow {
+        object: 1,
+        x_m,
+        y_m,
+        normal_rad: -2.4,
+        cov_xx_m2: covariance.0,
+        cov_xy_m2: covariance.1,
+        cov_yy_m2: covariance.2,
+        touched: true,
+    };
+    let cell = |i: u32| GridRow {
+        x_m: 0.001 + 0.002 * f64::from(i),
+        y_m: 0.001,
+        swept: 3,
+        touched: 0,
+        occupied: if i < 4 { 0.2 } else { 0.9 },
+    };
+    let name = |table: &str| folder.join(format!("maps/scene.{}.{table}.csv", ESTIMATORS[0]));
+    write_table(&name("points"), &places.iter().map(point).collect::<Vec<_>>());
+    write_table(&name("outlines"), &places.iter().map(vertex).collect::<Vec<_>>());
+    write_table(&name("grid"), &(0..6).map(cell).collect::<Vec<_>>());
 }
 
 /// The outlines that the first estimator found: of each object its group, its name and the distance from the true one, where known.
@@ -425,7 +497,7 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
     report(folder.path()).expect("drawn");
-    for part in ["bounds", "contours", "estimates", "events", "models", "sensors"] {
+    for part in ["bounds", "contours", "estimates", "events", "maps", "models", "sensors"] {
         fs::remove_dir_all(folder.path().join(part)).expect("removed");
     }
     write_run(folder.path(), false);
@@ -434,10 +506,10 @@ fn robust_what_a_run_lacks_is_left_out_with_a_sentence() {
     let page = fs::read_to_string(&paths.page).expect("page");
     assert_eq!(
         page.matches("Left out").count(),
-        8,
-        "observability, contours, real objects, sample trace, sensor model, contact events, transfer, common mode"
+        11,
+        "observability, contours, real objects, sample trace, sensor model, contact events, transfer, common mode, map, signals, encoders"
     );
-    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 8));
+    assert_eq!(paths.figures.len(), 2 * (FIGURES.len() - 11));
 }
 
 #[test]

@@ -49,7 +49,8 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let time = Axis::linear("time (s)", 0.0, rows[rows.len() - 1].t_s);
             let shifts = [|row: &TurnRow| row.counts, |row: &TurnRow| row.compensated_counts]
                 .map(|value: Value| shift_counts(rows, value).map_or("unknown".into(), two_digits));
-            let title = format!("{}: {} counts by half a turn, {} left", sensor.replace('_', " "), shifts[0], shifts[1]);
+            let title =
+                format!("{}: {} counts by half a turn, {} left", sensor.replace('_', " "), shifts[0], shifts[1]);
             let panel = Panel::new(canvas, frames[0], &title, time.clone().bare(), axis(&counts))?;
             let series: [(RGBColor, Value); 2] =
                 [(UNCOMPENSATED, |row| row.counts), (COMPENSATED, |row| row.compensated_counts)];
