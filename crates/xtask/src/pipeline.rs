@@ -47,6 +47,17 @@ pub(crate) fn evaluate_on(suite: &str, traces: &str, calibrated: &str, seeds: u3
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
 }
 
+/// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, drawn: `results/<suite>_encoders/`.
+pub(crate) fn evaluate_encoders(suite: &str, noise_rad: &[&str]) -> Outcome {
+    let name = format!("{suite}_encoders");
+    let levels: Vec<String> = noise_rad.iter().map(|noise_rad| format!("{{\"noise_rad\": {noise_rad}}}")).collect();
+    let file = suite_file(suite);
+    let mut arguments = vec!["evaluate", &file, "--name", &name, "--estimators", "recommended", "--seeds", "2"];
+    arguments.extend(levels.iter().flat_map(|level| ["--encoders", level.as_str()]));
+    step("evaluate with noisy encoders", || run(whisker(&arguments)))?;
+    step("report", || run(whisker(&["report", &format!("results/{name}")])))
+}
+
 /// Recordings of others to traces, sensor models and scores, with what estimators are told of the first touch right and wrong:
 /// `datasets/<name>/`, `results/<name>/`.
 pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {

@@ -21,6 +21,9 @@ const LIFT_OFFS: &str = "contact_events";
 /// Six whiskers on a robot arm, with calibrations of their own.
 const ARM: &str = "arm";
 
+/// Noise of the arm's joint encoders, in rad.
+const ENCODERS: &[&str] = &["0", "1e-5", "3e-5", "1e-4", "3e-4", "1e-3"];
+
 /// A clone of the public repository with recordings of real sensors, where somebody put one (docs/REAL.md), and what becomes of it.
 const CLONE: &str = "datasets/stanford-clone";
 const RECORDINGS: &str = "stanford";
@@ -38,6 +41,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::simulate(ARM)?;
     pipeline::fit(ARM)?;
     pipeline::evaluate_on(ARM, ARM, ARM, 2)?;
+    pipeline::evaluate_encoders(ARM, ENCODERS)?;
     if Path::new(CLONE).is_dir() {
         pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
     }
