@@ -53,19 +53,30 @@ pub(crate) fn fit_through(front_end: &str, suite: &str) -> Outcome {
 }
 
 /// Some estimators on the traces of a suite, read through a front end at several levels of noise, with the calibrations of another:
-/// `results/<front end>/`.
+/// `results/<name>/`.
 pub(crate) fn evaluate_through(
     front_end: &str,
-    suite: &str,
-    calibrated: &str,
+    (suite, calibrated): (&str, &str),
+    name: &str,
     estimators: &str,
     noise: &str,
 ) -> Outcome {
     let traces = format!("datasets/{suite}");
     let calibrations = format!("datasets/{calibrated}/calibrations/{front_end}");
-    let inputs = ["--traces", &traces, "--calibrations", &calibrations, "--front-end", front_end, "--name", front_end];
+    let inputs = ["--traces", &traces, "--calibrations", &calibrations, "--front-end", front_end, "--name", name];
     let options = ["--estimators", estimators, "--noise", noise, "--seeds", "2"];
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &inputs[..], &options[..]].concat())))
+}
+
+/// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, drawn: `results/<suite>_encoders/`.
+pub(crate) fn evaluate_encoders(suite: &str, noise_rad: &[&str]) -> Outcome {
+    let name = format!("{suite}_encoders");
+    let levels: Vec<String> = noise_rad.iter().map(|noise_rad| format!("{{\"noise_rad\": {noise_rad}}}")).collect();
+    let file = suite_file(suite);
+    let mut arguments = vec!["evaluate", &file, "--name", &name, "--estimators", "recommended", "--seeds", "2"];
+    arguments.extend(levels.iter().flat_map(|level| ["--encoders", level.as_str()]));
+    step("evaluate with noisy encoders", || run(whisker(&arguments)))?;
+    step("report", || run(whisker(&["report", &format!("results/{name}")])))
 }
 
 /// Recordings of others to traces, sensor models and scores, with what estimators are told of the first touch right and wrong:

@@ -24,6 +24,9 @@ const LIFT_OFFS: &str = "contact_events";
 /// Six whiskers on a robot arm, with calibrations of their own.
 const ARM: &str = "arm";
 
+/// Noise of the arm's joint encoders, in rad.
+const ENCODERS: &[&str] = &["0", "1e-5", "3e-5", "1e-4", "3e-4", "1e-3"];
+
 /// A clone of the public repository with recordings of real sensors, where somebody put one (docs/REAL.md), and what becomes of it.
 const CLONE: &str = "datasets/stanford-clone";
 const RECORDINGS: &str = "stanford";
@@ -37,12 +40,15 @@ pub(crate) fn run() -> Outcome {
     pipeline::simulate(PINS)?;
     pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
     pipeline::fit_through(HALL, SUITE)?;
-    pipeline::evaluate_through(HALL, PINS, SUITE, "recommended,ukf", "0.01,0")?;
+    pipeline::evaluate_through(HALL, (PINS, SUITE), HALL, "recommended,ukf", "0.01,0")?;
     pipeline::simulate(LIFT_OFFS)?;
     pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
     pipeline::simulate(ARM)?;
     pipeline::fit(ARM)?;
-    pipeline::evaluate_on(ARM, ARM, ARM, 2)?;
+    pipeline::fit_through(HALL, ARM)?;
+    pipeline::evaluate_through(HALL, (ARM, ARM), ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
+    pipeline::report(ARM)?;
+    pipeline::evaluate_encoders(ARM, ENCODERS)?;
     if Path::new(CLONE).is_dir() {
         pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
     }
