@@ -13,7 +13,8 @@ pub(crate) fn extended(problem: &Problem) -> Estimates {
     let mut belief = problem.start();
     let steps = problem.steps.iter().map(|step| {
         extended::predict(&mut belief, &Moving { step, wander_m2: problem.wander_m2 });
-        extended::update(&mut belief, &problem, &Vector1::new(step.reading_n_m)).expect("a reading that says something");
+        extended::update(&mut belief, &problem, &Vector1::new(step.reading_n_m))
+            .expect("a reading that says something");
         estimate(&belief)
     });
     steps.collect()

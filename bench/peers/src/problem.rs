@@ -181,6 +181,11 @@ impl Measurement<2, 1> for &Problem {
         Some(self.gradient_n(x))
     }
 
+    fn linearised(&self, x: &Vector2<f64>) -> Option<(Vector1<f64>, RowVector2<f64>)> {
+        let expected = self.face.model.predict(Point::from_vector(*x));
+        Some((Vector1::new(expected.reading_n_m), expected.gradient_n.transpose()))
+    }
+
     fn predict_each(&self, states: &States<2>, expected: &mut States<1>) {
         let [readings_n_m] = expected.columns_mut();
         self.face.model.readings_n_m(states.column(0), states.column(1), readings_n_m);

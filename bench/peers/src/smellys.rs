@@ -4,9 +4,7 @@ use nalgebra::{Const, Dyn, Matrix1, Matrix2, OMatrix, Vector1, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
-use smelly::{
-    FilterError, MerweScaledSigmaPoints, ParticleFilter, SExtendedKalmanFilter, SUnscentedKalmanFilter,
-};
+use smelly::{FilterError, MerweScaledSigmaPoints, ParticleFilter, SExtendedKalmanFilter, SUnscentedKalmanFilter};
 
 use crate::filter::{Estimate, Estimates};
 use crate::problem::Problem;

@@ -51,6 +51,10 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.jacobian(x)
     }
 
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
+        self.model.linearised(x)
+    }
+
     fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
         self.model.predict_each(states, expected);
     }

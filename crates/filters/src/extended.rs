@@ -24,8 +24,7 @@ pub fn update<const N: usize, const M: usize>(
     measurement: &impl Measurement<N, M>,
     z: &SVector<f64, M>,
 ) -> Result<Innovation<M>, Skipped> {
-    let expected = measurement.predict(&belief.mean).ok_or(Skipped::NoPrediction)?;
-    let h = measurement.jacobian(&belief.mean).ok_or(Skipped::NoPrediction)?;
+    let (expected, h) = measurement.linearised(&belief.mean).ok_or(Skipped::NoPrediction)?;
     let r = measurement.noise(&belief.mean);
     let residual = measurement.residual(z, &expected);
     let cross = h * belief.covariance;

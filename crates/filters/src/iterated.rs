@@ -85,8 +85,7 @@ fn linearised<const N: usize, const M: usize>(
     x: &SVector<f64, N>,
     z: &SVector<f64, M>,
 ) -> Result<Linearised<N, M>, Skipped> {
-    let expected = measurement.predict(x).ok_or(Skipped::NoPrediction)?;
-    let h = measurement.jacobian(x).ok_or(Skipped::NoPrediction)?;
+    let (expected, h) = measurement.linearised(x).ok_or(Skipped::NoPrediction)?;
     let residual = measurement.residual(z, &expected) - h * (prior.mean - x);
     let cross = h * prior.covariance;
     let covariance = symmetrised(cross * h.transpose() + r);

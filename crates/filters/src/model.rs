@@ -52,6 +52,11 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some(jacobian)
     }
 
+    /// The reading expected at `x` and its Jacobian `H`, for filters that need both; one after the other unless given.
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
+        Some((self.predict(x)?, self.jacobian(x)?))
+    }
+
     /// Writes the readings expected at many states, not-a-number where the model does not know; one by one unless given.
     fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
         for (index, state) in states.iter().enumerate() {
@@ -100,6 +105,10 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, M, N>> {
         self.model.jacobian(x)
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
+        self.model.linearised(x)
     }
 
     fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
