@@ -2,15 +2,17 @@
 
 Usage: compare.py PEERS TRACE CALIBRATION DOCUMENT
 
-PEERS is the program built from the Cargo workspace beside this file. Fails where the Kalman filters do not agree to rounding, or the particle filters
-not within what chance explains. Otherwise the table of times replaces the one in DOCUMENT. Makers take turns, round by round, and a ratio is that of
-one round; so it holds although the machine's speed drifts.
+PEERS is the program built from the Cargo workspace beside this file. Fails where the Kalman filters do not agree to rounding,
+or the particle filters not within what chance explains. Otherwise the table of times replaces the one in DOCUMENT. Makers take
+turns, round by round, and a ratio is that of one round; so it holds although the machine's speed drifts. Times are the
+processor's: other programs are not in them.
 """
 
 import argparse
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -143,8 +145,13 @@ def as_markdown(times: dict[tuple[str, str], list[float]], steps: int, trace: st
             ratios = np.sort(theirs / ours)
             ratio = f"{np.median(ratios):.3g} ({ratios[0]:.3g} to {ratios[-1]:.3g})"
             lines.append(f"| {NAMES[kind]} | {as_time(ours)} | {name} {as_time(theirs)} | {ratio} |")
-    versions = f"filterpy {version('filterpy')}, NumPy {np.__version__}, Python {platform.python_version()}, smelly 0.2.0"
-    lines += ["", f"Trace `{trace}`, {steps} steps; {ROUNDS} rounds. {processor()}; {versions}."]
+    smelly = re.search(r'name = "smelly"\nversion = "(.*)"', Path(__file__).with_name("Cargo.lock").read_text())
+    versions = f"filterpy {version('filterpy')}, NumPy {np.__version__}, smelly {smelly[1] if smelly else 'unknown'}"
+    versions += f", Python {platform.python_version()}"
+    lines += [
+        "",
+        f"Trace `{trace}`, {steps} steps; {ROUNDS} rounds. {processor()}; {versions}; Python {platform.python_version()}.",
+    ]
     return "\n".join(lines)
 
 

@@ -66,7 +66,7 @@ class Polynomial:
 
 
 def filterpy_ekf(problem: Problem) -> Estimates:
-    """filterpy's extended Kalman filter."""
+    """Filterpy's extended Kalman filter."""
     found = ExtendedKalmanFilter(dim_x=2, dim_z=1)
     found.x, found.P = problem.start_m.copy(), np.eye(2) * problem.start_m2
     found.Q, found.R = np.eye(2) * problem.wander_m2, np.array([[problem.variance_n2_m2]])
@@ -83,7 +83,7 @@ def filterpy_ekf(problem: Problem) -> Estimates:
 
 
 def filterpy_ukf(problem: Problem) -> Estimates:
-    """filterpy's unscented Kalman filter."""
+    """Filterpy's unscented Kalman filter."""
     step: list[Any] = [None, None]
     found = UnscentedKalmanFilter(
         dim_x=2,
@@ -136,7 +136,7 @@ def numpy_particle(problem: Problem, seed: int) -> Estimates:
         means[i] = x @ weights
         apart = x - means[i][:, None]
         covariances[i] = (apart * weights) @ apart.T
-        if 1.0 < fewest * (weights @ weights):
+        if fewest * (weights @ weights) > 1.0:
             places = np.searchsorted(np.cumsum(weights), (pointers + rng.random()) / count)
             x = x[:, np.minimum(places, count - 1)]
             logs.fill(0.0)

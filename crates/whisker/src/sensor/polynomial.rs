@@ -68,12 +68,12 @@ fn chebyshev_slopes<const N: usize>(u: f64, values: &[f64; N]) -> [f64; N] {
 #[inline(always)]
 fn product<const N: usize>(coefficients: &[f64], by_u: &[f64; N], by_v: &[f64; N]) -> f64 {
     let (mut value, mut start) = (0.0, 0);
-    for i in 0..N {
+    for (i, by_u) in by_u.iter().enumerate() {
         let mut row = 0.0;
         for j in 0..N - i {
             row += coefficients[start + j] * by_v[j];
         }
-        value += by_u[i] * row;
+        value += by_u * row;
         start += N - i;
     }
     value
