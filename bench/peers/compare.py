@@ -150,7 +150,7 @@ def as_markdown(times: dict[tuple[str, str], list[float]], steps: int, trace: st
     versions += f", Python {platform.python_version()}"
     lines += [
         "",
-        f"Trace `{trace}`, {steps} steps; {ROUNDS} rounds. {processor()}; {versions}; Python {platform.python_version()}.",
+        f"Trace `{trace}`, {steps} steps; {ROUNDS} rounds. {processor()}; {versions}.",
     ]
     return "\n".join(lines)
 

@@ -55,7 +55,7 @@ pub mod particle;
 pub mod smoother;
 mod states;
 pub mod unscented;
-pub mod wide;
+mod wide;
 
 pub use bank::Bank;
 pub use bounded::Weighed;

@@ -2,7 +2,7 @@
 //!
 //! The loops are plain Rust over slices, which the compiler turns into vector instructions; [`vectorised!`](crate::vectorised) has them compiled once for each
 //! width and takes the widest that the processor has. The results do not depend on that: each element is computed by the same operations, sums
-//! are taken in [`LANES`] parts whatever the width, and Rust never fuses a product and a sum.
+//! are taken in eight parts whatever the width, and Rust never fuses a product and a sum.
 
 use std::f64::consts::{FRAC_PI_2, LOG2_E, SQRT_2};
 
