@@ -40,6 +40,10 @@ report *arguments:
 bench:
     @cargo xtask bench
 
+# Compare the filters with those of others: docs/PERFORMANCE.md
+peers:
+    @cargo xtask peers
+
 # Simulate the golden traces of the tests: datasets/golden/
 golden:
     @cargo xtask golden

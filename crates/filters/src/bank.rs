@@ -3,7 +3,7 @@
 //! readings speak against are pruned, parts that say the same are merged at the least loss (Runnalls, "Kullback-Leibler approach to Gaussian
 //! mixture reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
 
-use crate::gaussian::log_determinant;
+use crate::gaussian::{Mixture, log_determinant};
 use crate::{Gaussian, Innovation, Skipped, Weighed};
 
 /// What a hypothesis may believe: something with a mean and a covariance.
@@ -47,6 +47,8 @@ impl<Part> Hypothesis<Part> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bank<const N: usize, Part = Gaussian<N>> {
     hypotheses: Vec<Hypothesis<Part>>,
+    /// Of each hypothesis its weight, its moments, and how wide it is; kept so that merging does not allocate.
+    shapes: Vec<(f64, Gaussian<N>, f64)>,
 }
 
 impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
@@ -54,7 +56,9 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     pub fn new(parts: impl IntoIterator<Item = (Part, f64)>) -> Self {
         let parts = parts.into_iter();
         let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
-        let mut bank = Self { hypotheses: parts.map(hypothesis).collect() };
+        let hypotheses: Vec<_> = parts.map(hypothesis).collect();
+        let shapes = Vec::with_capacity(hypotheses.len());
+        let mut bank = Self { hypotheses, shapes };
         bank.normalise();
         bank
     }
@@ -91,7 +95,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         mut update: impl FnMut(&mut Part) -> Result<Weighed<M>, Skipped>,
     ) -> Result<Innovation<M>, Skipped> {
         let mut why = Skipped::NoPrediction;
-        let mut found = Vec::with_capacity(self.hypotheses.len());
+        let mut found = Mixture::empty();
         for hypothesis in &mut self.hypotheses {
             let (weight, before) = (hypothesis.weight(), hypothesis.belief.clone());
             hypothesis.log_evidence = match update(&mut hypothesis.belief) {
@@ -100,7 +104,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
                     None
                 }
                 Ok(Weighed { innovation, log_evidence }) => {
-                    found.push((innovation, weight));
+                    found.add(&innovation.gaussian(), weight);
                     Some(log_evidence)
                 }
                 Err(skipped) => {
@@ -109,7 +113,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
                 }
             };
         }
-        let innovation = Innovation::of_mixture(found).ok_or(why)?;
+        let together = found.moments().ok_or(why)?;
+        let innovation = Innovation::of(together.mean, together.covariance).ok_or(why)?;
         self.hypotheses.retain_mut(|hypothesis| {
             hypothesis.log_evidence.inspect(|evidence| hypothesis.log_weight += evidence).is_some()
         });
@@ -140,14 +145,14 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     }
 
     /// The pair `i < j` whose merging loses least, if that is less than `most_loss`.
-    fn closest(&self, most_loss: f64) -> Option<(usize, usize)> {
+    fn closest(&mut self, most_loss: f64) -> Option<(usize, usize)> {
         let mut best = (most_loss, None);
-        // Of each part its weight, its moments, and how wide it is.
-        let parts = self.hypotheses.iter().map(|one| {
+        self.shapes.clear();
+        self.shapes.extend(self.hypotheses.iter().map(|one| {
             let belief = one.belief.moments();
             (one.weight(), belief, one.weight() * log_determinant(&belief.covariance))
-        });
-        let parts: Vec<_> = parts.collect();
+        }));
+        let parts = &self.shapes;
         for (i, (weight, one, width)) in parts.iter().enumerate() {
             for (j, (other_weight, other, other_width)) in parts.iter().enumerate().skip(i + 1) {
                 let together = one.merged(*weight, other, *other_weight);

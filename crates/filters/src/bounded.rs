@@ -6,7 +6,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector1};
 
-use crate::{Gaussian, Innovation, Measurement, Skipped};
+use crate::{Gaussian, Innovation, Measurement, Skipped, States};
 
 /// What an update learnt, and how well the belief had foretold it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +51,19 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.jacobian(x)
     }
 
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
+        self.model.linearised(x)
+    }
+
+    fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
+        self.model.predict_each(states, expected);
+    }
+
+    fn even_noise(&self) -> Option<SMatrix<f64, M, M>> {
+        self.model.even_noise().map(|noise| noise * self.factor)
+    }
+
+    #[inline(always)]
     fn residual(&self, z: &SVector<f64, M>, expected: &SVector<f64, M>) -> SVector<f64, M> {
         self.model.residual(z, expected)
     }

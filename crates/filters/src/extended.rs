@@ -3,7 +3,7 @@
 use nalgebra::SMatrix;
 use nalgebra::SVector;
 
-use crate::gaussian::symmetrised;
+use crate::gaussian::{Factor, symmetrised};
 use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
 
 /// `x <- f(x)`, `P <- F P F' + Q`.
@@ -24,13 +24,12 @@ pub fn update<const N: usize, const M: usize>(
     measurement: &impl Measurement<N, M>,
     z: &SVector<f64, M>,
 ) -> Result<Innovation<M>, Skipped> {
-    let expected = measurement.predict(&belief.mean).ok_or(Skipped::NoPrediction)?;
-    let h = measurement.jacobian(&belief.mean).ok_or(Skipped::NoPrediction)?;
+    let (expected, h) = measurement.linearised(&belief.mean).ok_or(Skipped::NoPrediction)?;
     let r = measurement.noise(&belief.mean);
     let residual = measurement.residual(z, &expected);
     let cross = h * belief.covariance;
     let covariance = symmetrised(cross * h.transpose() + r);
-    let factor = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let factor = Factor::of(&covariance).ok_or(Skipped::NotPositiveDefinite)?;
     let gain = factor.solve(&cross).transpose();
     belief.mean += gain * residual;
     let keep = SMatrix::<f64, N, N>::identity() - gain * h;

@@ -1,6 +1,6 @@
 //! The Gaussian belief and what an update returns.
 
-use nalgebra::{Cholesky, Const, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 
 /// A belief about a state: mean and covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,18 +19,9 @@ impl<const N: usize> Gaussian<N> {
 
     /// The Gaussian with the mean and the covariance of a mixture of Gaussians, whose weights need not add up to 1; nothing where they are zero.
     pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
-        let parts: Vec<(Self, f64)> = parts.into_iter().filter(|(_, weight)| *weight > 0.0).collect();
-        if let [(only, _)] = parts[..] {
-            return Some(only);
-        }
-        let total: f64 = parts.iter().map(|(_, weight)| weight).sum();
-        let mean = parts.iter().map(|(part, weight)| part.mean * (weight / total)).sum::<SVector<f64, N>>();
-        let covariance = parts.iter().map(|(part, weight)| {
-            let apart = part.mean - mean;
-            (part.covariance + apart * apart.transpose()) * (weight / total)
-        });
-        let covariance = symmetrised(covariance.sum::<SMatrix<f64, N, N>>());
-        (!parts.is_empty()).then(|| Self::new(mean, covariance))
+        let mut mixture = Mixture::empty();
+        parts.into_iter().for_each(|(part, weight)| mixture.add(&part, weight));
+        mixture.moments()
     }
 
     /// Whether every number of it is finite.
@@ -42,6 +33,40 @@ impl<const N: usize> Gaussian<N> {
     /// (Simon, *Optimal State Estimation*, 2006, section 7.4). The memory lasts `1 / (alpha - 1)` steps.
     pub fn fade(&mut self, alpha: f64) {
         self.covariance *= alpha;
+    }
+}
+
+/// Sums over the parts of a mixture, which come one after the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Mixture<const N: usize> {
+    /// The first mean. The others are counted from it, so that no digits are lost where all lie close together and far from zero.
+    origin: Option<SVector<f64, N>>,
+    weight: f64,
+    shift: SVector<f64, N>,
+    second: SMatrix<f64, N, N>,
+}
+
+impl<const N: usize> Mixture<N> {
+    /// One without parts.
+    pub(crate) fn empty() -> Self {
+        Self { origin: None, weight: 0.0, shift: SVector::zeros(), second: SMatrix::zeros() }
+    }
+
+    /// Takes a part with its weight.
+    pub(crate) fn add(&mut self, part: &Gaussian<N>, weight: f64) {
+        if weight > 0.0 {
+            let apart = part.mean - *self.origin.get_or_insert(part.mean);
+            self.weight += weight;
+            self.shift += apart * weight;
+            self.second += (part.covariance + apart * apart.transpose()) * weight;
+        }
+    }
+
+    /// Mean and covariance of the whole; nothing where nothing was taken.
+    pub(crate) fn moments(&self) -> Option<Gaussian<N>> {
+        let shift = self.shift / self.weight;
+        let covariance = self.second / self.weight - shift * shift.transpose();
+        self.origin.map(|origin| Gaussian::new(origin + shift, symmetrised(covariance)))
     }
 }
 
@@ -57,25 +82,25 @@ pub struct Innovation<const M: usize> {
 }
 
 impl<const M: usize> Innovation<M> {
-    pub(crate) fn new(
-        residual: SVector<f64, M>,
-        covariance: SMatrix<f64, M, M>,
-        factor: &Cholesky<f64, Const<M>>,
-    ) -> Self {
+    /// The innovation of a mixture of Gaussians with these innovations and weights, which need not add up to 1; nothing where they are zero.
+    pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
+        let together = Gaussian::of_mixture(parts.into_iter().map(|(part, weight)| (part.gaussian(), weight)))?;
+        Self::of(together.mean, together.covariance)
+    }
+
+    /// The Gaussian that it is.
+    pub(crate) fn gaussian(&self) -> Gaussian<M> {
+        Gaussian::new(self.residual, self.covariance)
+    }
+
+    pub(crate) fn new(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>, factor: &Factor<M>) -> Self {
         let nis = residual.dot(&factor.solve(&residual));
         Self { residual, covariance, nis }
     }
 
     /// The innovation with this residual; nothing unless the covariance is positive definite.
     pub fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
-        covariance.cholesky().map(|factor| Self::new(residual, covariance, &factor))
-    }
-
-    /// The innovation of a mixture of Gaussians with these innovations and weights, which need not add up to 1; nothing where they are zero.
-    pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
-        let parts = parts.into_iter().map(|(part, weight)| (Gaussian::new(part.residual, part.covariance), weight));
-        let together = Gaussian::of_mixture(parts)?;
-        Self::of(together.mean, together.covariance)
+        Factor::of(&covariance).map(|factor| Self::new(residual, covariance, &factor))
     }
 
     /// Logarithm of the reading's probability density before it was known, `ln N(y; 0, S)`.
@@ -102,5 +127,75 @@ pub(crate) fn symmetrised<const N: usize>(p: SMatrix<f64, N, N>) -> SMatrix<f64,
 
 /// Logarithm of a covariance's determinant; minus infinity where it is not positive definite.
 pub(crate) fn log_determinant<const N: usize>(p: &SMatrix<f64, N, N>) -> f64 {
-    p.cholesky().map_or(f64::NEG_INFINITY, |factor| 2.0 * factor.l().diagonal().map(f64::ln).sum())
+    Factor::of(p).map_or(f64::NEG_INFINITY, |factor| 2.0 * factor.lower().diagonal().map(f64::ln).sum())
+}
+
+/// Lower Cholesky factor of a covariance. A step of a filter takes several of the smallest matrices, for which the library's, made for any size, is
+/// several times slower than loops that the compiler unrolls.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Factor<const N: usize>(SMatrix<f64, N, N>);
+
+impl<const N: usize> Factor<N> {
+    /// Nothing unless the matrix is positive definite; what stands above its diagonal is not read.
+    #[inline]
+    pub(crate) fn of(p: &SMatrix<f64, N, N>) -> Option<Self> {
+        let mut l = SMatrix::<f64, N, N>::zeros();
+        for j in 0..N {
+            let left = (0..j).fold(p[(j, j)], |left, k| left - l[(j, k)] * l[(j, k)]);
+            let is_definite = left > 0.0;
+            if !is_definite {
+                return None;
+            }
+            l[(j, j)] = left.sqrt();
+            for i in j + 1..N {
+                l[(i, j)] = (0..j).fold(p[(i, j)], |left, k| left - l[(i, k)] * l[(j, k)]) / l[(j, j)];
+            }
+        }
+        Some(Self(l))
+    }
+
+    /// The factor itself.
+    pub(crate) fn lower(&self) -> &SMatrix<f64, N, N> {
+        &self.0
+    }
+
+    /// The covariance's inverse times a matrix.
+    #[inline]
+    pub(crate) fn solve<const C: usize>(&self, b: &SMatrix<f64, N, C>) -> SMatrix<f64, N, C> {
+        let (l, mut x) = (&self.0, *b);
+        for column in 0..C {
+            for i in 0..N {
+                x[(i, column)] = (0..i).fold(x[(i, column)], |left, k| left - l[(i, k)] * x[(k, column)]) / l[(i, i)];
+            }
+            for i in (0..N).rev() {
+                let left = (i + 1..N).fold(x[(i, column)], |left, k| left - l[(k, i)] * x[(k, column)]);
+                x[(i, column)] = left / l[(i, i)];
+            }
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{matrix, vector};
+
+    use super::*;
+
+    #[test]
+    fn val_factor_is_that_of_the_library() {
+        let p = matrix![4.0, 1.2, -0.3; 1.2, 2.0, 0.4; -0.3, 0.4, 1.5];
+        let b = matrix![1.0, -2.0; 0.5, 3.0; -0.7, 0.1];
+        let (found, expected) = (Factor::of(&p).unwrap(), p.cholesky().unwrap());
+        assert!((found.lower() - expected.l()).norm() < 1e-15);
+        assert!((found.solve(&b) - expected.solve(&b)).norm() < 1e-15);
+        assert!((log_determinant(&p) - p.determinant().ln()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn robust_what_is_not_definite_has_no_factor() {
+        assert_eq!(Factor::of(&matrix![1.0, 2.0; 2.0, 1.0]), None);
+        assert_eq!(Factor::of(&matrix![f64::NAN]), None);
+        assert_eq!(Innovation::of(vector![1.0], matrix![0.0]), None);
+    }
 }

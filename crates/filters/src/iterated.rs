@@ -4,7 +4,7 @@
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
-use crate::gaussian::symmetrised;
+use crate::gaussian::{Factor, symmetrised};
 use crate::{Gaussian, Innovation, Measurement, Skipped};
 
 pub use crate::extended::predict;
@@ -61,7 +61,7 @@ pub fn update<const N: usize, const M: usize>(
     let keep = SMatrix::<f64, N, N>::identity() - last.gain * last.h;
     let covariance = symmetrised(keep * prior.covariance * keep.transpose() + last.gain * r * last.gain.transpose());
     *belief = Gaussian::new(x, covariance);
-    let factor = first.covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let factor = Factor::of(&first.covariance).ok_or(Skipped::NotPositiveDefinite)?;
     Ok(Innovation::new(first.residual, first.covariance, &factor))
 }
 
@@ -85,8 +85,7 @@ fn linearised<const N: usize, const M: usize>(
     x: &SVector<f64, N>,
     z: &SVector<f64, M>,
 ) -> Result<Linearised<N, M>, Skipped> {
-    let expected = measurement.predict(x).ok_or(Skipped::NoPrediction)?;
-    let h = measurement.jacobian(x).ok_or(Skipped::NoPrediction)?;
+    let (expected, h) = measurement.linearised(x).ok_or(Skipped::NoPrediction)?;
     let residual = measurement.residual(z, &expected) - h * (prior.mean - x);
     let cross = h * prior.covariance;
     let covariance = symmetrised(cross * h.transpose() + r);

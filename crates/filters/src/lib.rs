@@ -53,10 +53,17 @@ pub mod least_squares;
 mod model;
 pub mod particle;
 pub mod smoother;
+mod states;
 pub mod unscented;
+mod wide;
 
 pub use bank::Bank;
 pub use bounded::Weighed;
 pub use gaussian::{Gaussian, Innovation, Skipped};
-pub use model::{Measurement, Process};
+pub use model::{EvenNoise, Measurement, Process};
 pub use particle::Cloud;
+pub use states::States;
+
+/// What [`vectorised!`] expands to.
+#[doc(hidden)]
+pub use fearless_simd;

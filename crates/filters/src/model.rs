@@ -2,6 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::States;
+
 /// Step of the central differences, relative to the larger of 1 and the component: the cube root of the machine's
 /// precision balances truncation against rounding.
 const RELATIVE_STEP: f64 = 6.055e-6;
@@ -23,6 +25,13 @@ pub trait Process<const N: usize> {
         }
         jacobian
     }
+
+    /// Moves many states one step on; one by one unless given.
+    fn predict_each(&self, states: &mut States<N>) {
+        for index in 0..states.len() {
+            states.set(index, &self.predict(&states.get(index)));
+        }
+    }
 }
 
 /// What a reading says about the state: `z = h(x) + v`, `v ~ N(0, R)`.
@@ -43,9 +52,76 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some(jacobian)
     }
 
+    /// The reading expected at `x` and its Jacobian `H`, for filters that need both; one after the other unless given.
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
+        Some((self.predict(x)?, self.jacobian(x)?))
+    }
+
+    /// Writes the readings expected at many states, not-a-number where the model does not know; one by one unless given.
+    fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
+        for (index, state) in states.iter().enumerate() {
+            expected.set(index, &self.predict(&state).unwrap_or_else(|| SVector::repeat(f64::NAN)));
+        }
+    }
+
+    /// Covariance `R` where it is the same at every state; nothing unless given.
+    fn even_noise(&self) -> Option<SMatrix<f64, M, M>> {
+        None
+    }
+
     /// Difference between a reading and the expected one; angles override it to wrap.
+    #[inline(always)]
     fn residual(&self, z: &SVector<f64, M>, expected: &SVector<f64, M>) -> SVector<f64, M> {
         z - expected
+    }
+}
+
+/// A measurement whose noise is everywhere what it is at one state, as a Gaussian filter takes it.
+#[derive(Clone, Copy, Debug)]
+pub struct EvenNoise<Model, const M: usize> {
+    model: Model,
+    noise: SMatrix<f64, M, M>,
+}
+
+impl<Model, const M: usize> EvenNoise<Model, M> {
+    /// The measurement with its noise at a state.
+    pub fn new<const N: usize>(model: Model, state: &SVector<f64, N>) -> Self
+    where
+        Model: Measurement<N, M>,
+    {
+        let noise = model.noise(state);
+        Self { model, noise }
+    }
+}
+
+impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M> for EvenNoise<Model, M> {
+    fn predict(&self, x: &SVector<f64, N>) -> Option<SVector<f64, M>> {
+        self.model.predict(x)
+    }
+
+    fn noise(&self, _: &SVector<f64, N>) -> SMatrix<f64, M, M> {
+        self.noise
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, M, N>> {
+        self.model.jacobian(x)
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
+        self.model.linearised(x)
+    }
+
+    fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
+        self.model.predict_each(states, expected);
+    }
+
+    fn even_noise(&self) -> Option<SMatrix<f64, M, M>> {
+        Some(self.noise)
+    }
+
+    #[inline(always)]
+    fn residual(&self, z: &SVector<f64, M>, expected: &SVector<f64, M>) -> SVector<f64, M> {
+        self.model.residual(z, expected)
     }
 }
 

@@ -1,26 +1,39 @@
 //! The particle filter: sequential importance resampling (Gordon, Salmond and Smith 1993) with systematic resampling
 //! when the effective sample size falls (Kitagawa 1996; Liu and Chen 1998) and a shrinking kernel that keeps the cloud
 //! diverse without widening it (Liu and West 2001).
+//!
+//! Readings are of one number. No step allocates, but for the first of each kind.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
-use rand_distr::StandardNormal;
 
 use crate::bounded::Noisier;
-use crate::gaussian::symmetrised;
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped, extended};
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped, States, extended};
+use crate::{vectorised, wide};
 
 /// A belief made of weighted particles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud<const N: usize> {
-    particles: Vec<SVector<f64, N>>,
+    particles: States<N>,
     /// Normalised weights, one a particle.
     weights: Vec<f64>,
-    /// Kept between steps so that neither resampling nor weighing allocates.
-    spare: Vec<SVector<f64, N>>,
-    spare_weights: Vec<f64>,
+    /// Their logarithms, but for a common summand. They still tell the particles apart whose weights are too small for a number.
     logs: Vec<f64>,
+    scratch: Scratch<N>,
+}
+
+/// What the steps write to, kept between them.
+#[derive(Clone, Debug, PartialEq)]
+struct Scratch<const N: usize> {
+    particles: States<N>,
+    weights: Vec<f64>,
+    logs: Vec<f64>,
+    expected: States<1>,
+    residuals: Vec<f64>,
+    /// Variance of the reading at each particle, where it is not the same at all.
+    variances: Vec<f64>,
     conditioned: Vec<Option<Conditioned<N>>>,
+    /// Which particle each new one comes from, and one place more.
     sources: Vec<usize>,
 }
 
@@ -29,23 +42,24 @@ impl<const N: usize> Cloud<N> {
     ///
     /// # Panics
     /// If there are none.
-    pub fn new(particles: Vec<SVector<f64, N>>) -> Self {
+    pub fn new(particles: States<N>) -> Self {
         assert!(!particles.is_empty(), "a cloud needs at least one particle");
-        let weights = vec![1.0 / particles.len() as f64; particles.len()];
         let count = particles.len();
-        Self {
-            particles,
-            weights,
-            spare: Vec::with_capacity(count),
-            spare_weights: Vec::with_capacity(count),
-            logs: Vec::with_capacity(count),
+        let scratch = Scratch {
+            particles: States::zeros(count),
+            weights: vec![0.0; count],
+            logs: vec![0.0; count],
+            expected: States::zeros(count),
+            residuals: vec![0.0; count],
+            variances: vec![0.0; count],
             conditioned: Vec::with_capacity(count),
-            sources: Vec::with_capacity(count),
-        }
+            sources: vec![0; count + 1],
+        };
+        Self { particles, weights: vec![1.0 / count as f64; count], logs: vec![0.0; count], scratch }
     }
 
     /// The particles.
-    pub fn particles(&self) -> &[SVector<f64, N>] {
+    pub fn particles(&self) -> &States<N> {
         &self.particles
     }
 
@@ -56,60 +70,48 @@ impl<const N: usize> Cloud<N> {
 
     /// Mean of the cloud.
     pub fn mean(&self) -> SVector<f64, N> {
-        self.particles.iter().zip(&self.weights).map(|(particle, &weight)| particle * weight).sum()
+        vectorised!(mean(&self.particles, &self.weights))
     }
 
     /// Mean and covariance of the cloud.
     pub fn moments(&self) -> Gaussian<N> {
-        let mean = self.mean();
-        let mut covariance = SMatrix::zeros();
-        for (particle, &weight) in self.particles.iter().zip(&self.weights) {
-            let deviation = particle - mean;
-            covariance += deviation * deviation.transpose() * weight;
-        }
-        Gaussian::new(mean, symmetrised(covariance))
+        vectorised!(moments(&self.particles, &self.weights))
     }
 
     /// Effective sample size, `1 / sum w^2`.
     pub fn effective_size(&self) -> f64 {
-        1.0 / self.weights.iter().map(|w| w * w).sum::<f64>()
+        1.0 / vectorised!(sum_of_squares(&self.weights))
     }
 
     /// Applies `change` to every particle, for example to hold it within bounds.
     pub fn map(&mut self, change: impl Fn(&SVector<f64, N>) -> SVector<f64, N>) {
-        for particle in &mut self.particles {
-            *particle = change(particle);
+        for index in 0..self.particles.len() {
+            self.particles.set(index, &change(&self.particles.get(index)));
         }
     }
 
     /// Fading memory: particles move away from their mean so that the covariance grows by `alpha`.
     pub fn fade(&mut self, alpha: f64) {
-        if alpha == 1.0 {
-            return;
+        if alpha != 1.0 {
+            let mean = self.mean();
+            vectorised!(scale(&mut self.particles, mean, alpha.sqrt()));
         }
-        let mean = self.mean();
-        let scale = alpha.sqrt();
-        self.map(|particle| mean + (particle - mean) * scale);
     }
 
     /// Carries every particle through the process and draws its noise, which is that at the cloud's mean as in the Gaussian filters.
     pub fn predict(&mut self, process: &impl Process<N>, rng: &mut impl Rng) {
         let noise = process.noise(&self.mean());
-        let factor = noise.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
-        for particle in &mut self.particles {
-            *particle = process.predict(particle) + factor * normal(rng);
+        process.predict_each(&mut self.particles);
+        if let Some(factor) = noise.cholesky() {
+            self.scatter(factor.l(), rng);
         }
     }
 
     /// Weighs the particles by the likelihood of the reading. The innovation is that of the cloud's mean prediction.
     ///
     /// # Errors
-    /// [`Skipped`] leaves the cloud as it was: no particle has a prediction, or every likelihood vanishes.
-    pub fn update<const M: usize>(
-        &mut self,
-        measurement: &impl Measurement<N, M>,
-        z: &SVector<f64, M>,
-    ) -> Result<Innovation<M>, Skipped> {
+    /// [`Skipped`] leaves the cloud as it was: no particle has a prediction, or a variance is not positive.
+    pub fn update(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, Skipped> {
         let innovation = self.expect(measurement, z)?;
         self.weigh();
         Ok(innovation)
@@ -128,7 +130,7 @@ impl<const N: usize> Cloud<N> {
     pub fn update_or_renew(
         &mut self,
         measurement: &impl Measurement<N, 1>,
-        z: &SVector<f64, 1>,
+        z: &Vector1<f64>,
         renewal: &Renewal,
         rng: &mut impl Rng,
     ) -> Result<Innovation<1>, Skipped> {
@@ -138,60 +140,59 @@ impl<const N: usize> Cloud<N> {
             measurement = measurement.at_gate(&self.mean(), &innovation, renewal.gate_sds);
             self.expect(&measurement, z)?;
         }
-        self.spare_weights.clone_from(&self.weights);
         self.weigh();
         if self.effective_size() < renewal.share * self.particles.len() as f64 {
-            std::mem::swap(&mut self.weights, &mut self.spare_weights);
+            self.take_back();
             self.renew(&measurement, z, renewal.bandwidth, rng)?;
         }
         Ok(innovation)
     }
 
-    /// Logarithms of what the weights would be with the reading, and the innovation of the cloud's mean prediction.
-    fn expect<const M: usize>(
-        &mut self,
-        measurement: &impl Measurement<N, M>,
-        z: &SVector<f64, M>,
-    ) -> Result<Innovation<M>, Skipped> {
-        self.logs.clear();
-        let mut shift = SVector::<f64, M>::zeros();
-        let mut second = SMatrix::<f64, M, M>::zeros();
-        let mut known = 0.0;
-        for (particle, &weight) in self.particles.iter().zip(&self.weights) {
-            let Some(expected) = measurement.predict(particle) else {
-                self.logs.push(f64::NEG_INFINITY);
-                continue;
-            };
-            let r = measurement.noise(particle);
-            let residual = measurement.residual(z, &expected);
-            self.logs.push(weight.ln() + log_density(&residual, &r).ok_or(Skipped::NotPositiveDefinite)?);
-            shift += residual * weight;
-            second += (residual * residual.transpose() + r) * weight;
-            known += weight;
-        }
-        if !self.logs.iter().any(|log| log.is_finite()) {
+    /// Writes to the scratch's logarithms what those of the weights would be with the reading; the innovation of the cloud's mean prediction.
+    fn expect(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, Skipped> {
+        let Scratch { logs, expected, residuals, variances, .. } = &mut self.scratch;
+        measurement.predict_each(&self.particles, expected);
+        vectorised!(compare(measurement, z, expected.column(0), residuals));
+        let seen = vectorised!(seen(&self.weights, residuals));
+        logs.copy_from_slice(&self.logs);
+        let variance = if let Some(noise) = measurement.even_noise() {
+            vectorised!(weigh_evenly(logs, residuals, noise[0]));
+            is_positive(noise[0]).then_some(noise[0] * seen.known)
+        } else {
+            for ((variance, particle), residual) in variances.iter_mut().zip(self.particles.iter()).zip(&*residuals) {
+                *variance = if residual.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
+            }
+            vectorised!(weigh_unevenly(logs, residuals, variances));
+            let total = vectorised!(total_variance(&self.weights, residuals, variances));
+            variances.iter().all(|&variance| is_positive(variance)).then_some(total)
+        };
+        let variance = variance.ok_or(Skipped::NotPositiveDefinite)?;
+        if wide::largest(logs) == f64::NEG_INFINITY {
             return Err(Skipped::NoPrediction);
         }
-        let residual = shift / known;
-        let covariance = symmetrised(second / known - residual * residual.transpose());
-        Innovation::of(residual, covariance).ok_or(Skipped::NotPositiveDefinite)
+        let residual = seen.shift / seen.known;
+        let covariance = (seen.second + variance) / seen.known - residual * residual;
+        Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(Skipped::NotPositiveDefinite)
     }
 
-    /// Takes the weights from their logarithms.
+    /// Takes the weights from the scratch's logarithms, and puts the old ones there.
     fn weigh(&mut self) {
-        let largest = self.logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        for (weight, log) in self.weights.iter_mut().zip(&self.logs) {
-            *weight = (log - largest).exp();
-        }
-        let total: f64 = self.weights.iter().sum();
-        self.weights.iter_mut().for_each(|weight| *weight /= total);
+        std::mem::swap(&mut self.logs, &mut self.scratch.logs);
+        std::mem::swap(&mut self.weights, &mut self.scratch.weights);
+        vectorised!(normalise(&mut self.weights, &mut self.logs));
+    }
+
+    /// Undoes [`Self::weigh`].
+    fn take_back(&mut self) {
+        std::mem::swap(&mut self.logs, &mut self.scratch.logs);
+        std::mem::swap(&mut self.weights, &mut self.scratch.weights);
     }
 
     /// Draws the cloud anew; see [`Self::update_or_renew`].
-    fn renew<const M: usize>(
+    fn renew(
         &mut self,
-        measurement: &impl Measurement<N, M>,
-        z: &SVector<f64, M>,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
         bandwidth: f64,
         rng: &mut impl Rng,
     ) -> Result<(), Skipped> {
@@ -199,36 +200,28 @@ impl<const N: usize> Cloud<N> {
         let kernel = moments.covariance * (bandwidth * bandwidth);
         let spread = kernel.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
         let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
-        self.logs.clear();
-        self.conditioned.clear();
-        for (particle, weight) in self.particles.iter().zip(&self.weights) {
+        let Scratch { logs, conditioned, .. } = &mut self.scratch;
+        conditioned.clear();
+        for ((particle, old), log) in self.particles.iter().zip(&self.logs).zip(logs.iter_mut()) {
             let centre = moments.mean + (particle - moments.mean) * shrink;
             let part = Conditioned::new(centre, &kernel, measurement, z);
-            self.logs.push(part.as_ref().map_or(f64::NEG_INFINITY, |part| weight.ln() + part.log_evidence));
-            self.conditioned.push(part);
+            *log = part.as_ref().map_or(f64::NEG_INFINITY, |part| old + part.log_evidence);
+            conditioned.push(part);
         }
-        if !self.logs.iter().any(|log| log.is_finite()) {
+        if wide::largest(logs) == f64::NEG_INFINITY {
             return Err(Skipped::NoPrediction);
         }
         self.weigh();
         self.draw_sources(rng);
-        self.spare.clear();
-        self.spare.extend((0..self.particles.len()).map(|_| normal::<N>(rng)));
-        standardise(&mut self.spare);
-        self.logs.clear();
-        for ((particle, &source), normal) in self.particles.iter_mut().zip(&self.sources).zip(&self.spare) {
-            let Some(part) = &self.conditioned[source] else {
-                self.logs.push(f64::NEG_INFINITY);
-                continue;
-            };
-            *particle = part.mean + part.factor * normal;
-            let likelihood = measurement
-                .predict(particle)
-                .and_then(|expected| log_density(&measurement.residual(z, &expected), &measurement.noise(particle)));
-            let offset = *particle - part.centre;
-            let prior = -0.5 * offset.dot(&spread.solve(&offset)) - spread.l().diagonal().map(f64::ln).sum();
-            let proposal = -0.5 * normal.norm_squared() - part.factor.diagonal().map(f64::ln).sum();
-            self.logs.push(likelihood.map_or(f64::NEG_INFINITY, |log| log + prior - proposal - part.log_evidence));
+        wide::fill_normal(self.scratch.particles.values_mut(), rng);
+        standardise(&mut self.scratch.particles);
+        let Scratch { logs, conditioned, sources, particles: normals, .. } = &mut self.scratch;
+        for (index, log) in logs.iter_mut().enumerate() {
+            let drawn = conditioned[sources[index]].as_ref().map(|part| part.draw(&normals.get(index)));
+            *log = drawn.as_ref().map_or(f64::NEG_INFINITY, |drawn| drawn.log_weight(measurement, z, &spread));
+            if let Some(drawn) = drawn {
+                self.particles.set(index, &drawn.particle);
+            }
         }
         self.weigh();
         Ok(())
@@ -236,40 +229,35 @@ impl<const N: usize> Cloud<N> {
 
     /// Indices of the particles that systematic resampling with one random number chooses (Kitagawa 1996).
     fn draw_sources(&mut self, rng: &mut impl Rng) {
-        let count = self.particles.len();
-        let step = 1.0 / count as f64;
-        let start = rng.random::<f64>() * step;
-        let (mut source, mut reached) = (0, self.weights[0]);
-        self.sources.clear();
-        for i in 0..count {
-            let target = start + i as f64 * step;
-            while reached < target && source + 1 < count {
-                source += 1;
-                reached += self.weights[source];
-            }
-            self.sources.push(source);
-        }
+        vectorised!(spread_sources(&self.weights, &mut self.scratch.sources, rng.random::<f64>()));
     }
 
     /// Systematic resampling with one random number (Kitagawa 1996), then a Gaussian kernel of `bandwidth` standard deviations
     /// of the cloud, with the particles drawn towards the mean by `sqrt(1 - bandwidth^2)` so that mean and covariance
-    /// stay (Liu and West 2001).
+    /// stay (Liu and West 2001). With a bandwidth of zero the particles stay as they are.
     pub fn resample(&mut self, bandwidth: f64, rng: &mut impl Rng) {
         let moments = self.moments();
-        let step = 1.0 / self.particles.len() as f64;
         self.draw_sources(rng);
-        self.spare.clear();
-        self.spare.extend(self.sources.iter().map(|&source| self.particles[source]));
-        std::mem::swap(&mut self.particles, &mut self.spare);
-        self.weights.fill(step);
+        let Scratch { particles, sources, .. } = &mut self.scratch;
+        for (number, column) in particles.columns_mut().into_iter().enumerate() {
+            let from = self.particles.column(number);
+            column.iter_mut().zip(&*sources).for_each(|(value, &source)| *value = from[source]);
+        }
+        std::mem::swap(&mut self.particles, particles);
+        self.weights.fill(1.0 / self.particles.len() as f64);
+        self.logs.fill(0.0);
 
         if let Some(factor) = (moments.covariance * (bandwidth * bandwidth)).cholesky() {
-            let kernel = factor.l();
             let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
-            for particle in &mut self.particles {
-                *particle = moments.mean + (*particle - moments.mean) * shrink + kernel * normal(rng);
-            }
+            vectorised!(scale(&mut self.particles, moments.mean, shrink));
+            self.scatter(factor.l(), rng);
         }
+    }
+
+    /// Adds normal noise to every particle; `factor` is the lower factor of its covariance.
+    fn scatter(&mut self, factor: SMatrix<f64, N, N>, rng: &mut impl Rng) {
+        wide::fill_normal(self.scratch.particles.values_mut(), rng);
+        vectorised!(add_product(&mut self.particles, factor, &self.scratch.particles));
     }
 }
 
@@ -296,39 +284,201 @@ struct Conditioned<const N: usize> {
 
 impl<const N: usize> Conditioned<N> {
     /// Nothing where the model has no prediction.
-    fn new<const M: usize>(
+    fn new(
         centre: SVector<f64, N>,
         kernel: &SMatrix<f64, N, N>,
-        measurement: &impl Measurement<N, M>,
-        z: &SVector<f64, M>,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
     ) -> Option<Self> {
         let mut belief = Gaussian::new(centre, *kernel);
         let innovation = extended::update(&mut belief, measurement, z).ok()?;
         let factor = belief.covariance.cholesky()?.l();
         Some(Self { centre, mean: belief.mean, factor, log_evidence: innovation.log_likelihood() })
     }
+
+    /// The particle of the conditioned kernel that a standard normal draw makes.
+    fn draw(&self, normal: &SVector<f64, N>) -> Drawn<'_, N> {
+        Drawn { particle: self.mean + self.factor * normal, source: self, normal: *normal }
+    }
 }
 
-/// `ln N(y; 0, S)`, but for a constant; nothing unless S is positive definite.
-fn log_density<const M: usize>(y: &SVector<f64, M>, s: &SMatrix<f64, M, M>) -> Option<f64> {
-    let factor = s.cholesky()?;
-    Some(-0.5 * y.dot(&factor.solve(y)) - factor.l().diagonal().map(f64::ln).sum())
+/// A particle drawn from a conditioned kernel.
+struct Drawn<'a, const N: usize> {
+    particle: SVector<f64, N>,
+    source: &'a Conditioned<N>,
+    normal: SVector<f64, N>,
+}
+
+impl<const N: usize> Drawn<'_, N> {
+    /// Logarithm of what the particle weighs: its likelihood and its prior under the kernel of which `spread` is the factor, over the density
+    /// it was drawn from and the evidence its source was chosen by. Minus infinity where the model has no prediction.
+    fn log_weight(
+        &self,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
+        spread: &Cholesky<f64, Const<N>>,
+    ) -> f64 {
+        let Some(expected) = measurement.predict(&self.particle) else { return f64::NEG_INFINITY };
+        let variance = measurement.noise(&self.particle)[0];
+        if !is_positive(variance) {
+            return f64::NEG_INFINITY;
+        }
+        let residual = measurement.residual(z, &expected)[0];
+        let likelihood = -0.5 * (residual * residual / variance + variance.ln());
+        let offset = self.particle - self.source.centre;
+        let prior = -0.5 * offset.dot(&spread.solve(&offset)) - spread.l_dirty().diagonal().map(f64::ln).sum();
+        let proposal = -0.5 * self.normal.norm_squared() - self.source.factor.diagonal().map(f64::ln).sum();
+        likelihood + prior - proposal - self.source.log_evidence
+    }
+}
+
+/// Whether a variance is one.
+fn is_positive(variance: f64) -> bool {
+    variance > 0.0
 }
 
 /// Moves and scales numbers drawn from the standard normal distribution so that their mean is zero and their covariance the identity: of what
 /// chance does to the moments of a small cloud this leaves little. Too few for a covariance stay as they are.
-fn standardise<const N: usize>(draws: &mut [SVector<f64, N>]) {
+fn standardise<const N: usize>(draws: &mut States<N>) {
     let count = draws.len() as f64;
     let mean = draws.iter().sum::<SVector<f64, N>>() / count;
     let covariance =
         draws.iter().map(|draw| (draw - mean) * (draw - mean).transpose()).sum::<SMatrix<f64, N, N>>() / count;
     let Some(factor) = covariance.cholesky().map(|factor| factor.l()) else { return };
-    for draw in draws {
-        *draw -= mean;
-        factor.solve_lower_triangular_mut(draw);
+    for index in 0..draws.len() {
+        let mut draw = draws.get(index) - mean;
+        factor.solve_lower_triangular_mut(&mut draw);
+        draws.set(index, &draw);
     }
 }
 
-fn normal<const N: usize>(rng: &mut impl Rng) -> SVector<f64, N> {
-    SVector::from_fn(|_, _| rng.sample(StandardNormal))
+#[inline(always)]
+fn mean<const N: usize>(particles: &States<N>, weights: &[f64]) -> SVector<f64, N> {
+    let mut mean = SVector::zeros();
+    for number in 0..N {
+        mean[number] = wide::sum([weights, particles.column(number), weights], |w, x, _| w * x);
+    }
+    mean
+}
+
+#[inline(always)]
+fn moments<const N: usize>(particles: &States<N>, weights: &[f64]) -> Gaussian<N> {
+    let mean = mean(particles, weights);
+    let mut covariance = SMatrix::zeros();
+    for i in 0..N {
+        for j in 0..=i {
+            let columns = [weights, particles.column(i), particles.column(j)];
+            let both = wide::sum(columns, |w, a, b| w * (a - mean[i]) * (b - mean[j]));
+            (covariance[(i, j)], covariance[(j, i)]) = (both, both);
+        }
+    }
+    Gaussian::new(mean, covariance)
+}
+
+#[inline(always)]
+fn sum_of_squares(weights: &[f64]) -> f64 {
+    wide::sum([weights; 3], |w, _, _| w * w)
+}
+
+/// Moves the particles away from a centre, or towards it.
+#[inline(always)]
+fn scale<const N: usize>(particles: &mut States<N>, centre: SVector<f64, N>, factor: f64) {
+    for (column, centre) in particles.columns_mut().into_iter().zip(&centre) {
+        column.iter_mut().for_each(|value| *value = centre + (*value - centre) * factor);
+    }
+}
+
+/// Adds a lower triangular matrix times other states.
+#[inline(always)]
+fn add_product<const N: usize>(particles: &mut States<N>, factor: SMatrix<f64, N, N>, others: &States<N>) {
+    for (i, column) in particles.columns_mut().into_iter().enumerate() {
+        for j in (0..=i).filter(|&j| factor[(i, j)] != 0.0) {
+            let part = factor[(i, j)];
+            column.iter_mut().zip(others.column(j)).for_each(|(value, other)| *value += part * other);
+        }
+    }
+}
+
+/// The residuals of the particles' readings.
+#[inline(always)]
+fn compare<const N: usize, Model: Measurement<N, 1>>(
+    measurement: &Model,
+    z: &Vector1<f64>,
+    expected: &[f64],
+    residuals: &mut [f64],
+) {
+    for (residual, &expected) in residuals.iter_mut().zip(expected) {
+        *residual = measurement.residual(z, &Vector1::new(expected))[0];
+    }
+}
+
+/// Weighted sums over the particles that have a residual.
+struct Seen {
+    known: f64,
+    shift: f64,
+    second: f64,
+}
+
+#[inline(always)]
+fn seen(weights: &[f64], residuals: &[f64]) -> Seen {
+    Seen {
+        known: wide::sum([weights, residuals, residuals], |w, r, _| if r.is_nan() { 0.0 } else { w }),
+        shift: wide::sum([weights, residuals, residuals], |w, r, _| if r.is_nan() { 0.0 } else { w * r }),
+        second: wide::sum([weights, residuals, residuals], |w, r, _| if r.is_nan() { 0.0 } else { w * (r * r) }),
+    }
+}
+
+#[inline(always)]
+fn total_variance(weights: &[f64], residuals: &[f64], variances: &[f64]) -> f64 {
+    wide::sum([weights, residuals, variances], |w, r, variance| if r.is_nan() { 0.0 } else { w * variance })
+}
+
+/// Adds the logarithms of the residuals' densities, but for what is the same for all.
+#[inline(always)]
+fn weigh_evenly(logs: &mut [f64], residuals: &[f64], variance: f64) {
+    let factor = -0.5 / variance;
+    for (log, &residual) in logs.iter_mut().zip(residuals) {
+        let density = factor * (residual * residual);
+        *log = if residual.is_nan() { f64::NEG_INFINITY } else { *log + density };
+    }
+}
+
+/// The same with a variance for each.
+#[inline(always)]
+fn weigh_unevenly(logs: &mut [f64], residuals: &[f64], variances: &[f64]) {
+    for ((log, &residual), &variance) in logs.iter_mut().zip(residuals).zip(variances) {
+        let density = -0.5 * (residual * residual / variance + wide::ln(variance));
+        *log = if residual.is_nan() { f64::NEG_INFINITY } else { *log + density };
+    }
+}
+
+/// Takes normalised weights from logarithms, of which the largest becomes zero.
+#[inline(always)]
+fn normalise(weights: &mut [f64], logs: &mut [f64]) {
+    let largest = wide::largest(logs);
+    for (weight, log) in weights.iter_mut().zip(logs) {
+        *log -= largest;
+        *weight = wide::exp(*log);
+    }
+    let share = 1.0 / wide::sum([weights; 3], |w, _, _| w);
+    weights.iter_mut().for_each(|weight| *weight *= share);
+}
+
+/// Writes which particle each of the evenly spaced pointers `(i + start) / count` falls on, if they lie in a row as long as they weigh.
+#[inline(always)]
+fn spread_sources(weights: &[f64], sources: &mut [usize], start: f64) {
+    let count = weights.len();
+    sources.fill(0);
+    let mut reached = 0.0;
+    for (source, weight) in weights.iter().enumerate() {
+        // The first pointer on this particle or behind it. One on which no pointer falls is written over by the next.
+        let first = (reached * count as f64 - start).ceil() as usize;
+        sources[first.min(count)] = source;
+        reached += weight;
+    }
+    let mut last = 0;
+    for source in sources {
+        last = last.max(*source);
+        *source = last;
+    }
 }

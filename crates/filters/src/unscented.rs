@@ -3,7 +3,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::gaussian::symmetrised;
+use crate::gaussian::{Factor, symmetrised};
 use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
 
 /// How far sigma points lie from the mean and how they are weighed.
@@ -43,7 +43,7 @@ impl Spread {
 
 /// Columns of `sqrt((N + lambda) P)`: the sigma points are the mean and the mean plus and minus each.
 fn offsets<const N: usize>(belief: &Gaussian<N>, reach: f64) -> Result<SMatrix<f64, N, N>, Skipped> {
-    Ok(belief.covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?.l() * reach)
+    Ok(Factor::of(&belief.covariance).ok_or(Skipped::NotPositiveDefinite)?.lower() * reach)
 }
 
 /// Carries the sigma points through the process.
@@ -113,12 +113,12 @@ pub fn update<const N: usize, const M: usize>(
         cross += offsets.column(i) * (above - below).transpose() * weights.other;
     }
     let covariance = symmetrised(covariance);
-    let factor = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let factor = Factor::of(&covariance).ok_or(Skipped::NotPositiveDefinite)?;
     let gain = factor.solve(&cross.transpose()).transpose();
     let residual = measurement.residual(z, &centre) - shift;
     let posterior = symmetrised(belief.covariance - gain * covariance * gain.transpose());
     // Unlike Joseph's form this difference can lose definiteness; then the reading is not worth the belief.
-    posterior.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    Factor::of(&posterior).ok_or(Skipped::NotPositiveDefinite)?;
     *belief = Gaussian::new(belief.mean + gain * residual, posterior);
     Ok(Innovation::new(residual, covariance, &factor))
 }

@@ -136,7 +136,7 @@ fn verif_fading_scales_the_covariance_of_every_belief() {
 #[test]
 fn verif_resampling_keeps_mean_and_covariance() {
     let mut rng = Pcg64::seed_from_u64(9);
-    let mut cloud = Cloud::new((0..50_000).map(|i| vector![i as f64 / 5e4, rng.random::<f64>()]).collect::<Vec<_>>());
+    let mut cloud = Cloud::new((0..50_000).map(|i| vector![i as f64 / 5e4, rng.random::<f64>()]).collect());
     cloud.update(&Cart, &Vector1::new(0.3)).unwrap();
     let before = cloud.moments();
     cloud.resample(0.3, &mut rng);

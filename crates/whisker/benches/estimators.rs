@@ -44,3 +44,18 @@ fn sensor_model(bencher: Bencher) {
     let contact = Point::new(0.05, -0.008);
     bencher.bench(|| face.predict(black_box(contact)));
 }
+
+/// A cloud's worth of contacts at once.
+#[divan::bench]
+fn sensor_model_each(bencher: Bencher) {
+    const CONTACTS: usize = 1000;
+    let knowledge = world::knowledge(NOISE_N_M);
+    let face = &knowledge.faces[0];
+    let x_m: Vec<f64> = (0..CONTACTS).map(|i| 0.03 + 4e-5 * i as f64).collect();
+    let y_m = vec![-0.008; CONTACTS];
+    let mut readings_n_m = vec![0.0; CONTACTS];
+    bencher.counter(ItemsCount::new(CONTACTS)).bench_local(|| {
+        face.model.readings_n_m(black_box(&x_m), black_box(&y_m), &mut readings_n_m);
+        black_box(&readings_n_m);
+    });
+}

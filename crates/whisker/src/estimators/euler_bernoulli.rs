@@ -93,6 +93,10 @@ impl Method for EulerBernoulli {
             state: State::Onset { since_touch: Pose::new(0.0, 0.0, 0.0), history: Vec::new() },
         })
     }
+
+    fn is_of_fixed_size(&self) -> bool {
+        true
+    }
 }
 
 enum State {

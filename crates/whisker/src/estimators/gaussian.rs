@@ -105,6 +105,10 @@ impl<Filter: Verbs> Method for Filtering<Filter> {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         self.config.motion.begin(self, touch)
     }
+
+    fn is_of_fixed_size(&self) -> bool {
+        true
+    }
 }
 
 impl<Filter: Verbs> AnyMotion for Filtering<Filter> {

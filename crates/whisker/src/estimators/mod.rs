@@ -217,6 +217,11 @@ pub struct Touch<'a> {
 pub trait Method: Send + Sync {
     /// Begins at a touch, the sample of which is the first that the tracker is given.
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker>;
+
+    /// Whether what its trackers hold is of one size from their second step on, so that no step allocates: they can run where memory is counted.
+    fn is_of_fixed_size(&self) -> bool {
+        false
+    }
 }
 
 /// Samples of the free whisker that are kept for the next touch.

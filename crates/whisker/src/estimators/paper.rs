@@ -224,6 +224,10 @@ impl<Filter: Verbs> Method for Filtering<Filter> {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         self.config.motion.begin(self, touch)
     }
+
+    fn is_of_fixed_size(&self) -> bool {
+        true
+    }
 }
 
 impl<Filter: Verbs> AnyMotion for Filtering<Filter> {
@@ -303,6 +307,10 @@ pub(super) fn build_particle(config: &Value, knowledge: &Arc<Knowledge>) -> Resu
 impl Method for ParticleFilter {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         self.config.motion.begin(self, touch)
+    }
+
+    fn is_of_fixed_size(&self) -> bool {
+        true
     }
 }
 

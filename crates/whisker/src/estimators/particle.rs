@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use filters::particle::Renewal;
-use filters::{Cloud, Measurement};
-use nalgebra::{Matrix1, SMatrix, SVector, Vector1};
+use filters::{Cloud, EvenNoise};
+use nalgebra::{SMatrix, SVector, Vector1};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
@@ -82,45 +82,15 @@ impl Method for ParticleFilter {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         self.config.motion.begin(self, touch)
     }
+
+    fn is_of_fixed_size(&self) -> bool {
+        true
+    }
 }
 
 impl AnyMotion for ParticleFilter {
     fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
         Box::new(Follower::new(self.config, motion, touch, &self.knowledge))
-    }
-}
-
-/// A measurement whose noise is everywhere what it is at the cloud's mean, as a Gaussian filter takes it.
-///
-/// The sensor model's error is a part of the noise and depends on the place, but it comes back at the same place instead of scattering from reading to
-/// reading. Were each particle weighed with its own noise, a series of quiet readings would count as evidence for places where the sensor
-/// model errs little, and draw the cloud there.
-struct EvenNoise<Model> {
-    model: Model,
-    noise: Matrix1<f64>,
-}
-
-impl<Model> EvenNoise<Model> {
-    fn new<const N: usize>(model: Model, mean: &SVector<f64, N>) -> Self
-    where
-        Model: Measurement<N, 1>,
-    {
-        let noise = model.noise(mean);
-        Self { model, noise }
-    }
-}
-
-impl<const N: usize, Model: Measurement<N, 1>> Measurement<N, 1> for EvenNoise<Model> {
-    fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
-        self.model.predict(x)
-    }
-
-    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
-        self.model.jacobian(x)
-    }
-
-    fn noise(&self, _: &SVector<f64, N>) -> Matrix1<f64> {
-        self.noise
     }
 }
 
@@ -166,7 +136,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
                 particles.push(self.held(belief.mean + factor * normal));
             }
         }
-        let mut cloud = Cloud::new(particles);
+        let mut cloud = Cloud::new(particles.into_iter().collect());
         let renewal = self.config.renewal();
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
@@ -194,6 +164,8 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         cloud.predict(&self.motion.step(&self.side, sample), &mut self.rng);
         cloud.fade(self.config.fading);
         cloud.map(|x| self.held(*x));
+        // The sensor model's error is a part of the noise and comes back at the same place instead of scattering from reading to reading. Were each
+        // particle weighed with its own noise, a series of quiet readings would count as evidence for places where the sensor model errs little.
         let reading = EvenNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
         let z = Vector1::new(sample.reading_n_m);
         let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();

@@ -120,6 +120,13 @@ pub trait SensorModel: Debug + Send + Sync {
     /// Expected reading of a contact.
     fn reading_n_m(&self, contact: Point<Base>) -> f64;
 
+    /// Writes the expected readings of many contacts, given by their coordinates in Base; one by one unless given.
+    fn readings_n_m(&self, x_m: &[f64], y_m: &[f64], readings_n_m: &mut [f64]) {
+        for ((reading_n_m, &x_m), &y_m) in readings_n_m.iter_mut().zip(x_m).zip(y_m) {
+            *reading_n_m = self.reading_n_m(Point::new(x_m, y_m));
+        }
+    }
+
     /// Everything needed to load it again.
     fn to_json(&self) -> Value;
 

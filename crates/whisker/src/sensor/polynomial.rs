@@ -4,6 +4,7 @@
 //! `T_i` the Chebyshev polynomials. They span what the monomials `x^i y^j` do, and stay apart from one another where those of a high
 //! degree look alike to the last digit.
 
+use filters::vectorised;
 use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -43,25 +44,97 @@ pub(super) struct Polynomial {
     coefficients_n_m: Vec<f64>,
 }
 
-/// `T_0` to `T_n` of an argument and their derivatives; what lies beyond `n` is not used.
-struct Chebyshev {
-    values: [f64; MOST_DEGREE + 1],
-    slopes: [f64; MOST_DEGREE + 1],
+/// `T_0` to `T_(N-1)` of an argument, by the recurrence `T_(i+1) = 2 u T_i - T_(i-1)`.
+#[inline(always)]
+fn chebyshev<const N: usize>(u: f64) -> [f64; N] {
+    let mut values = [1.0; N];
+    for i in 1..N {
+        values[i] = if i == 1 { u } else { 2.0 * u * values[i - 1] - values[i - 2] };
+    }
+    values
 }
 
-impl Chebyshev {
-    /// By the recurrence `T_(i+1) = 2 u T_i - T_(i-1)` and its derivative.
-    fn new(u: f64, degree: usize) -> Self {
-        let (mut values, mut slopes) = ([1.0; MOST_DEGREE + 1], [0.0; MOST_DEGREE + 1]);
-        if degree > 0 {
-            (values[1], slopes[1]) = (u, 1.0);
-        }
-        for i in 1..degree {
-            values[i + 1] = 2.0 * u * values[i] - values[i - 1];
-            slopes[i + 1] = 2.0 * (values[i] + u * slopes[i]) - slopes[i - 1];
-        }
-        Self { values, slopes }
+/// Their derivatives, by that of the recurrence.
+#[inline(always)]
+fn chebyshev_slopes<const N: usize>(u: f64, values: &[f64; N]) -> [f64; N] {
+    let mut slopes = [0.0; N];
+    for i in 1..N {
+        slopes[i] = if i == 1 { 1.0 } else { 2.0 * (values[i - 1] + u * slopes[i - 1]) - slopes[i - 2] };
     }
+    slopes
+}
+
+/// `sum a_i c_ij b_j`, `i + j < N`.
+#[inline(always)]
+fn product<const N: usize>(coefficients: &[f64], by_u: &[f64; N], by_v: &[f64; N]) -> f64 {
+    let (mut value, mut start) = (0.0, 0);
+    for (i, by_u) in by_u.iter().enumerate() {
+        let mut row = 0.0;
+        for j in 0..N - i {
+            row += coefficients[start + j] * by_v[j];
+        }
+        value += by_u * row;
+        start += N - i;
+    }
+    value
+}
+
+#[inline(always)]
+fn value<const N: usize>(model: &Polynomial, contact: Point<Base>) -> f64 {
+    let (u, v) = model.scaled(contact.x(), contact.y());
+    product::<N>(model.coefficients::<N>(), &chebyshev(u), &chebyshev(v))
+}
+
+fn value_and_slopes<const N: usize>(model: &Polynomial, contact: Point<Base>) -> Prediction {
+    let (u, v) = model.scaled(contact.x(), contact.y());
+    let coefficients = model.coefficients::<N>();
+    let (by_u, by_v) = (chebyshev::<N>(u), chebyshev::<N>(v));
+    let slope_u = product(coefficients, &chebyshev_slopes(u, &by_u), &by_v);
+    let slope_v = product(coefficients, &by_u, &chebyshev_slopes(v, &by_v));
+    Prediction {
+        reading_n_m: product(coefficients, &by_u, &by_v),
+        gradient_n: Vector2::new(slope_u / model.scale_m[0], slope_v / model.scale_m[1]),
+    }
+}
+
+fn values<const N: usize>(model: &Polynomial, x_m: &[f64], y_m: &[f64], readings_n_m: &mut [f64]) {
+    vectorised!(values_as_wide_as_here::<N>(model, x_m, y_m, readings_n_m));
+}
+
+#[inline(always)]
+fn values_as_wide_as_here<const N: usize>(model: &Polynomial, x_m: &[f64], y_m: &[f64], readings_n_m: &mut [f64]) {
+    let coefficients = model.coefficients::<N>();
+    for ((reading_n_m, &x_m), &y_m) in readings_n_m.iter_mut().zip(x_m).zip(y_m) {
+        let (u, v) = model.scaled(x_m, y_m);
+        *reading_n_m = product::<N>(coefficients, &chebyshev(u), &chebyshev(v));
+    }
+}
+
+/// The products `T_i T_j` in the order of the coefficients.
+fn products<const N: usize>((u, v): (f64, f64), row: &mut [f64]) {
+    let (by_u, by_v) = (chebyshev::<N>(u), chebyshev::<N>(v));
+    let pairs = (0..N).flat_map(|i| (0..N - i).map(move |j| (i, j)));
+    for (product, (i, j)) in row.iter_mut().zip(pairs) {
+        *product = by_u[i] * by_v[j];
+    }
+}
+
+/// Calls a function compiled for the number of Chebyshev polynomials, one more than the degree: then the compiler unrolls its loops and puts contacts
+/// side by side.
+macro_rules! by_degree {
+    ($degree:expr, $function:ident($($argument:expr),*)) => {
+        by_degree!(@ $degree, $function, ($($argument),*),
+            1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25)
+    };
+    (@ $degree:expr, $function:ident, $arguments:tt, $($count:literal)*) => {
+        match $degree + 1 {
+            $($count => by_degree!(@@ $function, $count, $arguments),)*
+            count => unreachable!("a degree of {count} less one is refused when a model is made"),
+        }
+    };
+    (@@ $function:ident, $count:literal, ($($argument:expr),*)) => {
+        $function::<$count>($($argument),*)
+    };
 }
 
 fn check_degree(degree: usize) -> Result<(), ModelError> {
@@ -119,18 +192,21 @@ impl Polynomial {
         Ok(Learnt { model: Box::new(model), variance_n2_m2: Box::new(variance_n2_m2) })
     }
 
-    fn scaled(&self, contact: Point<Base>) -> (f64, f64) {
-        ((contact.x() - self.center_m[0]) / self.scale_m[0], (contact.y() - self.center_m[1]) / self.scale_m[1])
+    /// The coefficients, with their number where the compiler sees it: what it need not check it can put side by side.
+    #[inline(always)]
+    fn coefficients<const N: usize>(&self) -> &[f64] {
+        &self.coefficients_n_m[..N * (N + 1) / 2]
+    }
+
+    #[inline(always)]
+    fn scaled(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        ((x_m - self.center_m[0]) / self.scale_m[0], (y_m - self.center_m[1]) / self.scale_m[1])
     }
 
     /// The products `T_i T_j` in the order of the coefficients.
     fn basis(&self, contact: Point<Base>, row: &mut [f64]) {
-        let (u, v) = self.scaled(contact);
-        let (by_u, by_v) = (Chebyshev::new(u, self.degree), Chebyshev::new(v, self.degree));
-        let pairs = (0..=self.degree).flat_map(|i| (0..=self.degree - i).map(move |j| (i, j)));
-        for (product, (i, j)) in row.iter_mut().zip(pairs) {
-            *product = by_u.values[i] * by_v.values[j];
-        }
+        let (u, v) = self.scaled(contact.x(), contact.y());
+        by_degree!(self.degree, products((u, v), row));
     }
 }
 
@@ -144,28 +220,15 @@ impl SensorModel for Polynomial {
     }
 
     fn reading_n_m(&self, contact: Point<Base>) -> f64 {
-        self.predict(contact).reading_n_m
+        by_degree!(self.degree, value(self, contact))
+    }
+
+    fn readings_n_m(&self, x_m: &[f64], y_m: &[f64], readings_n_m: &mut [f64]) {
+        by_degree!(self.degree, values(self, x_m, y_m, readings_n_m));
     }
 
     fn predict(&self, contact: Point<Base>) -> Prediction {
-        let (u, v) = self.scaled(contact);
-        let (by_u, by_v) = (Chebyshev::new(u, self.degree), Chebyshev::new(v, self.degree));
-        let (mut value, mut slope_u, mut slope_v) = (0.0, 0.0, 0.0);
-        let mut start = 0;
-        for i in 0..=self.degree {
-            let end = start + self.degree - i + 1;
-            let row = &self.coefficients_n_m[start..end];
-            let along_v = |terms: &[f64]| -> f64 { row.iter().zip(terms).map(|(c, term)| c * term).sum() };
-            let (sum, sum_slope) = (along_v(&by_v.values), along_v(&by_v.slopes));
-            value += by_u.values[i] * sum;
-            slope_u += by_u.slopes[i] * sum;
-            slope_v += by_u.values[i] * sum_slope;
-            start = end;
-        }
-        Prediction {
-            reading_n_m: value,
-            gradient_n: Vector2::new(slope_u / self.scale_m[0], slope_v / self.scale_m[1]),
-        }
+        by_degree!(self.degree, value_and_slopes(self, contact))
     }
 
     fn to_json(&self) -> Value {
@@ -236,6 +299,22 @@ mod tests {
             let found = model.predict(Point::new(x, y));
             assert!((found.reading_n_m - g(x, y)).abs() < 1e-16);
             assert!((found.gradient_n - Vector2::new(by_x, by_y)).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn verif_many_contacts_read_what_each_does() {
+        let contacts = samples(|x, y| (60.0 * x).sin() * (80.0 * y).exp());
+        let x_m: Vec<f64> = contacts.iter().map(|sample| sample.contact.x()).collect();
+        let y_m: Vec<f64> = contacts.iter().map(|sample| sample.contact.y()).collect();
+        for degree in [0, 1, 5, 6, 7, 9, 12] {
+            let model = Polynomial::fit(&contacts, degree).unwrap().model;
+            let mut readings_n_m = vec![0.0; contacts.len()];
+            model.readings_n_m(&x_m, &y_m, &mut readings_n_m);
+            for (sample, reading_n_m) in contacts.iter().zip(readings_n_m) {
+                assert_eq!(reading_n_m, model.reading_n_m(sample.contact), "{degree}");
+                assert_eq!(reading_n_m, model.predict(sample.contact).reading_n_m, "{degree}");
+            }
         }
     }
 

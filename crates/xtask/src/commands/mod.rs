@@ -5,6 +5,7 @@ mod check;
 mod ci;
 mod demo;
 mod golden;
+mod peers;
 mod physics;
 mod reproduce;
 mod setup;
@@ -30,6 +31,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "physics", about: "Hold the simulator against theory, claim by claim: results/physics/", run: physics::run },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: golden::run },
     Command { name: "bench", about: "Run the benchmarks", run: bench::run },
+    Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: peers::run },
 ];
 
 /// The command that the arguments name, or what is wrong with them.

@@ -1,0 +1,182 @@
+"""Compares this project's filters with those of others: first what they estimate, then how long a step takes.
+
+Usage: compare.py PEERS TRACE CALIBRATION DOCUMENT
+
+PEERS is the program built from the Cargo workspace beside this file. Fails where the Kalman filters do not agree to rounding,
+or the particle filters not within what chance explains. Otherwise the table of times replaces the one in DOCUMENT. Makers take
+turns, round by round, and a ratio is that of one round; so it holds although the machine's speed drifts. Times are the
+processor's: other programs are not in them.
+"""
+
+import argparse
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+# One thread for all: a step's matrices are far too small for more.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
+from python_filters import Estimates, Problem, filterpy_ekf, filterpy_ukf, numpy_particle
+
+ROUNDS = 5
+SEEDS = 20
+PASSES = 3
+
+# Kalman filters of one kind compute the same in another order.
+RELATIVE_TOLERANCE = 1e-6
+# The part of the trace, from its start, in which the particle filters still find the contact.
+START_SHARE = 0.2
+# Standard errors of the mean by which the average errors of two particle filters may differ.
+CHANCE = 4.0
+
+BEGIN, END = "<!-- peers: begin -->", "<!-- peers: end -->"
+MAKERS = {
+    "ekf": {"smelly": "smelly", "filterpy": "filterpy"},
+    "ukf": {"smelly": "smelly", "filterpy": "filterpy"},
+    "particle": {"smelly": "smelly", "numpy": "NumPy"},
+}
+NAMES = {"ekf": "extended Kalman filter", "ukf": "unscented Kalman filter", "particle": "particle filter, 1000"}
+
+Answers = dict[tuple[str, str], tuple[float, list[Estimates]]]
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser()
+    for name in ("peers", "trace", "calibration", "document"):
+        parser.add_argument(name, type=Path)
+    arguments = parser.parse_args()
+    times: dict[tuple[str, str], list[float]] = {}
+    for number in range(ROUNDS):
+        problem, answers = run_round(arguments)
+        if number == 0:
+            failures = disagreements(problem, answers)
+            if failures:
+                sys.exit("error: the filters do not agree: " + "; ".join(failures))
+        for who, (step_s, _) in answers.items():
+            times.setdefault(who, []).append(step_s)
+        print(f"round {number + 1} of {ROUNDS}", file=sys.stderr)
+    table = as_markdown(times, len(problem.reading_n_m), arguments.trace.stem)
+    print(table)
+    replace(arguments.document, table)
+    return 0
+
+
+def run_round(arguments: argparse.Namespace) -> tuple[Problem, Answers]:
+    """Every filter's answer: time of a step in s, and estimates, one a seed."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "problem.json"
+        command = [arguments.peers, arguments.trace, arguments.calibration, str(SEEDS), file]
+        said = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
+        problem = Problem(json.loads(file.read_text()))
+    answers: Answers = {}
+    for answer in json.loads(said):
+        estimates = [as_estimates(each) for each in answer["estimates"]]
+        answers[answer["maker"], answer["filter"]] = (answer["step_s"], estimates)
+    answers["filterpy", "ekf"] = timed(lambda _: filterpy_ekf(problem), 1)
+    answers["filterpy", "ukf"] = timed(lambda _: filterpy_ukf(problem), 1)
+    answers["numpy", "particle"] = timed(lambda seed: numpy_particle(problem, seed), SEEDS)
+    return problem, answers
+
+
+def as_estimates(steps: list[dict[str, list[float]]]) -> Estimates:
+    """Estimates out of JSON."""
+    means = np.array([step["mean_m"] for step in steps])
+    return Estimates(means, np.array([step["covariance_m2"] for step in steps]).reshape(-1, 2, 2))
+
+
+def timed(run: Callable[[int], Estimates], seeds: int) -> tuple[float, list[Estimates]]:
+    """The fastest pass in processor time, a step, and the estimates of each seed."""
+    estimates, fastest_s = [], np.inf
+    for seed in range(max(seeds, PASSES)):
+        started = time.thread_time()
+        estimates.append(run(seed))
+        fastest_s = min(fastest_s, time.thread_time() - started)
+    return fastest_s / len(estimates[0].mean_m), estimates[:seeds]
+
+
+def disagreements(problem: Problem, answers: Answers) -> list[str]:
+    """What does not agree, in words."""
+    found = []
+    for kind in ("ekf", "ukf"):
+        ours = answers["whisker", kind][1][0]
+        for maker in MAKERS[kind]:
+            theirs = answers[maker, kind][1][0]
+            sd_m = np.sqrt(np.diagonal(ours.covariance_m2, axis1=1, axis2=2))
+            means = np.max(np.abs(ours.mean_m - theirs.mean_m) / sd_m)
+            covariances = np.max(np.abs(ours.covariance_m2 - theirs.covariance_m2) / (sd_m[:, :, None] * sd_m[:, None]))
+            print(f"{kind}: {maker} differs by {means:.1e} sd, covariance by {covariances:.1e}", file=sys.stderr)
+            if not max(means, covariances) < RELATIVE_TOLERANCE:
+                found.append(f"{kind} of {maker} differs by {max(means, covariances):.1e} standard deviations")
+    errors_m = {maker: rms_m(problem, answers[maker, "particle"][1]) for maker in ("whisker", *MAKERS["particle"])}
+    for maker, theirs_m in errors_m.items():
+        ours_m = errors_m["whisker"]
+        error_m = np.sqrt((ours_m.var(ddof=1) + theirs_m.var(ddof=1)) / SEEDS)
+        said = f"{1e3 * theirs_m.mean():.3f} mm, sd {1e3 * theirs_m.std(ddof=1):.3f} mm over seeds"
+        print(f"particle: {maker} errs by {said}", file=sys.stderr)
+        if not abs(theirs_m.mean() - ours_m.mean()) <= CHANCE * error_m:
+            found.append(f"the particle filter of {maker} errs by {said}, ours by {1e3 * ours_m.mean():.3f} mm")
+    return found
+
+
+def rms_m(problem: Problem, estimates: list[Estimates]) -> np.ndarray:
+    """Root mean square error of the contact behind the start, one a seed."""
+    start = int(START_SHARE * len(problem.truth_m))
+    apart_m = np.array([each.mean_m[start:] - problem.truth_m[start:] for each in estimates])
+    return np.sqrt((apart_m**2).sum(axis=2).mean(axis=1))
+
+
+def as_markdown(times: dict[tuple[str, str], list[float]], steps: int, trace: str) -> str:
+    """The table, with what it was measured on."""
+    lines = ["| filter | here | other | ratio (median of rounds, least to most) |", "| --- | --- | --- | --- |"]
+    for kind, makers in MAKERS.items():
+        ours = np.array(times["whisker", kind])
+        for maker, name in makers.items():
+            theirs = np.array(times[maker, kind])
+            ratios = np.sort(theirs / ours)
+            ratio = f"{np.median(ratios):.3g} ({ratios[0]:.3g} to {ratios[-1]:.3g})"
+            lines.append(f"| {NAMES[kind]} | {as_time(ours)} | {name} {as_time(theirs)} | {ratio} |")
+    smelly = re.search(r'name = "smelly"\nversion = "(.*)"', Path(__file__).with_name("Cargo.lock").read_text())
+    versions = f"filterpy {version('filterpy')}, NumPy {np.__version__}, smelly {smelly[1] if smelly else 'unknown'}"
+    versions += f", Python {platform.python_version()}"
+    lines += [
+        "",
+        f"Trace `{trace}`, {steps} steps; {ROUNDS} rounds. {processor()}; {versions}.",
+    ]
+    return "\n".join(lines)
+
+
+def as_time(seconds: np.ndarray) -> str:
+    """The median, in a unit that suits it."""
+    median_s = float(np.median(seconds))
+    return f"{1e6 * median_s:.3g} µs" if median_s > 1e-6 else f"{1e9 * median_s:.3g} ns"
+
+
+def processor() -> str:
+    """What the machine says that it is."""
+    names = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line]
+    return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores"
+
+
+def replace(document: Path, table: str) -> None:
+    """Puts the table between the marks of the document."""
+    before, _, rest = document.read_text().partition(BEGIN)
+    _, found, after = rest.partition(END)
+    if not found:
+        sys.exit(f"error: {document}: expected {BEGIN} and {END}")
+    unfinished = document.with_suffix(".partial")
+    unfinished.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
+    unfinished.replace(document)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,197 @@
+//! A whisker held against a pin: where along it does it touch?
+//!
+//! The state is the contact in Cartesian coordinates of the base. It rests in the world, so from one reading to the next it moves as the base does, the
+//! other way; it may wander a little. The reading is a polynomial of degree 5 of the contact, with noise (Lin et al. 2022).
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context;
+use filters::unscented::Spread;
+use filters::{Gaussian, Measurement, Process, States};
+use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+use serde::Serialize;
+use serde_json::Value;
+use trace::{CalibrationFile, Trace};
+use whisker::frames::Point;
+use whisker::sensor::CalibratedFace;
+
+/// The sensor model, as the calibration names it.
+const MODEL: &str = "polynomial-5";
+
+/// Measurement noise, as a fraction of the largest reading of the calibration, and its seed.
+const NOISE: f64 = 0.01;
+const SEED: u64 = 1;
+
+/// How far the contact may wander, as the standard deviation after one second.
+const WANDER_M_SQRT_S: f64 = 2e-4;
+
+/// How far off the first belief is, and its standard deviation in each direction.
+const START_OFF_M: Vector2<f64> = Vector2::new(2e-3, 1e-3);
+const START_SD_M: f64 = 2e-3;
+
+/// The problem; what is serialised is what a program in another language needs of it.
+#[derive(Serialize)]
+pub(crate) struct Problem {
+    /// Name of the trace.
+    trace: String,
+    /// One step a reading.
+    pub(crate) steps: Vec<Step>,
+    /// The true contact at each reading, in Base.
+    truth_m: Vec<Vector2<f64>>,
+    /// The sensor model, as calibration files have it.
+    model: Value,
+    /// The same, loaded.
+    #[serde(skip)]
+    pub(crate) face: Arc<CalibratedFace>,
+    /// Variance of a reading: its noise, and the sensor model's own error.
+    pub(crate) variance_n2_m2: f64,
+    /// Variance of the wandering of one step, in each direction.
+    pub(crate) wander_m2: f64,
+    /// The first belief: mean, and variance in each direction.
+    pub(crate) start_m: Vector2<f64>,
+    pub(crate) start_m2: f64,
+    /// Number of particles, and the share of them that the effective sample size must fall below for them to be drawn anew.
+    pub(crate) particles: usize,
+    pub(crate) resample_share: f64,
+    /// Spread of the sigma points (Wan and van der Merwe 2000).
+    pub(crate) alpha: f64,
+    pub(crate) beta: f64,
+    pub(crate) kappa: f64,
+}
+
+/// The base's motion up to a reading, and the reading.
+#[derive(Clone, Copy, Serialize)]
+pub(crate) struct Step {
+    /// What the motion does to the coordinates of a contact at rest: they are turned, and then shifted. The matrix is written column by column.
+    pub(crate) turn: Matrix2<f64>,
+    pub(crate) shift_m: Vector2<f64>,
+    /// The reading.
+    pub(crate) reading_n_m: f64,
+}
+
+impl Problem {
+    /// The touch of a simulated trace, under noise.
+    pub(crate) fn new(trace: &Path, calibration: &Path) -> anyhow::Result<Self> {
+        let Trace { sidecar, recording, truth } = Trace::read(trace)?;
+        let file = CalibrationFile::read(calibration)?;
+        let faces = file.calibrated(calibration, Some(MODEL))?;
+        let face = faces.iter().find(|face| face.face == sidecar.face).context("the face is not calibrated")?;
+        let of_face = file.faces.iter().find(|of| of.face == face.face).and_then(|of| of.model(Some(MODEL)));
+        let noise_sd_n_m = NOISE * face.largest_reading_n_m;
+        let mut rng = Pcg64::seed_from_u64(SEED);
+
+        let (mut steps, mut truth_m) = (Vec::new(), Vec::new());
+        for (i, pair) in recording.instants.windows(2).enumerate() {
+            let Some(contact) = truth.instants[i + 1].contact else { continue };
+            let motion = pair[0].base.then(&pair[1].base.inverse());
+            let shift_m = motion.origin().vector();
+            let reading_n_m = pair[1].moment_z_n_m + noise_sd_n_m * rng.sample::<f64, _>(StandardNormal);
+            steps.push(Step { turn: motion.rotation(), shift_m, reading_n_m });
+            truth_m.push(pair[1].base.inverse().apply(contact).vector());
+        }
+        Ok(Self {
+            trace: sidecar.name,
+            start_m: *truth_m.first().context("the trace has no touch")? + START_OFF_M,
+            start_m2: START_SD_M * START_SD_M,
+            steps,
+            truth_m,
+            model: of_face.context("the model is not in the file")?.model.clone(),
+            face: face.clone(),
+            variance_n2_m2: noise_sd_n_m * noise_sd_n_m + face.heldout_rms_n_m * face.heldout_rms_n_m,
+            wander_m2: WANDER_M_SQRT_S * WANDER_M_SQRT_S / sidecar.rate_hz,
+            particles: 1000,
+            resample_share: 0.5,
+            alpha: 0.5,
+            beta: 2.0,
+            kappa: 1.0,
+        })
+    }
+
+    /// The first belief.
+    pub(crate) fn start(&self) -> Gaussian<2> {
+        Gaussian::new(self.start_m, Matrix2::identity() * self.start_m2)
+    }
+
+    /// Sigma points.
+    pub(crate) fn spread(&self) -> Spread {
+        Spread { alpha: self.alpha, beta: self.beta, kappa: self.kappa }
+    }
+
+    /// Expected reading.
+    pub(crate) fn reading_n_m(&self, x: &Vector2<f64>) -> f64 {
+        self.face.model.reading_n_m(Point::from_vector(*x))
+    }
+
+    /// Its derivatives.
+    pub(crate) fn gradient_n(&self, x: &Vector2<f64>) -> RowVector2<f64> {
+        self.face.model.predict(Point::from_vector(*x)).gradient_n.transpose()
+    }
+}
+
+impl Step {
+    /// The contact after the motion.
+    pub(crate) fn moved(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        self.turn * x + self.shift_m
+    }
+}
+
+/// The motion of one step, for the filters of this project.
+pub(crate) struct Moving<'a> {
+    pub(crate) step: &'a Step,
+    pub(crate) wander_m2: f64,
+}
+
+impl Process<2> for Moving<'_> {
+    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        self.step.moved(x)
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::identity() * self.wander_m2
+    }
+
+    fn jacobian(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        self.step.turn
+    }
+
+    fn predict_each(&self, states: &mut States<2>) {
+        let [x_m, y_m] = states.columns_mut();
+        let ([[a, b], [c, d]], [dx_m, dy_m]) = (self.step.turn.data.0, self.step.shift_m.data.0[0]);
+        for (x_m, y_m) in x_m.iter_mut().zip(y_m) {
+            (*x_m, *y_m) = (a * *x_m + c * *y_m + dx_m, b * *x_m + d * *y_m + dy_m);
+        }
+    }
+}
+
+/// The reading of a contact, for the filters of this project.
+impl Measurement<2, 1> for &Problem {
+    fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
+        Some(Vector1::new(self.reading_n_m(x)))
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix1<f64> {
+        Matrix1::new(self.variance_n2_m2)
+    }
+
+    fn jacobian(&self, x: &Vector2<f64>) -> Option<RowVector2<f64>> {
+        Some(self.gradient_n(x))
+    }
+
+    fn linearised(&self, x: &Vector2<f64>) -> Option<(Vector1<f64>, RowVector2<f64>)> {
+        let expected = self.face.model.predict(Point::from_vector(*x));
+        Some((Vector1::new(expected.reading_n_m), expected.gradient_n.transpose()))
+    }
+
+    fn predict_each(&self, states: &States<2>, expected: &mut States<1>) {
+        let [readings_n_m] = expected.columns_mut();
+        self.face.model.readings_n_m(states.column(0), states.column(1), readings_n_m);
+    }
+
+    fn even_noise(&self) -> Option<Matrix1<f64>> {
+        Some(Matrix1::new(self.variance_n2_m2))
+    }
+}

@@ -1,0 +1,69 @@
+//! Many states at once, number by number.
+
+use nalgebra::SVector;
+
+/// States of `N` numbers each: all the first numbers, then all the second ones, so that a loop over one number of every state reads on and on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct States<const N: usize> {
+    values: Vec<f64>,
+    count: usize,
+}
+
+impl<const N: usize> States<N> {
+    /// So many states of zeros.
+    pub fn zeros(count: usize) -> Self {
+        Self { values: vec![0.0; N * count], count }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// One state.
+    pub fn get(&self, index: usize) -> SVector<f64, N> {
+        SVector::from_fn(|number, _| self.values[number * self.count + index])
+    }
+
+    /// Changes one state.
+    pub fn set(&mut self, index: usize, state: &SVector<f64, N>) {
+        for (number, value) in state.iter().enumerate() {
+            self.values[number * self.count + index] = *value;
+        }
+    }
+
+    /// The states one by one.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = SVector<f64, N>> {
+        (0..self.count).map(|index| self.get(index))
+    }
+
+    /// The same number of every state.
+    pub fn column(&self, number: usize) -> &[f64] {
+        &self.values[number * self.count..][..self.count]
+    }
+
+    /// Each number of every state.
+    pub fn columns_mut(&mut self) -> [&mut [f64]; N] {
+        let mut rest = self.values.as_mut_slice();
+        std::array::from_fn(|_| rest.split_off_mut(..self.count).expect("there are N columns"))
+    }
+
+    /// All numbers, column by column.
+    pub(crate) fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+}
+
+impl<const N: usize> FromIterator<SVector<f64, N>> for States<N> {
+    fn from_iter<States: IntoIterator<Item = SVector<f64, N>>>(states: States) -> Self {
+        let states: Vec<_> = states.into_iter().collect();
+        let mut found = Self::zeros(states.len());
+        states.iter().enumerate().for_each(|(index, state)| found.set(index, state));
+        found
+    }
+}

@@ -1,0 +1,45 @@
+//! The filters of others on one problem with ours: `docs/PERFORMANCE.md`. Nothing else needs what is installed for it.
+
+use std::process::Command;
+
+use crate::failure::Outcome;
+use crate::parts::step;
+use crate::pipeline;
+use crate::tools::{cargo, root, run as run_command};
+
+/// The Cargo workspace, the packages and the script of the comparison.
+const FOLDER: &str = "bench/peers";
+/// What is built and installed for it.
+const TARGET: &str = "target/peers";
+const SUITE: &str = "standard";
+const TRACE: &str = "pin_curved_00";
+const CALIBRATION: &str = "curved";
+
+pub(crate) fn run() -> Outcome {
+    pipeline::prepare()?;
+    pipeline::simulate(SUITE)?;
+    pipeline::fit(SUITE)?;
+    step("peers", || {
+        let manifest = format!("{FOLDER}/Cargo.toml");
+        run_command(cargo(&["build", "--release", "--locked", "--manifest-path", &manifest, "--target-dir", TARGET]))?;
+        let environment = format!("{TARGET}/venv");
+        run_command(program(&crate::python::interpreter().to_string_lossy(), &["-m", "venv", &environment]))?;
+        let python = root().join(&environment).join("bin/python").to_string_lossy().into_owned();
+        let lock = format!("{FOLDER}/requirements.lock");
+        let pip =
+            ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--require-hashes", "--requirement"];
+        run_command(program(&python, &[&pip[..], &[&lock]].concat()))?;
+        let script = format!("{FOLDER}/compare.py");
+        let built = format!("{TARGET}/release/peers");
+        let trace = format!("datasets/{SUITE}/{TRACE}.csv");
+        let calibration = format!("datasets/{SUITE}/calibrations/{CALIBRATION}.json");
+        run_command(program(&python, &[&script, &built, &trace, &calibration, "docs/PERFORMANCE.md"]))
+    })
+}
+
+/// A program in the repository's root folder.
+fn program(name: &str, arguments: &[&str]) -> Command {
+    let mut command = Command::new(name);
+    command.args(arguments).current_dir(root());
+    command
+}
