@@ -76,7 +76,7 @@ pub(crate) fn evaluate_encoders(suite: &str, noise_rad: &[&str]) -> Outcome {
     let mut arguments = vec!["evaluate", &file, "--name", &name, "--estimators", "recommended", "--seeds", "2"];
     arguments.extend(levels.iter().flat_map(|level| ["--encoders", level.as_str()]));
     step("evaluate with noisy encoders", || run(whisker(&arguments)))?;
-    step("report", || run(whisker(&["report", &format!("results/{name}")])))
+    page(&name)
 }
 
 /// Recordings of others to traces, sensor models and scores, with what estimators are told of the first touch right and wrong:
@@ -91,6 +91,11 @@ pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {
 /// Scores to figures and a page, which links the animations: `results/<suite>/`.
 pub(crate) fn report(suite: &str) -> Outcome {
     step("report", || run(whisker(&["report", &format!("results/{suite}"), "--animations", &animations(suite)])))
+}
+
+/// The same without animations.
+pub(crate) fn page(name: &str) -> Outcome {
+    step("report", || run(whisker(&["report", &format!("results/{name}")])))
 }
 
 /// A command of the generator that makes files of a suite in a folder.

@@ -47,7 +47,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::fit(ARM)?;
     pipeline::fit_through(HALL, ARM)?;
     pipeline::evaluate_through(HALL, (ARM, ARM), ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
-    pipeline::report(ARM)?;
+    pipeline::page(ARM)?;
     pipeline::evaluate_encoders(ARM, ENCODERS)?;
     if Path::new(CLONE).is_dir() {
         pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
