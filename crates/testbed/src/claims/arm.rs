@@ -29,7 +29,7 @@ use crate::results::{MapObjectRow, MapRow};
 use crate::statistics::rms;
 
 /// Suite and run.
-pub(super) const RUN: &str = "arm";
+pub(crate) const RUN: &str = "arm";
 
 /// The recording of an arm that does not shake.
 const STILL: &str = "passage_still";

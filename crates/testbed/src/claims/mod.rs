@@ -17,6 +17,8 @@ mod sensor_model;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+pub(crate) use arm::RUN as ARM;
+
 use anyhow::bail;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
