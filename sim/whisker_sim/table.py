@@ -43,8 +43,8 @@ def add_table(world: ET.Element, top_m: float) -> None:
 def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s: float, prefix: str = "") -> None:
     """Adds `free` to the MJCF model `root`, which has `asset` and `worldbody`, standing on a table whose top is at `top_m`.
 
-    Body and free joint bear its name after `prefix`. The body's origin is the middle of the object: the origin of the shape's frame, at half
-    the height.
+    Body and free joint bear its name after `prefix`. The body's origin is the middle of the object: the origin of the shape's
+    frame, at half the height.
     """
     shape, half_height_mm = free.object, 0.5 * MM_PER_M * free.height_m
     outline_mm = MM_PER_M * shape.local_outline_m()
@@ -81,9 +81,10 @@ def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s
 def displacement(model: mujoco.MjModel, qpos: Array, name: str) -> Array:
     """Displacements (..., 5) of the free object `name` from where it starts, for the model's coordinates `qpos` (..., nq).
 
-    `name` is that of its joint. The columns are x, y and z of its middle in metres, in World; yaw, its turn about the vertical; and tilt, the angle of its
-    axis with the vertical; both in radians. Where q is the quaternion of the turn, yaw = 2 atan2(qz, qw) and
-    tilt = 2 atan2(sqrt(qx^2 + qy^2), sqrt(qw^2 + qz^2)): the turn is one about the vertical after one about a horizontal axis.
+    `name` is that of its joint. The columns are x, y and z of its middle in metres, in World; yaw, its turn about the vertical;
+    and tilt, the angle of its axis with the vertical; both in radians. Where q is the quaternion of the turn,
+    yaw = 2 atan2(qz, qw) and tilt = 2 atan2(sqrt(qx^2 + qy^2), sqrt(qw^2 + qz^2)): the turn is one about the vertical after one
+    about a horizontal axis.
     """
     start = model.jnt_qposadr[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)]
     at_rest, pose = model.qpos0[start : start + 7], qpos[..., start : start + 7]
