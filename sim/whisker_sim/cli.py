@@ -333,7 +333,11 @@ def _render(options: argparse.Namespace) -> int:
         render(runs[0], options.out, product_of(runs[0]).draw)
         print(options.out)
         return GOOD
-    chore = Chore("render", "animation", set_name, is_rendered, make_pictures)
+
+    def is_up_to_date(folder: Path, run: Run) -> bool:
+        return is_rendered(folder, run, product_of(run).draw)
+
+    chore = Chore("render", "animation", set_name, is_up_to_date, make_pictures)
     return _do(chore, [(options.out, run) for run in first_of_each_set(runs)], options.jobs, options.force)
 
 
