@@ -383,7 +383,7 @@ def test_verif_the_physics_does_not_depend_on_the_rate(write_short, short):
 
 
 def test_val_the_shipped_passage_keeps_the_bounds_of_the_certificate(tmp_path):
-    """`passage_still` with all of its segments, along a part of its first object, without the others: the bounds of datasets/FORMAT.md."""
+    """`passage_still` with all of its segments, along a part of its first object alone: the bounds of datasets/FORMAT.md."""
     scene = json.loads((SCENES / "arm" / "passage_still.json").read_text())
     scene["path"]["strokes"], scene["objects"] = [[{**scene["path"]["strokes"][0][0], "to_rad": -2.7}]], scene["objects"][:1]
     path = tmp_path / "scene.json"
