@@ -116,6 +116,8 @@ def test_robust_names_that_a_recording_takes(write_scene, tmp_path, capsys):
     path.write_text(json.dumps({"format": 1, "name": "suite", "scenes": entries}))
     assert main(["check", str(path)]) == 2
     assert capsys.readouterr().err == f"error: {path}: scenes[1]: expected traces of different names, found 'short_left_1' twice\n"
+    assert main(["simulate", str(tmp_path / "arm.json"), str(tmp_path / "short_left_1.json"), "--out", str(tmp_path / "out")]) == 2
+    assert "'short_left_1' 2 times" in capsys.readouterr().err
 
 
 def test_robust_errors_about_no_key_are_one_line(write_scene, capsys, monkeypatch):

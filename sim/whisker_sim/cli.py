@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -148,10 +149,11 @@ def _simulate(options: argparse.Namespace) -> int:
             if not options.force:
                 _keep_other_settings(folder, run)
             waiting.append((folder, run))
-    targets = [folder / run.name for folder, run in waiting]
-    for (_, run), target in zip(waiting, targets, strict=True):
-        if targets.count(target) > 1:
-            raise InputError(f"{run.path}: expected traces of different names, found '{run.name}' {targets.count(target)} times")
+    targets = [(folder / name, run) for folder, run in waiting for name in run.scene.names(run.name)]
+    count = Counter(target for target, _ in targets)
+    for target, run in targets:
+        if count[target] > 1:
+            raise InputError(f"{run.path}: expected traces of different names, found '{target.name}' {count[target]} times")
 
     # An interrupt that comes while MuJoCo loads would be lost, or pass for a failure of the library.
     with _interrupts_wait():
