@@ -8,6 +8,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
 
+use crate::characteristic::polynomial;
 use crate::sidecar::plain_name;
 use crate::{Characteristic, Error, FORMAT, Watermark, read_json, sha256};
 
@@ -83,8 +84,34 @@ pub struct SensorFile {
     pub common_mode: [f64; 2],
     /// How its counts, with the common mode taken out, answer to the moment.
     pub characteristic: Characteristic,
-    /// Root mean square of its readings at rest.
+    /// How they answer to the moments of the other whiskers on the board.
+    pub cross_talk: Vec<CrossTalk>,
+    /// Root mean square of its noise in readings, over the calibrated ones.
     pub noise_sd_n_m: f64,
+}
+
+impl SensorFile {
+    /// Its name with that of its array, which no other sensor has: `left.left_1`.
+    pub fn label(&self) -> String {
+        format!("{}.{}", self.array, self.name)
+    }
+}
+
+/// What the magnet of another whisker does to the counts of a sensor, with the common mode taken out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CrossTalk {
+    /// Name of the other whisker's sensor, in the same array.
+    pub from: String,
+    /// `c1, c2, ...`, in counts by powers of N m of the other whisker's moment.
+    pub coefficients: Vec<f64>,
+}
+
+impl CrossTalk {
+    /// Counts above those with the other whisker at rest.
+    pub fn counts(&self, moment_n_m: f64) -> f64 {
+        polynomial(&self.coefficients, moment_n_m)
+    }
 }
 
 /// One face of a calibration.
@@ -239,7 +266,7 @@ impl CalibrationFile {
 
     fn check_sensors(&self, path: &Path) -> Result<(), Error> {
         for sensor in self.front_end.iter().flat_map(|front_end| &front_end.sensors) {
-            let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.name);
+            let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.label());
             if !sensor.characteristic.is_valid() {
                 let found = format!("{:?}", sensor.characteristic);
                 let expected = "a polynomial that does not turn back within a range that holds 0";
@@ -247,6 +274,10 @@ impl CalibrationFile {
             }
             if !(sensor.noise_sd_n_m.is_finite() && sensor.noise_sd_n_m >= 0.0) {
                 return Err(Error::value(path, key("noise_sd_n_m"), sensor.noise_sd_n_m, "a number of 0 or more"));
+            }
+            if let Some(talk) = sensor.cross_talk.iter().find(|talk| !talk.coefficients.iter().all(|c| c.is_finite())) {
+                let found = format!("{:?}", talk.coefficients);
+                return Err(Error::value(path, key(&format!("cross_talk.{}", talk.from)), found, "finite numbers"));
             }
         }
         Ok(())

@@ -56,9 +56,9 @@ impl Pairs {
         Self { all: self.all + other.all, in_front: self.in_front + other.in_front, apart: self.apart + other.apart }
     }
 
-    /// Share of the pairs that are against it.
-    fn against(self) -> f64 {
-        self.in_front.max(self.apart) as f64 / self.all.max(1) as f64
+    /// Whether nearly all of them allow one object. Where there is no pair, nothing speaks for it.
+    fn agree(self) -> bool {
+        self.all > 0 && self.in_front.max(self.apart) as f64 <= MOST_AGAINST * self.all as f64
     }
 }
 
@@ -87,7 +87,7 @@ pub(crate) fn objects(touches: &[Vec<Vertex>], open: &Open) -> Vec<Vec<usize>> {
         judged.iter().map(|one| judged.iter().map(|other| nearest_m(one, other)).collect()).collect();
     loop {
         let candidates = (0..objects.len()).flat_map(|i| (i + 1..objects.len()).map(move |j| (i, j)));
-        let agreeing = candidates.filter(|&(i, j)| pairs[i][j].against() <= MOST_AGAINST);
+        let agreeing = candidates.filter(|&(i, j)| pairs[i][j].agree());
         // Those that lie closest know most of each other.
         let Some((i, j)) = agreeing.min_by(|&(a, b), &(c, d)| gaps_m[a][b].total_cmp(&gaps_m[c][d])) else { break };
         let joined = objects.remove(j);
@@ -183,5 +183,8 @@ mod tests {
     #[test]
     fn robust_nothing_touched_is_no_object() {
         assert!(objects(&[], &nowhere()).is_empty());
+        let bridge = arc((0.0, 0.0), 45.0, -40.0, 30.0).into_iter().map(|vertex| Vertex { touched: false, ..vertex });
+        let touches = [bridge.collect(), arc((0.0, 0.0), 45.0, -20.0, 40.0)];
+        assert_eq!(objects(&touches, &nowhere()), [vec![0], vec![1]], "what was nowhere touched agrees with nothing");
     }
 }

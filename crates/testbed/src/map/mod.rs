@@ -2,7 +2,8 @@
 //!
 //! Each whisker of a recording is an estimator of its own, and none knows of the others; what they say is in one frame, World, and so can be put together. The map holds the
 //! contact points of all whiskers, told apart by object (`gating`), the outline of each with its uncertainty ([`Contour`], as it is merged from the strokes of one whisker), the circle
-//! through it where it is round by the data ([`Circle::round`]), and an occupancy grid (`grid`). Nothing of the truth goes into it; the judge (`judge`) lays it beside the truth afterwards.
+//! through it where it is round by the data ([`Circle::round`]), and an occupancy grid (`grid`). Nothing of the truth goes into it; the judge (`judge`) lays it beside the truth afterwards,
+//! which it looks up by whisker and row.
 
 mod gating;
 mod grid;
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::contour::{Circle, Contour, SurfacePoint};
 
 use grid::Grid;
-pub(crate) use judge::{Judged, judged, true_circle};
+pub(crate) use judge::{Judged, Truths, judged, true_circle};
 pub(crate) use view::{Seen, View};
 
 /// Settings of the map.
