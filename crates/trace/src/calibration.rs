@@ -86,8 +86,12 @@ pub struct SensorFile {
     pub characteristic: Characteristic,
     /// How they answer to the moments of the other whiskers on the board.
     pub cross_talk: Vec<CrossTalk>,
-    /// Root mean square of its noise in readings, over the calibrated ones.
+    /// Root mean square of its noise in readings, over the calibrated ones: what changes within a recording.
     pub noise_sd_n_m: f64,
+    /// Standard deviation of what its readings are off by at rest throughout a recording, over the calibrated readings.
+    pub offset_sd_n_m: f64,
+    /// Standard deviation of its gain from recording to recording, relative.
+    pub gain_sd: f64,
 }
 
 impl SensorFile {
@@ -272,8 +276,11 @@ impl CalibrationFile {
                 let expected = "a polynomial that does not turn back within a range that holds 0";
                 return Err(Error::value(path, key("characteristic"), found, expected));
             }
-            if !(sensor.noise_sd_n_m.is_finite() && sensor.noise_sd_n_m >= 0.0) {
-                return Err(Error::value(path, key("noise_sd_n_m"), sensor.noise_sd_n_m, "a number of 0 or more"));
+            let SensorFile { noise_sd_n_m, offset_sd_n_m, gain_sd, .. } = *sensor;
+            for (name, sd) in [("noise_sd_n_m", noise_sd_n_m), ("offset_sd_n_m", offset_sd_n_m), ("gain_sd", gain_sd)] {
+                if !(sd.is_finite() && sd >= 0.0) {
+                    return Err(Error::value(path, key(name), sd, "a number of 0 or more"));
+                }
             }
             if let Some(talk) = sensor.cross_talk.iter().find(|talk| !talk.coefficients.iter().all(|c| c.is_finite())) {
                 let found = format!("{:?}", talk.coefficients);
@@ -345,7 +352,7 @@ impl CalibrationFile {
             rest: self.whisker.rest_shape(),
             domain: face.domain.clone(),
             label: loaded.label(),
-            model: loaded,
+            model: loaded.into(),
             error: model.error.clone(),
             heldout_rms_n_m: model.heldout_rms_n_m,
             heldout_worst_n_m: model.heldout_worst_n_m,

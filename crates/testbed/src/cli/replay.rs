@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::Context;
 use serde_json::Value;
 use trace::{CalibrationFile, Trace, write_atomically};
 use whisker::estimators;
 use whisker::events::TouchConfig;
+use whisker::sensor::CalibratedFace;
 
 use super::{front_end, json, noise_fraction, print};
 use crate::dataset::calibrations;
@@ -85,7 +87,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let played = Played { sensor, neighbours: &neighbours, ..played };
     let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
     let noise_sd_n_m = played.noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
-    let knowledge = knowledge(sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
+    let mut faces = calibration.calibrated(&path, row.sensor_model)?;
+    if let Some(sensor) = sensor {
+        let read_by = |face: &Arc<CalibratedFace>| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd));
+        faces = faces.iter().map(read_by).collect();
+    }
+    let knowledge = knowledge(sidecar, &faces, noise_sd_n_m);
     let readings_n_m = front_end.readings_n_m(&played)?;
     let touch = TouchConfig::default();
     let mut estimator = estimator(row, &config, touch, &knowledge, &sidecar.name, arguments.seed)?;

@@ -578,7 +578,7 @@ impl Bench {
             let rows = bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
             write_atomically(&path, &csv_bytes(&rows)?)?;
         }
-        let robot = knowledge(sidecar, &calibration.faces[&None], noise_sd_n_m);
+        let robot = knowledge(sidecar, &read_by(job.trial, &calibration.faces[&None]), noise_sd_n_m);
         let touched = replay::touched(settings.touch, &robot, &samples);
         if let Some(folder) = out {
             for row in DETECTORS {
@@ -596,8 +596,8 @@ impl Bench {
         let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
         done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
         for (entrant, name) in self.entrants.iter().zip(self.names()) {
-            let faces = &calibration.faces[&entrant.sensor_model()];
-            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
+            let faces = read_by(job.trial, &calibration.faces[&entrant.sensor_model()]);
+            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
             let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
@@ -726,6 +726,14 @@ impl Calibration {
             self.faces.insert(label, self.file.calibrated(&self.path, label)?);
         }
         Ok(())
+    }
+}
+
+/// Calibrated faces as a trial's sensor reads them, with what it may be off by throughout.
+fn read_by(trial: &BenchTrial, faces: &[Arc<CalibratedFace>]) -> Vec<Arc<CalibratedFace>> {
+    match &trial.sensor {
+        Some(sensor) => faces.iter().map(|face| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd))).collect(),
+        None => faces.to_vec(),
     }
 }
 

@@ -42,7 +42,7 @@ fn write_run(folder: &Path, whole: bool) {
         "heldout_rms_n_m": 1e-7, "heldout_worst_n_m": 5e-7, "largest_reading_n_m": 1e-4,
     });
     let sensor = json!({
-        "name": "straight", "array": "left", "common_mode": [0.0, 1.0], "cross_talk": [], "noise_sd_n_m": 1e-7,
+        "name": "straight", "array": "left", "common_mode": [0.0, 1.0], "cross_talk": [], "noise_sd_n_m": 1e-7, "offset_sd_n_m": 1e-8, "gain_sd": 1e-3,
         "characteristic": {"coefficients": [2e7], "range_n_m": [-5e-5, 0.0]},
     });
     let run = json!({

@@ -70,5 +70,9 @@ mod tests {
         let [x, y] = fit(&[stop(1.0, 0.0), stop(0.0, 6.0), stop(-5.0, -1.0), stop(2.0, -3.0)]);
         assert!((x - 0.02).abs() < 1e-12 && (y - 1.1).abs() < 1e-12);
         assert_eq!(fit(&[stop(3.0, 3.0); 4]), [0.0, 0.0]);
+        let noise = |i: u32| f64::from((i * 7919) % 13) - 6.0;
+        let unrelated: Vec<Counts> =
+            (0..24).map(|i| Counts { own: noise(i), reference: [noise(i + 31), noise(3 * i + 5)] }).collect();
+        assert_eq!(fit(&unrelated), [0.0, 0.0], "noise is no influence");
     }
 }

@@ -11,7 +11,7 @@
 //!
 //! Whoever uses the sensor knows what can be measured with it. Standing at a ring of headings, the whiskers free, they learn how much of the reference's
 //! counts appears in the sensor's (`common_mode`); while each whisker of the board in turn is swept as in the calibration traces and the others are free, by least squares, the
-//! [`Characteristic`] that turns counts into moments and the [`CrossTalk`] of the others; and from some recordings at rest the noise of the counts. Before each recording the reading is
+//! [`Characteristic`] that turns counts into moments and the [`CrossTalk`] of the others; and from some recordings at rest the noise of the counts, and by how much they are off throughout one. Before each recording the reading is
 //! zeroed, the whiskers free.
 
 mod common_mode;
@@ -31,7 +31,7 @@ use whisker::estimators::{Settings, SettingsError, parse, within};
 
 use super::{Chain, Mounting, Played, derived_seed};
 use crate::results::{TransferRow, csv_bytes};
-use crate::statistics::rms;
+use crate::statistics::{mean, rms};
 use dipole::Magnet;
 use noise::{Forgetting, Noise};
 use sensor::HallSensor;
@@ -353,29 +353,39 @@ impl Hall {
         rest.iter().map(|counts| counts.compensated(common_mode)).sum::<f64>() / samples as f64
     }
 
-    /// Root mean square of the counts of some recordings at rest, from zero.
-    fn rest_sd_counts(&self, mounting: &Mounting, seat: usize, seed: u64, dt_s: f64, common_mode: [f64; 2]) -> f64 {
+    /// Root mean squares of the counts of some recordings at rest, from zero: of what changes within one, and of the mean of one.
+    fn rest_sd_counts(
+        &self,
+        mounting: &Mounting,
+        seat: usize,
+        seed: u64,
+        dt_s: f64,
+        common_mode: [f64; 2],
+    ) -> (f64, f64) {
         let board = Board::new(&self.config, mounting);
-        let mut read = Vec::new();
+        let (mut changing, mut staying) = (Vec::new(), Vec::new());
         for rest in 0..RESTS {
             let mut watch = board.watch(&mounting.on(&format!("rest {rest}")), seed);
             let zero = self.zero_counts(&mut watch, seat, common_mode, dt_s, 0.0);
             let still = watch.rest(seat, samples_in(REST_S, dt_s), dt_s, 0.0);
-            read.extend(still.iter().map(|counts| counts.compensated(common_mode) - zero));
+            let counts = || still.iter().map(|counts| counts.compensated(common_mode) - zero);
+            let mean = mean(counts()).unwrap_or(0.0);
+            changing.extend(counts().map(|counts| counts - mean));
+            staying.push(mean);
         }
-        rms(&read).unwrap_or(0.0)
+        (rms(&changing).unwrap_or(0.0), rms(&staying).unwrap_or(0.0))
     }
 
-    /// Moments of a whisker and the counts of a sensor on the same board, while that whisker is swept as in some recordings and all others are free.
+    /// Moments of a whisker and the counts of a sensor on the same board, while that whisker is swept as in some recordings and all others are free: those of
+    /// each recording.
     fn swept(
         &self,
         mounting: &Mounting,
         (whisker, sensor): (usize, usize),
         recordings: &[Played],
         common_mode: [f64; 2],
-    ) -> Vec<(f64, f64)> {
-        let mut pairs = Vec::new();
-        for played in recordings {
+    ) -> Vec<Vec<(f64, f64)>> {
+        let of_one = |played: &Played| {
             let swept = Mounting { sensor: mounting.board[whisker].sensor.clone(), ..mounting.clone() };
             // Sweeps of one whisker and of another are occasions of their own.
             let swept = swept.on(&format!("{} of {}", played.mounting.recording, swept.sensor));
@@ -383,10 +393,25 @@ impl Hall {
             rotations_rad[whisker] = played.rotations_rad();
             let played = Played { mounting: &swept, ..*played };
             let counts = self.counts(&played, &rotations_rad, sensor, common_mode);
-            pairs.extend(played.recording.instants.iter().map(|instant| instant.moment_z_n_m).zip(counts));
-        }
-        pairs
+            played.recording.instants.iter().map(|instant| instant.moment_z_n_m).zip(counts).collect()
+        };
+        recordings.iter().map(of_one).collect()
     }
+}
+
+/// Standard deviation, from recording to recording, of the gain by which its counts best follow a characteristic, relative.
+fn gain_sd(characteristic: &Characteristic, recordings: &[Vec<(f64, f64)>]) -> f64 {
+    let gain = |pairs: &Vec<(f64, f64)>| {
+        let sums = pairs.iter().map(|(moment_n_m, counts)| (characteristic.counts(*moment_n_m), counts));
+        let (both, square) = sums.fold((0.0, 0.0), |(both, square), (expected, counts)| {
+            (both + expected * counts, square + expected * expected)
+        });
+        (square > 0.0).then(|| both / square)
+    };
+    let gains: Vec<f64> = recordings.iter().filter_map(gain).collect();
+    let middle = mean(gains.iter().copied()).unwrap_or(1.0);
+    let squares: f64 = gains.iter().map(|gain| (gain / middle - 1.0).powi(2)).sum();
+    (squares / (gains.len().max(2) - 1) as f64).sqrt()
 }
 
 impl Chain for Hall {
@@ -403,7 +428,8 @@ impl Chain for Hall {
             true => common_mode::learn(&Board::new(&self.config, mounting), mounting, own, first.seed, dt_s),
             false => [0.0; 2],
         };
-        let pairs = self.swept(mounting, (own, own), recordings, common_mode);
+        let swept = self.swept(mounting, (own, own), recordings, common_mode);
+        let pairs = swept.concat();
         let characteristic = Characteristic::fit(DEGREE, &pairs).with_context(|| {
             format!(
                 "sensor `{sensor}`: its counts saturate or turn back within the calibration and do not tell moments"
@@ -411,17 +437,25 @@ impl Chain for Hall {
         })?;
         let others = board.iter().enumerate().filter(|(whisker, _)| *whisker != own);
         let cross_talk = others.map(|(whisker, seat)| {
-            let pairs = self.swept(mounting, (whisker, own), recordings, common_mode);
+            let pairs = self.swept(mounting, (whisker, own), recordings, common_mode).concat();
             // Where the sweep tells nothing of it, the characteristic cannot be had either.
             let coefficients = through_zero(CROSS_TALK_DEGREE, &pairs).unwrap_or_default();
             CrossTalk { from: seat.sensor.clone(), coefficients }
         });
         let cross_talk = cross_talk.collect();
-        let rest_sd_counts = self.rest_sd_counts(mounting, own, first.seed, dt_s, common_mode);
+        let (changing_counts, staying_counts) = self.rest_sd_counts(mounting, own, first.seed, dt_s, common_mode);
         let per_count: Vec<f64> = pairs.iter().map(|(moment_n_m, _)| 1.0 / characteristic.slope(*moment_n_m)).collect();
-        let noise_sd_n_m = rest_sd_counts * rms(&per_count).unwrap_or(0.0);
-        let (name, array) = (sensor.clone(), array.clone());
-        Ok(Some(SensorFile { name, array, common_mode, characteristic, cross_talk, noise_sd_n_m }))
+        let per_count_n_m = rms(&per_count).unwrap_or(0.0);
+        Ok(Some(SensorFile {
+            name: sensor.clone(),
+            array: array.clone(),
+            common_mode,
+            cross_talk,
+            noise_sd_n_m: changing_counts * per_count_n_m,
+            offset_sd_n_m: staying_counts * per_count_n_m,
+            gain_sd: gain_sd(&characteristic, &swept),
+            characteristic,
+        }))
     }
 
     /// The cross-talk is taken out by what the others' counts tell of their moments as they are: what in these is cross-talk is a hundredth of a hundredth.
