@@ -13,7 +13,7 @@ mod view;
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
-use crate::contour::{Circle, Contour, SurfacePoint};
+use crate::contour::{Circle, Contour, SurfacePoint, Vertex};
 
 use grid::Grid;
 pub(crate) use judge::{Judged, Truths, judged, true_circle};
@@ -54,6 +54,9 @@ impl MapConfig {
 /// Cells around an open one that must be free, too: a surface with its errors is no farther away.
 const MARGIN: i32 = 2;
 
+/// Most tangents of an object by which its points are judged.
+const TANGENTS: usize = 200;
+
 /// An object as it was found.
 #[derive(Clone, Debug)]
 pub(crate) struct FoundObject {
@@ -93,8 +96,11 @@ impl SceneMap {
         let mut objects: Vec<FoundObject> = gating::objects(&places, &grid.open(MARGIN))
             .into_iter()
             .filter_map(|members| {
-                let points: Vec<(usize, Seen)> =
+                let mut points: Vec<(usize, Seen)> =
                     members.into_iter().flat_map(|touch| touches[touch].0.iter().copied()).collect();
+                let every = points.len().div_ceil(TANGENTS).max(1);
+                let tangents: Vec<Vertex> = points.iter().step_by(every).map(|(_, seen)| seen.vertex()).collect();
+                points.retain(|(_, seen)| gating::is_behind(&seen.vertex(), &tangents));
                 let contour = merged(points.iter().map(|(_, seen)| seen))?;
                 let circle = Circle::round(&contour);
                 Some(FoundObject { points, contour, circle })

@@ -5,7 +5,7 @@ use whisker::frames::{Base, Point, World};
 
 use super::MapConfig;
 use super::grid::Grid;
-use crate::contour::{SurfacePoint, surface_points};
+use crate::contour::{SurfacePoint, Vertex, surface_points};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 
@@ -36,6 +36,14 @@ pub(crate) struct Seen {
     pub(crate) point: SurfacePoint,
     /// Time since the start.
     pub(crate) t_s: f64,
+}
+
+impl Seen {
+    /// The place with its tangent.
+    pub(crate) fn vertex(&self) -> Vertex {
+        let SurfacePoint { at, normal_rad, covariance_m2, .. } = self.point;
+        Vertex { at: Point::from_vector(at), normal_rad, covariance_m2, touched: true }
+    }
 }
 
 impl View {
