@@ -150,11 +150,12 @@ fn val_neighbours_add_their_dipoles_and_share_the_reference() {
     assert!((board.reference_place.coords - middle).norm() < 1e-15);
 }
 
-/// Of what a neighbour does to readings whole counts remain.
+/// What a neighbour does to readings is taken out to a tenth.
 #[test]
 fn val_cross_talk_is_taken_out() {
     let quiet = Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() };
-    let hall = hall(quiet);
+    // Counts so fine that whole ones are no matter.
+    let hall = hall(Config { gain_counts_per_t: 1e3 * quiet.gain_counts_per_t, bits: 32, ..quiet });
     let trace = golden("golden_pin");
     let mut still = trace.clone();
     still
@@ -172,7 +173,7 @@ fn val_cross_talk_is_taken_out() {
     };
     let without = worst_n_m(&SensorFile { cross_talk: Vec::new(), ..one.clone() });
     let with = worst_n_m(&one);
-    assert!(with < 0.2 * without, "{with} of {without} N m are left");
+    assert!(with < 0.1 * without, "{with} of {without} N m are left");
 }
 
 #[test]
