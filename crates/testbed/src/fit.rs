@@ -159,7 +159,10 @@ fn fit_whisker(
     inputs.extend(candidates.iter().map(|it| format!("{} {}", it.row.kind, it.config)));
     inputs.extend([settings.noise.to_string(), settings.seed.to_string()]);
     inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
-    inputs.extend(mountings.iter().map(|mounting| format!("{}/{}", mounting.array, mounting.sensor)));
+    inputs.extend(mountings.iter().map(|mounting| {
+        let board: Vec<_> = mounting.board.iter().map(|seat| (&seat.sensor, seat.base.to_homogeneous())).collect();
+        format!("{}/{} on {board:?}", mounting.array, mounting.sensor)
+    }));
     let watermark = watermark(inputs.iter().map(String::as_str));
     let path = out.join(format!("{}.json", whisker.name));
     let for_report = |face: &FaceFile| {
@@ -184,13 +187,13 @@ fn fit_whisker(
     let noise = if is_recorded { 0.0 } else { settings.noise };
     let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
     let played = |(trace, mounting)| Played::new(trace, mounting, noise * largest, settings.seed);
-    let played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
+    let mut played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
     let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;
     let mut readings_n_m = Vec::new();
-    for played in &played {
+    for played in &mut played {
         let Mounting { array, sensor, .. } = played.mounting;
-        let sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
-        readings_n_m.push(front_end.readings_n_m(played, sensor)?);
+        played.sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
+        readings_n_m.push(front_end.readings_n_m(played)?);
     }
     let mut faces = Vec::new();
     let mut left_out = Vec::new();

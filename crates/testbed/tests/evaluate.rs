@@ -115,7 +115,7 @@ fn verif_readings_of_a_hall_sensor_do_not_depend_on_the_number_of_threads() {
         });
         let again = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap();
         assert!(evaluated.is_new && !again.is_new);
-        let of_sensor = ["sensors/straight.turn.csv", "sensors/straight.transfer.csv"];
+        let of_sensor = ["sensors/straight.straight.turn.csv", "sensors/straight.straight.transfer.csv"];
         let files = ["trials.csv", "estimates/pin.ekf.csv"].into_iter().chain(of_sensor);
         files.map(|file| fs::read(evaluated.folder.join(file)).unwrap()).collect::<Vec<_>>()
     };

@@ -230,6 +230,14 @@ fn robust_damaged_recordings_are_named() {
     check_fails(json, replaced("\"recording\"", "\"recordings\""), &["scene_00.json", "kind"]);
     check_fails(json, replaced("\"left_2\"", "\"left_1\""), &["whiskers[1].name", "`left_1` again", "each once"]);
     check_fails(json, replaced("0.12,", "0.13,"), &["scene_00_left_2.csv:2", "base_x_m", "the mount of `left_2`"]);
+    let tilted = |text: String| {
+        let mut recording: Value = serde_json::from_str(&text).unwrap();
+        let (sin, cos) = 0.01_f64.sin_cos();
+        recording["whiskers"][1]["mount"] =
+            json!([1.0, 0.0, 0.0, 0.12, 0.0, cos, -sin, 0.0, 0.0, sin, cos, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        recording.to_string()
+    };
+    check_fails(json, tilted, &["scene_00_left_2.csv:2", "tilted by 0.01", "`left_2`", "to within 0.001 rad"]);
     check_fails(json, replaced("\"rows\": 363", "\"rows\": 362"), &["scene_00.joints.csv:365", "363 rows", "362 rows"]);
     let joints = "scene_00.joints.csv";
     check_fails(joints, replaced("q1_rad", "q1_deg"), &[joints, "sha256", "as `joints` says"]);

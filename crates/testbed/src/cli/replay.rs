@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::Context;
 use serde_json::Value;
 use trace::{CalibrationFile, Trace, write_atomically};
 use whisker::estimators;
 use whisker::events::TouchConfig;
+use whisker::sensor::CalibratedFace;
 
 use super::{front_end, json, noise_fraction, print};
 use crate::dataset::calibrations;
@@ -66,11 +68,32 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let config = merged((row.defaults)(), &arguments.config)?;
     let largest = trace.recording.instants.iter().map(|i| i.moment_z_n_m.abs()).fold(0.0, f64::max);
     let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(sidecar));
+    let beside: Vec<(Trace, Mounting)> = mounting
+        .board
+        .iter()
+        .filter_map(|seat| seat.trace.as_ref().filter(|name| **name != sidecar.name))
+        .map(|name| {
+            let trace = Trace::read(&beside_trace.join(format!("{name}.csv")))?;
+            let mounting = Mounting::of(beside_trace, &trace.sidecar)?;
+            Ok((trace, mounting))
+        })
+        .collect::<anyhow::Result<_>>()?;
+    let neighbours = beside.iter().map(|(trace, mounting)| {
+        let sensor = front_end.sensor(&path, &calibration, mounting)?;
+        Ok(Played { sensor, ..Played::new(trace, mounting, noise * largest, arguments.seed) })
+    });
+    let neighbours = neighbours.collect::<anyhow::Result<Vec<_>>>()?;
     let played = Played::new(&trace, &mounting, noise * largest, arguments.seed);
+    let played = Played { sensor, neighbours: &neighbours, ..played };
     let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
     let noise_sd_n_m = played.noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
-    let knowledge = knowledge(sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
-    let readings_n_m = front_end.readings_n_m(&played, sensor)?;
+    let mut faces = calibration.calibrated(&path, row.sensor_model)?;
+    if let Some(sensor) = sensor {
+        let read_by = |face: &Arc<CalibratedFace>| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd));
+        faces = faces.iter().map(read_by).collect();
+    }
+    let knowledge = knowledge(sidecar, &faces, noise_sd_n_m);
+    let readings_n_m = front_end.readings_n_m(&played)?;
     let touch = TouchConfig::default();
     let mut estimator = estimator(row, &config, touch, &knowledge, &sidecar.name, arguments.seed)?;
     let samples = samples(&trace.recording, &readings_n_m);

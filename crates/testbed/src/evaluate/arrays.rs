@@ -12,7 +12,7 @@ use trace::{ArrayRecording, Trace, write_atomically};
 use super::EvaluateSettings;
 use crate::contour::Vertex;
 use crate::encoders::Encoders;
-use crate::map::{FoundObject, Judged, MapConfig, SceneMap, View, judged};
+use crate::map::{FoundObject, Judged, MapConfig, SceneMap, Truths, View, judged};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 use crate::results::{GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, RunMounted, RunRecording, csv_bytes};
@@ -90,7 +90,7 @@ fn under(name: &str, encoders: &Encoders) -> String {
 
 impl Mounted {
     /// Name of the recording, as it is replayed.
-    fn recording(&self) -> String {
+    pub(super) fn recording(&self) -> String {
         under(&self.array.sidecar.name, &self.encoders)
     }
 
@@ -176,7 +176,16 @@ const TABLES: [&str; 3] = ["points", "outlines", "grid"];
 ///
 /// # Errors
 /// If a file cannot be written.
-pub(super) fn write_maps(folder: &Path, sightings: &[Sighting], settings: &EvaluateSettings) -> anyhow::Result<()> {
+pub(super) fn write_maps<'a>(
+    folder: &Path,
+    sightings: &[Sighting],
+    trials: impl Iterator<Item = (&'a Trace, &'a Mounted)>,
+    settings: &EvaluateSettings,
+) -> anyhow::Result<()> {
+    let mut truths: BTreeMap<String, Truths> = BTreeMap::new();
+    for (trace, mounted) in trials {
+        truths.entry(mounted.recording()).or_default().insert(mounted.whisker, &trace.truth);
+    }
     let mut scenes: Vec<Vec<&Sighting>> = Vec::new();
     let mut places = BTreeMap::new();
     for sighting in sightings {
@@ -196,7 +205,7 @@ pub(super) fn write_maps(folder: &Path, sightings: &[Sighting], settings: &Evalu
             if first.noise == settings.noise[0] && first.seed == settings.seeds[0] {
                 write_map(folder, first, &map, &views)?;
             }
-            let judged = judged(&map, &views, &first.mounted.array).unwrap_or_default();
+            let judged = judged(&map, &views, &truths[&first.mounted.recording()], &first.mounted.array);
             Ok((map_row(first, &map, &views, &judged), object_rows(first, &map, &judged)))
         })
         .collect::<anyhow::Result<_>>()?;

@@ -244,7 +244,7 @@ pub fn evaluate(
     for (name, bytes) in tables {
         write_atomically(&part.path().join(name), &bytes)?;
     }
-    arrays::write_maps(part.path(), &sightings, settings)?;
+    arrays::write_maps(part.path(), &sightings, bench.mounted(), settings)?;
     bench.copy_for_report(part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
     part.finish()?;
@@ -473,8 +473,7 @@ impl Bench {
             })
             .collect();
         let front_end = self.front_end.describe(self.sensors().cloned().collect());
-        let mounted = self.trials.iter().filter_map(|trial| Some((&trial.trace, trial.mounted.as_ref()?)));
-        let recordings = arrays::recordings(mounted.clone(), settings.map);
+        let recordings = arrays::recordings(self.mounted(), settings.map);
         let mut inputs = vec![
             serde_json::to_string(&(
                 &settings.name,
@@ -487,7 +486,7 @@ impl Bench {
             serde_json::to_string(&front_end)?,
             serde_json::to_string(&recordings)?,
         ];
-        inputs.extend(arrays::inputs(mounted.map(|(_, mounted)| mounted))?);
+        inputs.extend(arrays::inputs(self.mounted().map(|(_, mounted)| mounted))?);
         for trial in &self.trials {
             let sidecar = &trial.trace.sidecar;
             inputs.push(sidecar.csv_sha256.clone());
@@ -521,11 +520,32 @@ impl Bench {
         self.added_noise_sd_n_m(trial, noise).hypot(of_sensor).hypot(trial.trace.sidecar.own_noise_sd_n_m())
     }
 
+    /// The trials that are whiskers of recordings of several.
+    fn mounted(&self) -> impl Iterator<Item = (&Trace, &Mounted)> {
+        self.trials.iter().filter_map(|trial| Some((&trial.trace, trial.mounted.as_ref()?)))
+    }
+
+    /// A trial as the front end is played it at a noise level.
+    fn played<'a>(&self, trial: &'a BenchTrial, noise: f64, seed: u64) -> Played<'a> {
+        let played = Played::new(&trial.trace, &trial.mounting, self.added_noise_sd_n_m(trial, noise), seed);
+        Played { sensor: trial.sensor.as_ref(), ..played }
+    }
+
+    /// The trials of the other whiskers of the same board, in the same recording under the same encoders.
+    fn neighbours<'a>(&'a self, trial: &'a BenchTrial) -> impl Iterator<Item = &'a BenchTrial> {
+        self.trials.iter().filter(move |other| {
+            let together = trial.mounted.as_ref().zip(other.mounted.as_ref());
+            together.is_some_and(|(one, other)| one.recording() == other.recording())
+                && trial.mounting.array == other.mounting.array
+                && trial.mounting.sensor != other.mounting.sensor
+        })
+    }
+
     /// The sensors of the trials, each once.
     fn sensors(&self) -> impl Iterator<Item = &SensorFile> {
         let mut seen = BTreeSet::new();
         let of_trials = self.trials.iter().filter_map(|trial| trial.sensor.as_ref());
-        of_trials.filter(move |sensor| seen.insert(&sensor.name))
+        of_trials.filter(move |sensor| seen.insert((&sensor.array, &sensor.name)))
     }
 
     /// What no estimator can do better than on a trial at a noise level.
@@ -542,23 +562,23 @@ impl Bench {
     /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
     /// run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
     fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
-        let &Job { trial: BenchTrial { trace: played, outline, mounting, sensor, mounted, told }, noise, seed, bound } =
-            job;
-        let known = mounted.as_ref().map_or(Cow::Borrowed(played), |mounted| mounted.known(played, seed));
+        let &Job { trial: BenchTrial { trace: true_one, outline, mounted, told, .. }, noise, seed, bound } = job;
+        let known = mounted.as_ref().map_or(Cow::Borrowed(true_one), |mounted| mounted.known(true_one, seed));
         let trace = known.as_ref();
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
         let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
         // The earth's field turns with the sensor as it is, not as the encoders have it.
-        let played = Played::new(played, mounting, self.added_noise_sd_n_m(job.trial, noise), seed);
-        let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
+        let neighbours: Vec<Played> = self.neighbours(job.trial).map(|other| self.played(other, noise, seed)).collect();
+        let played = Played { neighbours: &neighbours, ..self.played(job.trial, noise, seed) };
+        let readings_n_m = self.front_end.readings_n_m(&played)?;
         let samples = samples(&trace.recording, &readings_n_m);
         if let Some(folder) = out {
             let path = folder.join("bounds").join(format!("{}.csv", sidecar.name));
             let rows = bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
             write_atomically(&path, &csv_bytes(&rows)?)?;
         }
-        let robot = knowledge(sidecar, &calibration.faces[&None], noise_sd_n_m);
+        let robot = knowledge(sidecar, &read_by(job.trial, &calibration.faces[&None]), noise_sd_n_m);
         let touched = replay::touched(settings.touch, &robot, &samples);
         if let Some(folder) = out {
             for row in DETECTORS {
@@ -576,8 +596,8 @@ impl Bench {
         let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
         done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
         for (entrant, name) in self.entrants.iter().zip(self.names()) {
-            let faces = &calibration.faces[&entrant.sensor_model()];
-            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
+            let faces = read_by(job.trial, &calibration.faces[&entrant.sensor_model()]);
+            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
             let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
@@ -706,6 +726,14 @@ impl Calibration {
             self.faces.insert(label, self.file.calibrated(&self.path, label)?);
         }
         Ok(())
+    }
+}
+
+/// Calibrated faces as a trial's sensor reads them, with what it may be off by throughout.
+fn read_by(trial: &BenchTrial, faces: &[Arc<CalibratedFace>]) -> Vec<Arc<CalibratedFace>> {
+    match &trial.sensor {
+        Some(sensor) => faces.iter().map(|face| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd))).collect(),
+        None => faces.to_vec(),
     }
 }
 

@@ -28,7 +28,7 @@ type Value = fn(&TurnRow) -> f64;
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let mut turns = Vec::new();
     for sensor in data.run.front_end.sensors.iter().take(MOST) {
-        turns.extend(data.turn(&sensor.name)?.map(|rows| (sensor.name.clone(), rows)));
+        turns.extend(data.turn(sensor)?.map(|rows| (sensor.name.clone(), rows)));
     }
     if turns.is_empty() {
         return Ok(None);
