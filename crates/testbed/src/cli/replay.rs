@@ -14,7 +14,7 @@ use crate::dataset::calibrations;
 use crate::evaluate::estimate_rows;
 use crate::front_end::{FrontEnd, Mounting, Played};
 use crate::metrics::Trial;
-use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
+use crate::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, replay, samples};
 use crate::results::{RECOMMENDED, csv_bytes};
 use crate::settings::merged;
 
@@ -67,8 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let largest = trace.recording.instants.iter().map(|i| i.moment_z_n_m.abs()).fold(0.0, f64::max);
     let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(sidecar));
     let played = Played::new(&trace, &mounting, noise * largest, arguments.seed);
-    let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
-    let noise_sd_n_m = played.noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
+    let noise_sd_n_m = noise_sd_n_m(played.noise_sd_n_m, sensor, sidecar);
     let knowledge = knowledge(sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
     let readings_n_m = front_end.readings_n_m(&played, sensor)?;
     let touch = TouchConfig::default();

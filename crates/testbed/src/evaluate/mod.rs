@@ -22,7 +22,7 @@ use trace::{
     CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically,
     write_json,
 };
-use whisker::estimators::{ESTIMATORS, Knowledge, ModelShares, Told};
+use whisker::estimators::{BaseNoise, ESTIMATORS, Knowledge, ModelShares, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
@@ -39,8 +39,8 @@ use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
 use crate::replay::{self, check_calibration, knowledge, samples};
 use crate::results::{
-    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SEVERAL, SummaryRow, TrialHead, TrialRow,
-    csv_bytes, has_outline, read_rows, read_scores, score_bytes,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
+    has_outline, read_rows, read_scores, score_bytes,
 };
 
 use arrays::{Arrays, Mounted, Sighting};
@@ -52,7 +52,7 @@ pub use starts::Starts;
 pub use tables::estimate_rows;
 
 /// What to evaluate and how.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EvaluateSettings {
     /// Name of the run.
     pub name: String,
@@ -133,6 +133,13 @@ struct BenchTrial {
     mounted: Option<Mounted>,
     /// What the estimators are told of the first touch.
     told: Option<Told>,
+}
+
+impl BenchTrial {
+    /// How well the robot knows its base.
+    fn base_noise(&self) -> BaseNoise {
+        self.mounted.as_ref().map(Mounted::base_noise).unwrap_or_default()
+    }
 }
 
 /// Everything a trial needs, prepared once.
@@ -515,10 +522,9 @@ impl Bench {
         noise * self.largest_readings[&set_key(&trial.trace)]
     }
 
-    /// Standard deviation of all of its measurement noise: what is added, what the sensor has, and what a recording has of itself.
+    /// Standard deviation of all of its measurement noise.
     fn noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
-        let of_sensor = trial.sensor.as_ref().map_or(0.0, |sensor| sensor.noise_sd_n_m);
-        self.added_noise_sd_n_m(trial, noise).hypot(of_sensor).hypot(trial.trace.sidecar.own_noise_sd_n_m())
+        replay::noise_sd_n_m(self.added_noise_sd_n_m(trial, noise), trial.sensor.as_ref(), &trial.trace.sidecar)
     }
 
     /// The sensors of the trials, each once.
@@ -536,7 +542,7 @@ impl Bench {
             .iter()
             .find(|face| face.face == sidecar.face)
             .expect("the face was checked when the trial was opened");
-        TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
+        TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise), &trial.base_noise())
     }
 
     /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
@@ -548,9 +554,12 @@ impl Bench {
         let trace = known.as_ref();
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
-        let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
-        // The earth's field turns with the sensor as it is, not as the encoders have it.
-        let played = Played::new(played, mounting, self.added_noise_sd_n_m(job.trial, noise), seed);
+        let (noise_sd_n_m, base_noise) = (self.noise_sd_n_m(job.trial, noise), job.trial.base_noise());
+        // The earth's field turns with the sensor as it is, not as the encoders have it, and its noise is the same whatever these are.
+        let played = Played {
+            sidecar: mounted.as_ref().map_or(&played.sidecar, Mounted::sidecar),
+            ..Played::new(played, mounting, self.added_noise_sd_n_m(job.trial, noise), seed)
+        };
         let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
         let samples = samples(&trace.recording, &readings_n_m);
         if let Some(folder) = out {
@@ -578,7 +587,7 @@ impl Bench {
         for (entrant, name) in self.entrants.iter().zip(self.names()) {
             let faces = &calibration.faces[&entrant.sensor_model()];
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
-            let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
+            let knowledge = Arc::new(Knowledge { told: *told, base_noise, ..knowledge });
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
             let replay = entrant.replay(&task)?;
@@ -589,7 +598,7 @@ impl Bench {
             if let Some(mounted) = mounted {
                 done.sightings.push(mounted.sighting((&trial, &replay), (&name, noise, seed), &settings.map)?);
             }
-            let contour = Contour::found(&trial, &replay, 0).filter(|_| sidecar.object != SEVERAL);
+            let contour = Contour::found(&trial, &replay, 0).filter(|_| mounted.is_none());
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;

@@ -13,7 +13,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
-use trace::{ArrayRecording, CalibrationFile, Digest, FrontEndFile, Recording, SensorFile, Sidecar, Trace};
+use trace::{ArraySidecar, CalibrationFile, Digest, FrontEndFile, Recording, SensorFile, Sidecar, Trace};
 
 use crate::settings::merged;
 
@@ -251,12 +251,12 @@ impl Mounting {
     pub fn of(folder: &Path, sidecar: &Sidecar) -> anyhow::Result<Self> {
         let Some(recording) = &sidecar.recording else { return Ok(Self::alone(sidecar)) };
         let path = folder.join(format!("{recording}.json"));
-        let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
-        let whisker = whiskers.into_iter().find(|whisker| whisker.trace == sidecar.name);
-        let whisker = whisker.with_context(|| {
+        let array = ArraySidecar::read(&path)?;
+        let place = array.place_of(&sidecar.name).with_context(|| {
             format!("{}: whiskers: expected one with the trace `{}`, found none", path.display(), sidecar.name)
         })?;
-        Ok(Self { sensor: whisker.name, array: whisker.array, recording: recording.clone() })
+        let whisker = &array.whiskers[place];
+        Ok(Self { sensor: whisker.name.clone(), array: whisker.array.clone(), recording: recording.clone() })
     }
 }
 
