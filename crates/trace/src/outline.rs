@@ -65,12 +65,6 @@ impl Outline {
         &self.vertices
     }
 
-    /// Mean of the vertices.
-    pub fn middle(&self) -> Point<World> {
-        let vertices = &self.vertices[1..];
-        Point::from_vector(vertices.iter().map(|vertex| vertex.vector()).sum::<Vector2<f64>>() / vertices.len() as f64)
-    }
-
     /// Distance from a point to the outline, inside or outside.
     pub fn distance_m(&self, point: Point<World>) -> f64 {
         self.vertices
