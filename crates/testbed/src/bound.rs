@@ -5,7 +5,8 @@
 //! process has no noise: physically the contact on a pin does not diffuse, it moves by `(R + r) dpsi` while the whisker turns by `dpsi` on a pin of
 //! radius `R` with a wire of radius `r`. That displacement counts as known, so this is the bound of an estimator that is told how
 //! the contact slides. One that is not told knows less: the bound still holds for it, narrowly on a pin and loosely on a round object, where the slide
-//! is most of what there is to find out.
+//! is most of what there is to find out. Around a large one, or from one object on to the next, a contact slides over centimetres, and all readings of a long sweep
+//! tell of one place for whoever knows that slide: there the bound lies far below what anybody else can reach.
 //!
 //! Where the robot knows its base with noise, that counts as noise of the readings ([`BaseNoise`]).
 //!
