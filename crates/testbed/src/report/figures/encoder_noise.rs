@@ -73,7 +73,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
         for ((title, label, curves), frame) in panels.iter().zip(plot.columns(&equal(panels.len()), 150.0)) {
             let values =
                 curves.iter().flat_map(|curve| curve.points.iter().map(|point| point.1).chain(curve.perfect_mm));
-            let levels = Axis::marked("noise of each joint's angle, standard deviation (rad)", marks.clone());
+            let levels = Axis::marked("error of each joint's angle, standard deviation (rad)", marks.clone());
             let panel = Panel::new(canvas, frame, title, levels, Axis::logarithmic(label, values))?;
             for curve in curves {
                 let look = Look::of(curve.place);
