@@ -6,12 +6,15 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, Digest, FaceFile, Role, Sidecar, Trace, read_json, write_atomically, write_json};
+use trace::{
+    CalibrationFile, Digest, FaceFile, Role, Sidecar, Trace, TruthInstant, read_json, write_atomically, write_json,
+};
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Face, Fit, Material, ModelError, Sample};
 
 use crate::dataset::Dataset;
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
+use crate::map::true_circle;
 use crate::provenance::watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
 use crate::settings::merged;
@@ -267,6 +270,11 @@ fn fit_face(
     Ok((fits, failed))
 }
 
+/// Whether a contact, where there is one, is the only one and on the side of the whisker.
+fn is_single(truth: &TruthInstant) -> bool {
+    truth.tip != Some(true) && truth.split != Some(true)
+}
+
 fn clean_contacts(trace: &Trace) -> Vec<Sample> {
     contacts(trace, &trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect::<Vec<_>>())
 }
@@ -279,20 +287,21 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
         .iter()
         .zip(&trace.truth.instants)
         .zip(readings_n_m)
-        .filter(|((_, truth), _)| truth.tip != Some(true) && truth.split != Some(true))
+        .filter(|((_, truth), _)| is_single(truth))
         .filter_map(|((known, truth), &reading_n_m)| {
             Some(Sample { contact: known.base.inverse().apply(truth.contact?), reading_n_m })
         })
         .collect()
 }
 
-/// Mean distance of the known contacts from the middle of the object that touched. Where no outline is known the contacts stand for the middle.
+/// Radius of the round pin that touched and of the wire on it: the mean distance of the known contacts, single ones on the side of the whisker, from the middle of the pin.
+/// Nothing is known of it where no outline is known, or one that is not round: then 0.
 fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> anyhow::Result<f64> {
     let mut distances_m = Vec::new();
     for trace in traces {
-        let Some(middle) = trace.outline(folder)?.map(|outline| outline.middle()) else { return Ok(0.0) };
-        let contacts = trace.truth.instants.iter().filter_map(|truth| truth.contact);
-        distances_m.extend(contacts.map(|contact| contact.distance(&middle)));
+        let Some(pin) = trace.outline(folder)?.as_ref().and_then(true_circle) else { return Ok(0.0) };
+        let truths = trace.truth.instants.iter().filter(|truth| is_single(truth));
+        distances_m.extend(truths.filter_map(|truth| truth.contact).map(|contact| contact.distance(&pin.center)));
     }
     Ok(mean(distances_m).unwrap_or_default())
 }

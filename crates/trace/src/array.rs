@@ -128,8 +128,7 @@ impl ArrayRecording {
     /// # Errors
     /// [`Error`] names file, line and column or key, what was found and what was expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let sidecar: ArraySidecar = read_json(path)?;
-        sidecar.validate(path)?;
+        let sidecar = ArraySidecar::read(path)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let part = |key: &str, file: &str, expected: &str| {
             let path = folder.join(file);
@@ -157,16 +156,12 @@ impl ArrayRecording {
         Ok(Self { joints, outlines, moved_m, sidecar })
     }
 
-    /// The whisker whose trace this is.
-    pub fn whisker_of(&self, trace: &str) -> Option<&MountedWhisker> {
-        self.sidecar.whiskers.iter().find(|whisker| whisker.trace == trace)
-    }
-
-    /// Checks that a trace belongs to this recording: named by it, on its clock, its base where joints and mount put it. `path` is the trace's CSV.
+    /// Checks that a trace belongs to this recording: named by it, on its clock, its base where joints and mount put it. `path` is the trace's CSV. Returns the
+    /// place of its whisker in the recording.
     ///
     /// # Errors
     /// [`Error`] names what does not fit, by line and column of the trace or by key of its sidecar.
-    pub fn check(&self, path: &Path, trace: &Trace) -> Result<(), Error> {
+    pub fn check(&self, path: &Path, trace: &Trace) -> Result<usize, Error> {
         let name = &self.sidecar.name;
         let beside = path.with_extension("json");
         let said = trace.sidecar.recording.as_deref();
@@ -174,9 +169,10 @@ impl ArrayRecording {
             let found = said.map_or_else(|| "no such key".into(), |said| format!("`{said}`"));
             return Err(Error::value(&beside, "recording", found, format!("`{name}`, which names this trace")));
         }
-        let Some(whisker) = self.whisker_of(&trace.sidecar.name) else {
+        let Some(place) = self.sidecar.place_of(&trace.sidecar.name) else {
             return Err(Error::value(&beside, "recording", format!("`{name}`"), "a recording that names this trace"));
         };
+        let whisker = &self.sidecar.whiskers[place];
         if trace.sidecar.rate_hz != self.sidecar.rate_hz {
             return Err(Error::value(&beside, "rate_hz", trace.sidecar.rate_hz, self.sidecar.rate_hz));
         }
@@ -223,11 +219,26 @@ impl ArrayRecording {
                 }
             }
         }
-        Ok(())
+        Ok(place)
     }
 }
 
 impl ArraySidecar {
+    /// Reads a recording's file without the tables that it names.
+    ///
+    /// # Errors
+    /// [`Error`] names file and key, what was found and what was expected.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let sidecar: Self = read_json(path)?;
+        sidecar.validate(path)?;
+        Ok(sidecar)
+    }
+
+    /// Place of the whisker whose trace this is.
+    pub fn place_of(&self, trace: &str) -> Option<usize> {
+        self.whiskers.iter().position(|whisker| whisker.trace == trace)
+    }
+
     fn validate(&self, path: &Path) -> Result<(), Error> {
         if self.format != FORMAT {
             return Err(Error::value(path, "format", self.format, FORMAT));

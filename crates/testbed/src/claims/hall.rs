@@ -155,17 +155,12 @@ fn white_rmse_m(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>>
     let settings = EvaluateSettings {
         name: format!("white-{whisker}"),
         estimators: Some(vec![RECOMMENDED.into()]),
-        programs: Vec::new(),
-        config: Default::default(),
-        front_end: Default::default(),
         touch: run.touch,
         noise: vec![sensor.noise_sd_n_m / set.largest_reading_n_m],
         seeds: run.seeds.clone(),
-        starts: Default::default(),
-        encoders: Vec::new(),
-        map: Default::default(),
         calibrations: Some(context.dataset.calibrations(FRONT_ENDS[0].name)),
         results: folder.path().into(),
+        ..Default::default()
     };
     let evaluated = evaluate(&[pins.only(&set.traces)], &settings, &ProgressBar::hidden())?;
     Ok(evaluated.summary.first().and_then(|row| row.get(&error::RMSE)))

@@ -2,21 +2,19 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use anyhow::Context;
 use serde_json::Value;
 use trace::{CalibrationFile, Trace, write_atomically};
 use whisker::estimators;
 use whisker::events::TouchConfig;
-use whisker::sensor::CalibratedFace;
 
 use super::{front_end, json, noise_fraction, print};
 use crate::dataset::calibrations;
 use crate::evaluate::estimate_rows;
 use crate::front_end::{FrontEnd, Mounting, Played};
 use crate::metrics::Trial;
-use crate::replay::{check_calibration, estimator, knowledge, replay, samples};
+use crate::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by, replay, samples};
 use crate::results::{RECOMMENDED, csv_bytes};
 use crate::settings::merged;
 
@@ -85,13 +83,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let neighbours = neighbours.collect::<anyhow::Result<Vec<_>>>()?;
     let played = Played::new(&trace, &mounting, noise * largest, arguments.seed);
     let played = Played { sensor, neighbours: &neighbours, ..played };
-    let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
-    let noise_sd_n_m = played.noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
-    let mut faces = calibration.calibrated(&path, row.sensor_model)?;
-    if let Some(sensor) = sensor {
-        let read_by = |face: &Arc<CalibratedFace>| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd));
-        faces = faces.iter().map(read_by).collect();
-    }
+    let noise_sd_n_m = noise_sd_n_m(played.noise_sd_n_m, sensor, sidecar);
+    let faces = read_by(sensor, &calibration.calibrated(&path, row.sensor_model)?);
     let knowledge = knowledge(sidecar, &faces, noise_sd_n_m);
     let readings_n_m = front_end.readings_n_m(&played)?;
     let touch = TouchConfig::default();

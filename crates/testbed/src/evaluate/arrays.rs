@@ -2,14 +2,15 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::bail;
 use rayon::prelude::*;
-use trace::{ArrayRecording, Trace, write_atomically};
+use trace::{ArrayRecording, Sidecar, Trace, write_atomically};
+use whisker::estimators::BaseNoise;
 
-use super::EvaluateSettings;
+use super::{EvaluateSettings, check_distinct};
 use crate::contour::Vertex;
 use crate::encoders::Encoders;
 use crate::map::{FoundObject, Judged, MapConfig, SceneMap, Truths, View, judged};
@@ -23,7 +24,10 @@ pub(super) struct Mounted {
     array: Arc<ArrayRecording>,
     /// Place of the whisker in it.
     whisker: usize,
+    /// What is known of the trace as it was recorded, under its own name.
+    sidecar: Arc<Sidecar>,
     encoders: Encoders,
+    base_noise: BaseNoise,
 }
 
 /// What one whisker yields for one estimator.
@@ -36,9 +40,9 @@ pub(super) struct Sighting {
     view: View,
 }
 
-/// Reads the recordings that traces belong to, each once.
+/// Reads the recordings that traces belong to, each once, by their paths.
 #[derive(Default)]
-pub(super) struct Arrays(BTreeMap<String, Arc<ArrayRecording>>);
+pub(super) struct Arrays(BTreeMap<PathBuf, Arc<ArrayRecording>>);
 
 impl Arrays {
     /// A trace as trials: as it is or, where it belongs to a recording, once under each of some encoders, renamed and in a group of its own where they are not perfect.
@@ -48,18 +52,19 @@ impl Arrays {
         trace: Trace,
         encoders: &[Encoders],
     ) -> anyhow::Result<Vec<(Trace, Option<Mounted>)>> {
-        let Some(name) = trace.sidecar.recording.clone() else { return Ok(vec![(trace, None)]) };
-        let array = match self.0.get(&name) {
+        let Some(name) = &trace.sidecar.recording else { return Ok(vec![(trace, None)]) };
+        let path = folder.join(format!("{name}.json"));
+        let array = match self.0.get(&path) {
             Some(array) => array.clone(),
             None => {
-                let array = Arc::new(ArrayRecording::read(&folder.join(format!("{name}.json")))?);
-                self.0.insert(name, array.clone());
+                let array = Arc::new(ArrayRecording::read(&path)?);
+                self.0.insert(path, array.clone());
                 array
             }
         };
-        array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), &trace)?;
-        let whiskers = &array.sidecar.whiskers;
-        let whisker = whiskers.iter().position(|whisker| whisker.trace == trace.sidecar.name).unwrap_or_default();
+        let whisker = array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), &trace)?;
+        let mount = &array.sidecar.whiskers[whisker].mount;
+        let sidecar = Arc::new(trace.sidecar.clone());
         let perfect = [Encoders::default()];
         let encoders = if encoders.is_empty() { &perfect } else { encoders };
         let under = |encoders: &Encoders| {
@@ -69,13 +74,16 @@ impl Arrays {
                 trace.sidecar.group =
                     format!("{}, encoders {}", trace.sidecar.group, encoders.label().replace('_', " "));
             }
-            (trace, Some(Mounted { array: array.clone(), whisker, encoders: *encoders }))
+            let (array, sidecar, encoders) = (array.clone(), sidecar.clone(), *encoders);
+            let base_noise = encoders.base_noise(&array, mount);
+            (trace, Some(Mounted { array, whisker, sidecar, encoders, base_noise }))
         };
         Ok(encoders.iter().map(under).collect())
     }
 
-    /// Checks that there is an arm where encoders are asked for.
+    /// Checks that there is an arm where encoders are asked for, and that each recording has a name of its own.
     pub(super) fn check(&self, encoders: &[Encoders]) -> anyhow::Result<()> {
+        check_distinct("recording", self.0.values().map(|array| array.sidecar.name.clone()))?;
         if !encoders.is_empty() && self.0.is_empty() {
             bail!("encoders: found no recording of an arm among the traces, expected at least one");
         }
@@ -92,6 +100,16 @@ impl Mounted {
     /// Name of the recording, as it is replayed.
     pub(super) fn recording(&self) -> String {
         under(&self.array.sidecar.name, &self.encoders)
+    }
+
+    /// What is known of the trace as it was recorded.
+    pub(super) fn sidecar(&self) -> &Sidecar {
+        &self.sidecar
+    }
+
+    /// How well the robot knows the whisker's base.
+    pub(super) fn base_noise(&self) -> BaseNoise {
+        self.base_noise
     }
 
     /// The trace as the robot knows it under a seed: its base by what the encoders show.

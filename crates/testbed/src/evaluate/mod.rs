@@ -22,7 +22,7 @@ use trace::{
     CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically,
     write_json,
 };
-use whisker::estimators::{ESTIMATORS, Knowledge, ModelShares, Told};
+use whisker::estimators::{BaseNoise, ESTIMATORS, Knowledge, ModelShares, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
@@ -37,10 +37,10 @@ use crate::map::MapConfig;
 use crate::metrics::contact_events::Events;
 use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
-use crate::replay::{self, check_calibration, knowledge, samples};
+use crate::replay::{self, check_calibration, knowledge, read_by, samples};
 use crate::results::{
-    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SEVERAL, SummaryRow, TrialHead, TrialRow,
-    csv_bytes, has_outline, read_rows, read_scores, score_bytes,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
+    has_outline, read_rows, read_scores, score_bytes,
 };
 
 use arrays::{Arrays, Mounted, Sighting};
@@ -52,7 +52,7 @@ pub use starts::Starts;
 pub use tables::estimate_rows;
 
 /// What to evaluate and how.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EvaluateSettings {
     /// Name of the run.
     pub name: String,
@@ -133,6 +133,13 @@ struct BenchTrial {
     mounted: Option<Mounted>,
     /// What the estimators are told of the first touch.
     told: Option<Told>,
+}
+
+impl BenchTrial {
+    /// How well the robot knows its base.
+    fn base_noise(&self) -> BaseNoise {
+        self.mounted.as_ref().map(Mounted::base_noise).unwrap_or_default()
+    }
 }
 
 /// Everything a trial needs, prepared once.
@@ -514,10 +521,9 @@ impl Bench {
         noise * self.largest_readings[&set_key(&trial.trace)]
     }
 
-    /// Standard deviation of all of its measurement noise: what is added, what the sensor has, and what a recording has of itself.
+    /// Standard deviation of all of its measurement noise.
     fn noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
-        let of_sensor = trial.sensor.as_ref().map_or(0.0, |sensor| sensor.noise_sd_n_m);
-        self.added_noise_sd_n_m(trial, noise).hypot(of_sensor).hypot(trial.trace.sidecar.own_noise_sd_n_m())
+        replay::noise_sd_n_m(self.added_noise_sd_n_m(trial, noise), trial.sensor.as_ref(), &trial.trace.sidecar)
     }
 
     /// The trials that are whiskers of recordings of several.
@@ -525,10 +531,12 @@ impl Bench {
         self.trials.iter().filter_map(|trial| Some((&trial.trace, trial.mounted.as_ref()?)))
     }
 
-    /// A trial as the front end is played it at a noise level.
+    /// A trial as the front end is played it at a noise level. The earth's field turns with the sensor as it is, not as the encoders have it,
+    /// and its noise is the same whatever these are.
     fn played<'a>(&self, trial: &'a BenchTrial, noise: f64, seed: u64) -> Played<'a> {
         let played = Played::new(&trial.trace, &trial.mounting, self.added_noise_sd_n_m(trial, noise), seed);
-        Played { sensor: trial.sensor.as_ref(), ..played }
+        let sidecar = trial.mounted.as_ref().map_or(played.sidecar, Mounted::sidecar);
+        Played { sidecar, sensor: trial.sensor.as_ref(), ..played }
     }
 
     /// The trials of the other whiskers of the same board, in the same recording under the same encoders.
@@ -556,19 +564,19 @@ impl Bench {
             .iter()
             .find(|face| face.face == sidecar.face)
             .expect("the face was checked when the trial was opened");
-        TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
+        TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise), &trial.base_noise())
     }
 
     /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
     /// run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
     fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
-        let &Job { trial: BenchTrial { trace: true_one, outline, mounted, told, .. }, noise, seed, bound } = job;
+        let &Job { trial: BenchTrial { trace: true_one, outline, mounted, sensor, told, .. }, noise, seed, bound } =
+            job;
         let known = mounted.as_ref().map_or(Cow::Borrowed(true_one), |mounted| mounted.known(true_one, seed));
         let trace = known.as_ref();
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
-        let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
-        // The earth's field turns with the sensor as it is, not as the encoders have it.
+        let (noise_sd_n_m, base_noise) = (self.noise_sd_n_m(job.trial, noise), job.trial.base_noise());
         let neighbours: Vec<Played> = self.neighbours(job.trial).map(|other| self.played(other, noise, seed)).collect();
         let played = Played { neighbours: &neighbours, ..self.played(job.trial, noise, seed) };
         let readings_n_m = self.front_end.readings_n_m(&played)?;
@@ -578,7 +586,7 @@ impl Bench {
             let rows = bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
             write_atomically(&path, &csv_bytes(&rows)?)?;
         }
-        let robot = knowledge(sidecar, &read_by(job.trial, &calibration.faces[&None]), noise_sd_n_m);
+        let robot = knowledge(sidecar, &read_by(sensor.as_ref(), &calibration.faces[&None]), noise_sd_n_m);
         let touched = replay::touched(settings.touch, &robot, &samples);
         if let Some(folder) = out {
             for row in DETECTORS {
@@ -596,9 +604,9 @@ impl Bench {
         let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
         done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
         for (entrant, name) in self.entrants.iter().zip(self.names()) {
-            let faces = read_by(job.trial, &calibration.faces[&entrant.sensor_model()]);
+            let faces = read_by(sensor.as_ref(), &calibration.faces[&entrant.sensor_model()]);
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
-            let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
+            let knowledge = Arc::new(Knowledge { told: *told, base_noise, ..knowledge });
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
             let replay = entrant.replay(&task)?;
@@ -609,7 +617,7 @@ impl Bench {
             if let Some(mounted) = mounted {
                 done.sightings.push(mounted.sighting((&trial, &replay), (&name, noise, seed), &settings.map)?);
             }
-            let contour = Contour::found(&trial, &replay, 0).filter(|_| sidecar.object != SEVERAL);
+            let contour = Contour::found(&trial, &replay, 0).filter(|_| mounted.is_none());
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
@@ -726,14 +734,6 @@ impl Calibration {
             self.faces.insert(label, self.file.calibrated(&self.path, label)?);
         }
         Ok(())
-    }
-}
-
-/// Calibrated faces as a trial's sensor reads them, with what it may be off by throughout.
-fn read_by(trial: &BenchTrial, faces: &[Arc<CalibratedFace>]) -> Vec<Arc<CalibratedFace>> {
-    match &trial.sensor {
-        Some(sensor) => faces.iter().map(|face| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd))).collect(),
-        None => faces.to_vec(),
     }
 }
 

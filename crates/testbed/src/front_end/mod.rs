@@ -15,7 +15,7 @@ use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 use trace::{
-    ArrayRecording, CalibrationFile, Digest, FrontEndFile, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
+    ArraySidecar, CalibrationFile, Digest, FrontEndFile, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
 };
 
 use crate::settings::merged;
@@ -283,10 +283,12 @@ impl Mounting {
     pub fn of(folder: &Path, sidecar: &Sidecar) -> anyhow::Result<Self> {
         let Some(recording) = &sidecar.recording else { return Ok(Self::alone(sidecar)) };
         let path = folder.join(format!("{recording}.json"));
-        let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
-        let whisker = whiskers.iter().find(|whisker| whisker.trace == sidecar.name).with_context(|| {
+        let array = ArraySidecar::read(&path)?;
+        let place = array.place_of(&sidecar.name).with_context(|| {
             format!("{}: whiskers: expected one with the trace `{}`, found none", path.display(), sidecar.name)
         })?;
+        let whiskers = array.whiskers;
+        let whisker = &whiskers[place];
         let array: Vec<_> = whiskers.iter().filter(|other| other.array == whisker.array).collect();
         let from_first = array[0].mount.isometry().inverse();
         let seat = |whisker: &&MountedWhisker| Seat {
