@@ -1,0 +1,55 @@
+//! What can be wrong with a recording: always which file, where in it, what was found and what was expected.
+
+use std::path::{Path, PathBuf};
+
+/// Why a recording could not be read or written, or a message not sent.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The system refused.
+    #[error("{}: {reason}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        reason: std::io::Error,
+    },
+    /// What a file holds is not what it should.
+    #[error("{}: {place}: found {found}, expected {expected}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// Where in it: a key, a topic, a message.
+        place: String,
+        /// What stands there.
+        found: String,
+        /// What should.
+        expected: String,
+    },
+    /// A message that could not be sent.
+    #[error("{topic}: {reason}")]
+    Live {
+        /// The topic.
+        topic: String,
+        /// What the connection says.
+        reason: String,
+    },
+}
+
+impl Error {
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |reason| Self::Io { path: path.into(), reason }
+    }
+
+    /// What a file holds is not what it should.
+    pub fn content(
+        path: &Path,
+        place: impl Into<String>,
+        found: impl std::fmt::Display,
+        expected: impl std::fmt::Display,
+    ) -> Self {
+        // Libraries draw pictures of what they dislike; one line is enough.
+        let found = found.to_string();
+        let found = found.lines().find(|line| !line.trim().is_empty()).unwrap_or_default().trim().to_owned();
+        Self::Content { path: path.into(), place: place.into(), found, expected: expected.to_string() }
+    }
+}

@@ -1,0 +1,217 @@
+//! Reading rosbag2 folders and MCAP files.
+
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mcap::McapError;
+use mcap::io::MessageReader;
+use mcap::records::Record as McapRecord;
+use mcap::sans_io::LinearReaderOptions;
+
+use crate::messages::AnyMessage;
+use crate::{Error, Message, metadata};
+
+/// The longest record that is believed in: more than any message of a whisker, less than a damaged length may claim.
+const LONGEST_RECORD: usize = 1 << 28;
+
+/// A recording: a rosbag2 folder, finished or cut off, or a bare MCAP file.
+#[derive(Clone, Debug)]
+pub struct Reader {
+    path: PathBuf,
+    files: Vec<PathBuf>,
+    /// How many messages there should be, where something says so.
+    messages: Option<u64>,
+}
+
+/// A message of a recording, as it stands there.
+#[derive(Clone, Debug)]
+pub struct Record {
+    /// The file that it stands in.
+    pub file: Arc<Path>,
+    /// Its place in the recording, from 1.
+    pub number: u64,
+    /// The topic.
+    pub topic: String,
+    /// Name of its type; empty where the recording does not say.
+    pub type_name: String,
+    /// How its bytes are to be understood; `cdr` in ROS 2.
+    pub encoding: String,
+    /// When it was recorded, in nanoseconds since the recording's epoch.
+    pub time_ns: u64,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// A file that was put into a recording.
+#[derive(Clone, Debug)]
+pub struct Attachment {
+    /// Its name.
+    pub name: String,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+impl Reader {
+    /// Opens a recording: a folder, its `metadata.yaml` or an MCAP file. A folder that was cut off, which lacks its metadata, must have one MCAP file.
+    ///
+    /// # Errors
+    /// [`Error`] names the file and what is wrong with it.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let kind = fs::metadata(path).map_err(Error::io(path))?;
+        let named = path.file_name().is_some_and(|name| name == metadata::FILE);
+        let metadata = if named { path.into() } else { path.join(metadata::FILE) };
+        let (files, messages) = if named || metadata.is_file() {
+            let (files, messages) = metadata::files(&metadata)?;
+            (files, Some(messages))
+        } else if kind.is_dir() {
+            (vec![only_mcap(path)?], None)
+        } else {
+            (vec![path.into()], None)
+        };
+        Ok(Self { path: path.into(), files, messages })
+    }
+
+    /// The messages, file after file, each in the order in which it was written. A recording that is damaged or was cut off ends with an
+    /// error behind the last message that is whole.
+    pub fn records(&self) -> impl Iterator<Item = Result<Record, Error>> {
+        let mut records = self.files.iter().flat_map(|file| records_of(file));
+        let mut number = 0;
+        let mut over = false;
+        std::iter::from_fn(move || {
+            if over {
+                return None;
+            }
+            match records.next() {
+                Some(Ok(record)) => {
+                    number += 1;
+                    return Some(Ok(Record { number, ..record }));
+                }
+                Some(Err(Broken { file, reason })) => {
+                    over = true;
+                    let place = if number == 0 { "begin".into() } else { format!("after message {number}") };
+                    Some(Err(match reason {
+                        McapError::Io(reason) if reason.kind() == std::io::ErrorKind::NotFound => {
+                            Error::Io { path: file, reason }
+                        }
+                        other => Error::content(&file, place, other, "an MCAP recording to its end"),
+                    }))
+                }
+                None => {
+                    over = true;
+                    let expected = self.messages.filter(|expected| *expected != number)?;
+                    let expected = format!("{expected}, as its metadata says");
+                    Some(Err(Error::content(&self.path, "messages", number, expected)))
+                }
+            }
+        })
+    }
+
+    /// The files that were put into the recording.
+    ///
+    /// # Errors
+    /// [`Error`] names the file and what is wrong with it.
+    pub fn attachments(&self) -> Result<Vec<Attachment>, Error> {
+        let mut attachments = Vec::new();
+        for file in &self.files {
+            let bytes = fs::read(file).map_err(Error::io(file))?;
+            let broken = |error| Error::content(file, "attachments", error, "an MCAP recording to its end");
+            for record in mcap::read::LinearReader::new(&bytes).map_err(broken)? {
+                if let McapRecord::Attachment { header, data, .. } = record.map_err(broken)? {
+                    attachments.push(Attachment { name: header.name, data: data.into_owned() });
+                }
+            }
+        }
+        Ok(attachments)
+    }
+}
+
+impl Record {
+    /// The message, if it is of this type.
+    ///
+    /// # Errors
+    /// [`Error`] if it is of another type, or its bytes are no such message.
+    pub fn decode<M: Message>(&self) -> Result<M, Error> {
+        if self.type_name != M::TYPE {
+            return Err(self.wrong(format!("type `{}`", self.type_name), format!("`{}`", M::TYPE)));
+        }
+        self.check_encoding()?;
+        M::decode(&self.data).map_err(|found| self.wrong(found, format!("a {}", M::TYPE)))
+    }
+
+    /// The message, if its type is known here.
+    ///
+    /// # Errors
+    /// [`Error`] if its bytes are no such message.
+    pub fn decode_any(&self) -> Result<Option<AnyMessage>, Error> {
+        if !AnyMessage::TYPES.contains(&self.type_name.as_str()) {
+            return Ok(None);
+        }
+        self.check_encoding()?;
+        AnyMessage::decode(&self.type_name, &self.data)
+            .map_err(|found| self.wrong(found, format!("a {}", self.type_name)))
+    }
+
+    fn check_encoding(&self) -> Result<(), Error> {
+        if self.encoding != "cdr" {
+            return Err(self.wrong(format!("encoding `{}`", self.encoding), "`cdr`"));
+        }
+        Ok(())
+    }
+
+    /// The error of finding this in the message.
+    pub fn wrong(&self, found: impl std::fmt::Display, expected: impl std::fmt::Display) -> Error {
+        Error::content(&self.file, format!("message {} of {}", self.number, self.topic), found, expected)
+    }
+}
+
+/// Where and why a file cannot be read further.
+struct Broken {
+    file: PathBuf,
+    reason: McapError,
+}
+
+/// The messages of one file, not numbered yet.
+fn records_of(path: &Path) -> Box<dyn Iterator<Item = Result<Record, Broken>>> {
+    let shared: Arc<Path> = path.into();
+    let stream = match File::open(path) {
+        Ok(file) => BufReader::new(file),
+        Err(reason) => {
+            return Box::new(std::iter::once(Err(Broken { file: path.into(), reason: McapError::Io(reason) })));
+        }
+    };
+    // A chunk is checked whole before any of its messages is believed.
+    let options = LinearReaderOptions::default()
+        .with_record_length_limit(LONGEST_RECORD)
+        .with_prevalidate_chunk_crcs(true);
+    Box::new(MessageReader::new_with_options(stream, options).map(move |message| match message {
+        Ok(message) => Ok(Record {
+            file: shared.clone(),
+            number: 0,
+            topic: message.channel.topic.clone(),
+            type_name: message.channel.schema.as_ref().map(|schema| schema.name.clone()).unwrap_or_default(),
+            encoding: message.channel.message_encoding.clone(),
+            time_ns: message.log_time,
+            data: message.data.into_owned(),
+        }),
+        Err(reason) => Err(Broken { file: shared.to_path_buf(), reason }),
+    }))
+}
+
+fn only_mcap(folder: &Path) -> Result<PathBuf, Error> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
+        let file = entry.map_err(Error::io(folder))?.path();
+        if file.extension().is_some_and(|extension| extension == "mcap") {
+            found.push(file);
+        }
+    }
+    match <[PathBuf; 1]>::try_from(found) {
+        Ok([file]) => Ok(file),
+        Err(found) => {
+            let found = format!("no {} and {} MCAP files", metadata::FILE, found.len());
+            Err(Error::content(folder, "folder", found, "a rosbag2 folder"))
+        }
+    }
+}

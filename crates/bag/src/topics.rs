@@ -1,0 +1,28 @@
+//! Names of topics and frames. Those of the calibration platform are the published ones of OpenWhisker.
+
+/// Readings of the magnetometer: [`MagneticFieldArray`](crate::messages::MagneticFieldArray).
+pub const MAGNETOMETER: &str = "/magnetometer_reading";
+/// Where a contact was found: [`PoseStamped`](crate::messages::PoseStamped) in [`WHISKER`].
+pub const DETECTED_CONTACT: &str = "/detected_contact";
+/// Moving frames: [`TfMessage`](crate::messages::TfMessage).
+pub const TF: &str = "/tf";
+/// Frames that stand: [`TfMessage`](crate::messages::TfMessage).
+pub const TF_STATIC: &str = "/tf_static";
+/// Bending moment at the root: [`WrenchStamped`](crate::messages::WrenchStamped) in [`WHISKER`].
+pub const MOMENT: &str = "/moment";
+/// Angles of the base and of the whisker's root: [`JointState`](crate::messages::JointState).
+pub const JOINT_STATES: &str = "/joint_states";
+/// Twist of the base: [`TwistStamped`](crate::messages::TwistStamped) in [`WHISKER`].
+pub const BASE_TWIST: &str = "/base_twist";
+
+/// Service that pushes the whisker at places along it.
+pub const BEAM_TEST: &str = "/increments_beam_test";
+
+/// Frame that does not move.
+pub const WORLD: &str = "world";
+/// Frame at the root of the whisker.
+pub const WHISKER: &str = "whisker_base_link";
+/// Frame of the printer.
+pub const PRINTER: &str = "printer_base_link";
+/// Frame of the printer's head.
+pub const PRINTER_HEAD: &str = "printer_head_link";

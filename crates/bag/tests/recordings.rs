@@ -1,0 +1,185 @@
+//! Recordings written and read back, and what becomes of damaged ones.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use bag::messages::{AnyMessage, Header, MagneticField, MagneticFieldArray, TfMessage, Time, Vector3};
+use bag::{Error, Message, Publisher, Reader, Writer, topics};
+use proptest::prelude::*;
+
+const PERIOD_NS: u64 = 1_250_000;
+
+fn field(i: u64) -> MagneticField {
+    MagneticField {
+        header: Header { stamp: Time::from_nanoseconds(i * PERIOD_NS), frame_id: topics::WHISKER.into() },
+        magnetic_field: Vector3 { x: i as f64, y: -0.5 * i as f64, z: 1e-9 },
+        magnetic_field_covariance: [0.0; 9],
+    }
+}
+
+fn write(folder: &Path, messages: u64) {
+    let mut writer = Writer::create(folder).unwrap();
+    writer.write(topics::TF_STATIC, 0, &TfMessage::default()).unwrap();
+    for i in 0..messages {
+        let readings = MagneticFieldArray { magnetic_field_array: vec![field(i), field(i + 1)] };
+        writer.write(topics::MAGNETOMETER, i * PERIOD_NS, &readings).unwrap();
+    }
+    writer.attach("note.txt", "text/plain", b"a note").unwrap();
+    writer.finish().unwrap();
+}
+
+/// All that can be done with a recording, to its end or the first error.
+fn read_all(path: &Path) -> (usize, Option<Error>) {
+    let reader = match Reader::open(path) {
+        Ok(reader) => reader,
+        Err(error) => return (0, Some(error)),
+    };
+    let mut read = 0;
+    for record in reader.records() {
+        match record.and_then(|record| record.decode_any()) {
+            Ok(_) => read += 1,
+            Err(error) => return (read, Some(error)),
+        }
+    }
+    (read, reader.attachments().err())
+}
+
+fn mcap_of(folder: &Path) -> PathBuf {
+    folder.join("run_0.mcap")
+}
+
+#[test]
+fn verif_what_is_written_is_read() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("run");
+    write(&folder, 5000);
+    for path in [folder.clone(), folder.join("metadata.yaml"), mcap_of(&folder)] {
+        let reader = Reader::open(&path).unwrap();
+        let records: Vec<_> = reader.records().collect::<Result<_, _>>().unwrap();
+        assert_eq!(records.len(), 5001);
+        assert_eq!(records[0].topic, topics::TF_STATIC);
+        for (i, record) in (0..).zip(&records[1..]) {
+            let readings: MagneticFieldArray = record.decode().unwrap();
+            assert_eq!(readings.magnetic_field_array, [field(i), field(i + 1)]);
+            assert_eq!(record.time_ns, i * PERIOD_NS);
+            assert_eq!(record.decode_any().unwrap(), Some(AnyMessage::MagneticFieldArray(readings)));
+        }
+        let attachments = reader.attachments().unwrap();
+        assert_eq!((attachments[0].name.as_str(), attachments[0].data.as_slice()), ("note.txt", &b"a note"[..]));
+    }
+}
+
+#[test]
+fn verif_same_bytes_each_time() {
+    let home = tempfile::tempdir().unwrap();
+    let folders = ["a", "b"].map(|name| home.path().join(name).join("run"));
+    for folder in &folders {
+        write(folder, 300);
+    }
+    for file in ["run_0.mcap", "metadata.yaml"] {
+        assert_eq!(fs::read(folders[0].join(file)).unwrap(), fs::read(folders[1].join(file)).unwrap(), "{file}");
+    }
+}
+
+#[test]
+fn robust_a_recording_that_is_cut_off_is_read_up_to_there() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("run");
+    write(&folder, 5000);
+    let bytes = fs::read(mcap_of(&folder)).unwrap();
+    let part = home.path().join("run.part");
+    fs::create_dir(&part).unwrap();
+    fs::write(mcap_of(&part), &bytes[..bytes.len() / 2]).unwrap();
+    let (read, error) = read_all(&part);
+    assert!(read > 1000, "{read}");
+    let message = error.unwrap().to_string();
+    assert!(message.contains(&format!("after message {read}")), "{message}");
+    // Nobody records over it.
+    fs::remove_dir_all(&folder).unwrap();
+    let message = Writer::create(&folder).err().unwrap().to_string();
+    assert!(message.contains("run.part"), "{message}");
+}
+
+#[test]
+fn robust_metadata_and_recording_must_agree() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("run");
+    write(&folder, 10);
+    let metadata = folder.join("metadata.yaml");
+    let text = fs::read_to_string(&metadata).unwrap();
+    let expect = |changed: &str, words: &str| {
+        fs::write(&metadata, changed).unwrap();
+        let message = read_all(&folder).1.unwrap().to_string();
+        assert!(message.contains(words), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+    };
+    expect(&text.replace("message_count: 11", "message_count: 12"), "found 11, expected 12");
+    expect(&text.replace("storage_identifier: mcap", "storage_identifier: sqlite3"), "found `sqlite3`, expected `mcap`");
+    expect(&text.replace("- run_0.mcap", "- ../run_0.mcap"), "expected a path within the folder");
+    expect(&text.replace("- run_0.mcap", "- run_1.mcap"), "run_1.mcap");
+    expect("rosbag2_bagfile_information: [", "metadata of a rosbag2 folder");
+}
+
+#[test]
+fn robust_one_type_a_topic() {
+    let home = tempfile::tempdir().unwrap();
+    let mut writer = Writer::create(&home.path().join("run")).unwrap();
+    writer.write("/a", 0, &Time::default()).unwrap();
+    let message = writer.write("/a", 1, &Vector3::default()).unwrap_err().to_string();
+    assert!(message.contains("expected builtin_interfaces/msg/Time, as before"), "{message}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Flipped bytes, cuts and insertions: read or refused in one line, never a panic.
+    #[test]
+    fn robust_damaged_recordings(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
+        cut in prop::option::of(any::<prop::sample::Index>()),
+    ) {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("run");
+        write(&folder, 40);
+        let file = mcap_of(&folder);
+        let mut bytes = fs::read(&file).unwrap();
+        for (place, byte) in &changes {
+            let place = place.index(bytes.len());
+            bytes[place] = *byte;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        fs::write(&file, &bytes).unwrap();
+        let (read, error) = read_all(&folder);
+        prop_assert!(read == 41 || error.is_some());
+        if let Some(error) = error {
+            prop_assert_eq!(error.to_string().lines().count(), 1);
+        }
+    }
+
+    /// Damaged messages of every known type: read or refused, never a panic.
+    #[test]
+    fn robust_damaged_messages(
+        bytes in prop::collection::vec(any::<u8>(), 0..300),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4),
+    ) {
+        let mut good = MagneticFieldArray { magnetic_field_array: vec![field(1), field(2)] }.encode();
+        for (place, byte) in &changes {
+            let place = place.index(good.len());
+            good[place] = *byte;
+        }
+        for name in AnyMessage::TYPES {
+            let _ = AnyMessage::decode(name, &bytes);
+            let _ = AnyMessage::decode(name, &good);
+        }
+    }
+
+    /// Damaged metadata: read or refused, never a panic.
+    #[test]
+    fn robust_damaged_metadata(text in "[a-z_0-9: \\-\\[\\]{}\"&*!\n]{0,200}") {
+        let home = tempfile::tempdir().unwrap();
+        fs::write(home.path().join("metadata.yaml"), format!("rosbag2_bagfile_information:\n{text}")).unwrap();
+        prop_assert!(read_all(home.path()).1.is_some());
+    }
+}
