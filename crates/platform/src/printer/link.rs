@@ -24,6 +24,8 @@ const START: Duration = Duration::from_secs(15);
 pub(super) const PROMPT: Duration = Duration::from_secs(3);
 /// Once nothing has come for this long, the answers of an earlier conversation have all come.
 const QUIET: Duration = Duration::from_millis(250);
+/// A complaint without `ok` or a request to send again is over after this long, and the line is sent again.
+const COMPLAINT: Duration = Duration::from_secs(1);
 /// A line that was sent so often has no hope.
 const MOST_SENDS: u32 = 6;
 
@@ -44,7 +46,8 @@ enum Fate {
     Taken(Option<Position>),
     /// The printer wants the line of this number.
     Wanted(u32),
-    Unanswered,
+    /// Nothing came, or nothing but a complaint.
+    Unanswered(Option<String>),
 }
 
 impl Link {
@@ -78,6 +81,7 @@ impl Link {
     /// stated meanwhile.
     pub(super) fn send(&mut self, command: &str, patience: Duration) -> Result<Option<Position>, Error> {
         let number = self.number + 1;
+        let mut complaint = None;
         for _ in 0..MOST_SENDS {
             self.write(&numbered(number, command))?;
             match self.fate(command, patience)? {
@@ -96,10 +100,13 @@ impl Link {
                     let number = wanted.saturating_sub(1);
                     return Err(self.refused(command, format!("Resend: {wanted}, though {number} was never sent")));
                 }
-                Fate::Unanswered => {}
+                Fate::Unanswered(trouble) => complaint = trouble.or(complaint),
             }
         }
-        Err(self.no_answer(command, patience * MOST_SENDS))
+        Err(match complaint {
+            Some(complaint) => self.refused(command, complaint),
+            None => self.no_answer(command, patience * MOST_SENDS),
+        })
     }
 
     /// What becomes of the line that was sent last.
@@ -109,7 +116,7 @@ impl Link {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             let Some(line) = self.line(left)? else {
-                return Ok(wanted.map_or(Fate::Unanswered, Fate::Wanted));
+                return Ok(wanted.map_or(Fate::Unanswered(trouble), Fate::Wanted));
             };
             match Answer::parse(&line) {
                 Answer::Ok(stated) => match (wanted, trouble) {
@@ -120,7 +127,11 @@ impl Link {
                 },
                 Answer::Position(stated) => position = Some(stated),
                 Answer::Busy => deadline = Instant::now() + patience,
-                Answer::Error(text) => trouble = Some(text),
+                Answer::Error(text) => {
+                    trouble = Some(text);
+                    // What belongs to it comes at once, if anything does.
+                    deadline = deadline.min(Instant::now() + COMPLAINT);
+                }
                 Answer::Halted(text) => return Err(self.refused(command, text)),
                 Answer::Resend(number) => {
                     wanted = Some(number);

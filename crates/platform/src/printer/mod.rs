@@ -46,8 +46,6 @@ pub struct Printer {
     link: Link,
     origin: Instant,
     is_homed: bool,
-    /// Where it was sent last.
-    goal_m: [f64; 2],
     /// Motor counts of an axis a metre, once a move told: printers state steps or millimetres.
     counts_per_m: [Option<f64>; 2],
 }
@@ -60,7 +58,7 @@ impl Printer {
     /// If the port cannot be opened, or no printer answers.
     pub fn open(port: &str, origin: Instant, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let link = Link::open(port, BAUD, stop)?;
-        Ok(Self { link, origin, is_homed: false, goal_m: [0.0; 2], counts_per_m: [None; 2] })
+        Ok(Self { link, origin, is_homed: false, counts_per_m: [None; 2] })
     }
 
     /// Millimetres, absolute positions, and both axes to their end stops.
@@ -74,8 +72,6 @@ impl Printer {
         self.link.send("G28 X Y", BUSY)?;
         self.link.send("M400", BUSY)?;
         self.is_homed = true;
-        let position = self.position()?;
-        self.goal_m = [1e-3 * position.goal[0], 1e-3 * position.goal[1]];
         Ok(())
     }
 
@@ -92,11 +88,20 @@ impl Printer {
         if !self.is_homed {
             return Err(Error::NotHomed { port: self.link.name.clone(), command });
         }
-        self.link.send(&command, BUSY)?;
-        self.goal_m = goal_m;
+        // Where firmware lost a line that it had asked for again, the head stands still. To go where it should be twice does no harm.
+        self.go(&command, watch)?;
+        if self.is_there(goal_m)?.is_err() {
+            self.go(&command, watch)?;
+        }
+        let head = self.is_there(goal_m)??;
+        watch(head)
+    }
+
+    /// Sends a move and waits until the head stands still.
+    fn go(&mut self, command: &str, watch: &mut Watch<'_>) -> Result<(), Error> {
+        self.link.send(command, BUSY)?;
         self.watch_until_still(watch)?;
-        self.link.send("M400", BUSY)?;
-        self.check_arrived(watch)
+        self.link.send("M400", BUSY).map(drop)
     }
 
     /// Shows a message on the printer's display.
@@ -139,22 +144,22 @@ impl Printer {
         }
     }
 
-    /// The head has come to rest: it must be where it was sent, and what the motors count there tells what they count in.
-    fn check_arrived(&mut self, watch: &mut Watch<'_>) -> Result<(), Error> {
+    /// Where the head came to rest; an error in the answer where that is not where it was sent. What the motors count there tells what they count in.
+    fn is_there(&mut self, goal_m: [f64; 2]) -> Result<Result<Head, Error>, Error> {
         let asked = Instant::now();
         let position = self.position()?;
         let [x_m, y_m, z_m] = position.goal.map(|millimetres| 1e-3 * millimetres);
-        if (x_m - self.goal_m[0]).abs() > TOLERANCE_M || (y_m - self.goal_m[1]).abs() > TOLERANCE_M {
+        if (x_m - goal_m[0]).abs() > TOLERANCE_M || (y_m - goal_m[1]).abs() > TOLERANCE_M {
             let pair = |x_m, y_m| format!("({}, {})", millimetres(x_m), millimetres(y_m));
-            let (found, expected) = (pair(x_m, y_m), pair(self.goal_m[0], self.goal_m[1]));
-            return Err(Error::Astray { port: self.link.name.clone(), found, expected });
+            let (found, expected) = (pair(x_m, y_m), pair(goal_m[0], goal_m[1]));
+            return Ok(Err(Error::Astray { port: self.link.name.clone(), found, expected }));
         }
         for (axis, value_m) in [x_m, y_m].into_iter().enumerate() {
             // Close to the end stop a count tells little.
             let known = position.count.filter(|count| value_m > 0.01 && count[axis] > 0.0);
             self.counts_per_m[axis] = known.map(|count| count[axis] / value_m).or(self.counts_per_m[axis]);
         }
-        watch(Head { t_s: self.middle_s(asked), x_m, y_m, z_m })
+        Ok(Ok(Head { t_s: self.middle_s(asked), x_m, y_m, z_m }))
     }
 
     /// Where the head is, by the printer's words. A position whose answer was damaged is asked for again.
