@@ -1,6 +1,8 @@
 //! The emulated rig for as long as is asked: no sample lost, and what reading costs.
 #![cfg(target_os = "linux")]
 
+mod pseudo;
+
 use std::fs;
 use std::io::Write;
 use std::thread;
@@ -8,7 +10,6 @@ use std::time::{Duration, Instant};
 
 use platform::record::{Ending, Log, Sink};
 use platform::sensor::{Reader, ReaderSettings, format};
-use serialport::{SerialPort, TTYPort};
 use trace::Watermark;
 
 const RATE_HZ: f64 = 800.0;
@@ -36,11 +37,10 @@ fn processor_s(without: &str) -> f64 {
 #[ignore = "as long as WHISKER_SOAK_S says; run it by name"]
 fn verif_no_sample_is_lost() {
     let soak_s: f64 = std::env::var("WHISKER_SOAK_S").map_or(60.0, |text| text.parse().expect("seconds"));
-    let (mut device, mut port) = TTYPort::pair().expect("a pseudo-terminal");
-    port.set_exclusive(false).expect("set");
+    let (name, mut device, _port) = pseudo::pair();
     let origin = Instant::now();
     let row = format("hex").expect("registered");
-    let reader = Reader::open(&port.name().expect("a name"), ReaderSettings::new(row, origin)).expect("open");
+    let reader = Reader::open(&name, ReaderSettings::new(row, origin)).expect("open");
     let count = (soak_s * RATE_HZ) as u64;
     let counts = |number: u64| [number as u16, (number >> 16) as u16, !number as u16];
     let writer = thread::Builder::new().name("writer".into());
