@@ -7,7 +7,15 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// What determines the program, from this crate's folder.
-const SOURCES: [&str; 5] = ["src", "../filters/src", "../whisker/src", "../trace/src", "../../Cargo.lock"];
+const SOURCES: [&str; 7] = [
+    "src",
+    "../filters/src",
+    "../whisker/src",
+    "../trace/src",
+    "../platform/src",
+    "../platform/data",
+    "../../Cargo.lock",
+];
 
 fn main() {
     let mut digest = Sha256::new();

@@ -8,6 +8,8 @@ mod fit;
 mod front_end;
 mod import;
 mod list;
+#[cfg(unix)]
+mod platform;
 mod python;
 mod replay;
 mod report;
@@ -43,6 +45,8 @@ enum Command {
     Check(check::Arguments),
     List(list::Arguments),
     Reproduce(reproduce::Arguments),
+    #[cfg(unix)]
+    Platform(platform::Arguments),
 }
 
 /// Runs the command that the program's arguments name.
@@ -60,6 +64,8 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Check(arguments) => check::run(&arguments),
         Command::List(arguments) => list::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        #[cfg(unix)]
+        Command::Platform(arguments) => platform::run(&arguments),
     }
 }
 

@@ -1,0 +1,21 @@
+//! The calibration platform: a 3D printer pushes a ruler against a whisker at known places, a magnetometer at the whisker's root listens.
+//!
+//! [`sensor`] reads the magnetometer, [`printer`] drives the printer, [`routine`] is the way that the ruler goes, and [`session`] puts
+//! them together and feeds what records. [`emulate`] offers the same two devices on pseudo-terminals, for those who have neither.
+//!
+//! After the OpenWhisker platform ("3D Printer Based Open Source Calibration Platform for Whisker Sensors", TAROS 2024).
+
+#[cfg(unix)]
+pub mod emulate;
+mod error;
+mod lines;
+pub mod printer;
+pub mod record;
+pub mod rig;
+pub mod routine;
+mod sample;
+pub mod sensor;
+pub mod session;
+
+pub use error::Error;
+pub use sample::Sample;

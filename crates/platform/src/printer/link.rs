@@ -1,0 +1,212 @@
+//! One command after the other to a printer, each acknowledged before the next.
+//!
+//! Every line has a number and a checksum (Marlin's protocol). The printer takes the line that follows the last one it took and asks for it
+//! otherwise, so a line that was damaged, or whose `ok` was, is sent again without being carried out twice.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use serialport::SerialPort;
+
+use super::answer::{Answer, Position};
+use super::gcode::numbered;
+use crate::Error;
+use crate::lines::{Line, Lines, shown};
+
+/// How long a read waits: how soon an interrupt stops the printer.
+const TICK: Duration = Duration::from_millis(20);
+/// A printer that was opened may take this long to start.
+const START: Duration = Duration::from_secs(15);
+/// How long a printer that is not busy takes to answer.
+pub(super) const PROMPT: Duration = Duration::from_secs(3);
+/// Once nothing has come for this long, the answers of an earlier conversation have all come.
+const QUIET: Duration = Duration::from_millis(250);
+/// A complaint without `ok` or a request to send again is over after this long, and the line is sent again.
+const COMPLAINT: Duration = Duration::from_secs(1);
+/// A line that was sent so often has no hope.
+const MOST_SENDS: u32 = 6;
+
+/// A printer's port and the numbers of the lines on it.
+pub(super) struct Link {
+    pub(super) name: String,
+    port: Box<dyn SerialPort>,
+    opened: Instant,
+    lines: Lines,
+    waiting: VecDeque<String>,
+    /// Number of the last line that the printer took.
+    number: u32,
+    stop: Arc<AtomicBool>,
+}
+
+/// How a line that was sent fared.
+enum Fate {
+    Taken(Option<Position>),
+    /// The printer wants the line of this number.
+    Wanted(u32),
+    /// Nothing came, or nothing but a complaint.
+    Unanswered(Option<String>),
+}
+
+impl Link {
+    /// Opens a port and waits for the printer to answer.
+    pub(super) fn open(name: &str, baud: u32, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+        let port = serialport::new(name, baud).timeout(TICK).open();
+        let port = port.map_err(|reason| Error::Open { port: name.into(), reason })?;
+        let (name, opened) = (name.into(), Instant::now());
+        let mut link = Self { name, port, opened, lines: Lines::default(), waiting: VecDeque::new(), number: 0, stop };
+        link.begin()?;
+        Ok(link)
+    }
+
+    /// Sets the numbers back, until the printer, which may be starting, has understood.
+    fn begin(&mut self) -> Result<(), Error> {
+        let command = "M110 N0";
+        let began = Instant::now();
+        while began.elapsed() < START {
+            self.write(&numbered(0, command))?;
+            if let Fate::Taken(_) = self.fate(command, PROMPT)? {
+                self.number = 0;
+                // `ok` to an earlier attempt, or the rest of what a starting printer tells of itself.
+                while self.line(QUIET)?.is_some() {}
+                return Ok(());
+            }
+        }
+        Err(self.no_answer(command, START))
+    }
+
+    /// Sends a command and waits until the printer has taken it; a printer that says it is busy is waited for. Gives the position that it
+    /// stated meanwhile.
+    pub(super) fn send(&mut self, command: &str, patience: Duration) -> Result<Option<Position>, Error> {
+        let number = self.number + 1;
+        let mut complaint = None;
+        for _ in 0..MOST_SENDS {
+            self.write(&numbered(number, command))?;
+            match self.fate(command, patience)? {
+                Fate::Taken(position) => {
+                    self.number = number;
+                    return Ok(position);
+                }
+                // It took the line, and the `ok` was lost.
+                Fate::Wanted(wanted) if wanted == number + 1 => {
+                    self.number = number;
+                    return Ok(None);
+                }
+                Fate::Wanted(wanted) if wanted == number => {}
+                // It counts from elsewhere, as after `M110` of somebody else.
+                Fate::Wanted(wanted) => {
+                    let number = wanted.saturating_sub(1);
+                    return Err(self.refused(command, format!("Resend: {wanted}, though {number} was never sent")));
+                }
+                Fate::Unanswered(trouble) => complaint = trouble.or(complaint),
+            }
+        }
+        Err(match complaint {
+            Some(complaint) => self.refused(command, complaint),
+            None => self.no_answer(command, patience * MOST_SENDS),
+        })
+    }
+
+    /// What becomes of the line that was sent last.
+    fn fate(&mut self, command: &str, patience: Duration) -> Result<Fate, Error> {
+        let mut deadline = Instant::now() + patience;
+        let (mut position, mut wanted, mut trouble) = (None, None, None);
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let Some(line) = self.line(left)? else {
+                return Ok(wanted.map_or(Fate::Unanswered(trouble), Fate::Wanted));
+            };
+            match Answer::parse(&line) {
+                Answer::Ok(stated) => match (wanted, trouble) {
+                    // This `ok` ends the request to send again, and is none to the command.
+                    (Some(number), _) => return Ok(Fate::Wanted(number)),
+                    (None, Some(trouble)) => return Err(self.refused(command, trouble)),
+                    (None, None) => return Ok(Fate::Taken(stated.or(position))),
+                },
+                Answer::Position(stated) => position = Some(stated),
+                Answer::Busy => deadline = Instant::now() + patience,
+                Answer::Error(text) => {
+                    trouble = Some(text);
+                    // What belongs to it comes at once, if anything does.
+                    deadline = deadline.min(Instant::now() + COMPLAINT);
+                }
+                Answer::Halted(text) => return Err(self.refused(command, text)),
+                Answer::Resend(number) => {
+                    wanted = Some(number);
+                    // Not every printer says `ok` behind it.
+                    deadline = Instant::now() + QUIET;
+                }
+                // It lost its position.
+                Answer::Started if self.number > 0 => return Err(self.refused(command, "start".into())),
+                Answer::Started | Answer::Remark => {}
+            }
+        }
+    }
+
+    /// Waits for so long, and for an interrupt. What the printer says of itself meanwhile is passed over.
+    pub(super) fn idle(&mut self, time: Duration) -> Result<(), Error> {
+        let until = Instant::now() + time;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(());
+            }
+            self.line(left)?;
+        }
+    }
+
+    /// Writes a line and makes sure that it leaves.
+    fn write(&mut self, line: &str) -> Result<(), Error> {
+        self.port.write_all(line.as_bytes()).and_then(|()| self.port.flush()).map_err(|reason| self.gone(reason))
+    }
+
+    /// The next line that comes, if one does in time.
+    fn line(&mut self, patience: Duration) -> Result<Option<String>, Error> {
+        let deadline = Instant::now() + patience;
+        let mut bytes = [0; 1024];
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                self.stop_at_once();
+                return Err(Error::Interrupted);
+            }
+            if let Some(line) = self.waiting.pop_front() {
+                return Ok(Some(line));
+            }
+            match self.port.read(&mut bytes) {
+                Ok(0) => return Err(self.gone(io::ErrorKind::UnexpectedEof.into())),
+                Ok(count) => {
+                    let waiting = &mut self.waiting;
+                    let keep = |line: Line| waiting.push_back(String::from_utf8_lossy(line.bytes).into());
+                    self.lines.push(&bytes[..count], keep);
+                }
+                Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {
+                    if Instant::now() >= deadline {
+                        return Ok(None);
+                    }
+                }
+                Err(error) => return Err(self.gone(error)),
+            }
+        }
+    }
+
+    /// Emergency stop: motors and heaters off. It needs no number, and printers look for it past the commands that wait.
+    pub(super) fn stop_at_once(&mut self) {
+        // A port that is gone cannot be told, and what is wrong is on its way to whoever asked.
+        let _ = self.port.write_all(b"M112\n").and_then(|()| self.port.flush());
+    }
+
+    fn gone(&self, reason: io::Error) -> Error {
+        Error::Gone { port: self.name.clone(), after_s: self.opened.elapsed().as_secs_f64(), reason }
+    }
+
+    fn refused(&self, command: &str, answer: String) -> Error {
+        let answer = shown(answer.as_bytes()).trim_matches('`').to_owned();
+        Error::Refused { port: self.name.clone(), command: command.into(), answer }
+    }
+
+    fn no_answer(&self, command: &str, within: Duration) -> Error {
+        Error::NoAnswer { port: self.name.clone(), command: command.into(), within_s: within.as_secs_f64() }
+    }
+}

@@ -1,0 +1,191 @@
+//! A 3D printer that speaks the Marlin dialect, as the one that carries the ruler.
+//!
+//! The printer is never moved before it was homed, nor out of its bed, nor at a speed that the rig does not allow.
+
+mod answer;
+pub(crate) mod gcode;
+mod link;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use answer::Position;
+use gcode::millimetres;
+use link::{Link, PROMPT};
+
+use crate::{Error, rig};
+
+/// Bits a second of the printer's port.
+pub const BAUD: u32 = 115_200;
+/// A printer that works on something says so every two seconds.
+const BUSY: Duration = Duration::from_secs(20);
+/// How far from where it was sent a head may say it is: half of the last digit that printers print.
+const TOLERANCE_M: f64 = 0.01e-3;
+/// Time between two questions where the moving head is.
+const POLL: Duration = Duration::from_millis(50);
+
+/// Where the head was at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Head {
+    /// When, in seconds since the recording began: the middle of question and answer.
+    pub t_s: f64,
+    /// Where, in the printer's coordinates.
+    pub x_m: f64,
+    /// Where.
+    pub y_m: f64,
+    /// Where.
+    pub z_m: f64,
+}
+
+/// What is told where the head is, while it moves.
+pub type Watch<'a> = dyn FnMut(Head) -> Result<(), Error> + 'a;
+
+/// A printer on a port.
+pub struct Printer {
+    link: Link,
+    origin: Instant,
+    is_homed: bool,
+    /// Motor counts of an axis a metre, once a move told: printers state steps or millimetres.
+    counts_per_m: [Option<f64>; 2],
+}
+
+impl Printer {
+    /// Opens a port and waits for the printer to answer, which takes a while where opening starts it anew. Times are counted from
+    /// `origin`. Once `stop` is set, whatever the printer does is stopped at once, and every call ends in [`Error::Interrupted`].
+    ///
+    /// # Errors
+    /// If the port cannot be opened, or no printer answers.
+    pub fn open(port: &str, origin: Instant, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+        let link = Link::open(port, BAUD, stop)?;
+        Ok(Self { link, origin, is_homed: false, counts_per_m: [None; 2] })
+    }
+
+    /// Millimetres, absolute positions, and both axes to their end stops.
+    ///
+    /// # Errors
+    /// If the printer does not.
+    pub fn home(&mut self) -> Result<(), Error> {
+        self.is_homed = false;
+        self.link.send("G21", PROMPT)?;
+        self.link.send("G90", PROMPT)?;
+        self.link.send("G28 X Y", BUSY)?;
+        self.link.send("M400", BUSY)?;
+        self.is_homed = true;
+        Ok(())
+    }
+
+    /// Moves the head in a straight line, and waits until it is there. Meanwhile `watch` is told where it is.
+    ///
+    /// # Errors
+    /// If the printer was not homed, the goal is out of its bed, the speed out of its range, or the head is elsewhere in the end.
+    pub fn move_to(&mut self, goal_m: [f64; 2], speed_m_s: f64, watch: &mut Watch<'_>) -> Result<(), Error> {
+        check("x of the head", 1e3, goal_m[0], rig::BED_X_M, "mm")?;
+        check("y of the head", 1e3, goal_m[1], rig::BED_Y_M, "mm")?;
+        check("speed of the head", 60e3, speed_m_s, rig::SPEEDS_M_S, "mm/min")?;
+        let [x, y] = goal_m.map(millimetres);
+        let command = format!("G1 X{x} Y{y} F{:.0}", 60e3 * speed_m_s);
+        if !self.is_homed {
+            return Err(Error::NotHomed { port: self.link.name.clone(), command });
+        }
+        // Where firmware lost a line that it had asked for again, the head stands still. To go where it should be twice does no harm.
+        self.go(&command, watch)?;
+        if self.is_there(goal_m)?.is_err() {
+            self.go(&command, watch)?;
+        }
+        let head = self.is_there(goal_m)??;
+        watch(head)
+    }
+
+    /// Sends a move and waits until the head stands still.
+    fn go(&mut self, command: &str, watch: &mut Watch<'_>) -> Result<(), Error> {
+        self.link.send(command, BUSY)?;
+        self.watch_until_still(watch)?;
+        self.link.send("M400", BUSY).map(drop)
+    }
+
+    /// Shows a message on the printer's display.
+    ///
+    /// # Errors
+    /// If the printer does not take it.
+    pub fn show(&mut self, message: &str) -> Result<(), Error> {
+        self.link.send(&format!("M117 {message}"), PROMPT).map(drop)
+    }
+
+    /// Motors and heaters off, at once. The printer must be reset before it moves again.
+    pub fn stop_at_once(&mut self) {
+        self.is_homed = false;
+        self.link.stop_at_once();
+    }
+
+    /// Rests for so long.
+    ///
+    /// # Errors
+    /// If it is interrupted, or the printer is gone.
+    pub fn rest(&mut self, time: Duration) -> Result<(), Error> {
+        self.link.idle(time)
+    }
+
+    /// Follows the head by its motors until they stand still. A printer that does not tell of them is not asked.
+    fn watch_until_still(&mut self, watch: &mut Watch<'_>) -> Result<(), Error> {
+        let mut last = None;
+        loop {
+            let asked = Instant::now();
+            let Position { goal, count: Some(count) } = self.position()? else { return Ok(()) };
+            if let [Some(x), Some(y)] = self.counts_per_m {
+                let t_s = self.middle_s(asked);
+                watch(Head { t_s, x_m: count[0] / x, y_m: count[1] / y, z_m: 1e-3 * goal[2] })?;
+            }
+            if last == Some(count) {
+                return Ok(());
+            }
+            last = Some(count);
+            self.rest(POLL)?;
+        }
+    }
+
+    /// Where the head came to rest; an error in the answer where that is not where it was sent. What the motors count there tells what they count in.
+    fn is_there(&mut self, goal_m: [f64; 2]) -> Result<Result<Head, Error>, Error> {
+        let asked = Instant::now();
+        let position = self.position()?;
+        let [x_m, y_m, z_m] = position.goal.map(|millimetres| 1e-3 * millimetres);
+        if (x_m - goal_m[0]).abs() > TOLERANCE_M || (y_m - goal_m[1]).abs() > TOLERANCE_M {
+            let pair = |x_m, y_m| format!("({}, {})", millimetres(x_m), millimetres(y_m));
+            let (found, expected) = (pair(x_m, y_m), pair(goal_m[0], goal_m[1]));
+            return Ok(Err(Error::Astray { port: self.link.name.clone(), found, expected }));
+        }
+        for (axis, value_m) in [x_m, y_m].into_iter().enumerate() {
+            // Close to the end stop a count tells little.
+            let known = position.count.filter(|count| value_m > 0.01 && count[axis] > 0.0);
+            self.counts_per_m[axis] = known.map(|count| count[axis] / value_m).or(self.counts_per_m[axis]);
+        }
+        Ok(Ok(Head { t_s: self.middle_s(asked), x_m, y_m, z_m }))
+    }
+
+    /// Where the head is, by the printer's words. A position whose answer was damaged is asked for again.
+    fn position(&mut self) -> Result<Position, Error> {
+        const COMMAND: &str = "M114";
+        for _ in 0..3 {
+            if let Some(position) = self.link.send(COMMAND, PROMPT)? {
+                return Ok(position);
+            }
+        }
+        let (port, answer) = (self.link.name.clone(), "ok without a position".into());
+        Err(Error::Refused { port, command: COMMAND.into(), answer })
+    }
+
+    /// The middle of then and now.
+    fn middle_s(&self, asked: Instant) -> f64 {
+        (asked + asked.elapsed() / 2).duration_since(self.origin).as_secs_f64()
+    }
+}
+
+fn check(what: &str, scale: f64, value: f64, [least, most]: [f64; 2], unit: &str) -> Result<(), Error> {
+    // What the published controller excluded, the limits themselves, is as safe as the rest. The last digit of a sum is not judged.
+    const ROUNDING: f64 = 1e-9;
+    if (least - ROUNDING..=most + ROUNDING).contains(&value) {
+        return Ok(());
+    }
+    let expected = format!("{:.0} to {:.0} {unit}", scale * least, scale * most);
+    Err(Error::Range { what: what.into(), found: format!("{:.3} {unit}", scale * value), expected })
+}

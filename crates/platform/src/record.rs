@@ -1,0 +1,204 @@
+//! Recording: who takes what comes, and the project's own log.
+
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use trace::{FORMAT, Watermark, write_json};
+
+use crate::printer::Head;
+use crate::routine::Contact;
+use crate::{Error, Sample};
+
+/// How a recording ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// As it should.
+    Complete,
+    /// Before: what came until then is kept under a name that says so.
+    Interrupted,
+}
+
+/// Takes what comes from sensor and printer, each in the order of time. Of the two, what belongs together may come apart by some tenths of a second.
+pub trait Sink: Send {
+    /// Samples of the sensor.
+    ///
+    /// # Errors
+    /// If they cannot be kept.
+    fn samples(&mut self, samples: &[Sample]) -> Result<(), Error>;
+
+    /// Where the head was.
+    ///
+    /// # Errors
+    /// If it cannot be kept.
+    fn head(&mut self, head: Head) -> Result<(), Error>;
+
+    /// A push is over.
+    ///
+    /// # Errors
+    /// If it cannot be kept.
+    fn contact(&mut self, contact: Contact) -> Result<(), Error>;
+
+    /// Nothing more comes. Gives the files that were written.
+    ///
+    /// # Errors
+    /// If what came cannot be kept.
+    fn finish(self: Box<Self>, ending: Ending) -> Result<Vec<PathBuf>, Error>;
+}
+
+/// What stands beside the table of a log; `datasets/FORMAT.md` specifies it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogSidecar {
+    /// Version of the format.
+    pub format: u32,
+    /// `platform_log`.
+    pub kind: String,
+    /// Readings a second, as documented.
+    pub rate_hz: f64,
+    /// What the sensor prints: a name of the registry of line formats.
+    pub sensor: String,
+    /// The pushes, as far as the printer knows.
+    pub contacts: Vec<Contact>,
+    /// What wrote it.
+    pub watermark: Watermark,
+}
+
+/// Kind of a log.
+pub const LOG_KIND: &str = "platform_log";
+
+/// Writes the project's log: `log.csv`, `log.json` and, where the head was, `head.csv`. What is not complete has `.part` behind its name
+/// while it is written, or `interrupted` in it.
+#[derive(Debug)]
+pub struct Log {
+    folder: PathBuf,
+    samples: Table,
+    heads: Table,
+    sidecar: LogSidecar,
+}
+
+impl Log {
+    /// Begins a log in a folder, which is made where missing.
+    ///
+    /// # Errors
+    /// If a file cannot be made.
+    pub fn create(folder: &Path, sensor: &str, rate_hz: f64, watermark: Watermark) -> Result<Self, Error> {
+        fs::create_dir_all(folder).map_err(Error::file(folder))?;
+        let sidecar = LogSidecar {
+            format: FORMAT,
+            kind: LOG_KIND.into(),
+            rate_hz,
+            sensor: sensor.into(),
+            contacts: Vec::new(),
+            watermark,
+        };
+        Ok(Self {
+            folder: folder.into(),
+            samples: Table::create(folder.join("log.csv.part"), "t_s,x_counts,y_counts,z_counts")?,
+            heads: Table::create(folder.join("head.csv.part"), "t_s,x_m,y_m,z_m")?,
+            sidecar,
+        })
+    }
+}
+
+impl Sink for Log {
+    fn samples(&mut self, samples: &[Sample]) -> Result<(), Error> {
+        samples
+            .iter()
+            .try_for_each(|Sample { t_s, counts: [x, y, z] }| self.samples.row(format_args!("{t_s:.6},{x},{y},{z}")))
+    }
+
+    fn head(&mut self, Head { t_s, x_m, y_m, z_m }: Head) -> Result<(), Error> {
+        self.heads.row(format_args!("{t_s:.6},{x_m:.6},{y_m:.6},{z_m:.6}"))
+    }
+
+    fn contact(&mut self, contact: Contact) -> Result<(), Error> {
+        self.sidecar.contacts.push(contact);
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>, ending: Ending) -> Result<Vec<PathBuf>, Error> {
+        let stem = match ending {
+            Ending::Complete => "",
+            Ending::Interrupted => "interrupted.",
+        };
+        let name = |file: &str, end: &str| self.folder.join(format!("{file}.{stem}{end}"));
+        let files = [name("head", "csv"), name("log", "json"), name("log", "csv")];
+        self.heads.finish(&files[0])?;
+        // The table comes last: where it is, all of the log is.
+        write_json(&files[1], &self.sidecar)?;
+        self.samples.finish(&files[2])?;
+        Ok(files.into())
+    }
+}
+
+/// A table that grows under a temporary name.
+#[derive(Debug)]
+struct Table {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Table {
+    fn create(path: PathBuf, header: &str) -> Result<Self, Error> {
+        let file = File::create(&path).map_err(Error::file(&path))?;
+        let mut table = Self { path, file: BufWriter::new(file) };
+        table.row(format_args!("{header}"))?;
+        Ok(table)
+    }
+
+    fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<(), Error> {
+        writeln!(self.file, "{row}").map_err(Error::file(&self.path))
+    }
+
+    fn finish(self, path: &Path) -> Result<(), Error> {
+        let Self { path: part, file } = self;
+        let flushed = file.into_inner().map_err(std::io::IntoInnerError::into_error);
+        flushed.and_then(|file| file.sync_all()).and_then(|()| fs::rename(&part, path)).map_err(Error::file(path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn log(folder: &Path) -> Box<Log> {
+        let watermark =
+            Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
+        let mut log = Box::new(Log::create(folder, "hex", 800.0, watermark).expect("a log"));
+        log.samples(&[Sample { t_s: 0.5, counts: [1, 2, 65535] }]).expect("kept");
+        log.head(Head { t_s: 0.25, x_m: 0.127, y_m: 0.09675, z_m: 0.0 }).expect("kept");
+        log.contact(Contact { start_s: 0.1, end_s: 0.4, distance_m: 0.145, push_m: 0.006 }).expect("kept");
+        log
+    }
+
+    #[test]
+    fn verif_a_log_appears_whole() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let log = log(folder.path());
+        assert!(!folder.path().join("log.csv").exists());
+        let files = log.finish(Ending::Complete).expect("written");
+        let names: Vec<_> = files.iter().map(|path| path.file_name().expect("a name").to_owned()).collect();
+        assert_eq!(names, ["head.csv", "log.json", "log.csv"]);
+        assert_eq!(
+            fs::read_to_string(&files[0]).expect("text"),
+            "t_s,x_m,y_m,z_m\n0.250000,0.127000,0.096750,0.000000\n"
+        );
+        let table = "t_s,x_counts,y_counts,z_counts\n0.500000,1,2,65535\n";
+        assert_eq!(fs::read_to_string(&files[2]).expect("text"), table);
+        let sidecar: LogSidecar = trace::read_json(&files[1]).expect("a sidecar");
+        assert_eq!((sidecar.kind.as_str(), sidecar.contacts.len()), (LOG_KIND, 1));
+        assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 3);
+    }
+
+    #[test]
+    fn robust_an_interrupted_log_says_so() {
+        let folder = tempfile::tempdir().expect("a folder");
+        log(folder.path()).finish(Ending::Interrupted).expect("written");
+        assert!(
+            folder.path().join("log.interrupted.csv").exists() && folder.path().join("log.interrupted.json").exists()
+        );
+        assert!(!folder.path().join("log.csv").exists());
+    }
+}

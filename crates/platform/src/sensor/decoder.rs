@@ -1,0 +1,69 @@
+//! Bytes to readings, and a tally of what came.
+
+use super::{FormatRow, LineFormat, Meaning};
+use crate::lines::{Lines, shown};
+
+/// What has come over a sensor's port.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Bytes.
+    pub bytes: u64,
+    /// Readings.
+    pub samples: u64,
+    /// Lines that the format does not know.
+    pub garbage_lines: u64,
+    /// Lines of which only a piece came: the first after the port was opened, and the last.
+    pub partial_lines: u64,
+    /// The first line that was garbage.
+    pub example: Option<String>,
+}
+
+/// Turns bytes of a port, in whatever pieces, into readings.
+pub struct Decoder {
+    lines: Lines,
+    format: Box<dyn LineFormat>,
+    is_first: bool,
+    tally: Tally,
+}
+
+impl Decoder {
+    /// One for a port that was just opened.
+    pub fn new(row: &FormatRow) -> Self {
+        Self { lines: Lines::default(), format: (row.build)(), is_first: true, tally: Tally::default() }
+    }
+
+    /// Appends the readings that these bytes complete.
+    pub fn push(&mut self, bytes: &[u8], readings: &mut Vec<[u16; 3]>) {
+        let Self { lines, format, is_first, tally } = self;
+        tally.bytes += bytes.len() as u64;
+        lines.push(bytes, |line| {
+            // A reading does not hide in a line of hundreds of characters.
+            let meaning = if line.overlong { Meaning::Garbage } else { format.read(line.bytes) };
+            match meaning {
+                Meaning::Reading(counts) => {
+                    tally.samples += 1;
+                    readings.push(counts);
+                }
+                Meaning::Part | Meaning::Remark => {}
+                // Whoever opens a port in the middle of a line gets its end.
+                Meaning::Garbage if *is_first => tally.partial_lines += 1,
+                Meaning::Garbage => {
+                    tally.garbage_lines += 1;
+                    tally.example.get_or_insert_with(|| shown(line.bytes));
+                }
+            }
+            *is_first = false;
+        });
+    }
+
+    /// What has come so far.
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// What has come in all: a line that never ended is a partial one.
+    pub fn finish(mut self) -> Tally {
+        self.tally.partial_lines += u64::from(!self.lines.rest().is_empty());
+        self.tally
+    }
+}

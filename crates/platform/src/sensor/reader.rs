@@ -1,0 +1,209 @@
+//! The thread that reads a sensor's port.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use serialport::SerialPort;
+
+use super::clock::SampleClock;
+use super::decoder::{Decoder, Tally};
+use super::ring::Ring;
+use super::{BAUD, FormatRow};
+use crate::{Error, Sample};
+
+/// How long a read waits for bytes: how soon the thread notices that it is to end.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// Nothing for this long means that the sensor is silent.
+const SILENCE: Duration = Duration::from_secs(2);
+/// A board may take this long to start after its port was opened.
+const START: Duration = Duration::from_secs(5);
+/// Bytes that are read at once: more than the system keeps.
+const CHUNK: usize = 1 << 16;
+
+/// How a sensor is read.
+#[derive(Clone, Copy, Debug)]
+pub struct ReaderSettings {
+    /// What it prints.
+    pub format: &'static FormatRow,
+    /// Readings a second that are expected at first.
+    pub rate_hz: f64,
+    /// Samples that may wait to be taken.
+    pub capacity: usize,
+    /// Instant from which times are counted.
+    pub origin: Instant,
+}
+
+impl ReaderSettings {
+    /// Those of a format at its own rate, with room for a minute and a half of 800 Hz.
+    pub fn new(format: &'static FormatRow, origin: Instant) -> Self {
+        Self { format, rate_hz: format.rate_hz, capacity: 1 << 16, origin }
+    }
+}
+
+/// How reading went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// What came over the port.
+    pub tally: Tally,
+    /// Samples that were overwritten because nobody took them in time.
+    pub overwritten: u64,
+    /// How often the sensor paused.
+    pub pauses: u64,
+    /// Readings a second, as found.
+    pub rate_hz: f64,
+}
+
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Tally { samples, garbage_lines, partial_lines, .. } = self.tally;
+        write!(
+            f,
+            "{samples} samples at {:.1} Hz, {} overwritten, {} pauses, {garbage_lines} lines of garbage, {partial_lines} partial lines",
+            self.rate_hz, self.overwritten, self.pauses
+        )
+    }
+}
+
+/// Reads a sensor in a thread of its own, so that nothing is lost while others are busy.
+#[derive(Debug)]
+pub struct Reader {
+    ring: Arc<Ring>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Outcome>>,
+}
+
+/// What came, and why reading ended where it was not asked to.
+type Outcome = (Report, Option<Error>);
+
+impl Reader {
+    /// Opens the port and begins to read.
+    ///
+    /// # Errors
+    /// [`Error::Open`] if the port cannot be opened.
+    pub fn open(port: &str, settings: ReaderSettings) -> Result<Self, Error> {
+        let opened = serialport::new(port, BAUD).timeout(PATIENCE).open();
+        let opened = opened.map_err(|reason| Error::Open { port: port.into(), reason })?;
+        let (ring, ends) = (Arc::new(Ring::new(settings.capacity)), Arc::new(AtomicBool::new(false)));
+        let source = Source { name: port.into(), port: opened, ring: ring.clone(), ends: ends.clone(), settings };
+        let thread = std::thread::Builder::new().name("sensor".into()).spawn(|| source.run());
+        Ok(Self { ring, ends, thread: Some(thread.map_err(Error::system("thread of the sensor"))?) })
+    }
+
+    /// Moves the samples that have come into `samples`, after waiting for the first of them for so long. `false` when no more come: the
+    /// reason is that of [`Reader::finish`].
+    pub fn take(&self, samples: &mut Vec<Sample>, patience: Duration) -> bool {
+        self.ring.take(samples, patience)
+    }
+
+    /// Asks the thread to end once it has read what has arrived. What it read can be taken until [`Reader::take`] is `false`.
+    pub fn end(&self) {
+        self.ends.store(true, Ordering::Relaxed);
+    }
+
+    /// Ends reading. Gives what came, and, where reading did not end because it was asked to or samples were overwritten, why.
+    pub fn finish(mut self) -> (Report, Option<Error>) {
+        self.end();
+        let thread = self.thread.take().expect("finishes once");
+        thread.join().expect("the thread does not panic")
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+struct Source {
+    name: String,
+    port: Box<dyn SerialPort>,
+    ring: Arc<Ring>,
+    ends: Arc<AtomicBool>,
+    settings: ReaderSettings,
+}
+
+impl Source {
+    fn run(mut self) -> Outcome {
+        let mut decoder = Decoder::new(self.settings.format);
+        let mut clock = SampleClock::new(self.settings.rate_hz);
+        let error = self.read(&mut decoder, &mut clock).err();
+        self.ring.close();
+        let (overwritten, tally) = (self.ring.overwritten(), decoder.finish());
+        let overrun = || (overwritten > 0).then(|| Error::Overrun { port: self.name.clone(), lost: overwritten });
+        let report = Report { tally, overwritten, pauses: clock.pauses(), rate_hz: clock.rate_hz() };
+        (report, error.or_else(overrun))
+    }
+
+    fn read(&mut self, decoder: &mut Decoder, clock: &mut SampleClock) -> Result<(), Error> {
+        let opened = Instant::now();
+        let (mut last_byte, mut last_sample) = (opened, opened);
+        let (mut bytes, mut readings, mut samples) = (vec![0; CHUNK], Vec::new(), Vec::new());
+        loop {
+            // Asked before the read: what has arrived until then is still read.
+            let ends = self.ends.load(Ordering::Relaxed);
+            let read = self.arrived(&mut bytes);
+            let now = Instant::now();
+            match read {
+                Ok(count) if count > 0 => {
+                    last_byte = now;
+                    decoder.push(&bytes[..count], &mut readings);
+                    if !readings.is_empty() {
+                        last_sample = now;
+                        let arrival_s = now.duration_since(self.settings.origin).as_secs_f64();
+                        let times = clock.stamp(arrival_s, readings.len());
+                        samples.extend(readings.drain(..).zip(times).map(|(counts, t_s)| Sample { t_s, counts }));
+                        self.ring.put(&samples);
+                        samples.clear();
+                    }
+                }
+                Ok(_) => {}
+                Err(reason) => {
+                    let after_s = now.duration_since(opened).as_secs_f64();
+                    return Err(Error::Gone { port: self.name.clone(), after_s, reason });
+                }
+            }
+            if ends {
+                return Ok(());
+            }
+            self.check_alive(decoder.tally(), now.duration_since(last_byte), now.duration_since(last_sample))?;
+        }
+    }
+
+    /// Reads what has arrived, after waiting for it; 0 if nothing has.
+    fn arrived(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        match self.port.read(bytes) {
+            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(mut count) => {
+                // A terminal hands out some kilobytes at a time, and all that waits has arrived by now. If it fails meanwhile it
+                // does so again at the next read, and what was read is kept.
+                while count < bytes.len() && self.port.bytes_to_read().is_ok_and(|waiting| waiting > 0) {
+                    match self.port.read(&mut bytes[count..]) {
+                        Ok(more) if more > 0 => count += more,
+                        _ => break,
+                    }
+                }
+                Ok(count)
+            }
+            Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => Ok(0),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn check_alive(&self, tally: &Tally, byteless: Duration, sampleless: Duration) -> Result<(), Error> {
+        let limit = if tally.samples == 0 { START } else { SILENCE };
+        let port = self.name.clone();
+        if byteless > limit {
+            let (samples, rate_hz) = (tally.samples, self.settings.rate_hz);
+            return Err(Error::Silent { port, for_s: byteless.as_secs_f64(), samples, rate_hz });
+        }
+        if sampleless > limit {
+            let example = tally.example.clone().unwrap_or_else(|| "one that never ends".into());
+            let (lines, format) = (tally.garbage_lines, self.settings.format);
+            return Err(Error::Foreign { port, lines, example, format: format.name, about: format.about });
+        }
+        Ok(())
+    }
+}

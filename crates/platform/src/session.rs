@@ -1,0 +1,131 @@
+//! A session: the routine runs, and all that sensor and printer say is recorded.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::printer::{Head, Printer};
+use crate::record::{Ending, Sink};
+use crate::routine::{Contact, IncrementsBeamTest, Observer};
+use crate::sensor::{Reader, Report};
+use crate::{Error, Sample};
+
+/// How long the recorder waits for samples before it looks for the rest.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// What came of a session.
+#[derive(Debug)]
+pub struct Outcome {
+    /// How the sensor was read.
+    pub report: Report,
+    /// The files that were written.
+    pub files: Vec<PathBuf>,
+    /// What kept it from its end; files are those of an interrupted recording.
+    pub error: Option<Error>,
+}
+
+enum Event {
+    Head(Head),
+    Contact(Contact),
+}
+
+/// Runs the routine on a printer while a sensor is recorded into `sinks`. Times are counted from `origin`, which must be that of printer and
+/// reader. If the sensor or a sink fails, the head stops after the move under way; the other way round, the sensor is read to that instant.
+pub fn run(
+    routine: &IncrementsBeamTest,
+    printer: &mut Printer,
+    reader: Reader,
+    sinks: Vec<Box<dyn Sink>>,
+    origin: Instant,
+) -> Outcome {
+    let (ends, over) = (AtomicBool::new(false), AtomicBool::new(false));
+    let (sender, events) = channel();
+    let (moved, recorded) = thread::scope(|scope| {
+        let recorder = scope.spawn(|| record(reader, sinks, events, &over, &ends));
+        let moved = routine.run(printer, origin, &ends, &mut Forward(sender));
+        over.store(true, Ordering::Relaxed);
+        (moved, recorder.join().expect("the recorder does not panic"))
+    });
+    let Recorded { report, mut sinks, error } = recorded;
+    let mut error = error.or(moved.err());
+    let ending = if error.is_some() { Ending::Interrupted } else { Ending::Complete };
+    let mut files = Vec::new();
+    for sink in sinks.drain(..) {
+        match sink.finish(ending) {
+            Ok(written) => files.extend(written),
+            Err(failure) => error = error.or(Some(failure)),
+        }
+    }
+    Outcome { report, files, error }
+}
+
+/// Hands on what happens to the recorder's thread.
+struct Forward(Sender<Event>);
+
+impl Observer for Forward {
+    fn head(&mut self, head: Head) -> Result<(), Error> {
+        // A recorder that is gone says why itself.
+        let _ = self.0.send(Event::Head(head));
+        Ok(())
+    }
+
+    fn contact(&mut self, contact: Contact) -> Result<(), Error> {
+        let _ = self.0.send(Event::Contact(contact));
+        Ok(())
+    }
+}
+
+struct Recorded {
+    report: Report,
+    sinks: Vec<Box<dyn Sink>>,
+    error: Option<Error>,
+}
+
+/// Feeds the sinks until the routine is over, or until sensor or sinks fail, upon which the routine is to end.
+fn record(
+    reader: Reader,
+    mut sinks: Vec<Box<dyn Sink>>,
+    events: Receiver<Event>,
+    over: &AtomicBool,
+    ends: &AtomicBool,
+) -> Recorded {
+    let (mut samples, mut failure) = (Vec::new(), None);
+    loop {
+        if over.load(Ordering::Relaxed) {
+            reader.end();
+        }
+        let comes_more = reader.take(&mut samples, PATIENCE);
+        // What is wrong with one sink must not keep the others from what came.
+        for sink in &mut sinks {
+            if let Err(error) = feed(sink.as_mut(), &samples) {
+                failure.get_or_insert(error);
+                ends.store(true, Ordering::Relaxed);
+            }
+        }
+        samples.clear();
+        for event in events.try_iter() {
+            for sink in &mut sinks {
+                let fed = match event {
+                    Event::Head(head) => sink.head(head),
+                    Event::Contact(contact) => sink.contact(contact),
+                };
+                if let Err(error) = fed {
+                    failure.get_or_insert(error);
+                    ends.store(true, Ordering::Relaxed);
+                }
+            }
+        }
+        if !comes_more {
+            break;
+        }
+    }
+    ends.store(true, Ordering::Relaxed);
+    let (report, error) = reader.finish();
+    Recorded { report, sinks, error: error.or(failure) }
+}
+
+fn feed(sink: &mut dyn Sink, samples: &[Sample]) -> Result<(), Error> {
+    if samples.is_empty() { Ok(()) } else { sink.samples(samples) }
+}

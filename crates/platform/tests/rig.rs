@@ -1,0 +1,114 @@
+//! The routine on the emulated rig, from port to log.
+#![cfg(unix)]
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use platform::emulate::{Emulated, Emulation, RigTable};
+use platform::printer::Printer;
+use platform::record::{Log, LogSidecar};
+use platform::routine::IncrementsBeamTest;
+use platform::sensor::{Reader, ReaderSettings, format};
+use platform::session::{self, Outcome};
+use platform::{Error, rig};
+use trace::Watermark;
+
+fn emulation() -> Emulation {
+    let rig = Arc::new(RigTable::built_in());
+    Emulation::start(&Emulated { rig, format: format("hex").expect("registered"), seed: 1 }).expect("ports")
+}
+
+fn session(emulation: &Emulation, routine: &IncrementsBeamTest, folder: &Path, stop: Arc<AtomicBool>) -> Outcome {
+    let origin = Instant::now();
+    let row = format("hex").expect("registered");
+    let mut printer = Printer::open(emulation.printer.to_str().expect("text"), origin, stop).expect("a printer");
+    let settings = ReaderSettings::new(row, origin);
+    let reader = Reader::open(emulation.sensor.to_str().expect("text"), settings).expect("a sensor");
+    let watermark =
+        Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
+    let log = Log::create(folder, row.name, settings.rate_hz, watermark).expect("a log");
+    session::run(routine, &mut printer, reader, vec![Box::new(log)], origin)
+}
+
+/// Times and y counts of a log's table, unwrapped.
+fn readings(path: &Path) -> Vec<(f64, f64)> {
+    let text = fs::read_to_string(path).expect("a table");
+    let (mut turns, mut last) = (0.0, None);
+    let rows = text.lines().skip(1).map(|row| {
+        let cells: Vec<&str> = row.split(',').collect();
+        let (t_s, y): (f64, f64) = (cells[0].parse().expect("a time"), cells[2].parse().expect("counts"));
+        let step = y - last.unwrap_or(y);
+        turns -= f64::from(i8::from(step > 32768.0)) - f64::from(i8::from(step < -32768.0));
+        last = Some(y);
+        (t_s, y + 65536.0 * turns)
+    });
+    rows.collect()
+}
+
+#[test]
+fn verif_two_places_are_pushed_and_recorded() {
+    let emulation = emulation();
+    let folder = tempfile::tempdir().expect("a folder");
+    let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: rig::SPEEDS_M_S[1], ..Default::default() };
+    let outcome = session(&emulation, &routine, folder.path(), Arc::default());
+    assert!(outcome.error.is_none(), "{:?}", outcome.error);
+    let sidecar: LogSidecar = trace::read_json(&folder.path().join("log.json")).expect("a sidecar");
+    assert_eq!(sidecar.contacts.len(), 2);
+    let rows = readings(&folder.path().join("log.csv"));
+    assert_eq!(rows.len() as u64, outcome.report.tally.samples);
+    assert_eq!((outcome.report.overwritten, outcome.report.tally.garbage_lines), (0, 0));
+    let table = RigTable::built_in();
+    let rest = rows[..200].iter().map(|(_, y)| y).sum::<f64>() / 200.0;
+    for (contact, distance_m) in sidecar.contacts.iter().zip([0.145, 0.045]) {
+        assert!((contact.distance_m - distance_m).abs() < 1e-9 && (contact.push_m - 0.006).abs() < 1e-9);
+        let within = rows.iter().filter(|(t_s, _)| (contact.start_s..contact.end_s).contains(t_s));
+        let peak = within.map(|(_, y)| y - rest).fold(0.0, |most: f64, y| if y.abs() > most.abs() { y } else { most });
+        let expected = table.deflection_counts(distance_m, 0.006).expect("touches")[1];
+        // Four standard deviations of the noise.
+        assert!((peak - expected).abs() < 200.0 + 0.01 * expected.abs(), "{distance_m}: {peak} {expected}");
+    }
+    let heads = fs::read_to_string(folder.path().join("head.csv")).expect("a table");
+    assert!(heads.lines().any(|row| row.contains(",0.153000,0.096750,")), "the head was where it was sent");
+    let sent = emulation.finish().expect("ran");
+    assert_eq!(sent.dropped, 0);
+    assert!(sent.readings - outcome.report.tally.samples < 80, "{sent:?} {}", outcome.report);
+}
+
+#[test]
+fn robust_an_interrupt_stops_the_head_and_keeps_what_came() {
+    let emulation = emulation();
+    let folder = tempfile::tempdir().expect("a folder");
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = stop.clone();
+    thread::spawn(move || {
+        thread::sleep(Duration::from_secs(2));
+        asked.store(true, Ordering::Relaxed);
+    });
+    let outcome = session(&emulation, &IncrementsBeamTest::default(), folder.path(), stop);
+    assert!(matches!(outcome.error, Some(Error::Interrupted)), "{:?}", outcome.error);
+    assert!(!folder.path().join("log.csv").exists());
+    let rows = readings(&folder.path().join("log.interrupted.csv"));
+    assert_eq!(rows.len() as u64, outcome.report.tally.samples);
+    assert!(rows.len() > 800);
+}
+
+#[test]
+fn robust_a_rig_that_is_unplugged_ends_the_session_with_what_came() {
+    let emulation = emulation();
+    let folder = tempfile::tempdir().expect("a folder");
+    let outcome = thread::scope(|scope| {
+        let session = scope.spawn(|| {
+            // Both ports are known before they go.
+            session(&emulation, &IncrementsBeamTest::default(), folder.path(), Arc::default())
+        });
+        thread::sleep(Duration::from_secs(3));
+        emulation.unplug();
+        session.join().expect("no panic")
+    });
+    assert!(matches!(outcome.error, Some(Error::Gone { .. })), "{:?}", outcome.error);
+    assert!(folder.path().join("log.interrupted.csv").exists());
+}

@@ -1,0 +1,54 @@
+//! `whisker platform`: the calibration platform, one file a command.
+
+mod emulate;
+mod list;
+mod run;
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::Context;
+use clap::Subcommand;
+use platform::sensor::{self, FORMATS, FormatRow};
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+/// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer listens
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Run(run::Arguments),
+    Emulate(emulate::Arguments),
+    List(list::Arguments),
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    match &arguments.command {
+        Command::Run(arguments) => run::run(arguments),
+        Command::Emulate(arguments) => emulate::run(arguments),
+        Command::List(arguments) => list::run(arguments),
+    }
+}
+
+/// The registry's row of a line format.
+fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
+    sensor::format(name).with_context(|| {
+        let known: Vec<_> = FORMATS.iter().map(|row| row.name).collect();
+        format!("unknown line format `{name}`, expected one of: {}", known.join(", "))
+    })
+}
+
+/// Is set once somebody asks the program to end. Who asks twice ends it the hard way.
+fn interrupt() -> anyhow::Result<Arc<AtomicBool>> {
+    let asked = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register_conditional_default(signal, asked.clone())?;
+        signal_hook::flag::register(signal, asked.clone())?;
+    }
+    Ok(asked)
+}

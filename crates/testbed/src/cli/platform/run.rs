@@ -1,0 +1,90 @@
+//! `whisker platform run`: the routine, recorded.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use platform::printer::Printer;
+use platform::record::Log;
+use platform::routine::IncrementsBeamTest;
+use platform::sensor::{Reader, ReaderSettings};
+use platform::session;
+
+use super::{format, interrupt};
+use crate::cli::print;
+use crate::provenance::watermark;
+
+/// Run the routine increments_beam_test and record it; an interrupt stops the printer at once
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Port of the printer
+    #[arg(long)]
+    printer: String,
+    /// Port of the magnetometer
+    #[arg(long)]
+    sensor: String,
+    /// What the magnetometer prints; `whisker platform list` names the formats
+    #[arg(long, default_value = "hex")]
+    format: String,
+    /// Readings a second to expect [default: the format's]
+    #[arg(long, value_parser = rate_hz)]
+    rate_hz: Option<f64>,
+    /// How far to push the whisker, in millimetres
+    #[arg(long, default_value_t = 6.0)]
+    x: f64,
+    /// How far the places reach along the whisker, in millimetres
+    #[arg(long, default_value_t = 100.0)]
+    y: f64,
+    /// Stops on the way of a push
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1000))]
+    increments_x: u32,
+    /// Steps between the first place and the last
+    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(..=1000))]
+    increments_y: u32,
+    /// How long to rest at each stop, in seconds
+    #[arg(long, default_value_t = 0)]
+    pause: u32,
+    /// Speed of the head, in millimetres a minute
+    #[arg(long, default_value_t = 2000.0)]
+    speed: f64,
+    /// Folder for log.csv, log.json and head.csv
+    #[arg(long)]
+    out: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let format = format(&arguments.format)?;
+    let routine = IncrementsBeamTest {
+        total_x_m: 1e-3 * arguments.x,
+        total_y_m: 1e-3 * arguments.y,
+        increments_x: arguments.increments_x,
+        increments_y: arguments.increments_y,
+        pause: Duration::from_secs(arguments.pause.into()),
+        speed_m_s: arguments.speed / 60e3,
+    };
+    routine.check()?;
+    let stop = interrupt()?;
+    let origin = Instant::now();
+    let mut settings = ReaderSettings::new(format, origin);
+    settings.rate_hz = arguments.rate_hz.unwrap_or(format.rate_hz);
+    let mut printer = Printer::open(&arguments.printer, origin, stop)?;
+    let reader = Reader::open(&arguments.sensor, settings)?;
+    let described = format!("{routine:?}");
+    let log = Log::create(&arguments.out, format.name, settings.rate_hz, watermark([described.as_str(), format.name]))?;
+    let outcome = session::run(&routine, &mut printer, reader, vec![Box::new(log)], origin);
+    eprintln!("{}", outcome.report);
+    for path in &outcome.files {
+        print(&format!("{}\n", path.display()))?;
+    }
+    match outcome.error {
+        Some(error) => Err(error.into()),
+        None => Ok(ExitCode::SUCCESS),
+    }
+}
+
+fn rate_hz(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),
+        _ => Err("expected readings a second, 1 to 10000, for example 800".into()),
+    }
+}
