@@ -7,8 +7,9 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// What determines the program, from this crate's folder.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     "src",
+    "../bag/src",
     "../filters/src",
     "../whisker/src",
     "../trace/src",

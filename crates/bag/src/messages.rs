@@ -2,13 +2,15 @@
 //!
 //! One table states each message once: from it come the type, the text by which ROS 2 defines it, and [`AnyMessage`].
 
+use std::fmt::Debug;
+
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::cdr;
+use crate::{Error, Publisher, cdr};
 
 /// A message that can be recorded and sent.
-pub trait Message: Serialize + DeserializeOwned + Field {
+pub trait Message: Clone + Debug + Serialize + DeserializeOwned + Field + Send + 'static {
     /// Name of the type, for example `geometry_msgs/msg/Vector3`.
     const TYPE: &'static str;
 
@@ -109,6 +111,16 @@ macro_rules! messages {
         impl AnyMessage {
             /// Names of the types that are known.
             pub const TYPES: &'static [&'static str] = &[$($type),*];
+
+            /// Hands the message within to a publisher.
+            ///
+            /// # Errors
+            /// What the publisher says.
+            pub fn write(&self, publisher: &mut impl Publisher, topic: &str, time_ns: u64) -> Result<(), Error> {
+                match self {
+                    $(Self::$name(message) => publisher.write(topic, time_ns, message),)*
+                }
+            }
 
             /// The message of this type in these bytes; none where the type is not known.
             ///

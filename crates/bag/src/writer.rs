@@ -81,7 +81,17 @@ impl Writer {
     ///
     /// # Errors
     /// [`Error`] if the system refuses.
-    pub fn finish(mut self) -> Result<(), Error> {
+    pub fn finish(self) -> Result<(), Error> {
+        let folder = self.folder.clone();
+        let part = self.leave()?;
+        fs::rename(&part, &folder).map_err(Error::io(&folder))
+    }
+
+    /// Ends a recording that did not come to its end under the name that says so, which it returns.
+    ///
+    /// # Errors
+    /// [`Error`] if the system refuses.
+    pub fn leave(mut self) -> Result<PathBuf, Error> {
         self.mcap.finish().map_err(failed(&self.file))?;
         let stream = self.mcap.into_inner();
         let written = stream.into_inner().map_err(std::io::IntoInnerError::into_error).and_then(|file| file.sync_all());
@@ -96,7 +106,7 @@ impl Writer {
         let metadata = self.part.join(metadata::FILE);
         let text = Metadata::new(&name, first_ns, last_ns, &recorded).to_yaml();
         fs::write(&metadata, text).map_err(Error::io(&metadata))?;
-        fs::rename(&self.part, &self.folder).map_err(Error::io(&self.folder))
+        Ok(self.part)
     }
 
     /// The channel of a topic, which is made at its first message.

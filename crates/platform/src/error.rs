@@ -5,6 +5,9 @@ use std::path::Path;
 /// Why the platform did not do what it was asked to.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
+    /// A recording of messages cannot be kept.
+    #[error(transparent)]
+    Bag(#[from] bag::Error),
     /// A port cannot be opened.
     #[error("{port}: cannot be opened: {reason}")]
     Open {

@@ -16,6 +16,7 @@ pub mod routine;
 mod sample;
 pub mod sensor;
 pub mod session;
+pub mod streams;
 
 pub use error::Error;
 pub use sample::Sample;

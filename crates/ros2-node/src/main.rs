@@ -1,1 +1,41 @@
-fn main(){}
+//! The calibration platform as a ROS 2 node, without a ROS installation.
+//!
+//! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` sends a recording at its
+//! own pace. Topics, types and frames are the same as in recordings ([`bag::topics`]).
+
+mod node;
+mod play;
+mod run;
+mod service;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// The calibration platform as a ROS 2 node
+#[derive(Parser)]
+#[command(name = "ros2-node", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Run(run::Arguments),
+    Play(play::Arguments),
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Run(arguments) => run::run(&arguments),
+        Command::Play(arguments) => play::run(&arguments),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -22,6 +22,7 @@ pub mod front_end;
 pub mod map;
 pub mod metrics;
 pub mod provenance;
+pub mod recordings;
 pub mod replay;
 pub mod report;
 pub mod results;

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 good, 1 failed, 2 wrong usage, 3 finished with failed items. Results go to stdout, diagnostics to stderr.
 
+mod bag;
 mod check;
 mod evaluate;
 mod fit;
@@ -47,6 +48,7 @@ enum Command {
     Reproduce(reproduce::Arguments),
     #[cfg(unix)]
     Platform(platform::Arguments),
+    Bag(bag::Arguments),
 }
 
 /// Runs the command that the program's arguments name.
@@ -66,6 +68,7 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Reproduce(arguments) => reproduce::run(&arguments),
         #[cfg(unix)]
         Command::Platform(arguments) => platform::run(&arguments),
+        Command::Bag(arguments) => bag::run(&arguments),
     }
 }
 

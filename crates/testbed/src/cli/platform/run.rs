@@ -5,10 +5,12 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use platform::printer::Printer;
-use platform::record::Log;
+use platform::record::{LOG_KIND, Log, LogSidecar, Sink};
 use platform::routine::IncrementsBeamTest;
 use platform::sensor::{Reader, ReaderSettings};
 use platform::session;
+use platform::streams::Bag;
+use trace::FORMAT;
 
 use super::{format, interrupt};
 use crate::cli::print;
@@ -50,6 +52,9 @@ pub(super) struct Arguments {
     /// Folder for log.csv, log.json and head.csv
     #[arg(long)]
     out: PathBuf,
+    /// Record into this rosbag2 folder, too
+    #[arg(long)]
+    bag: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -70,8 +75,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut printer = Printer::open(&arguments.printer, origin, stop)?;
     let reader = Reader::open(&arguments.sensor, settings)?;
     let described = format!("{routine:?}");
-    let log = Log::create(&arguments.out, format.name, settings.rate_hz, watermark([described.as_str(), format.name]))?;
-    let outcome = session::run(&routine, &mut printer, reader, vec![Box::new(log)], origin);
+    let watermark = watermark([described.as_str(), format.name]);
+    let log = Log::create(&arguments.out, format.name, settings.rate_hz, watermark.clone())?;
+    let mut sinks: Vec<Box<dyn Sink>> = vec![Box::new(log)];
+    if let Some(folder) = &arguments.bag {
+        let sidecar = LogSidecar {
+            format: FORMAT,
+            kind: LOG_KIND.into(),
+            rate_hz: settings.rate_hz,
+            sensor: format.name.into(),
+            contacts: Vec::new(),
+            watermark,
+        };
+        sinks.push(Box::new(Bag::create(folder, sidecar)?));
+    }
+    let outcome = session::run(&routine, &mut printer, reader, sinks, origin);
     eprintln!("{}", outcome.report);
     for path in &outcome.files {
         print(&format!("{}\n", path.display()))?;

@@ -1,0 +1,96 @@
+//! A node that publishes messages.
+
+use std::any::Any;
+use std::collections::HashMap;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::bail;
+use bag::{Error, Message, Publisher, topics};
+use futures::executor::block_on;
+use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
+use ros2_client::{Context, ContextOptions, MessageTypeName, Name, NodeName, NodeOptions};
+
+/// Messages that are kept for a subscriber who is slow: more than a second of the sensor.
+const DEPTH: usize = 1000;
+/// How long a message waits for such a one.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// The network that the node is in.
+#[derive(clap::Args)]
+pub(crate) struct Network {
+    /// Domain of the node
+    #[arg(long, env = "ROS_DOMAIN_ID", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=232))]
+    domain: u16,
+}
+
+/// A node and its publishers, one a topic.
+pub(crate) struct Node {
+    node: ros2_client::Node,
+    publishers: HashMap<String, Box<dyn Any + Send>>,
+}
+
+impl Node {
+    pub(crate) fn new(network: &Network) -> anyhow::Result<Self> {
+        let options = ContextOptions::new().domain_id(network.domain);
+        let context = Context::with_options(options)?;
+        let mut node = context.new_node(NodeName::new("/", "whisker")?, NodeOptions::new())?;
+        let spinner = node.spinner()?;
+        thread::spawn(move || block_on(spinner.spin()));
+        Ok(Self { node, publishers: HashMap::new() })
+    }
+
+    /// The node itself.
+    pub(crate) fn ros(&mut self) -> &mut ros2_client::Node {
+        &mut self.node
+    }
+
+    /// Announces a topic, so that subscribers find it before its first message.
+    pub(crate) fn announce<M: Message>(&mut self, topic: &str) -> Result<(), Error> {
+        let failed = |reason: String| Error::Live { topic: topic.into(), reason };
+        let (package, kind) = M::TYPE.split_once("/msg/").expect("types are named package/msg/Type");
+        let name = Name::parse(topic).map_err(|error| failed(format!("{error:?}")))?;
+        let topic_of = self.node.create_topic(&name, MessageTypeName::new(package, kind), &quality(topic));
+        let publisher = topic_of
+            .and_then(|of| self.node.create_publisher::<M>(&of, None))
+            .map_err(|error| failed(error.to_string()))?;
+        self.publishers.insert(topic.into(), Box::new(publisher));
+        Ok(())
+    }
+
+    /// Waits until somebody has subscribed to a topic.
+    pub(crate) fn wait_for_subscriber(&self, topic: &str, patience: Duration) -> anyhow::Result<()> {
+        let begin = Instant::now();
+        while self.node.subscription_count(topic) == 0 {
+            if begin.elapsed() > patience {
+                bail!("{topic}: no subscriber within {} s", patience.as_secs());
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+        Ok(())
+    }
+}
+
+impl Publisher for Node {
+    fn write<M: Message>(&mut self, topic: &str, _time_ns: u64, message: &M) -> Result<(), Error> {
+        if !self.publishers.contains_key(topic) {
+            self.announce::<M>(topic)?;
+        }
+        let failed = |reason: String| Error::Live { topic: topic.into(), reason };
+        self.publishers[topic]
+            .downcast_ref::<ros2_client::Publisher<M>>()
+            .ok_or_else(|| failed(format!("found a {}, expected the type that the topic had before", M::TYPE)))?
+            .publish(message.clone())
+            .map_err(|error| failed(format!("{error:?}")))
+    }
+}
+
+/// Reliable; frames that stand are kept for who comes late.
+fn quality(topic: &str) -> QosProfile {
+    let quality = QosProfile::publisher_default().reliability_reliable(WhenFull::Wait(PATIENCE));
+    if topic == topics::TF_STATIC {
+        quality.durability(Durability::TransientLocal).history(History::KeepLast { depth: 1 })
+    } else {
+        quality.durability(Durability::Volatile).history(History::KeepLast { depth: DEPTH })
+    }
+}

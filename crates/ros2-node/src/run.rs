@@ -1,0 +1,133 @@
+//! `ros2-node run`: the platform, live.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use anyhow::Context;
+use bag::messages::MagneticFieldArray;
+use bag::topics;
+use platform::printer::{Head, Printer};
+use platform::routine::{Contact, IncrementsBeamTest, Observer};
+use platform::sensor::{Reader, ReaderSettings};
+use platform::streams::Streams;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::node::{Network, Node};
+use crate::service::{Middleware, Request, Service};
+
+/// Stream the magnetometer and offer the service increments_beam_test, which runs the routine on the printer
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Port of the printer
+    #[arg(long)]
+    printer: String,
+    /// Port of the magnetometer
+    #[arg(long)]
+    sensor: String,
+    /// What the magnetometer prints; `whisker platform list` names the formats
+    #[arg(long, default_value = "hex")]
+    format: String,
+    /// Time that one message of readings reaches over, in seconds; 0 for a message a reading
+    #[arg(long, default_value_t = 0.1, value_parser = batch_s)]
+    batch: f64,
+    /// Speed of the head, in millimetres a minute
+    #[arg(long, default_value_t = 2000.0)]
+    speed: f64,
+    /// ROS 2 middleware of who calls the service
+    #[arg(long, value_enum, default_value = "fastrtps")]
+    middleware: Middleware,
+    #[command(flatten)]
+    network: Network,
+}
+
+/// How long samples are waited for.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+type Shared = Mutex<Streams<Node>>;
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let format = platform::sensor::format(&arguments.format)
+        .with_context(|| format!("unknown line format `{}`; `whisker platform list` names them", arguments.format))?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register_conditional_default(signal, stop.clone())?;
+        signal_hook::flag::register(signal, stop.clone())?;
+    }
+    let mut node = Node::new(&arguments.network)?;
+    node.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
+    let service = Service::new(&mut node, arguments.middleware)?;
+    let origin = Instant::now();
+    let epoch_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
+    let mut printer = Printer::open(&arguments.printer, origin, stop.clone())?;
+    let reader = Reader::open(&arguments.sensor, ReaderSettings::new(format, origin))?;
+    let streams = Mutex::new(Streams::new(node, epoch_ns, arguments.batch));
+    println!("ready");
+    thread::scope(|scope| {
+        let sensor = scope.spawn(|| {
+            let done = stream(reader, &streams, &stop);
+            // Without a sensor there is nothing to serve.
+            stop.store(true, Ordering::Relaxed);
+            done
+        });
+        let served = service.serve(&stop, |request| {
+            let routine = routine(request, arguments.speed / 60e3);
+            Ok(routine.run(&mut printer, origin, &stop, &mut Told(&streams))?)
+        });
+        stop.store(true, Ordering::Relaxed);
+        sensor.join().expect("the sensor's thread does not panic")?;
+        served
+    })
+}
+
+/// The routine that a request asks for.
+fn routine(request: Request, speed_m_s: f64) -> IncrementsBeamTest {
+    IncrementsBeamTest {
+        total_x_m: 1e-3 * f64::from(request.total_x_distance),
+        total_y_m: 1e-3 * f64::from(request.total_y_distance),
+        increments_x: request.increments_x,
+        increments_y: request.increments_y,
+        pause: Duration::from_secs(request.pause_sec.into()),
+        speed_m_s,
+    }
+}
+
+/// Publishes what the sensor says until `stop` is set.
+fn stream(reader: Reader, streams: &Shared, stop: &AtomicBool) -> anyhow::Result<()> {
+    let mut samples = Vec::new();
+    while reader.take(&mut samples, PATIENCE) {
+        locked(streams).samples(&samples)?;
+        samples.clear();
+        if stop.load(Ordering::Relaxed) {
+            reader.end();
+        }
+    }
+    let (report, error) = reader.finish();
+    eprintln!("{report}");
+    error.map_or(Ok(()), |error| Err(error.into()))
+}
+
+/// Publishes where the head is and where it pushed.
+struct Told<'a>(&'a Shared);
+
+impl Observer for Told<'_> {
+    fn head(&mut self, head: Head) -> Result<(), platform::Error> {
+        Ok(locked(self.0).head(head)?)
+    }
+
+    fn contact(&mut self, contact: Contact) -> Result<(), platform::Error> {
+        Ok(locked(self.0).pushed(&contact)?)
+    }
+}
+
+fn locked(streams: &Shared) -> std::sync::MutexGuard<'_, Streams<Node>> {
+    streams.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn batch_s(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.0..=10.0).contains(&value) => Ok(value),
+        _ => Err("expected seconds, 0 to 10, for example 0.1".into()),
+    }
+}
