@@ -8,7 +8,6 @@ mod fit;
 mod front_end;
 mod import;
 mod list;
-#[cfg(unix)]
 mod platform;
 mod python;
 mod replay;
@@ -45,7 +44,6 @@ enum Command {
     Check(check::Arguments),
     List(list::Arguments),
     Reproduce(reproduce::Arguments),
-    #[cfg(unix)]
     Platform(platform::Arguments),
 }
 
@@ -64,7 +62,6 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Check(arguments) => check::run(&arguments),
         Command::List(arguments) => list::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
-        #[cfg(unix)]
         Command::Platform(arguments) => platform::run(&arguments),
     }
 }
