@@ -10,6 +10,7 @@ pub mod emulate;
 mod error;
 mod lines;
 pub mod printer;
+mod range;
 pub mod record;
 pub mod rig;
 pub mod routine;
