@@ -9,6 +9,7 @@
 pub mod emulate;
 mod error;
 mod lines;
+mod port;
 pub mod printer;
 mod range;
 pub mod record;
