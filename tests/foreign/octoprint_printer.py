@@ -7,6 +7,7 @@ import os
 import threading
 import tty
 
+from octoprint.plugin import plugin_manager
 from octoprint.plugins.virtual_printer import VirtualPrinterPlugin
 from octoprint.plugins.virtual_printer.virtual import VirtualPrinter
 
@@ -40,6 +41,8 @@ class Settings:
 def main() -> None:
     """Serves until the process is ended."""
     folder = os.environ["TMPDIR"]
+    # The printer asks other plugins; there are none.
+    plugin_manager(init=True, plugin_folders=[], plugin_entry_points=[])
     device, port = os.openpty()
     tty.setraw(device)
     print(os.ttyname(port), flush=True)

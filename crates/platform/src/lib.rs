@@ -9,7 +9,9 @@
 pub mod emulate;
 mod error;
 mod lines;
+mod port;
 pub mod printer;
+mod range;
 pub mod record;
 pub mod rig;
 pub mod routine;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use crate::printer::{Head, Printer};
-use crate::{Error, rig};
+use crate::{Error, range, rig};
 
 /// Rest before a push: the whisker's ringing of the last one is over, and the recording shows what rest looks like.
 const REST: Duration = Duration::from_secs(1);
@@ -94,26 +94,10 @@ impl IncrementsBeamTest {
     /// # Errors
     /// [`Error::Range`] names what is out of its range.
     pub fn check(&self) -> Result<(), Error> {
-        let within = |what: &str, value_m: f64, most_m: f64| {
-            if value_m.is_finite() && value_m >= 0.0 && value_m <= most_m + 1e-12 {
-                return Ok(());
-            }
-            let (found, expected) = (format!("{} mm", 1e3 * value_m), format!("0 to {:.2} mm", 1e3 * most_m));
-            Err(Error::Range { what: what.into(), found, expected })
-        };
-        within("total_x_distance", self.total_x_m, rig::BED_X_M[1] - rig::nozzle_x_m(0.0))?;
-        within(
-            "total_y_distance",
-            self.total_y_m,
-            rig::BED_Y_M[1] - rig::nozzle_y_m(rig::WHISKER_LENGTH_M - rig::FIRST_TOUCH_M),
-        )?;
-        let speed = 60e3 * self.speed_m_s;
-        let [least, most] = rig::SPEEDS_M_S.map(|speed_m_s| 60e3 * speed_m_s);
-        if !(least - 1e-6..=most + 1e-6).contains(&speed) {
-            let (found, expected) = (format!("{speed:.0} mm/min"), format!("{least:.0} to {most:.0} mm/min"));
-            return Err(Error::Range { what: "speed".into(), found, expected });
-        }
-        Ok(())
+        let first_y_m = rig::nozzle_y_m(rig::WHISKER_LENGTH_M - rig::FIRST_TOUCH_M);
+        range::check_length("total_x_distance", self.total_x_m, [0.0, rig::BED_X_M[1] - rig::nozzle_x_m(0.0)])?;
+        range::check_length("total_y_distance", self.total_y_m, [0.0, rig::BED_Y_M[1] - first_y_m])?;
+        range::check_speed("speed", self.speed_m_s, rig::SPEEDS_M_S)
     }
 
     /// Homes the printer and goes the way. Times are counted from `origin`. Between two moves it ends early, without an error, once `ends` is set.

@@ -48,11 +48,11 @@ pub fn run(
         over.store(true, Ordering::Relaxed);
         (moved, recorder.join().expect("the recorder does not panic"))
     });
-    let Recorded { report, mut sinks, error } = recorded;
+    let Recorded { report, sinks, error } = recorded;
     let mut error = error.or(moved.err());
     let ending = if error.is_some() { Ending::Interrupted } else { Ending::Complete };
     let mut files = Vec::new();
-    for sink in sinks.drain(..) {
+    for sink in sinks {
         match sink.finish(ending) {
             Ok(written) => files.extend(written),
             Err(failure) => error = error.or(Some(failure)),
@@ -92,40 +92,31 @@ fn record(
     ends: &AtomicBool,
 ) -> Recorded {
     let (mut samples, mut failure) = (Vec::new(), None);
-    loop {
+    let mut comes_more = true;
+    while comes_more {
         if over.load(Ordering::Relaxed) {
             reader.end();
         }
-        let comes_more = reader.take(&mut samples, PATIENCE);
+        comes_more = reader.take(&mut samples, PATIENCE);
+        let events: Vec<Event> = events.try_iter().collect();
         // What is wrong with one sink must not keep the others from what came.
         for sink in &mut sinks {
-            if let Err(error) = feed(sink.as_mut(), &samples) {
+            if let Err(error) = feed(sink.as_mut(), &samples, &events) {
                 failure.get_or_insert(error);
                 ends.store(true, Ordering::Relaxed);
             }
         }
         samples.clear();
-        for event in events.try_iter() {
-            for sink in &mut sinks {
-                let fed = match event {
-                    Event::Head(head) => sink.head(head),
-                    Event::Contact(contact) => sink.contact(contact),
-                };
-                if let Err(error) = fed {
-                    failure.get_or_insert(error);
-                    ends.store(true, Ordering::Relaxed);
-                }
-            }
-        }
-        if !comes_more {
-            break;
-        }
     }
     ends.store(true, Ordering::Relaxed);
     let (report, error) = reader.finish();
     Recorded { report, sinks, error: error.or(failure) }
 }
 
-fn feed(sink: &mut dyn Sink, samples: &[Sample]) -> Result<(), Error> {
-    if samples.is_empty() { Ok(()) } else { sink.samples(samples) }
+fn feed(sink: &mut dyn Sink, samples: &[Sample], events: &[Event]) -> Result<(), Error> {
+    sink.samples(samples)?;
+    events.iter().try_for_each(|event| match event {
+        Event::Head(head) => sink.head(*head),
+        Event::Contact(contact) => sink.contact(*contact),
+    })
 }

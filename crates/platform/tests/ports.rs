@@ -176,12 +176,10 @@ fn robust_nothing_moves_before_homing_nor_out_of_the_bed() {
     let mut to =
         |goal_m, speed_m_s| printer.move_to(goal_m, speed_m_s, &mut |_| Ok(())).expect_err("refused").to_string();
     assert!(to([0.1, 0.1], 0.03).contains("before homing"));
-    assert!(to([0.251, 0.1], 0.03).starts_with("x of the head: found 251.000 mm, expected 0 to 250 mm"));
+    assert!(to([0.251, 0.1], 0.03).starts_with("x of the head: found 251 mm, expected 0 to 250 mm"));
     assert!(to([0.1, -0.001], 0.03).starts_with("y of the head: "));
     assert!(to([0.1, f64::NAN], 0.03).starts_with("y of the head: "));
-    assert!(
-        to([0.1, 0.1], 1.0).starts_with("speed of the head: found 60000.000 mm/min, expected 1000 to 15000 mm/min")
-    );
+    assert!(to([0.1, 0.1], 1.0).starts_with("speed of the head: found 60000 mm/min, expected 1000 to 15000 mm/min"));
     drop((printer, port));
     assert!(told.join().expect("the script ends").iter().all(|line| !line.contains("G1")));
 }

@@ -13,8 +13,8 @@ use serialport::SerialPort;
 
 use super::answer::{Answer, Position};
 use super::gcode::numbered;
-use crate::Error;
 use crate::lines::{Line, Lines, shown};
+use crate::{Error, port};
 
 /// How long a read waits: how soon an interrupt stops the printer.
 const TICK: Duration = Duration::from_millis(20);
@@ -53,8 +53,7 @@ enum Fate {
 impl Link {
     /// Opens a port and waits for the printer to answer.
     pub(super) fn open(name: &str, baud: u32, stop: Arc<AtomicBool>) -> Result<Self, Error> {
-        let port = serialport::new(name, baud).timeout(TICK).open();
-        let port = port.map_err(|reason| Error::Open { port: name.into(), reason })?;
+        let port = port::open(name, baud, TICK)?;
         let (name, opened) = (name.into(), Instant::now());
         let mut link = Self { name, port, opened, lines: Lines::default(), waiting: VecDeque::new(), number: 0, stop };
         link.begin()?;

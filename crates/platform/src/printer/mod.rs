@@ -14,7 +14,7 @@ use answer::Position;
 use gcode::millimetres;
 use link::{Link, PROMPT};
 
-use crate::{Error, rig};
+use crate::{Error, range, rig};
 
 /// Bits a second of the printer's port.
 pub const BAUD: u32 = 115_200;
@@ -80,9 +80,9 @@ impl Printer {
     /// # Errors
     /// If the printer was not homed, the goal is out of its bed, the speed out of its range, or the head is elsewhere in the end.
     pub fn move_to(&mut self, goal_m: [f64; 2], speed_m_s: f64, watch: &mut Watch<'_>) -> Result<(), Error> {
-        check("x of the head", 1e3, goal_m[0], rig::BED_X_M, "mm")?;
-        check("y of the head", 1e3, goal_m[1], rig::BED_Y_M, "mm")?;
-        check("speed of the head", 60e3, speed_m_s, rig::SPEEDS_M_S, "mm/min")?;
+        range::check_length("x of the head", goal_m[0], rig::BED_X_M)?;
+        range::check_length("y of the head", goal_m[1], rig::BED_Y_M)?;
+        range::check_speed("speed of the head", speed_m_s, rig::SPEEDS_M_S)?;
         let [x, y] = goal_m.map(millimetres);
         let command = format!("G1 X{x} Y{y} F{:.0}", 60e3 * speed_m_s);
         if !self.is_homed {
@@ -178,14 +178,4 @@ impl Printer {
     fn middle_s(&self, asked: Instant) -> f64 {
         (asked + asked.elapsed() / 2).duration_since(self.origin).as_secs_f64()
     }
-}
-
-fn check(what: &str, scale: f64, value: f64, [least, most]: [f64; 2], unit: &str) -> Result<(), Error> {
-    // What the published controller excluded, the limits themselves, is as safe as the rest. The last digit of a sum is not judged.
-    const ROUNDING: f64 = 1e-9;
-    if (least - ROUNDING..=most + ROUNDING).contains(&value) {
-        return Ok(());
-    }
-    let expected = format!("{:.0} to {:.0} {unit}", scale * least, scale * most);
-    Err(Error::Range { what: what.into(), found: format!("{:.3} {unit}", scale * value), expected })
 }

@@ -12,7 +12,7 @@ use super::clock::SampleClock;
 use super::decoder::{Decoder, Tally};
 use super::ring::Ring;
 use super::{BAUD, FormatRow};
-use crate::{Error, Sample};
+use crate::{Error, Sample, port};
 
 /// How long a read waits for bytes: how soon the thread notices that it is to end.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -83,11 +83,10 @@ impl Reader {
     ///
     /// # Errors
     /// [`Error::Open`] if the port cannot be opened.
-    pub fn open(port: &str, settings: ReaderSettings) -> Result<Self, Error> {
-        let opened = serialport::new(port, BAUD).timeout(PATIENCE).open();
-        let opened = opened.map_err(|reason| Error::Open { port: port.into(), reason })?;
+    pub fn open(name: &str, settings: ReaderSettings) -> Result<Self, Error> {
+        let opened = port::open(name, BAUD, PATIENCE)?;
         let (ring, ends) = (Arc::new(Ring::new(settings.capacity)), Arc::new(AtomicBool::new(false)));
-        let source = Source { name: port.into(), port: opened, ring: ring.clone(), ends: ends.clone(), settings };
+        let source = Source { name: name.into(), port: opened, ring: ring.clone(), ends: ends.clone(), settings };
         let thread = std::thread::Builder::new().name("sensor".into()).spawn(|| source.run());
         Ok(Self { ring, ends, thread: Some(thread.map_err(Error::system("thread of the sensor"))?) })
     }

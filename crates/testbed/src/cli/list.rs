@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use platform::sensor::FORMATS;
 use serde_json::{Value, json};
 use trace::IMPORTERS;
 use whisker::estimators::ESTIMATORS;
@@ -14,7 +15,7 @@ use crate::front_end::FRONT_ENDS;
 use crate::metrics::{METRICS, Metric};
 use crate::report::{FIGURES, physics};
 
-/// Print the registries: estimators, sensor models, detectors, front ends, importers, metrics, figures, claims, and the generator's
+/// Print the registries: estimators, sensor models, detectors, front ends, importers, magnetometers, metrics, figures, claims, and the generator's
 #[derive(clap::Args)]
 pub(super) struct Arguments {}
 
@@ -31,6 +32,8 @@ pub(super) fn run(_: &Arguments) -> anyhow::Result<ExitCode> {
     let front_ends = FRONT_ENDS.iter().map(|row| with_defaults(row.name, row.about, (row.defaults)()));
     sections.push(("front ends", front_ends.collect()));
     sections.push(("importers", IMPORTERS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about)).collect()));
+    let magnetometers = FORMATS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about));
+    sections.push(("magnetometers of the platform", magnetometers.collect()));
     let metric = |row: &Metric| format!("  {:<28} {} ({} over trials)\n", row.name, row.about, row.summary.name());
     sections.push(("metrics", METRICS.iter().map(metric).collect()));
     sections.push(("figures", FIGURES.iter().map(|row| format!("  {:<28} {}\n", row.name, row.title)).collect()));

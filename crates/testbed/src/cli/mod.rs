@@ -9,7 +9,6 @@ mod fit;
 mod front_end;
 mod import;
 mod list;
-#[cfg(unix)]
 mod platform;
 mod python;
 mod replay;
@@ -46,7 +45,6 @@ enum Command {
     Check(check::Arguments),
     List(list::Arguments),
     Reproduce(reproduce::Arguments),
-    #[cfg(unix)]
     Platform(platform::Arguments),
     Bag(bag::Arguments),
 }
@@ -66,7 +64,6 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Check(arguments) => check::run(&arguments),
         Command::List(arguments) => list::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
-        #[cfg(unix)]
         Command::Platform(arguments) => platform::run(&arguments),
         Command::Bag(arguments) => bag::run(&arguments),
     }

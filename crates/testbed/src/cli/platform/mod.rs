@@ -1,5 +1,6 @@
 //! `whisker platform`: the calibration platform, one file a command.
 
+#[cfg(unix)]
 mod emulate;
 mod list;
 mod run;
@@ -23,6 +24,7 @@ pub(super) struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Run(run::Arguments),
+    #[cfg(unix)]
     Emulate(emulate::Arguments),
     List(list::Arguments),
 }
@@ -30,6 +32,7 @@ enum Command {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.command {
         Command::Run(arguments) => run::run(arguments),
+        #[cfg(unix)]
         Command::Emulate(arguments) => emulate::run(arguments),
         Command::List(arguments) => list::run(arguments),
     }
