@@ -1,13 +1,4 @@
-"""Receives magnetic fields with rosless: topic and number to expect; prints how many came, whether in order, and in how many seconds."""
-
-import sys
-import time
-
-import rosless
-
-topic, expected = sys.argv[1], int(sys.argv[2])
-received = []
-with rosless.subscribe(topic, wait=30.0, type_name="sensor_msgs/msg/MagneticField", reliability="reliable", history="keep_all") as subscription:
+"""Receives magnetic fields with rosless.subscribe(topic, type_name=TYPE, wait=30.0, reliability="reliable", history="keep_all") as subscription:
     silence_s = 40.0
     while len(received) < expected:
         message = subscription.read(timeout=silence_s)

@@ -1,0 +1,115 @@
+"""Recordings and the live node against programs of others: `rosbags`, `mcap-ros2-support`, `rosless`.
+
+They are installed only where `WHISKER_FOREIGN=1` asks for it, into a virtual environment of their own. The node runs in a network
+namespace that has nothing but its loopback, so nobody else hears it.
+"""
+
+import csv
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOREIGN = ROOT / "tests/foreign"
+VENV = ROOT / "target/foreign/ros"
+PYTHON = VENV / "bin/python"
+PACKAGES = ["rosbags==0.11.9", "mcap-ros2-support==0.6.0", "rosless==0.5.0"]
+TRACE = ROOT / "datasets/golden/golden_circle.csv"
+
+COLUMNS = {
+    "/tf": "base_x_m",
+    "/joint_states": "base_yaw_rad",
+    "/base_twist": "base_vx_m_s",
+    "/moment": "moment_z_n_m",
+    "/truth/touching": "truth_touching",
+    "/truth/tip": "truth_tip",
+    "/truth/split": "truth_split",
+    "/truth/contact": "truth_contact_x_m",
+    "/truth/surface": "truth_surface_x_m",
+    "/truth/arc_m": "truth_arc_m",
+    "/truth/force_n": "truth_force_n",
+    "/truth/tangent_rad": "truth_tangent_rad",
+}
+"""Column of the trace whose numbers a topic holds."""
+
+STREAM_S, RATE_HZ = 60, 800
+
+pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason="WHISKER_FOREIGN=1 installs programs of others")
+
+
+@pytest.fixture(scope="module")
+def python() -> Path:
+    """A Python that has the programs of others."""
+    if not (VENV / "complete").exists():
+        subprocess.run([sys.executable, "-m", "venv", VENV], check=True)
+        subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
+        (VENV / "complete").touch()
+    return PYTHON
+
+
+def built(package: str, program: str) -> Path:
+    """A program of this project."""
+    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", package, "--bin", program], cwd=ROOT, check=True)
+    return ROOT / "target/release" / program
+
+
+@pytest.fixture(scope="module")
+def whisker() -> Path:
+    """The command."""
+    return built("testbed", "whisker")
+
+
+@pytest.fixture(scope="module")
+def node() -> Path:
+    """The node."""
+    return built("ros2-node", "ros2-node")
+
+
+def output(*command: str | Path) -> str:
+    """What a command prints."""
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("reader", ["rosbags", "mcap_ros2"])
+def test_others_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
+    folder = tmp_path / "circle"
+    output(whisker, "bag", "export", TRACE, "--out", folder)
+    lines = [line.split() for line in output(python, FOREIGN / "read_bag.py", folder, reader).splitlines()]
+    found = {topic: (int(count), float(total)) for topic, count, total in lines}
+    rows = list(csv.DictReader(TRACE.open()))
+    expected = {}
+    for topic, column in COLUMNS.items():
+        numbers = [float(row[column]) for row in rows if row[column]]
+        expected[topic] = (len(numbers), math.fsum(numbers))
+    assert found == expected
+
+
+def test_a_recording_of_others_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
+    folder, out = tmp_path / "theirs", tmp_path / "log"
+    output(python, FOREIGN / "write_bag.py", folder, "openwhisker", "8000")
+    assert "8000" not in output(whisker, "bag", "info", folder)  # in messages of 80 readings
+    output(whisker, "bag", "import", folder, "--out", out)
+    rows = list(csv.DictReader((out / "log.csv").open()))
+    assert [int(row["x_counts"]) for row in rows] == list(range(8000))
+    assert all(abs(float(row["t_s"]) - i / RATE_HZ) < 1e-6 for i, row in enumerate(rows))
+
+
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="a network namespace needs root and unshare")
+def test_a_node_of_others_receives_every_message(python: Path, node: Path, tmp_path: Path) -> None:
+    folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
+    output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
+    script = f"""
+        ip link set lo up && ip route add 224.0.0.0/4 dev lo
+        {python} {FOREIGN / "receive.py"} /field {expected} &
+        {node} play {folder} --wait-for /field >{tmp_path / "node"} && wait
+    """
+    count, in_order, duration_s = output("unshare", "--net", "sh", "-c", script).split()
+    assert (int(count), in_order) == (expected, "True")
+    assert abs(float(duration_s) - STREAM_S) < 1.0
