@@ -1,4 +1,4 @@
-"""Recordings and the live node against programs of others: `rosbags`, `mcap-ros2-support`, `rosless`.
+"""Recordings and the live node against programs of others: `rosbags`, `mcap-ros2-support`, `rosless`, `cyclonedds`.
 
 They are installed only where `WHISKER_FOREIGN=1` asks for it, into a virtual environment of their own. The node runs in a network
 namespace that has nothing but its loopback, so nobody else hears it.
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOREIGN = ROOT / "tests/foreign"
 VENV = ROOT / "target/foreign/ros"
 PYTHON = VENV / "bin/python"
-PACKAGES = ["rosbags==0.11.9", "mcap-ros2-support==0.6.0", "rosless==0.5.0"]
+PACKAGES = ["rosbags==0.11.9", "mcap-ros2-support==0.6.0", "rosless==0.5.0", "cyclonedds==11.0.1"]
 TRACE = ROOT / "datasets/golden/golden_circle.csv"
 
 COLUMNS = {
@@ -38,6 +38,13 @@ COLUMNS = {
 """Column of the trace whose numbers a topic holds."""
 
 STREAM_S, RATE_HZ = 60, 800
+
+LOOPBACK = "ip link set lo up && ip route add 224.0.0.0/4 dev lo"
+INTERFACE = '<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
+CYCLONE = f"<CycloneDDS><Domain><General>{INTERFACE}</General></Domain></CycloneDDS>"
+in_a_namespace = pytest.mark.skipif(
+    os.geteuid() != 0 or not shutil.which("unshare"), reason="a network namespace needs root and unshare"
+)
 
 pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason="WHISKER_FOREIGN=1 installs programs of others")
 
@@ -101,15 +108,32 @@ def test_a_recording_of_others_becomes_a_log(python: Path, whisker: Path, tmp_pa
     assert all(abs(float(row["t_s"]) - i / RATE_HZ) < 1e-6 for i, row in enumerate(rows))
 
 
-@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="a network namespace needs root and unshare")
+@in_a_namespace
 def test_a_node_of_others_receives_every_message(python: Path, node: Path, tmp_path: Path) -> None:
     folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
     output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
     script = f"""
-        ip link set lo up && ip route add 224.0.0.0/4 dev lo
+        {LOOPBACK}
         {python} {FOREIGN / "receive.py"} /field {expected} &
         {node} play {folder} --wait-for /field >{tmp_path / "node"} && wait
     """
     count, in_order, duration_s = output("unshare", "--net", "sh", "-c", script).split()
     assert (int(count), in_order) == (expected, "True")
     assert abs(float(duration_s) - STREAM_S) < 1.0
+
+
+@in_a_namespace
+def test_a_call_of_others_runs_the_routine(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+    printer, sensor = tmp_path / "printer", tmp_path / "sensor"
+    script = f"""
+        {LOOPBACK}
+        export CYCLONEDDS_URI='{CYCLONE}'
+        {whisker} platform emulate --printer-link {printer} --sensor-link {sensor} >&2 & rig=$!
+        until test -e {printer} && test -e {sensor}; do sleep 0.1; done
+        {node} run --printer {printer} --sensor {sensor} --speed 15000 --middleware cyclonedds >&2 & node=$!
+        {python} {FOREIGN / "call.py"} 6 20 0 2 0
+        called=$?
+        kill -INT $node; wait $node; kill -INT $rig; wait $rig
+        exit $called
+    """
+    assert output("unshare", "--net", "bash", "-c", script).split() == ["0.1450", "0.1350", "0.1250"]

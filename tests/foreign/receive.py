@@ -1,7 +1,18 @@
-"""Receives magnetic fields with rosless.subscribe(topic, type_name=TYPE, wait=30.0, reliability="reliable", history="keep_all") as subscription:
+"""Receives magnetic fields with rosless: topic and number to expect; prints how many came, if in order, and in which time."""
+
+import sys
+import time
+
+import rosless
+
+TYPE = "sensor_msgs/msg/MagneticField"
+
+topic, expected = sys.argv[1], int(sys.argv[2])
+received = []
+with rosless.subscribe(topic, type_name=TYPE, wait=30.0, reliability="reliable", history="keep_all") as fields:
     silence_s = 40.0
     while len(received) < expected:
-        message = subscription.read(timeout=silence_s)
+        message = fields.read(timeout=silence_s)
         if message is None:
             break
         received.append((message.magnetic_field.x, time.time()))

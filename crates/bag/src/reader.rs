@@ -182,9 +182,8 @@ fn records_of(path: &Path) -> Box<dyn Iterator<Item = Result<Record, Broken>>> {
         }
     };
     // A chunk is checked whole before any of its messages is believed.
-    let options = LinearReaderOptions::default()
-        .with_record_length_limit(LONGEST_RECORD)
-        .with_prevalidate_chunk_crcs(true);
+    let options =
+        LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_prevalidate_chunk_crcs(true);
     Box::new(MessageReader::new_with_options(stream, options).map(move |message| match message {
         Ok(message) => Ok(Record {
             file: shared.clone(),

@@ -47,7 +47,12 @@ impl Writer {
         let part = folder.with_file_name(format!("{name}.part"));
         for taken in [folder, &part] {
             if taken.exists() {
-                return Err(Error::content(taken, "path", "something of that name", "nothing yet: remove or rename it"));
+                return Err(Error::content(
+                    taken,
+                    "path",
+                    "something of that name",
+                    "nothing yet: remove or rename it",
+                ));
             }
         }
         fs::create_dir_all(&part).map_err(Error::io(&part))?;

@@ -114,7 +114,10 @@ fn robust_metadata_and_recording_must_agree() {
         assert_eq!(message.lines().count(), 1, "{message}");
     };
     expect(&text.replace("message_count: 11", "message_count: 12"), "found 11, expected 12");
-    expect(&text.replace("storage_identifier: mcap", "storage_identifier: sqlite3"), "found `sqlite3`, expected `mcap`");
+    expect(
+        &text.replace("storage_identifier: mcap", "storage_identifier: sqlite3"),
+        "found `sqlite3`, expected `mcap`",
+    );
     expect(&text.replace("- run_0.mcap", "- ../run_0.mcap"), "expected a path within the folder");
     expect(&text.replace("- run_0.mcap", "- run_1.mcap"), "run_1.mcap");
     expect("rosbag2_bagfile_information: [", "metadata of a rosbag2 folder");

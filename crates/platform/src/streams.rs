@@ -20,7 +20,7 @@ use crate::{Error, Sample};
 const BATCH_S: f64 = 0.1;
 
 /// Topic of where the printer pushed: what a contact found is to be judged by.
-pub const PUSHED: &str = "/truth/contact";
+pub const PUSHED: &str = "/truth/pushed";
 
 /// Name under which a recording holds what stands beside a log's table.
 pub const SIDECAR: &str = "log.json";
@@ -233,8 +233,9 @@ mod tests {
         let reader = Reader::open(&folder).expect("a recording");
         let records: Vec<_> = reader.records().collect::<Result<_, _>>().expect("whole");
         let readings = records.iter().filter(|record| record.topic == topics::MAGNETOMETER);
-        let fields: Vec<_> =
-            readings.flat_map(|record| record.decode::<MagneticFieldArray>().expect("readings").magnetic_field_array).collect();
+        let fields: Vec<_> = readings
+            .flat_map(|record| record.decode::<MagneticFieldArray>().expect("readings").magnetic_field_array)
+            .collect();
         assert_eq!(fields.len(), 800);
         for (i, field) in (0..).zip(&fields) {
             assert_eq!(field.magnetic_field, Vector3 { x: f64::from(i), y: 65535.0, z: 0.0 });

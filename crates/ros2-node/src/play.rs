@@ -43,8 +43,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let mut node = Node::new(&arguments.network)?;
     if let Some(topic) = &arguments.wait_for {
-        let (_, message) =
-            messages.iter().find(|(record, _)| record.topic == *topic).with_context(|| format!("{topic}: not in it"))?;
+        let (_, message) = messages
+            .iter()
+            .find(|(record, _)| record.topic == *topic)
+            .with_context(|| format!("{topic}: not in it"))?;
         message.write(&mut Announcer(&mut node), topic, 0)?;
         node.wait_for_subscriber(topic, PATIENCE)?;
         // The other side may know a little later than this one.

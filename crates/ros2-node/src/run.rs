@@ -6,12 +6,12 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use bag::messages::MagneticFieldArray;
+use bag::messages::{MagneticFieldArray, PoseStamped, TfMessage};
 use bag::topics;
 use platform::printer::{Head, Printer};
 use platform::routine::{Contact, IncrementsBeamTest, Observer};
 use platform::sensor::{Reader, ReaderSettings};
-use platform::streams::Streams;
+use platform::streams::{PUSHED, Streams};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::node::{Network, Node};
@@ -56,7 +56,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         signal_hook::flag::register(signal, stop.clone())?;
     }
     let mut node = Node::new(&arguments.network)?;
+    // So that who listens has found them before the first push.
     node.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
+    node.announce::<TfMessage>(topics::TF_STATIC)?;
+    node.announce::<TfMessage>(topics::TF)?;
+    node.announce::<PoseStamped>(PUSHED)?;
     let service = Service::new(&mut node, arguments.middleware)?;
     let origin = Instant::now();
     let epoch_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;

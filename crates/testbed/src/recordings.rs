@@ -9,16 +9,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use bag::messages::{
-    AnyMessage, Bool, Float64, Header, JointState, MagneticFieldArray, Point as RosPoint, PointStamped, Pose as RosPose,
-    PoseStamped, Quaternion, TfMessage, Time, Transform, TransformStamped, Twist as RosTwist, TwistStamped, Vector3,
-    Wrench, WrenchStamped,
+    AnyMessage, Bool, Float64, Header, JointState, MagneticFieldArray, Point as RosPoint, PointStamped,
+    Pose as RosPose, PoseStamped, Quaternion, TfMessage, Time, Transform, TransformStamped, Twist as RosTwist,
+    TwistStamped, Vector3, Wrench, WrenchStamped,
 };
 use bag::{Attachment, Message, Publisher, Reader, Record, Writer, topics};
 use platform::record::{LOG_KIND, LogSidecar};
 use platform::streams::SIDECAR;
 use serde_json::Value;
 use trace::{
-    FORMAT, Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name, sha256, write_atomically, write_json,
+    FORMAT, Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name, sha256, write_atomically,
+    write_json,
 };
 use whisker::frames::{Point, Pose, Twist, World};
 
@@ -105,11 +106,8 @@ impl Row<'_> {
             translation: Vector3 { x: origin.x(), y: origin.y(), z: 0.0 },
             rotation: Quaternion::about_z(yaw_rad),
         };
-        let base = TransformStamped {
-            header: self.header(topics::WORLD),
-            child_frame_id: topics::WHISKER.into(),
-            transform,
-        };
+        let base =
+            TransformStamped { header: self.header(topics::WORLD), child_frame_id: topics::WHISKER.into(), transform };
         self.write(topics::TF, &TfMessage { transforms: vec![base] })?;
         let mut joints = JointState { header: self.header(""), ..JointState::default() };
         for (name, angle_rad) in [(YAW, Some(yaw_rad)), (ROTATION, known.rotation_z_rad)] {
