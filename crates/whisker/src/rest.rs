@@ -150,16 +150,31 @@ impl RestShape {
         if self.point(high).vector().norm() <= radius_m {
             return high;
         }
-        // The distance from the root grows along a whisker that turns by less than half a circle.
+        // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held between bounds.
+        let close_enough = 4.0 * f64::EPSILON * high;
+        let mut arc_m = radius_m;
         for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if self.point(middle).vector().norm() < radius_m {
-                low = middle;
+            let (point, tangent) = self.frame(arc_m);
+            let found_m = point.norm();
+            if found_m < radius_m {
+                low = arc_m;
             } else {
-                high = middle;
+                high = arc_m;
             }
+            let step_m = (radius_m - found_m) * found_m / point.dot(&tangent);
+            if step_m.abs() <= close_enough {
+                break;
+            }
+            let next_m = arc_m + step_m;
+            arc_m = if low < next_m && next_m < high { next_m } else { 0.5 * (low + high) };
         }
-        0.5 * (low + high)
+        arc_m
+    }
+
+    /// Point and tangent at an arc length.
+    fn frame(&self, arc_m: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let piece = self.piece(arc_m);
+        piece.frame(arc_m - piece.start_m)
     }
 }
 

@@ -267,15 +267,31 @@ impl Estimator {
     pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
         let mut estimates = Vec::with_capacity(samples.len());
         for sample in samples {
-            let touching = self.detector.step(sample.reading_n_m, sample.dt_s);
-            if !touching {
-                self.look_back(&mut estimates);
-                self.remember(sample);
-            }
-            estimates.push(if touching { self.follow(sample) } else { None });
+            self.push(sample, &mut estimates);
         }
-        self.look_back(&mut estimates);
+        self.end(&mut estimates);
         estimates
+    }
+
+    /// Takes the next sample of a recording and puts its estimate behind those before. Where the method has hindsight those of a touch are revised when it
+    /// ends: as long as the whisker touches ([`Self::is_following`]) they must stay.
+    pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
+        let touching = self.detector.step(sample.reading_n_m, sample.dt_s);
+        if !touching {
+            self.look_back(estimates);
+            self.remember(sample);
+        }
+        estimates.push(if touching { self.follow(sample) } else { None });
+    }
+
+    /// Ends the recording.
+    pub fn end(&mut self, estimates: &mut [Option<Estimate>]) {
+        self.look_back(estimates);
+    }
+
+    /// Whether a touch is being followed.
+    pub fn is_following(&self) -> bool {
+        self.tracker.is_some()
     }
 
     /// The outline of the object that is touched, or was last; see [`Tracker::outline`].
