@@ -64,7 +64,8 @@ impl Piece {
         let (ahead, inwards) = (curvature * along, 1.0 - curvature * left);
         let arc_m = if curvature == 0.0 { along } else { ahead.atan2(inwards) / curvature };
         if (0.0..=self.length_m).contains(&arc_m) {
-            let radii = ahead.hypot(inwards);
+            // Near one or a little more, so nothing can overflow.
+            let radii = (ahead * ahead + inwards * inwards).sqrt();
             let left_m = (2.0 * left - curvature * (along * along + left * left)) / (1.0 + radii);
             return Foot { arc_m: self.start_m + arc_m, left_m };
         }
@@ -138,9 +139,13 @@ impl RestShape {
 
     /// The point that lies `left_m` to the left of the whisker at arc length `arc_m`.
     pub fn beside(&self, arc_m: f64, left_m: f64) -> Point<Base> {
-        let piece = self.piece(arc_m);
-        let (point, tangent) = piece.frame(arc_m - piece.start_m);
-        Point::from_vector(point + Vector2::new(-tangent.y, tangent.x) * left_m)
+        self.beside_with_tangent(arc_m, left_m).0
+    }
+
+    /// The same with the direction of the whisker's tangent there.
+    pub fn beside_with_tangent(&self, arc_m: f64, left_m: f64) -> (Point<Base>, Vector2<f64>) {
+        let (point, tangent) = self.frame(arc_m);
+        (Point::from_vector(point + Vector2::new(-tangent.y, tangent.x) * left_m), tangent)
     }
 
     /// Arc length of the point at distance `radius_m` from the root, the first one from the root outwards; the tip where

@@ -141,14 +141,14 @@ pub fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<
         if !estimate.calibrated || estimate.at_tip || !is_on_whisker {
             continue;
         }
-        let left_rad = trial.knowledge.tangent_rad(estimate, reading_n_m) + FRAC_PI_2;
+        let tangent_rad = trial.knowledge.tangent_rad(estimate, reading_n_m);
         let outward_rad = if estimate.face.away_sign() > 0.0 { 0.0 } else { PI };
         points.push(SurfacePoint {
             row,
             touch,
             since_touch_s: known.t_s - instants[touch].t_s,
-            at: known.base.apply(trial.knowledge.surface(estimate, reading_n_m)).vector(),
-            normal_rad: known.base.yaw_rad() + left_rad + outward_rad,
+            at: known.base.apply(trial.knowledge.surface_beside(estimate, tangent_rad)).vector(),
+            normal_rad: known.base.yaw_rad() + (tangent_rad + FRAC_PI_2) + outward_rad,
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
         });
     }

@@ -31,6 +31,11 @@ impl<'a> PartFolder<'a> {
     pub(super) fn open(folder: &'a Path, inputs_sha256: &str) -> anyhow::Result<Self> {
         let part = beside(folder, "part");
         let old = beside(folder, "old");
+        let results = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        fs::create_dir_all(results).with_context(|| results.display().to_string())?;
+        // Several processes may do shares of one run: one after the other comes through here. The lock ends with the function.
+        #[cfg(unix)]
+        let _lock = locked(results).with_context(|| results.display().to_string())?;
         if old.exists() && !folder.exists() {
             // Killed between the two renames of `finish`: the old run is the one that counts.
             fs::rename(&old, folder).with_context(|| old.display().to_string())?;
@@ -41,6 +46,10 @@ impl<'a> PartFolder<'a> {
         }
         let inputs = part.join(INPUTS);
         if fs::read(&inputs).ok().is_none_or(|known| known != inputs_sha256.as_bytes()) {
+            if inputs.exists() {
+                // First, so that what is left by somebody who is killed here counts for nothing.
+                fs::remove_file(&inputs).with_context(|| inputs.display().to_string())?;
+            }
             if part.exists() {
                 clear(&part)?;
             }
@@ -92,6 +101,14 @@ pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
         fs::remove_file(&inputs).with_context(|| inputs.display().to_string())?;
     }
     Ok(())
+}
+
+/// A folder that nobody else can lock as long as this is held.
+#[cfg(unix)]
+fn locked(folder: &Path) -> std::io::Result<fs::File> {
+    let folder = fs::File::open(folder)?;
+    folder.lock()?;
+    Ok(folder)
 }
 
 /// Removes what processes that were killed had begun to write.

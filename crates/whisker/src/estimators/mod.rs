@@ -156,7 +156,12 @@ impl Knowledge {
 
     /// The point of the object's surface that belongs to an estimate: the wire's radius towards the object.
     pub fn surface(&self, estimate: &Estimate, reading_n_m: f64) -> Point<Base> {
-        let tangent = direction(self.tangent_rad(estimate, reading_n_m));
+        self.surface_beside(estimate, self.tangent_rad(estimate, reading_n_m))
+    }
+
+    /// The same where the deflected whisker's tangent at the estimated contact is known.
+    pub fn surface_beside(&self, estimate: &Estimate, tangent_rad: f64) -> Point<Base> {
+        let tangent = direction(tangent_rad);
         let left = Vector2::new(-tangent.y, tangent.x);
         let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(estimate.contact).arc_m);
         estimate.contact.shifted(left * (-estimate.face.away_sign() * radius_m))

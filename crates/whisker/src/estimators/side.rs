@@ -62,8 +62,9 @@ impl Side {
     /// calibrated contact, so that a belief that reaches over the border is drawn back; the sensor model itself is never asked there.
     pub(super) fn expect(&self, arc_m: f64, away_m: f64) -> (f64, RowVector2<f64>) {
         let held = self.face.domain.clamp(arc_m, away_m);
-        let expected = self.face.model.predict(self.face.contact_at(held.0, held.1));
-        let gradient = expected.gradient_n.transpose() * self.face.contact_jacobian(held.0, held.1);
+        let (contact, jacobian) = self.face.contact_with_jacobian(held.0, held.1);
+        let expected = self.face.model.predict(contact);
+        let gradient = expected.gradient_n.transpose() * jacobian;
         (expected.reading_n_m + (gradient * vector![arc_m - held.0, away_m - held.1])[0], gradient)
     }
 

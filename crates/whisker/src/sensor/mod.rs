@@ -285,10 +285,15 @@ impl CalibratedFace {
     /// Derivative of [`Self::contact_at`]: its columns are where the contact goes along and away. They are orthogonal; the
     /// first is shorter than one on the inside of a curved whisker and longer outside.
     pub fn contact_jacobian(&self, arc_m: f64, away_m: f64) -> Matrix2<f64> {
+        self.contact_with_jacobian(arc_m, away_m).1
+    }
+
+    /// The contact and that derivative.
+    pub fn contact_with_jacobian(&self, arc_m: f64, away_m: f64) -> (Point<Base>, Matrix2<f64>) {
         let sign = self.face.away_sign();
-        let tangent = self.rest.tangent(arc_m);
+        let (contact, tangent) = self.rest.beside_with_tangent(arc_m, away_m * sign);
         let stretch = 1.0 - self.rest.curvature_per_m(arc_m) * away_m * sign;
-        Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign])
+        (contact, Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign]))
     }
 
     /// Expected reading and gradient, or nothing outside the calibrated region.

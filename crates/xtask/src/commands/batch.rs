@@ -85,7 +85,8 @@ fn copy(from: &str, to: &str) -> Outcome {
 /// What a command took.
 struct Cost {
     elapsed: Duration,
-    /// Largest resident memory in kB, where the system tells.
+    /// What the system tells of the process, where it does: seconds on all processors, and largest resident memory in kB.
+    processors_s: Option<f64>,
     memory_kb: Option<u64>,
 }
 
@@ -98,11 +99,13 @@ impl Cost {
         let mut command = Command::new(&path);
         command.args(arguments).current_dir(root()).stdout(Stdio::null());
         let mut child = command.spawn().map_err(|error| failed(error.to_string()))?;
-        let status = format!("/proc/{}/status", child.id());
-        let mut memory_kb = None;
+        let id = child.id();
+        let told = |what: &str| fs::read_to_string(format!("/proc/{id}/{what}")).ok();
+        let (mut processors_s, mut memory_kb) = (None, None);
         let ended = loop {
-            // The largest so far: the system keeps it as long as the process runs.
-            memory_kb = fs::read_to_string(&status).ok().as_deref().and_then(largest_kb).or(memory_kb);
+            // So far: the system tells as long as the process runs.
+            memory_kb = told("status").as_deref().and_then(largest_kb).or(memory_kb);
+            processors_s = told("stat").as_deref().and_then(processors).or(processors_s);
             match child.try_wait() {
                 Ok(Some(ended)) => break ended,
                 Ok(None) => sleep(Duration::from_millis(5)),
@@ -112,7 +115,7 @@ impl Cost {
         if !ended.success() {
             return Err(failed(ended.to_string()));
         }
-        Ok(Self { elapsed: begun.elapsed(), memory_kb })
+        Ok(Self { elapsed: begun.elapsed(), processors_s, memory_kb })
     }
 }
 
@@ -122,9 +125,20 @@ fn largest_kb(status: &str) -> Option<u64> {
     line.trim().strip_suffix("kB")?.trim().parse().ok()
 }
 
+/// The seconds on all processors in a `/proc/.../stat`: the 14th and 15th field, in hundredths; the second field is a name in brackets.
+fn processors(stat: &str) -> Option<f64> {
+    const TICKS_PER_S: f64 = 100.0;
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let (user, system): (f64, f64) = (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
+    Some((user + system) / TICKS_PER_S)
+}
+
 impl std::fmt::Display for Cost {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(out, "{:.2} s", self.elapsed.as_secs_f64())?;
+        if let Some(seconds) = self.processors_s {
+            write!(out, ", {seconds:.2} s on all processors")?;
+        }
         match self.memory_kb {
             Some(kb) => write!(out, ", {:.0} MB at most", kb as f64 / 1e3),
             None => Ok(()),

@@ -175,13 +175,13 @@ impl Wandering<'_> {
         // The inward normal turns against the tangent.
         let turning = (ahead * face.face.away_sign() * radius_m)
             * (vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose();
-        let of_contact = face.contact_jacobian(arc_m, away_m);
+        let (contact, of_contact) = face.contact_with_jacobian(arc_m, away_m);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let to_place = of_contact.try_inverse().unwrap_or_default();
         let bent = to_place * turning;
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
         Tangency {
-            middle_m: face.contact_at(arc_m, away_m).vector() + inward * radius_m,
+            middle_m: contact.vector() + inward * radius_m,
             inward,
             // Sherman and Morrison's formula: the second part is of rank one.
             inverse: to_place - bent * to_place / play,
