@@ -115,7 +115,12 @@ pub struct SurfacePoint {
 impl SurfacePoint {
     /// Whether its place is sure enough to say where the outline is, in every direction; one that states nothing counts as sure.
     pub(crate) fn is_sure(&self) -> bool {
-        self.covariance_m2.is_none_or(|covariance| covariance.symmetric_eigenvalues().max() <= MOST_SD_M * MOST_SD_M)
+        self.covariance_m2.is_none_or(|covariance| {
+            // The larger eigenvalue.
+            let half_apart = 0.5 * (covariance.m11 - covariance.m22);
+            let largest_m2 = 0.5 * covariance.trace() + (half_apart.powi(2) + covariance.m12.powi(2)).sqrt();
+            largest_m2 <= MOST_SD_M * MOST_SD_M
+        })
     }
 }
 

@@ -185,8 +185,7 @@ pub(super) fn error_band(place: &Place, bin: u64, mut errors_m: Vec<f64>) -> Err
 
 /// A row of `consistency.csv`, of the states in a bin.
 pub(super) fn consistency(place: &Place, bin: u64, states: &[State]) -> ConsistencyRow {
-    let all =
-        |value: fn(&State) -> Option<f64>| -> Vec<f64> { states.iter().filter_map(|state| value(state)).collect() };
+    let all = |value: fn(&State) -> Option<f64>| -> Vec<f64> { states.iter().filter_map(value).collect() };
     let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
     let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
     let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
