@@ -6,14 +6,14 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use serde_json::Value;
-use trace::{AtomicFile, CalibrationFile, Instant, TraceRows, TruthInstant};
+use trace::{AtomicFile, CalibrationFile, Instant, Trace, TraceRows, TruthInstant};
 use whisker::estimators::{self, Estimate, Estimator, Kind, Knowledge};
 use whisker::events::TouchConfig;
 
 use super::{front_end, json, noise_fraction};
 use crate::dataset::calibrations;
 use crate::evaluate::estimate_row;
-use crate::front_end::{FrontEnd, Mounting, Occasion, Reader};
+use crate::front_end::{FrontEnd, Mounting, Played, Reader};
 use crate::replay::{Steps, check_calibration, estimator, knowledge};
 use crate::results::{EstimateRow, RECOMMENDED, Table};
 use crate::settings::merged;
@@ -70,13 +70,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(&sidecar));
     let noise_sd_n_m = noise * largest;
-    let on = Occasion { mounting: &mounting, sidecar: &sidecar, noise_sd_n_m, seed: arguments.seed };
+    let reader = match front_end.reader(&sidecar, noise_sd_n_m, arguments.seed) {
+        Some(reader) => reader,
+        None => {
+            let trace = Trace::read(&arguments.trace)?;
+            let played = Played::new(&trace, &mounting, noise_sd_n_m, arguments.seed);
+            let mut readings_n_m = front_end.readings_n_m(&played, sensor)?.into_iter();
+            Box::new(move |_| readings_n_m.next().expect("there is a reading an instant"))
+        }
+    };
     let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
     let noise_sd_n_m = noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
     let knowledge = knowledge(&sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
     let replay = Streamed {
         rows: TraceRows::of(&sidecar, &arguments.trace)?,
-        reader: front_end.reader(&on, sensor)?,
+        reader,
         estimator: estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?,
         looks_back: row.kind == Kind::Hindsight,
         knowledge: &knowledge,
@@ -91,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 /// A replay that holds no more of the trace than the row in hand, and of an estimator with hindsight the touch in hand.
 struct Streamed<'a> {
     rows: TraceRows,
-    reader: Reader<'a>,
+    reader: Reader,
     estimator: Estimator,
     looks_back: bool,
     knowledge: &'a Knowledge,

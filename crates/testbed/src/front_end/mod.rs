@@ -52,7 +52,7 @@ pub const FRONT_ENDS: &[FrontEndRow] = &[
 ];
 
 /// Gives the reading in N m of each instant, in the order of time.
-pub type Reader<'a> = Box<dyn FnMut(&Instant) -> f64 + 'a>;
+pub type Reader = Box<dyn FnMut(&Instant) -> f64>;
 
 /// What a front end does to the moments of a recording. One that reads them as they are has no sensor; others read counts, and what
 /// calibrating their sensor teaches turns those back into moments.
@@ -70,19 +70,15 @@ pub trait Chain: Debug + Send + Sync {
         Ok(None)
     }
 
-    /// Begins to read on an occasion, by a sensor of which this was learnt.
+    /// Readings of a recording, one an instant, by a sensor of which this was learnt.
     ///
     /// # Errors
     /// If it takes a calibration that is not there.
-    fn reader<'a>(&'a self, on: &Occasion<'a>, sensor: Option<&'a SensorFile>) -> anyhow::Result<Reader<'a>>;
+    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>>;
 
-    /// Readings of a recording, one an instant.
-    ///
-    /// # Errors
-    /// As [`Self::reader`].
-    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
-        let reader = self.reader(&played.on, sensor)?;
-        Ok(played.recording.instants.iter().map(reader).collect())
+    /// The same instant by instant, with this noise in N m, for recordings that are too long to be held; nothing where a recording is read as a whole.
+    fn reader(&self, _noise_n_m: Box<dyn FnMut() -> f64>) -> Option<Reader> {
+        None
     }
 
     /// Names of the tables for the report about a calibrated sensor.
@@ -216,20 +212,18 @@ impl FrontEnd {
         Ok(Some(sensor))
     }
 
-    /// Begins to read on an occasion.
-    ///
-    /// # Errors
-    /// If it takes a calibration of the sensor that is not there.
-    pub fn reader<'a>(&'a self, on: &Occasion<'a>, sensor: Option<&'a SensorFile>) -> anyhow::Result<Reader<'a>> {
-        self.chain.reader(on, sensor)
-    }
-
     /// Readings of a recording, one an instant.
     ///
     /// # Errors
     /// If it takes a calibration of the sensor that is not there.
     pub fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
         self.chain.readings_n_m(played, sensor)
+    }
+
+    /// Reads a trace instant by instant, with the readings that [`Self::readings_n_m`] has of the whole; nothing where it must be read as a whole.
+    pub fn reader(&self, sidecar: &Sidecar, noise_sd_n_m: f64, seed: u64) -> Option<Reader> {
+        let mut standard = noise(sidecar, seed);
+        self.chain.reader(Box::new(move || noise_sd_n_m * standard()))
     }
 
     /// Tables for the report about a sensor, by the names of their files.
@@ -280,43 +274,38 @@ impl Mounting {
     }
 }
 
-/// When a sensor is read: the same occasion, the same noise.
+/// A recording that is played to a sensor.
 #[derive(Clone, Copy, Debug)]
-pub struct Occasion<'a> {
+pub struct Played<'a> {
     /// Where the sensor sits.
     pub mounting: &'a Mounting,
     /// What is known of the trace.
     pub sidecar: &'a Sidecar,
+    /// The recording.
+    pub recording: &'a Recording,
     /// Standard deviation of the white noise that is added to the moments.
     pub noise_sd_n_m: f64,
     /// Seed of the run; every trace draws its own noise from it.
     pub seed: u64,
 }
 
-impl Occasion<'_> {
-    /// Draws the noise to add to the moment of each instant, in N m.
-    fn noise(&self) -> impl FnMut() -> f64 + use<> {
-        let mut rng = Pcg64::seed_from_u64(derived_seed(self.seed, &["front end", &self.sidecar.name]));
-        let noise_sd_n_m = self.noise_sd_n_m;
-        move || noise_sd_n_m * rng.sample::<f64, _>(StandardNormal)
-    }
-}
-
-/// A recording that is played to a sensor.
-#[derive(Clone, Copy, Debug)]
-pub struct Played<'a> {
-    /// The occasion.
-    pub on: Occasion<'a>,
-    /// The recording.
-    pub recording: &'a Recording,
-}
-
 impl<'a> Played<'a> {
     /// A trace, played to the sensor that sits there.
     pub fn new(trace: &'a Trace, mounting: &'a Mounting, noise_sd_n_m: f64, seed: u64) -> Self {
-        let on = Occasion { mounting, sidecar: &trace.sidecar, noise_sd_n_m, seed };
-        Self { on, recording: &trace.recording }
+        Self { mounting, sidecar: &trace.sidecar, recording: &trace.recording, noise_sd_n_m, seed }
     }
+
+    /// The noise to add to the moments, one an instant.
+    fn noise_n_m(&self) -> impl Iterator<Item = f64> {
+        let mut standard = noise(self.sidecar, self.seed);
+        self.recording.instants.iter().map(move |_| self.noise_sd_n_m * standard())
+    }
+}
+
+/// White noise of standard deviation one: that of a trace under a seed.
+fn noise(sidecar: &Sidecar, seed: u64) -> impl FnMut() -> f64 + use<> {
+    let mut rng = Pcg64::seed_from_u64(derived_seed(seed, &["front end", &sidecar.name]));
+    move || rng.sample(StandardNormal)
 }
 
 /// A seed that depends on the run's seed and on what it is for, and on nothing else: not on order or threads.
