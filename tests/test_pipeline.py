@@ -111,8 +111,9 @@ def test_a_program_takes_part_and_finds_the_pin(tmp_path: Path) -> None:
     assert (one / "trials.csv").read_bytes() == (two / "trials.csv").read_bytes()
     assert rows(one / "failures.csv") == []
     scores = [row for row in rows(one / "trials.csv") if row["estimator"] == "my_filter"]
-    assert len(scores) == 2
-    assert all(float(row["rmse_m"]) < 1e-3 for row in scores)
+    pins = [row for row in scores if row["group"] == "pin"]
+    assert len(pins) == 2
+    assert all(float(row["rmse_m"]) < 1e-3 for row in pins)
     recorded = json.loads((one / "run.json").read_text())["estimators"][1]
     assert len(recorded["config"]["files_sha256"]["examples/my_filter.py"]) == 64
     whisker("report", one)
@@ -122,9 +123,11 @@ def test_a_program_takes_part_and_finds_the_pin(tmp_path: Path) -> None:
 def test_a_program_that_fails_is_recorded(tmp_path: Path) -> None:
     arguments = ["--estimators", "ekf", "--results", tmp_path, "--seeds", "1"]
     whisker("evaluate", SUITE, *arguments, "--exec", f"mute={sys.executable} -c pass", code=3)
-    (failure,) = rows(tmp_path / "smoke" / "failures.csv")
-    assert (failure["estimator"], failure["seed"]) == ("mute", "1")
-    assert "before its answer to row 1" in failure["reason"]
+    failures = rows(tmp_path / "smoke" / "failures.csv")
+    assert {failure["trace"] for failure in failures} == {"smoke_pin", "smoke_circle"}
+    for failure in failures:
+        assert (failure["estimator"], failure["seed"]) == ("mute", "1")
+        assert "before its answer to row 1" in failure["reason"]
 
 
 def test_estimators_without_their_sensor_model_are_left_out_unless_asked_for(tmp_path: Path) -> None:
@@ -139,8 +142,12 @@ def test_estimators_without_their_sensor_model_are_left_out_unless_asked_for(tmp
 
 
 def test_check_knows_every_kind_of_file() -> None:
-    said = whisker("check", "datasets/smoke", "datasets/smoke/calibrations", SUITE, "results/smoke")
+    run = Path("results/smoke")
+    folders = [folder.relative_to(ROOT) for folder in (ROOT / run).iterdir() if folder.is_dir() and folder.name != "figures"]
+    said = whisker("check", "datasets/smoke", "datasets/smoke/calibrations", SUITE, run, *folders)
     for kind in ("trace `smoke_pin`", "outline with", "calibration of `straight`", "suite `smoke`", "run `smoke`", "trials"):
+        assert kind in said
+    for kind in ("scores of outlines", "estimates", "contact events", "bound", "outline found", "true outline"):
         assert kind in said
 
 

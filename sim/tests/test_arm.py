@@ -130,7 +130,7 @@ def test_val_the_twist_is_the_derivative_of_the_pose():
 def test_verif_the_joints_take_the_tool_along_the_way(short):
     """Where the way's poses are asked for, to a micrometre and a microradian; between them within the joints' limits."""
     scene = short.scene
-    time_s, poses = scene.path.poses({free.name: free for free in scene.objects})
+    time_s, poses = scene.path.poses({free.name: free for free in scene.objects}, 60.0)
     plan = scene.plan()
     rows = np.round(time_s / scene.simulation.timestep_s).astype(int)
     tool = scene.arm.base @ panda.tool_pose(plan.q_rad[rows], TOOL)
@@ -265,15 +265,36 @@ def one_pass(**changes):
     return lambda scene: scene["path"]["strokes"][0][0].update(changes)
 
 
+def the_can(**changes):
+    return lambda scene: scene["objects"][0].update(changes)
+
+
+def the_path(**changes):
+    return lambda scene: scene["path"].update(changes)
+
+
 WRONG = {
     "unknown object": (one_pass(object="jug"), ["path.strokes", "can, box", "'jug'"]),
     "unknown side": (one_pass(side="top"), ["path.strokes[0][0].side", "left, right", '"top"']),
     "unknown key": (one_pass(speed=1), ["path.strokes[0][0].speed", "unknown key", "from_rad"]),
+    "equal angles": (
+        one_pass(to_rad=-2.2),
+        ["path.strokes[0][0].to_rad", "more than 0.001 rad from from_rad = -2.2", "found -2.2"],
+    ),
+    "huge angle": (one_pass(to_rad=1e12), ["path.strokes[0][0].to_rad", "<= 12.56", "found 1000000000000.0"]),
+    "huge yaw": (lambda scene: scene["arm"].update(yaw_rad=-1e300), ["arm.yaw_rad", ">= -12.56", "found -1e+300"]),
+    "no distance": (one_pass(distance_m=1e-300), ["path.strokes[0][0].distance_m", ">= 0.001", "found 1e-300"]),
     "out of reach": (lambda scene: scene["arm"].update(foot_m=[-2.0, 0.0, 0.0]), ["path", "reach", "at 0.00 s"]),
-    "too fast": (lambda scene: scene["path"].update(speed_m_s=2.0), ["path.speed_m_s", "joint", "rad/s"]),
+    "a joint's limit": (one_pass(from_rad=-5.2, to_rad=1.5), ["path", "joint 7 between -2.8973 and 2.8973 rad", "at 2.10 s"]),
+    "too fast": (the_path(speed_m_s=2.0), ["path.speed_m_s", "joint", "rad/s"]),
+    "too slow": (the_path(speed_m_s=1e-310), ["path.speed_m_s", "longest plan", "found 1e-310 m/s"]),
+    "too low": (the_path(height_m=0.014), ["path.height_m", "more than 0.014 m", "found 0.014"]),
+    "low object": (the_can(height_m=0.07), ["objects", "0.074 m", "'can' 0.07 m high"]),
+    "tall object": (the_can(height_m=0.2), ["objects", "0.2 m, below the flange", "'can' 0.2 m high"]),
+    "friction": (the_can(friction=1e300), ["objects[0].friction", "<= 10.0", "found 1e+300"]),
     "twins": (lambda scene: scene["objects"][1].update(name="can"), ["objects", "'can' 2 times"]),
     "no objects": (lambda scene: scene.update(objects=[]), ["objects", "found []"]),
-    "no strokes": (lambda scene: scene["path"].update(strokes=[]), ["path.strokes", "found []"]),
+    "no strokes": (the_path(strokes=[]), ["path.strokes", "found []"]),
     "uneven rate": (lambda scene: scene.update(rate_hz=300), ["rate_hz", "whole number"]),
     "no foot": (lambda scene: scene.update(arm={}), ["arm", "foot_m"]),
     "unknown whisker": (lambda scene: scene.update(whisker="cat"), ["whisker", "straight, curved", "'cat'"]),
@@ -291,6 +312,94 @@ def test_robust_wrong_scene(write_short, capsys, case):
     assert error.count("\n") == 1
     for word in words:
         assert word in error
+
+
+def joined(scene):
+    """The can is passed in two halves, which join, and then back again from where that ends."""
+    (first,) = scene["path"]["strokes"][0]
+    scene["path"]["strokes"] = [[first, {**first, "from_rad": -1.3, "to_rad": -0.9}], [{**first, "from_rad": -0.9, "to_rad": -1.6}]]
+
+
+@pytest.mark.parametrize("lead_m", [0.05, 1e-9])
+def test_verif_joined_passes_are_one_way(write_short, lead_m):
+    """The place where they join counts once, also where a stroke ends as the next begins; the can is kept at its distance."""
+
+    def change(scene):
+        joined(scene)
+        scene["path"]["lead_m"] = lead_m
+
+    scene = load_runs(write_short(change))[1][0].scene
+    _, poses = scene.path.poses({free.name: free for free in scene.objects}, 60.0)
+    _, distance_m = scene.objects[0].object.closest(poses[:, :2])
+    assert np.min(distance_m) == pytest.approx(0.024, abs=1e-3)
+    assert np.all(np.isfinite(scene.plan().q_rad))
+
+
+@pytest.mark.parametrize("name", ["tool", "left_1", "arm_3", "foot", "table", "world"])
+def test_verif_an_object_may_be_called_as_a_part_of_the_arm(write_short, name):
+    def change(scene):
+        scene["objects"][1]["name"] = name
+
+    scene = load_runs(write_short(change))[1][0].scene
+    model = build_arm_model(scene, panda.READY_RAD)
+    assert model.body(f"object_{name}").id > 0
+
+
+def test_robust_an_object_that_tilts_fails_the_recording(write_short, tmp_path, capsys):
+    """5 g under a clamped wire of half a millimetre: one line that names object and instant, and no files."""
+
+    def change(scene):
+        scene["whisker"] |= {"root_stiffness_n_m_rad": 10.0, "root_diameter_m": 0.5e-3, "tip_diameter_m": 0.5e-3}
+        scene["objects"][0]["mass_kg"] = 0.005
+        for one in scene["objects"]:
+            one["height_m"] = 0.1
+        scene["path"]["height_m"] = 0.08
+
+    path = write_short(change)
+    assert main(["simulate", str(path), "--out", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert "'can' does not stand at 1." in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_val_the_certificate_follows_an_object_that_is_pushed_aside(write_short, tmp_path):
+    """On a table as smooth as ice the can is moved by millimetres, upright; where the whiskers touch it is right all the same."""
+    path = write_short(the_can(friction=0.002))
+    assert main(["simulate", str(path), "--out", str(tmp_path)]) == 0
+    poses = read(tmp_path / "short.objects.csv")
+    assert np.hypot(float(poses["can_x_m"][-1]), float(poses["can_y_m"][-1])) > 0.01
+    certificate = json.loads((tmp_path / "short_left_2.json").read_text())["certificate"]
+    assert certificate["sampled"] == 50
+    assert certificate["unsolved"] == 0
+    assert certificate["moment_rms"] < 1e-2
+    assert certificate["surface_worst_m"] < 60e-6
+
+
+def test_verif_the_physics_does_not_depend_on_the_rate(write_short, short):
+    """Objects settle for the same time, whatever is logged."""
+    often = load_runs(write_short(lambda scene: scene.update(rate_hz=2000.0)))[1][0]
+    np.testing.assert_array_equal(simulate_passage(often).qpos[::8], simulate_passage(short).qpos)
+
+
+def test_val_the_shipped_passage_keeps_the_bounds_of_the_certificate(tmp_path):
+    """`passage_still` with all of its segments, along a part of its first object alone: the bounds of datasets/FORMAT.md."""
+    scene = json.loads((SCENES / "arm" / "passage_still.json").read_text())
+    scene["path"]["strokes"], scene["objects"] = [[{**scene["path"]["strokes"][0][0], "to_rad": -2.7}]], scene["objects"][:1]
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps(scene))
+    assert main(["simulate", str(path), "--out", str(tmp_path / "out")]) == 0
+    for number in (1, 2, 3):
+        sidecar = json.loads((tmp_path / "out" / f"passage_still_left_{number}.json").read_text())
+        certificate = sidecar["certificate"]
+        assert sidecar["whisker"]["segments"] == 40
+        assert certificate["sampled"] > 20
+        assert certificate["unsolved"] == 0
+        assert certificate["moment_rms"] < 1e-3
+        assert certificate["surface_rms_m"] < 10e-6
+        assert certificate["surface_worst_m"] < 60e-6
+        assert certificate["arc_rms_m"] < 40e-6
+        assert certificate["penetration_worst_m"] < 10e-6
 
 
 def test_robust_the_tool_may_not_touch(write_short, tmp_path, capsys):
@@ -311,5 +420,5 @@ def test_verif_the_scenes_are_good_and_open_at_rest(tmp_path, name):
         mujoco.mj_step(model, data)
     assert np.max(np.abs(data.qpos[: panda.JOINTS])) < 1e-6
     assert not np.any(data.warning.number)
-    whiskers = data.qpos[panda.JOINTS : model.jnt_qposadr[model.joint("cylinder_90").id]]
+    whiskers = data.qpos[panda.JOINTS : model.jnt_qposadr[model.joint("object_cylinder_90").id]]
     assert np.max(np.abs(whiskers)) < 1e-4

@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from test_arm import SHORT
 
 from whisker_sim.cli import main
 
@@ -104,6 +105,32 @@ def test_robust_repeated_trace_names(write_scene, tmp_path, capsys):
     scene = str(write_scene())
     assert main(["simulate", scene, scene, "--out", str(tmp_path)]) == 2
     assert "'sweep' 2 times" in capsys.readouterr().err
+
+
+def test_robust_names_that_a_recording_takes(write_scene, tmp_path, capsys):
+    """A trace may not be called as one of the whiskers of a recording in the same suite."""
+    (tmp_path / "arm.json").write_text(json.dumps(SHORT))
+    write_scene(name="short_left_1")
+    path = tmp_path / "suite.json"
+    entries = [{"scene": "arm.json"}, {"scene": "short_left_1.json"}]
+    path.write_text(json.dumps({"format": 1, "name": "suite", "scenes": entries}))
+    assert main(["check", str(path)]) == 2
+    assert capsys.readouterr().err == f"error: {path}: scenes[1]: expected traces of different names, found 'short_left_1' twice\n"
+    assert main(["simulate", str(tmp_path / "arm.json"), str(tmp_path / "short_left_1.json"), "--out", str(tmp_path / "out")]) == 2
+    assert "'short_left_1' 2 times" in capsys.readouterr().err
+
+
+def test_robust_errors_about_no_key_are_one_line(write_scene, capsys, monkeypatch):
+    """What a plan raises of itself names the file, and a key where it is about one."""
+
+    def fail(_):
+        raise ValueError("Singular matrix")
+
+    monkeypatch.setattr("whisker_sim.scene.Scene.plan", fail)
+    path = write_scene()
+    for command in (["check", str(path)], ["simulate", str(path), "--jobs", "1", "--out", str(path.parent / "out")]):
+        assert main(command) == 2
+        assert capsys.readouterr().err.endswith(f"{path}: Singular matrix\n")
 
 
 def test_robust_failed_trace_among_good_ones(write_scene, tmp_path, capsys):

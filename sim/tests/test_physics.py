@@ -6,7 +6,7 @@ import pytest
 
 from whisker_sim.elastica import loaded, touching
 from whisker_sim.motions import Stage
-from whisker_sim.physics import convergence, frequencies, ringing
+from whisker_sim.physics import convergence, disturbance, frequencies, ringing, standing
 from whisker_sim.physics.__main__ import main
 from whisker_sim.physics.cases import TAPERED, WHISKERS
 from whisker_sim.physics.scipy_elastica import contact_with_disc, static_contact
@@ -82,6 +82,44 @@ def test_val_ringing_decays_as_the_damping_says():
 def test_verif_a_bar_without_a_figure_does_not_hold():
     assert not Bar("id", "claim", float("nan"), "<=", 1.0, "").holds
     assert not Bar("id", "claim", float("nan"), ">=", 1.0, "").holds
+
+
+@pytest.mark.parametrize("field", ["drift_m", "creep_m", "slides_at_n", "tips_at_n"])
+def test_verif_a_study_with_one_figure_missing_fails(field):
+    """One row in which the object does not give way, say, beside others that are perfect: its claim does not hold."""
+    good = standing.Row(0.02, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+    assert all(bar.holds for bar in standing.STUDY.conclude([good, good]).bars)
+    for rows in ([good, good._replace(**{field: float("nan")})], [good._replace(**{field: float("nan")}), good]):
+        assert sum(not bar.holds for bar in standing.STUDY.conclude(rows).bars) == 1
+
+
+def test_verif_what_moves_the_object_is_claimed_of_single_sweeps():
+    """A thick wire, or a fast base, that throws the object over does not make up for the preset's that would leave it alone."""
+    rows = []
+    for tasks in (disturbance._BY_APPROACH, disturbance._BY_STIFFNESS, disturbance._BY_SPEED):
+        for task in tasks:
+            whisker, mass_kg, approach_rad, tip_friction, *_ = task.args
+            moved_m = 0.0 if tasks is disturbance._BY_APPROACH else 1.0
+            root, diameter_m = whisker.root_stiffness_n_m_rad, whisker.root_diameter_m
+            rows.append(
+                disturbance.Row(
+                    whisker.name, root, diameter_m, mass_kg, approach_rad, tip_friction, 0.05, 0.0, moved_m, 0.0, 0.0, 0, 1.0, 1.0
+                )
+            )
+    rows += [disturbance.Column(root, 1.0, 1.0) for root in disturbance.ROOTS_N_M_RAD]
+    holds = {bar.id: bar.holds for bar in disturbance.STUDY.conclude(rows).bars}
+    assert not holds["disturbance_head_on"]
+    assert not holds["disturbance_stiffer"]
+
+
+def test_verif_one_study_is_run_by_its_name(tmp_path, capsys):
+    assert main(["frequencies", "--out", str(tmp_path), "--jobs", "1"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"claims.csv", "frequencies.csv", "watermark.json"}
+    assert "natural frequenc" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as left:
+        main(["frequency"])
+    assert left.value.code == 2
+    assert "expected one of oracle, " in capsys.readouterr().err
 
 
 def test_robust_missing_traces_are_one_clear_error(tmp_path, capsys):

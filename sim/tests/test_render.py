@@ -44,7 +44,7 @@ def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
 def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object(make_run):
     run = make_run()
     simulated = simulate(run)
-    sweep = Drawing(run, simulated)
+    sweep = Drawing(run)
     row = int(np.argmax(simulated.force_n))
     arrows_m = sweep._arrow_end_m - simulated.truth.surface_m
     lengths_m = np.hypot(*arrows_m.T)
@@ -57,7 +57,7 @@ def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
     """The ring's middle is the true point to a pixel. The object lies above, so that the arrow leaves the ring downwards."""
     run = make_run()
     simulated = simulate(run)
-    sweep = Drawing(run, simulated)
+    sweep = Drawing(run)
     row = int(np.flatnonzero(simulated.touching)[0])
     (picture,) = sweep.pictures([row])
     ring = pixels(picture, COLOURS["contact and force"])

@@ -8,14 +8,19 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from test_arm import SHORT
 
+from whisker_sim.arm.recording import is_up_to_date, write_recording
+from whisker_sim.arm.simulate import simulate_passage
 from whisker_sim.cli import main, make_trace
 from whisker_sim.model import build_model
+from whisker_sim.runs import load_runs
 from whisker_sim.trace import remove_leftovers
 
 from conftest import REPOSITORY, SCENES, SWEEP
@@ -113,6 +118,42 @@ def test_robust_killed_while_writing(write_scene, tmp_path, monkeypatch):
         _assert_whole(out)
         assert main(command) == 0
         assert sorted(path.name for path in out.iterdir()) == ["sweep.contour.csv", "sweep.csv", "sweep.json"]
+
+
+def test_robust_killed_while_writing_a_recording(tmp_path, monkeypatch):
+    """No sidecar of before stands beside rows of after, however many of a recording's files were written."""
+    scene, out = tmp_path / "scene.json", tmp_path / "out"
+    scene.write_text(json.dumps(SHORT))
+    run = load_runs(scene)[1][0]
+    passed = simulate_passage(run)
+    write_recording(out, run, passed)
+    whole = _contents(out)
+    assert is_up_to_date(out, run)
+    other = replace(passed, dq_rad_s=1.5 * passed.dq_rad_s)
+    for whisker in other.whiskers.values():
+        whisker.base_twist[:] *= 1.5
+
+    def die(*_):
+        raise SystemExit
+
+    for already_renamed in range(0, len(whole), 5):
+        with monkeypatch.context() as patch:
+            patch.setattr("os.replace", _after(already_renamed, os.replace, die))
+            patch.setattr("os.unlink", lambda path, unlink=os.unlink: None if str(path).endswith(".tmp") else unlink(path))
+            with pytest.raises(SystemExit):
+                write_recording(out, run, other)
+        assert len(list(out.glob(".*.tmp"))) == 1
+        assert not (out / "short.json").exists()
+        for path in out.glob("short_*.json"):
+            rows = (out / f"{path.stem}.csv").read_bytes()
+            assert hashlib.sha256(rows).hexdigest() == json.loads(path.read_text())["csv_sha256"]
+        assert not is_up_to_date(out, run)
+        for name, content in whole.items():
+            (out / name).write_bytes(content)
+        for leftover in out.glob(".*.tmp"):
+            leftover.unlink()
+    write_recording(out, run, other)
+    assert is_up_to_date(out, run)
 
 
 def test_robust_unstable_step_fails_with_name_and_time(make_run, tmp_path, monkeypatch):

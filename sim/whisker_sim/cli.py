@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -148,10 +149,11 @@ def _simulate(options: argparse.Namespace) -> int:
             if not options.force:
                 _keep_other_settings(folder, run)
             waiting.append((folder, run))
-    targets = [folder / run.name for folder, run in waiting]
-    for (_, run), target in zip(waiting, targets, strict=True):
-        if targets.count(target) > 1:
-            raise InputError(f"{run.path}: expected traces of different names, found '{run.name}' {targets.count(target)} times")
+    targets = [(folder / name, run) for folder, run in waiting for name in run.scene.names(run.name)]
+    count = Counter(target for target, _ in targets)
+    for target, run in targets:
+        if count[target] > 1:
+            raise InputError(f"{run.path}: expected traces of different names, found '{target.name}' {count[target]} times")
 
     # An interrupt that comes while MuJoCo loads would be lost, or pass for a failure of the library.
     with _interrupts_wait():
@@ -333,7 +335,11 @@ def _render(options: argparse.Namespace) -> int:
         render(runs[0], options.out, product_of(runs[0]).draw)
         print(options.out)
         return GOOD
-    chore = Chore("render", "animation", set_name, is_rendered, make_pictures)
+
+    def is_up_to_date(folder: Path, run: Run) -> bool:
+        return is_rendered(folder, run, product_of(run).draw)
+
+    chore = Chore("render", "animation", set_name, is_up_to_date, make_pictures)
     return _do(chore, [(options.out, run) for run in first_of_each_set(runs)], options.jobs, options.force)
 
 

@@ -68,7 +68,10 @@ def read_document(path: Path, kind: type[T]) -> T:
 
 
 def located(path: Path, message: str) -> InputError:
-    """The error for a `message` of the form `key.key: what is wrong` about the document at `path`, with the key's position."""
+    """The error for a `message` about the document at `path`.
+
+    Where it has the form `key.key: what is wrong`, with the key's position.
+    """
     _, text = read_json(path)
     return InputError(f"{path}{_keyed(message, text, [])}")
 
@@ -102,6 +105,8 @@ def _explain(message: str, value: Any, text: str, kind: type) -> str:
 
 def _keyed(message: str, text: str, parent: list[str | int]) -> str:
     match = _KEYED.fullmatch(message)
+    if match is None:
+        return f": {message}"
     path = [*parent, *match["keys"].split(".")]
     return f"{_position(text, path)}: {_dotted(path)}: {match['text']}"
 

@@ -8,13 +8,14 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from whisker_sim.model import MM_PER_M
 from whisker_sim.runs import Run
-from whisker_sim.simulate import Simulated
+from whisker_sim.simulate import simulate
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import Array
 
@@ -48,12 +49,14 @@ _SHADES = 7
 class Drawing:
     """A simulated sweep, ready to be drawn at any instant."""
 
+    sources = (Path(__file__),)
     frames_hz = 20.0
     lossless = True
     """Flat colours are smaller without loss than with it."""
 
-    def __init__(self, run: Run, simulated: Simulated) -> None:
-        self.run, self._simulated = run, simulated
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        simulated = self._simulated = simulate(run)
         whisker, truth = run.scene.resolved_whisker, simulated.truth
         self._line_m = CenterLine.from_joints(whisker, simulated.base_pose, simulated.rotations_rad).points_m
         largest_n = np.max(simulated.force_n)

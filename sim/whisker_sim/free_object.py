@@ -15,7 +15,7 @@ class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     object: AnyShape
     mass_kg: Positive
     height_m: Length
-    friction: Positive = 0.5
+    friction: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.5
     """Coulomb's coefficient between object and table."""
 
     def __post_init__(self) -> None:

@@ -15,7 +15,6 @@ from whisker_sim.export import Start, passage_at_start, sweep_at_start
 from whisker_sim.render import Pictures, replayed_sweep
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
-from whisker_sim.simulate import simulate
 from whisker_sim.whisker import Array
 
 
@@ -26,7 +25,7 @@ class Product(NamedTuple):
     """Simulates and writes the files into a folder; gives one line for people."""
     is_up_to_date: Callable[[Path, Run], bool]
     """Whether a folder holds just the files that `make` would write."""
-    draw: Callable[[Run], Pictures]
+    draw: type[Pictures]
     """Simulates, and makes ready to be drawn."""
     replay: Callable[[Run], tuple[mujoco.MjModel, Array]]
     """Simulates; gives the model and its coordinates (n, nq) at every row."""
@@ -35,7 +34,7 @@ class Product(NamedTuple):
 
 
 PRODUCTS: dict[type, Product] = {
-    Scene: Product(trace.make, trace.is_up_to_date, lambda run: Drawing(run, simulate(run)), replayed_sweep, sweep_at_start),
+    Scene: Product(trace.make, trace.is_up_to_date, Drawing, replayed_sweep, sweep_at_start),
     ArmScene: Product(recording.make, recording.is_up_to_date, PassageDrawing, replayed_passage, passage_at_start),
 }
 """The products by the kind of scene."""

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import mujoco
 import numpy as np
@@ -17,8 +17,6 @@ from PIL.ExifTags import Base as ExifTag
 from tqdm import tqdm
 
 import whisker_sim
-from whisker_sim import drawing
-from whisker_sim.arm import picture
 from whisker_sim.errors import InputError, SimulationError
 from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.runs import Run
@@ -31,10 +29,15 @@ class Pictures(Protocol):
     """A simulated run, ready to be drawn at any instant."""
 
     run: Run
-    frames_hz: float
+    sources: ClassVar[tuple[Path, ...]]
+    """Files that say how it is drawn."""
+    frames_hz: ClassVar[float]
     """Pictures a second of an animation."""
-    lossless: bool
+    lossless: ClassVar[bool]
     """Whether the colours are so few that an animation is best kept without loss."""
+
+    def __init__(self, run: Run) -> None:
+        """Simulates `run`."""
 
     @property
     def rows(self) -> int:
@@ -48,7 +51,7 @@ class Pictures(Protocol):
         """The pictures at `rows`, which rise."""
 
 
-def render(run: Run, path: Path, draw: Callable[[Run], Pictures]) -> None:
+def render(run: Run, path: Path, draw: type[Pictures]) -> None:
     """Simulates `run` and draws it: `.png` one instant, `.gif` or `.webp` the whole in real time.
 
     Raises `InputError` for another ending, and what `draw` raises, which simulates.
@@ -72,7 +75,7 @@ def first_of_each_set(runs: Iterable[Run]) -> list[Run]:
     return list(first.values())
 
 
-def render_set(folder: Path, run: Run, draw: Callable[[Run], Pictures]) -> None:
+def render_set(folder: Path, run: Run, draw: type[Pictures]) -> None:
     """Simulates `run` and writes, into `folder`, the animation `<group>.<whisker>.webp` and a still `<group>.<whisker>.png`."""
     sweep = draw(run)
     folder.mkdir(parents=True, exist_ok=True)
@@ -81,9 +84,9 @@ def render_set(folder: Path, run: Run, draw: Callable[[Run], Pictures]) -> None:
     _write_animation(animation, sweep, shows_progress=False)
 
 
-def is_rendered(folder: Path, run: Run) -> bool:
+def is_rendered(folder: Path, run: Run, draw: type[Pictures]) -> bool:
     """Whether `folder` holds just the pictures that `render_set` would write, by what they say of themselves."""
-    return all(_description(path) == _provenance(run) for path in _set_paths(folder, run))
+    return all(_description(path) == _provenance(run, draw.sources) for path in _set_paths(folder, run))
 
 
 def view(run: Run, replay: Callable[[Run], tuple[mujoco.MjModel, Array]]) -> None:
@@ -115,7 +118,7 @@ def _write_still(path: Path, sweep: Pictures) -> None:
     """Writes the picture of one instant."""
     (picture,) = sweep.pictures([sweep.still_row])
     buffer = io.BytesIO()
-    picture.save(buffer, "png", optimize=True, exif=_exif(sweep.run))
+    picture.save(buffer, "png", optimize=True, exif=_exif(sweep))
     write_atomically(path, buffer.getvalue())
 
 
@@ -125,9 +128,9 @@ def _write_animation(path: Path, sweep: Pictures, shows_progress: bool) -> None:
     stride = max(1, round(rate_hz / sweep.frames_hz))
     rows = tqdm(range(0, sweep.rows, stride), unit="frame", desc="render", disable=not shows_progress)
     first, *rest = sweep.pictures(rows)
-    options = {"lossless": sweep.lossless, "quality": 75, "method": 3, "exif": _exif(sweep.run)}
+    options = {"lossless": sweep.lossless, "quality": 75, "method": 3, "exif": _exif(sweep)}
     if path.suffix == ".gif":
-        options = {"comment": _provenance(sweep.run)}
+        options = {"comment": _provenance(sweep.run, sweep.sources)}
     buffer = io.BytesIO()
     duration_ms = round(1e3 * stride / rate_hz)
     first.save(buffer, path.suffix[1:], save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
@@ -144,18 +147,18 @@ def _set_paths(folder: Path, run: Run) -> tuple[Path, Path]:
     return folder / f"{set_name(run)}.png", folder / f"{set_name(run)}.webp"
 
 
-def _exif(run: Run) -> Image.Exif:
+def _exif(sweep: Pictures) -> Image.Exif:
     exif = Image.Exif()
     exif[ExifTag.Software] = f"whisker_sim {whisker_sim.__version__}"
-    exif[ExifTag.ImageDescription] = _provenance(run)
+    exif[ExifTag.ImageDescription] = _provenance(sweep.run, sweep.sources)
     return exif
 
 
-def _provenance(run: Run) -> str:
+def _provenance(run: Run, sources: tuple[Path, ...]) -> str:
     """What a picture says of itself: the name of the trace, and a hash of all that determines the picture."""
     digest = hashlib.sha256(f"{inputs_sha256(run.scene)} {PIL.__version__}".encode())
-    for source in (__file__, drawing.__file__, picture.__file__):
-        digest.update(Path(source).read_bytes())
+    for source in (Path(__file__), *sources):
+        digest.update(source.read_bytes())
     return f"{run.name}, inputs {digest.hexdigest()}"
 
 

@@ -59,12 +59,13 @@ def with_simulation(run: Run, simulation: Simulation) -> Run:
 def load_runs(path: Path) -> tuple[str | None, list[Run]]:
     """The traces that a scene or suite file stands for, and the suite's name.
 
-    Raises `InputError`, also where two traces of a suite would have the same name.
+    Raises `InputError`, also where two traces of a suite, or a trace and a recording, would have the same name.
     """
     document = load(path)
     if not isinstance(document, Suite):
         return None, [Run(document.name, document, path)]
-    runs: dict[str, Run] = {}
+    runs: list[Run] = []
+    taken: set[str] = set()
     for index, entry in enumerate(document.scenes):
         scene_path = Path(os.path.normpath(path.parent / entry.scene))
         if not scene_path.is_file():
@@ -75,7 +76,9 @@ def load_runs(path: Path) -> tuple[str | None, list[Run]]:
         seeds = entry.seeds or (scene.seed,)
         for seed in seeds:
             name = scene.name if entry.seeds is None else f"{scene.name}_{seed:02d}"
-            if name in runs:
-                raise InputError(f"{path}: scenes[{index}]: expected traces of different names, found '{name}' twice")
-            runs[name] = Run(name, msgspec.structs.replace(scene, seed=seed), scene_path)
-    return document.name, list(runs.values())
+            for made in scene.names(name):
+                if made in taken:
+                    raise InputError(f"{path}: scenes[{index}]: expected traces of different names, found '{made}' twice")
+                taken.add(made)
+            runs.append(Run(name, msgspec.structs.replace(scene, seed=seed), scene_path))
+    return document.name, runs

@@ -99,6 +99,10 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
         """Time steps between two rows of the trace."""
         return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
 
+    def names(self, name: str) -> tuple[str, ...]:
+        """Names in the dataset of what a run called `name` makes."""
+        return (name,)
+
     def plan(self) -> Plan:
         """The motion with what the vibration adds; raises `ValueError` where the scene's geometry does not allow it."""
         stage = self.stage()

@@ -40,11 +40,11 @@ def add_table(world: ET.Element, top_m: float) -> None:
     ET.SubElement(world, "geom", place, name="table", type="plane", contype="0", conaffinity="2", rgba="0.93 0.92 0.90 1")
 
 
-def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s: float) -> None:
+def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s: float, prefix: str = "") -> None:
     """Adds `free` to the MJCF model `root`, which has `asset` and `worldbody`, standing on a table whose top is at `top_m`.
 
-    Body and free joint bear its name. The body's origin is the middle of the object: the origin of the shape's frame, at half
-    the height.
+    Body and free joint bear its name after `prefix`. The body's origin is the middle of the object: the origin of the shape's
+    frame, at half the height.
     """
     shape, half_height_mm = free.object, 0.5 * MM_PER_M * free.height_m
     outline_mm = MM_PER_M * shape.local_outline_m()
@@ -52,11 +52,11 @@ def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s
     body = ET.SubElement(
         root.find("worldbody"),
         "body",
-        name=free.name,
+        name=f"{prefix}{free.name}",
         pos=mjcf(MM_PER_M * x_m, MM_PER_M * y_m, MM_PER_M * top_m + half_height_mm),
         euler=mjcf(0.0, 0.0, shape.yaw_rad),
     )
-    ET.SubElement(body, "freejoint", name=free.name)
+    ET.SubElement(body, "freejoint", name=f"{prefix}{free.name}")
     _add_solid_inertia(body, outline_mm, 2.0 * half_height_mm, G_PER_KG * free.mass_kg)
     _add_sides(root.find("asset"), body, free, half_height_mm)
     _add_looks(root.find("asset"), body, free, outline_mm, half_height_mm)
@@ -79,11 +79,12 @@ def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s
 
 
 def displacement(model: mujoco.MjModel, qpos: Array, name: str) -> Array:
-    """Displacements (..., 5) of the object `name` from where it starts, for the model's coordinates `qpos` (..., nq).
+    """Displacements (..., 5) of the free object `name` from where it starts, for the model's coordinates `qpos` (..., nq).
 
-    The columns are x, y and z of its middle in metres, in World; yaw, its turn about the vertical; and tilt, the angle of its
-    axis with the vertical; both in radians. Where q is the quaternion of the turn, yaw = 2 atan2(qz, qw) and
-    tilt = 2 atan2(sqrt(qx^2 + qy^2), sqrt(qw^2 + qz^2)): the turn is one about the vertical after one about a horizontal axis.
+    `name` is that of its joint. The columns are x, y and z of its middle in metres, in World; yaw, its turn about the vertical;
+    and tilt, the angle of its axis with the vertical; both in radians. Where q is the quaternion of the turn,
+    yaw = 2 atan2(qz, qw) and tilt = 2 atan2(sqrt(qx^2 + qy^2), sqrt(qw^2 + qz^2)): the turn is one about the vertical after one
+    about a horizontal axis.
     """
     start = model.jnt_qposadr[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)]
     at_rest, pose = model.qpos0[start : start + 7], qpos[..., start : start + 7]

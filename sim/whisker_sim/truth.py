@@ -43,7 +43,7 @@ class CenterLine:
         hinge_points_m = whisker.rest_point_m(hinges_m)
         # Rotation of each link against its undeflected direction; rest vectors turn by it.
         turn_rad = base_pose[:, 2:] + np.cumsum(rotations_rad, axis=1)
-        pieces_m = _turned(hinge_points_m - rest_points_m[:-1], turn_rad[:, :-1]) + _turned(
+        pieces_m = turned(hinge_points_m - rest_points_m[:-1], turn_rad[:, :-1]) + turned(
             rest_points_m[1:] - hinge_points_m, turn_rad[:, 1:]
         )
         points_m = base_pose[:, None, :2] + np.concatenate((np.zeros((len(base_pose), 1, 2)), np.cumsum(pieces_m, axis=1)), axis=1)
@@ -125,8 +125,8 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
     return ContactTruth(contact_m, surface_m, arc_m, tangent_rad, arc_m > line.step_m * (nodes - 1) - _TIP_M)
 
 
-def _turned(vectors_m: Array, angle_rad: Array) -> Array:
-    """Vectors (N, 2) turned by the angles (n, N): (n, N, 2)."""
+def turned(vectors_m: Array, angle_rad: Array) -> Array:
+    """Vectors (..., 2) turned by the angles (...), which are broadcast."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    x, y = vectors_m[:, 0], vectors_m[:, 1]
+    x, y = vectors_m[..., 0], vectors_m[..., 1]
     return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)

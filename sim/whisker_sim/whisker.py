@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 Length = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 NotNegativeLength = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Coordinate = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
+Angle = Annotated[float, msgspec.Meta(ge=-4.0 * np.pi, le=4.0 * np.pi)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use trace::{ArrayRecording, Role, Sidecar, Suite, Trace, read_json};
+use trace::{ArrayRecording, ArraySidecar, Role, Sidecar, Suite, Trace, read_json};
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
 
@@ -129,6 +129,6 @@ fn traces(folder: &Path, name: &str) -> anyhow::Result<Vec<PathBuf>> {
     if !path.is_file() || !ArrayRecording::is_one(&path)? {
         return Ok(vec![path.with_extension("csv")]);
     }
-    let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
+    let whiskers = ArraySidecar::read(&path)?.whiskers;
     Ok(whiskers.iter().map(|whisker| folder.join(format!("{}.csv", whisker.trace))).collect())
 }

@@ -6,8 +6,8 @@ use std::time::Instant as Clock;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use trace::{CalibrationFile, Recording, Sidecar};
-use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Sample};
+use trace::{CalibrationFile, Recording, SensorFile, Sidecar};
+use whisker::estimators::{BaseNoise, Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Sample};
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::CalibratedFace;
@@ -47,13 +47,27 @@ impl Steps {
     }
 }
 
-/// What a robot with the whisker of a trace knows before it touches anything.
+/// Standard deviation of all measurement noise of a trace: what is added, what its sensor has where it has one, and what a recording has of itself.
+pub fn noise_sd_n_m(added_sd_n_m: f64, sensor: Option<&SensorFile>, sidecar: &Sidecar) -> f64 {
+    added_sd_n_m.hypot(sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m)).hypot(sidecar.own_noise_sd_n_m())
+}
+
+/// Calibrated faces as a sensor reads them, with what it may be off by throughout.
+pub fn read_by(sensor: Option<&SensorFile>, faces: &[Arc<CalibratedFace>]) -> Vec<Arc<CalibratedFace>> {
+    match sensor {
+        Some(sensor) => faces.iter().map(|face| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd))).collect(),
+        None => faces.to_vec(),
+    }
+}
+
+/// What a robot with the whisker of a trace, and an exact base, knows before it touches anything.
 pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m: f64) -> Arc<Knowledge> {
     Arc::new(Knowledge {
         whisker: sidecar.whisker.clone(),
         rest: sidecar.whisker.rest_shape(),
         faces: faces.to_vec(),
         noise_sd_n_m,
+        base_noise: BaseNoise::default(),
         rate_hz: sidecar.rate_hz,
         told: None,
     })

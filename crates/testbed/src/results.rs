@@ -22,8 +22,8 @@
 //! maps/<recording>.<estimator>.grid.csv     [`GridRow`], the cells that were seen, for the same
 //! models/<whisker>_<face>.surface.csv   [`SurfaceRow`], the sensor model on a grid over its domain
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
-//! sensors/<sensor>.turn.csv             [`TurnRow`], counts at rest while the sensor is turned, where the front end has a sensor
-//! sensors/<sensor>.transfer.csv         [`TransferRow`], counts over the rotation of the root
+//! sensors/<array>.<sensor>.turn.csv     [`TurnRow`], counts at rest while the sensor is turned, where the front end has a sensor
+//! sensors/<array>.<sensor>.transfer.csv [`TransferRow`], counts over the rotation of the root
 //! ```
 //!
 //! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
@@ -444,7 +444,7 @@ pub struct MapObjectRow {
     pub points: usize,
     /// Name of the true object.
     pub matched: Option<String>,
-    /// How far the true object was displaced at most.
+    /// How far the true object was displaced at most, wherever on it.
     pub moved_m: Option<f64>,
     /// Mean distance of its points from the true outline.
     pub points_mean_m: Option<f64>,

@@ -22,9 +22,9 @@ mod writer;
 
 pub use arm::{Arm, JOINTS, JointInstant, Link, PoseMatrix};
 pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObject};
-pub use calibration::{CalibrationFile, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
+pub use calibration::{CalibrationFile, CrossTalk, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
-pub use characteristic::Characteristic;
+pub use characteristic::{Characteristic, through_zero};
 pub use error::Error;
 pub use files::{AtomicFile, Digest, is_temporary, read_json, sha256, write_atomically, write_json};
 pub use import::{IMPORTERS, Imported, ImporterRow, importer};

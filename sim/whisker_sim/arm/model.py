@@ -12,7 +12,7 @@ import numpy as np
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.scene import ArmScene
-from whisker_sim.arm.tool import HALF_WIDTH_M, LENGTH_M, MOUNTS
+from whisker_sim.arm.tool import HALF_HEIGHT_M, HALF_WIDTH_M, LENGTH_M, MOUNTS
 from whisker_sim.model import G_PER_KG, MM_PER_M, NNM_PER_NM, SENSOR_COLUMNS, add_contact_sensors, add_whisker, compiled, new_model
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.table import add_free_object, add_table, let_gravity_act
@@ -20,6 +20,8 @@ from whisker_sim.whisker import Array
 
 TABLE_M = 0.0
 """Height of the table's top in World."""
+OBJECT = "object_"
+"""Before the names of the objects, lest one is called as a part of the arm."""
 
 _SERVO_RAD_S = 2.0 * np.pi * 40.0
 _FELT_KG_M2 = (1.0, 1.5, 0.8, 0.8, 0.06, 0.05, 0.012)
@@ -48,8 +50,8 @@ _SUN = {
     "ambient": "0.1 0.1 0.1",
     "specular": "0.1 0.1 0.1",
 }
-_BLOCK_MM = (50.0, MM_PER_M * HALF_WIDTH_M, 14.0)
-_LIGHT, _DARK = "0.93 0.94 0.95 0.3", "0.25 0.27 0.30 1"
+_BLOCK_MM = (50.0, MM_PER_M * HALF_WIDTH_M, MM_PER_M * HALF_HEIGHT_M)
+_LIGHT, _DARK = "0.93 0.94 0.95 1", "0.25 0.27 0.30 1"
 _TOOL_MASS_KG, _TOOL_INERTIA_KG_M2 = 0.25, (4e-4, 5e-4, 2e-4)
 
 TOOL_SENSOR = len(MOUNTS) * SENSOR_COLUMNS
@@ -86,7 +88,7 @@ def build_arm_mjcf(scene: ArmScene, start_rad: Array) -> str:
         add_contact_sensors(sensor, {"subtree1": mount.name}, prefix=f"{mount.name}_")
     ET.SubElement(sensor, "contact", name="tool", body1="tool", num="1", reduce="maxforce", data="found")
     for free in scene.objects:
-        add_free_object(root, free, TABLE_M, timestep_s)
+        add_free_object(root, free, TABLE_M, timestep_s, prefix=OBJECT)
     _add_servos(root)
     return ET.tostring(root, encoding="unicode")
 

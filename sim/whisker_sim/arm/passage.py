@@ -14,9 +14,9 @@ from whisker_sim.arm import panda
 from whisker_sim.arm.spline import Spline
 from whisker_sim.arm.tool import TOOL
 from whisker_sim.free_object import FreeObject
-from whisker_sim.motions.base import REST_S, check_steps
+from whisker_sim.motions.base import REST_S, raised_cosine
 from whisker_sim.shapes import Shape
-from whisker_sim.whisker import Array, Length, Positive
+from whisker_sim.whisker import Angle, Array, Length, Positive
 
 _RAMP_S = 0.5
 """The tool takes so long to reach its speed, and to stop."""
@@ -24,6 +24,8 @@ _WAYPOINT_M = 0.012
 """Distance of the spline's points along a pass."""
 _ANGLE_RAD = 1e-3
 """Between the directions in which an outline's support points are taken."""
+_APART_M = 1e-7
+"""Waypoints nearer than this to the one before are the same place, where passes join."""
 _DENSE_M = 1e-4
 """Distance of the points between which the way along the spline is measured."""
 _KNOT_S = 0.02
@@ -47,10 +49,16 @@ class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     object: str
     side: Literal["left", "right"]
-    from_rad: float
-    to_rad: float
-    distance_m: Length
+    from_rad: Angle
+    to_rad: Angle
+    distance_m: Annotated[float, msgspec.Meta(ge=1e-3, le=10.0)]
     """Of the tool's axis from the outline."""
+
+    def __post_init__(self) -> None:
+        if not abs(self.to_rad - self.from_rad) > _ANGLE_RAD:
+            raise ValueError(
+                f"to_rad: expected a direction more than {_ANGLE_RAD:g} rad from from_rad = {self.from_rad}, found {self.to_rad}"
+            )
 
     def poses(self, shape: Shape) -> Array:
         """Poses (n, 3) of the tool in World along the pass, about `_WAYPOINT_M` apart: x, y, yaw."""
@@ -77,17 +85,21 @@ class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lead_m: Length = 0.07
     """Length of the straight way at either end of a stroke."""
 
-    def poses(self, objects: dict[str, FreeObject]) -> tuple[Array, Array]:
+    def poses(self, objects: dict[str, FreeObject], longest_s: float) -> tuple[Array, Array]:
         """Times (n,), `_KNOT_S` apart, and the tool's poses (n, 3) in World: x, y, yaw. It rests for `REST_S` first.
 
-        Raises `ValueError` where a pass names no object.
+        Raises `ValueError` where a pass names no object, and where the whole takes more than `longest_s`.
         """
         strokes = [self._waypoints(stroke, objects) for stroke in self.strokes]
         legs = [strokes[0]]
         for stroke in strokes[1:]:
             stroke[:, 2] -= 2.0 * np.pi * np.round((stroke[0, 2] - legs[-1][-1, 2]) / (2.0 * np.pi))
-            legs += [np.stack((legs[-1][-1], stroke[0])), stroke]
-        poses = [np.repeat(strokes[0][:1], 1 + ceil(REST_S / _KNOT_S), axis=0), *map(self._moved_along, legs)]
+            between = _apart(np.stack((legs[-1][-1], stroke[0])))
+            legs += [between, stroke] if len(between) > 1 else [stroke]
+        poses, left_s = [np.repeat(strokes[0][:1], 1 + ceil(REST_S / _KNOT_S), axis=0)], longest_s - REST_S
+        for leg in legs:
+            poses.append(self._moved_along(leg, left_s))
+            left_s -= _KNOT_S * len(poses[-1])
         poses = np.concatenate(poses)
         return _KNOT_S * np.arange(len(poses)), poses
 
@@ -98,33 +110,37 @@ class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if one.object not in objects:
                 raise ValueError(f"path.strokes: expected passes of {', '.join(objects)}, found one of '{one.object}'")
             poses.append(one.poses(objects[one.object].object))
-        poses = np.concatenate(poses)
+        poses = _apart(np.concatenate(poses))
         poses[:, 2] = np.unwrap(poses[:, 2])
         shares = np.linspace(0.0, 1.0, 1 + max(1, round(self.lead_m / _WAYPOINT_M)))[1:, None]
         leads = []
         for end, inner in ((poses[0], poses[1]), (poses[-1], poses[-2])):
             away = (end - inner)[:2] / np.hypot(*(end - inner)[:2])
             leads.append(end + shares * np.append(self.lead_m * away, 0.0))
-        return np.concatenate((leads[0][::-1], poses, leads[1]))
+        return _apart(np.concatenate((leads[0][::-1], poses, leads[1])))
 
-    def _moved_along(self, waypoints: Array) -> Array:
-        """Poses (n, 3), one every `_KNOT_S`, on the way through `waypoints` (m, 3) from rest to rest."""
+    def _moved_along(self, waypoints: Array, longest_s: float) -> Array:
+        """Poses (n, 3), one every `_KNOT_S`, on the way through `waypoints` (m, 3) from rest to rest, within `longest_s`."""
         knots = _way_m(waypoints)
         spline = Spline(knots, waypoints)
         dense = np.linspace(0.0, knots[-1], 2 + int(knots[-1] / _DENSE_M))
         way_m = _way_m(spline(dense))
         # Each ramp covers half of what the full speed would in its time; a short way is never passed at full speed.
         speed_m_s = min(self.speed_m_s, way_m[-1] / _RAMP_S)
+        if way_m[-1] > speed_m_s * (longest_s - _RAMP_S):
+            raise ValueError(
+                f"path.speed_m_s: expected {way_m[-1]:.3g} m to take no more than the {longest_s:.4g} s that are left of the "
+                f"longest plan, found {speed_m_s:.3g} m/s"
+            )
         duration_s = way_m[-1] / speed_m_s + _RAMP_S
-        time_s = _KNOT_S * np.arange(1, 1 + check_steps(duration_s / _KNOT_S))
+        time_s = _KNOT_S * np.arange(1, 1 + ceil(duration_s / _KNOT_S))
         passed_m = speed_m_s * (_ramp_s(time_s) - _ramp_s(time_s - duration_s + _RAMP_S))
         return spline(np.interp(passed_m, way_m, dense))
 
 
 def _ramp_s(time_s: Array) -> Array:
     """Integral over time of a speed that rises to one within `_RAMP_S`, as a raised cosine."""
-    share = np.clip(time_s / _RAMP_S, 0.0, 1.0)
-    return 0.5 * _RAMP_S * (share - np.sin(np.pi * share) / np.pi) + np.maximum(time_s - _RAMP_S, 0.0)
+    return _RAMP_S * raised_cosine(0.5 * np.clip(time_s / _RAMP_S, 0.0, 1.0)) + np.maximum(time_s - _RAMP_S, 0.0)
 
 
 def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) -> Spline:
@@ -133,15 +149,21 @@ def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) 
     `base` (4, 4) is the arm's base in World. The seventh degree of freedom keeps the third joint at zero: the elbow stays in the
     vertical plane through the shoulder and the wrist.
 
-    Raises `ValueError` where the arm does not reach a pose, or would pass the limit of a joint's speed.
+    Raises `ValueError` where the arm does not reach a pose, or would pass the limit of a joint's angle or speed.
     """
     into_base = np.linalg.inv(base)
     q_rad, angles_rad = panda.READY_RAD, []
     for at_s, (x_m, y_m, yaw_rad) in zip(time_s, poses, strict=True):
         target = into_base @ panda.translation((x_m, y_m, height_m)) @ panda.rotation_z(yaw_rad)
-        q_rad = _solve(target, q_rad)
+        q_rad, place = _solve(target, q_rad), f"at ({x_m:.3f}, {y_m:.3f}) m, at {at_s:.2f} s"
         if q_rad is None:
-            raise ValueError(f"path: expected a way within the arm's reach, found none to ({x_m:.3f}, {y_m:.3f}) m at {at_s:.2f} s")
+            raise ValueError(f"path: expected a way within the arm's reach, found none to the tool's place {place}")
+        if np.any(beyond := (q_rad < panda.LOWER_RAD) | (q_rad > panda.UPPER_RAD)):
+            joint = int(np.argmax(beyond))
+            raise ValueError(
+                f"path: expected joint {joint + 1} between {panda.LOWER_RAD[joint]} and {panda.UPPER_RAD[joint]} rad, "
+                f"found {q_rad[joint]:.4f} rad with the tool {place}"
+            )
         angles_rad.append(q_rad)
     trajectory = Spline(time_s, np.array(angles_rad))
     speed_rad_s = np.max(np.abs(trajectory.slope(time_s)), axis=0)
@@ -155,7 +177,7 @@ def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) 
 
 
 def _solve(target: Array, q_rad: Array) -> Array | None:
-    """Joint angles (7,) with the tool at `target`, near `q_rad`; None where there are none within the limits.
+    """Joint angles (7,) with the tool at `target`, near `q_rad`, be they within the limits or not; None where there are none.
 
     Damped least squares (C. W. Wampler, "Manipulator inverse kinematic solutions based on vector formulations and damped
     least-squares methods", IEEE Trans. SMC 16(1), 1986).
@@ -168,8 +190,7 @@ def _solve(target: Array, q_rad: Array) -> Array | None:
         turn_rad = 0.5 * np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
         miss = np.concatenate((back @ (target[:3, 3] - pose[:3, 3]), turn_rad, [-q_rad[_ELBOW]]))
         if np.max(np.abs(miss)) < _TOLERANCE:
-            within = np.all((q_rad >= panda.LOWER_RAD) & (q_rad <= panda.UPPER_RAD))
-            return q_rad if within else None
+            return q_rad
         task = np.vstack((panda.body_jacobian(q_rad, TOOL), np.eye(panda.JOINTS)[_ELBOW]))
         step_rad = task.T @ np.linalg.solve(task @ task.T + _DAMPING**2 * np.eye(len(task)), miss)
         q_rad = q_rad + step_rad * min(1.0, _STEP_RAD / np.max(np.abs(step_rad)))
@@ -188,6 +209,11 @@ def shaken(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
     wanted[:, 0, 0], wanted[:, 1, 0] = cos * x_m + sin * y_m, cos * y_m - sin * x_m
     back = jacobian.swapaxes(-1, -2)
     return q_rad + (back @ np.linalg.solve(jacobian @ back, wanted))[..., 0]
+
+
+def _apart(poses: Array) -> Array:
+    """The poses (n, 3) that are not at the place of the one before."""
+    return poses[np.append(True, np.hypot(*np.diff(poses[:, :2], axis=0).T) > _APART_M)]
 
 
 def _way_m(poses: Array) -> Array:

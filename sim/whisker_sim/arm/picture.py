@@ -1,20 +1,22 @@
 """An arm between its objects in perspective: MuJoCo's own picture of the model, with whiskers, contacts and places touched so far.
 
-Whiskers are drawn several times as thick as they are, for a wire of a quarter of a millimetre would not be seen. Colours are those
-of `whisker_sim.drawing`.
+Whiskers are drawn several times as thick as they are, for a wire of a quarter of a millimetre would not be seen, and nothing casts
+a shadow, for that of a whisker looks like another one. Colours are those of `whisker_sim.drawing`.
 """
 
 import contextlib
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from PIL import Image
 
+from whisker_sim import drawing
 from whisker_sim.arm.simulate import simulate_passage
-from whisker_sim.arm.tool import MOUNTS
+from whisker_sim.arm.tool import LENGTH_M, MOUNTS
 from whisker_sim.drawing import BLUE, GREEN, VERMILION, Colour
 from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M
@@ -22,18 +24,29 @@ from whisker_sim.runs import Run
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import Array
 
-_WIDTH, _HEIGHT = 640, 400
+_WIDTH, _HEIGHT = 540, 480
 _OVERSAMPLING = 2
-_MOST_SHAPES = 20_000
-_WHISKER_MM, _CONTACT_MM, _TRACE_MM = 0.7, 2.2, 1.0
+_WHISKER_MM, _CONTACT_MM, _TRACE_MM = 0.8, 2.4, 1.1
 _TRACE_APART_M = 1e-3
 """A place is marked where it lies so far from the one marked before."""
-_LOOK_AT_MM, _DISTANCE_MM, _AZIMUTH_DEG, _ELEVATION_DEG = (35.0, -12.0, 50.0), 520.0, 160.0, -50.0
+_AZIMUTH_DEG, _ELEVATION_DEG = 162.0, -40.0
+"""Direction of the view, towards an arm that looks along x; so low that the arm, which comes from above, hides little."""
+_FIELD_DEG = 22.0
+"""Height of the field; from so far away what is near looks hardly larger than what is far."""
+_FIELD_SHARE = 0.95
+"""Share of the picture's width and height that objects and whiskers take up."""
+_CENTERINGS = 4
+_FRAMED_ROWS = 25
+"""Whiskers are framed at one instant in so many."""
+_AMBIENT = 0.2
+_SLICES = 96
+"""Of a round body, which else shows its edges."""
 
 
 class PassageDrawing:
     """A simulated passage, ready to be drawn at any instant."""
 
+    sources = (Path(__file__), Path(drawing.__file__))
     frames_hz = 8.0
     lossless = False
     """Shaded faces are far smaller with loss than without."""
@@ -66,7 +79,8 @@ class PassageDrawing:
         """
         passed = self._passed
         marked = {name: _apart(one.truth.surface_m, one.touching) for name, one in passed.whiskers.items()}
-        with _painter(passed.model) as paint:
+        most_sticks = sum(len(self._lines_m[name][0]) + len(marked[name]) + 1 for name in marked)
+        with _painter(passed.model, self._framed_mm(), most_sticks) as paint:
             for row in rows:
                 sticks: list[Stick] = []
                 for name, one in passed.whiskers.items():
@@ -80,6 +94,18 @@ class PassageDrawing:
                         sticks.append((place, place, _CONTACT_MM, BLUE))
                 yield paint(passed.qpos[row], sticks)
 
+    def _framed_mm(self) -> Array:
+        """Points (n, 3) in millimetres that are to be seen: the objects' edges, the whiskers wherever they go, the flange above."""
+        edges = [
+            _lifted(free.object.outline_m(), MM_PER_M * z_m) for free in self.run.scene.objects for z_m in (0.0, free.height_m)
+        ]
+        lines = [_lifted(lines_m[::_FRAMED_ROWS].reshape(-1, 2), self._heights_mm[name]) for name, lines_m in self._lines_m.items()]
+        flange = [
+            _lifted(one.base_pose[::_FRAMED_ROWS, :2], MM_PER_M * (self.run.scene.path.height_m + LENGTH_M))
+            for one in self._passed.whiskers.values()
+        ]
+        return np.concatenate((*edges, *lines, *flange))
+
 
 def replayed_passage(run: Run) -> tuple[mujoco.MjModel, Array]:
     """Simulates a passage; gives the model and its coordinates (n, nq) at every row."""
@@ -92,8 +118,10 @@ Stick = tuple[Array, Array, float, Colour]
 
 
 @contextlib.contextmanager
-def _painter(model: mujoco.MjModel) -> Iterator[Callable[[Array, list[Stick]], Image.Image]]:
-    """Gives a function that draws the model at its coordinates (nq,) with some rods and balls added.
+def _painter(model: mujoco.MjModel, framed_mm: Array, most_sticks: int) -> Iterator[Callable[[Array, list[Stick]], Image.Image]]:
+    """Gives a function that draws the model at its coordinates (nq,) with up to `most_sticks` rods and balls added.
+
+    The points `framed_mm` (n, 3) fill the picture. The model's own whiskers are not drawn.
 
     Raises `SimulationError` where there is no OpenGL to draw with.
     """
@@ -111,17 +139,17 @@ def _painter(model: mujoco.MjModel) -> Iterator[Callable[[Array, list[Stick]], I
         context.make_current()
         # The picture is drawn larger and shrunk, which smooths every edge; OpenGL would take as long again for it.
         model.vis.quality.offsamples = 0
+        model.vis.quality.numslices = _SLICES
+        model.vis.headlight.ambient[:] = _AMBIENT
+        model.vis.global_.fovy = _FIELD_DEG
+        model.geom_rgba[_is_of_whiskers(model), 3] = 0.0
         drawn = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_resizeOffscreen(width, height, drawn)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawn)
-        data, scene, option = mujoco.MjData(model), mujoco.MjvScene(model, _MOST_SHAPES), mujoco.MjvOption()
-        camera = mujoco.MjvCamera()
-        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (
-            _LOOK_AT_MM,
-            _DISTANCE_MM,
-            _AZIMUTH_DEG,
-            _ELEVATION_DEG,
-        )
+        data, option = mujoco.MjData(model), mujoco.MjvOption()
+        scene = mujoco.MjvScene(model, model.ngeom + most_sticks)
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        camera = _camera(framed_mm)
         field, pixels = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), dtype=np.uint8)
 
         def paint(qpos: Array, sticks: list[Stick]) -> Image.Image:
@@ -138,6 +166,41 @@ def _painter(model: mujoco.MjModel) -> Iterator[Callable[[Array, list[Stick]], I
         yield paint
     finally:
         context.free()
+
+
+def _camera(framed_mm: Array) -> mujoco.MjvCamera:
+    """A camera whose picture the points (n, 3) fill.
+
+    With a, b and c the distances of a point from where the camera looks, to the right, up and away from it, the camera's distance
+    d has |b| <= s (d + c) and |a| <= s (d + c) width / height, where s is the tangent of half the field that may be used. It looks
+    at the middle of the box around the points at first, and then at where the middle of their picture is.
+    """
+    azimuth, elevation = np.radians((_AZIMUTH_DEG, _ELEVATION_DEG))
+    ahead = np.array((np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)))
+    right = np.array((np.sin(azimuth), -np.cos(azimuth), 0.0))
+    axes = np.stack((right, np.cross(right, ahead), ahead))
+    share = _FIELD_SHARE * np.tan(0.5 * np.radians(_FIELD_DEG))
+    camera = mujoco.MjvCamera()
+    camera.azimuth, camera.elevation = _AZIMUTH_DEG, _ELEVATION_DEG
+    camera.lookat[:] = _middle(framed_mm)
+    for _ in range(_CENTERINGS):
+        a, b, c = axes @ (framed_mm - camera.lookat).T
+        distance_mm = np.max(np.maximum(np.abs(b), np.abs(a) * _HEIGHT / _WIDTH) / share - c)
+        seen = np.stack((a, b), axis=-1) / (distance_mm + c)[:, None]
+        camera.distance = distance_mm
+        camera.lookat[:] += distance_mm * _middle(seen) @ axes[:2]
+    return camera
+
+
+def _middle(points: Array) -> Array:
+    """Middle (m,) of the box around `points` (n, m)."""
+    return 0.5 * (points.min(axis=0) + points.max(axis=0))
+
+
+def _is_of_whiskers(model: mujoco.MjModel) -> Array:
+    """Which of the model's geoms belong to whiskers."""
+    bodies = [model.body(body).name for body in model.geom_bodyid]
+    return np.array([body.startswith(tuple(f"{mount.name}_" for mount in MOUNTS)) for body in bodies])
 
 
 def _add(scene: mujoco.MjvScene, start_mm: Array, end_mm: Array, radius_mm: float, colour: Colour) -> None:

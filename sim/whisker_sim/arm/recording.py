@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 
 from whisker_sim.arm import panda
-from whisker_sim.arm.scene import ArmScene
-from whisker_sim.arm.simulate import Passed, simulate_passage
+from whisker_sim.arm.scene import ArmScene, trace_name
+from whisker_sim.arm.simulate import Passed, seen_from_objects, simulate_passage
 from whisker_sim.arm.tool import FACE, MOUNTS
 from whisker_sim.certificate import certify
 from whisker_sim.documents import to_json
@@ -116,7 +116,8 @@ def write_recording(folder: Path, run: Run, passed: Passed) -> None:
         csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
         add(f"{trace}.csv", csv)
         shapes = [free.object for free in scene.objects]
-        certificate = certify(scene.resolved_whisker, shapes, FACE, simulated, scene.vibration is not None)
+        seen = seen_from_objects(scene, passed.objects, simulated)
+        certificate = certify(scene.resolved_whisker, shapes, FACE, seen, scene.vibration is not None)
         add(f"{trace}.json", to_json(sidecar_of(trace, scene, "several", FACE, csv, None, certificate, name)))
     recording = Recording(
         format=scene.format,
@@ -137,10 +138,10 @@ def write_recording(folder: Path, run: Run, passed: Passed) -> None:
         inputs_sha256=inputs_sha256(scene),
     )
     folder.mkdir(parents=True, exist_ok=True)
-    # What ties the files together must not stand beside others than those that it describes.
-    (folder / f"{name}.json").unlink(missing_ok=True)
-    for mount in MOUNTS:
-        remove_leftovers(folder, trace_name(name, mount.name))
+    # What ties files together, or describes them, must not stand beside others.
+    for made in scene.names(name):
+        (folder / f"{made}.json").unlink(missing_ok=True)
+        remove_leftovers(folder, made)
     for file, content in files.items():
         write_atomically(folder / file, content)
     write_atomically(folder / f"{name}.json", to_json(recording))
@@ -161,11 +162,6 @@ def is_up_to_date(folder: Path, run: Run) -> bool:
         )
     except (OSError, msgspec.DecodeError, KeyError, TypeError):
         return False
-
-
-def trace_name(recording: str, whisker: str) -> str:
-    """Name of the trace of one whisker of a recording."""
-    return f"{recording}_{whisker}"
 
 
 def _joints_csv(passed: Passed) -> bytes:

@@ -7,17 +7,23 @@ import numpy as np
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.passage import Passage, joint_trajectory, shaken
+from whisker_sim.arm.tool import HALF_HEIGHT_M, LENGTH_M, MOUNTS
 from whisker_sim.free_object import FreeObject
 from whisker_sim.scene import Format, Name, Seed, Simulation, check_rate, random_stream, resolve_simulation
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Array, Coordinate, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Angle, Array, Coordinate, Whisker, WhiskerOverride, resolve_whisker
+
+_MOST_STEPS = 2_000_000
+"""Longest plan: beyond it a recording, which has some hundred times the numbers of a trace a row, would not fit into memory."""
+_BELOW_FLANGE_M = 0.01
+"""Objects end so far below the flange: of the arm only the block that bears the whiskers meets them."""
 
 
 class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where the arm stands: the middle of its foot in World, and where it looks."""
 
     foot_m: tuple[Coordinate, Coordinate, Coordinate]
-    yaw_rad: float = 0.0
+    yaw_rad: Angle = 0.0
 
     @property
     def base(self) -> Array:
@@ -57,7 +63,25 @@ class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"objects: expected objects of different names, found '{name}' {names.count(name)} times")
+        self._check_heights()
         check_rate(self.rate_hz, self.simulation)
+
+    def _check_heights(self) -> None:
+        """The block that bears the whiskers passes over the table, and beside the upright sides of all objects."""
+        height_m = self.path.height_m
+        if height_m <= HALF_HEIGHT_M:
+            raise ValueError(f"path.height_m: expected more than {HALF_HEIGHT_M} m, half the tool's height, found {height_m}")
+        above_m, below_m = height_m + HALF_HEIGHT_M, height_m + LENGTH_M - _BELOW_FLANGE_M
+        for free in self.objects:
+            if not above_m < free.height_m < below_m:
+                raise ValueError(
+                    f"objects: expected heights between {above_m:g} m, the tool's upper side, and {below_m:g} m, below the flange, "
+                    f"found '{free.name}' {free.height_m:g} m high"
+                )
+
+    def names(self, name: str) -> tuple[str, ...]:
+        """Names in the dataset of what a run called `name` makes: the recording, and a trace a whisker."""
+        return (name, *(trace_name(name, mount.name) for mount in MOUNTS))
 
     @property
     def resolved_whisker(self) -> Whisker:
@@ -71,12 +95,17 @@ class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
 
     def plan(self) -> JointPlan:
         """The joint trajectory with what the vibration adds; raises `ValueError` where the arm cannot do it."""
-        time_s, poses = self.path.poses({free.name: free for free in self.objects})
-        trajectory = joint_trajectory(self.arm.base, self.path.height_m, time_s, poses)
         timestep_s = self.simulation.timestep_s
+        time_s, poses = self.path.poses({free.name: free for free in self.objects}, _MOST_STEPS * timestep_s)
+        trajectory = joint_trajectory(self.arm.base, self.path.height_m, time_s, poses)
         steps_s = timestep_s * np.arange(round(time_s[-1] / timestep_s) + 1)
         q_rad = trajectory(steps_s)
         if self.vibration is not None:
             added_m = self.vibration.displacement_m(len(q_rad) - 1, timestep_s, random_stream(self.name, self.seed))
             q_rad = shaken(q_rad, added_m, np.interp(steps_s, time_s, poses[:, 2]) - self.arm.yaw_rad)
         return JointPlan(q_rad, np.gradient(q_rad, timestep_s, axis=0))
+
+
+def trace_name(recording: str, whisker: str) -> str:
+    """Name of the trace of one whisker of a recording."""
+    return f"{recording}_{whisker}"

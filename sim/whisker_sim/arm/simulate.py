@@ -1,13 +1,13 @@
 """Runs a scene with an arm: plans the joints, steps the physics, reads each whisker's truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from whisker_sim.arm import panda
-from whisker_sim.arm.model import TOOL_SENSOR, build_arm_model
+from whisker_sim.arm.model import OBJECT, TOOL_SENSOR, build_arm_model
 from whisker_sim.arm.scene import ArmScene, JointPlan
 from whisker_sim.arm.tool import MOUNTS, Mount
 from whisker_sim.documents import located
@@ -16,12 +16,14 @@ from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
 from whisker_sim.motions.base import REST_S
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
-from whisker_sim.simulate import Simulated, is_split, logged
+from whisker_sim.simulate import Simulated, is_split, logged, roll
 from whisker_sim.table import displacement
-from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
+from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact, turned
 from whisker_sim.whisker import Array
 
-_SETTLING_ROWS = 25
+_SETTLING_S = 0.1
+_TILT_LIMIT_RAD, _LIFT_LIMIT_M = 1e-3, 1e-4
+"""An object that tilts or leaves its height by more does not stand: the truth, which is that of an upright one, would be wrong."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def simulate_passage(run: Run) -> Passed:
     qpos, qvel, sensors = _integrate(scene, model, plan)
     time_s = np.arange(len(qpos)) / scene.rate_hz
     q_rad, dq_rad_s = plan.q_rad[0] + qpos[:, : panda.JOINTS], qvel[:, : panda.JOINTS]
-    moved = {free.name: _since_start(displacement(model, qpos, free.name)) for free in scene.objects}
+    moved = {free.name: _since_start(displacement(model, qpos, f"{OBJECT}{free.name}")) for free in scene.objects}
     hinges = scene.resolved_whisker.segments + 1
     whiskers = {}
     for index, mount in enumerate(MOUNTS):
@@ -81,10 +83,12 @@ def _integrate(scene: ArmScene, model: mujoco.MjModel, plan: JointPlan) -> tuple
 
     The objects settle into the table, by a micrometre, before the first of them.
     """
+    timestep_s, data = scene.simulation.timestep_s, mujoco.MjData(model)
+    settling = np.zeros((round(_SETTLING_S / timestep_s), model.nu))
+    for _ in roll(model, data, settling, len(settling)):
+        data.time = 0.0
     controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)[1:]
-    settling = np.zeros((_SETTLING_ROWS * scene.steps_per_row, model.nu))
-    rows = logged(model, mujoco.MjData(model), np.concatenate((settling, controls)), scene.steps_per_row)
-    return tuple(values[_SETTLING_ROWS:] for values in rows)
+    return logged(model, data, controls, scene.steps_per_row)
 
 
 def _since_start(moved: Array) -> Array:
@@ -143,11 +147,26 @@ def _truth(
     return nearest, truth
 
 
+def seen_from_objects(scene: ArmScene, moved: dict[str, Array], simulated: Simulated) -> Simulated:
+    """`simulated` with base poses and contacts as the object that is touched sees them, as if it had not moved.
+
+    `moved` are the displacements (n, 5) of the objects, by their names. Rows without contact are left as they are.
+    """
+    base_pose, truth = simulated.base_pose.copy(), simulated.truth
+    contact_m, surface_m = truth.contact_m.copy(), truth.surface_m.copy()
+    for index, free in enumerate(scene.objects):
+        rows = np.flatnonzero(simulated.touching & (simulated.nearest == index))
+        frame = _Displaced(free.object, moved[free.name][rows])
+        base_pose[rows] = frame.start_pose(base_pose[rows])
+        contact_m[rows], surface_m[rows] = frame.at_start(contact_m[rows]), frame.at_start(surface_m[rows])
+    return replace(simulated, base_pose=base_pose, truth=replace(truth, contact_m=contact_m, surface_m=surface_m))
+
+
 class _Displaced:
     """An object that has moved in the plane, at n instants: turned by `yaw_rad` about its start and then displaced.
 
-    Its tilt lifts its middle by no more than the square of it, and at the whiskers' height, near its middle, moves it by less
-    than a micrometre where it stands still to micrometres.
+    Its tilt is left out: where it stands to micrometres, that moves it at the whiskers' height by less than one, and what tilts
+    beyond `_TILT_LIMIT_RAD` fails the recording.
     """
 
     def __init__(self, shape: Shape, moved: Array) -> None:
@@ -155,23 +174,28 @@ class _Displaced:
 
     def start_pose(self, poses: Array) -> Array:
         """Poses (n, 3) in World as seen from the object, as if it had not moved."""
-        local = _turned(poses[:, :2] - self._center_m - self._moved_m, -self.yaw_rad)
-        return np.column_stack((local + self._center_m, poses[:, 2] - self.yaw_rad))
+        return np.column_stack((self.at_start(poses[:, :2]), poses[:, 2] - self.yaw_rad))
+
+    def at_start(self, points_m: Array) -> Array:
+        """Where points (n, 2) that move with the object were before it moved."""
+        return turned(points_m - self._center_m - self._moved_m, -self.yaw_rad) + self._center_m
 
     def now(self, points_m: Array) -> Array:
         """Where points (n, 2) of the object as it was are now."""
-        return _turned(points_m - self._center_m, self.yaw_rad) + self._center_m + self._moved_m
-
-
-def _turned(vectors_m: Array, angle_rad: Array) -> Array:
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    x, y = vectors_m.T
-    return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+        return turned(points_m - self._center_m, self.yaw_rad) + self._center_m + self._moved_m
 
 
 def _check(passed: Passed, tool_contacts: Array) -> None:
     if np.any(tool_contacts > 0.0):
         raise SimulationError(f"the tool itself touches something at {passed.time_s[np.argmax(tool_contacts > 0.0)]:.3f} s")
+    for name, moved in passed.objects.items():
+        fallen = (moved[:, 4] > _TILT_LIMIT_RAD) | (np.abs(moved[:, 2]) > _LIFT_LIMIT_M)
+        if np.any(fallen):
+            row = int(np.argmax(fallen))
+            raise SimulationError(
+                f"'{name}' does not stand at {passed.time_s[row]:.3f} s: its tilt is {moved[row, 4]:.2g} rad, "
+                f"its rise {moved[row, 2]:.2g} m; expected at most {_TILT_LIMIT_RAD:g} rad and {_LIFT_LIMIT_M:g} m"
+            )
     for name, whisker in passed.whiskers.items():
         early = whisker.touching & (passed.time_s <= REST_S)
         if np.any(early):

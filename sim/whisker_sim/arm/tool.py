@@ -20,8 +20,8 @@ TOOL = translation((0.0, 0.0, LENGTH_M)) @ rotation_x(np.pi)
 FACE = "right"
 """Face of every whisker on which it meets objects: its convex side."""
 
-HALF_WIDTH_M = 0.012
-"""The roots lie so far to the left and to the right of the tool's axis."""
+HALF_WIDTH_M, HALF_HEIGHT_M = 0.012, 0.014
+"""Of the block that bears the whiskers: their roots lie on its sides, and their planes within its height."""
 _AHEAD_M = 0.032
 """The middle root of the left array lies so far ahead of the axis, for its whisker reaches back from there."""
 _ECHELON_M, _RISE_M = 0.01, 0.008

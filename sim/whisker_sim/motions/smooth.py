@@ -93,7 +93,9 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         approach = raised_cosine((time_s - REST_S) / _APPROACH_S)
         press = raised_cosine((time_s - REST_S - _APPROACH_S) / _PRESS_S)
         ramp = raised_cosine((time_s - REST_S - _APPROACH_S - _PRESS_S) / _RAMP_S)
-        push_m = approach * (self.clearance_m - TOUCH_GAP_M) + press * (TOUCH_GAP_M + press_m) + ramp * (depth_m - press_m + across_m)
+        push_m = (
+            approach * (self.clearance_m - TOUCH_GAP_M) + press * (TOUCH_GAP_M + press_m) + ramp * (depth_m - press_m + across_m)
+        )
         turn = ramp * turn_rad
         cos, sin = np.cos(turn), np.sin(turn)
         x = pivot[0] + cos * lever[0] - sin * lever[1] + ramp * along_m * tangent[0] + push_m * normal[0]

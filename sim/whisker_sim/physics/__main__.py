@@ -6,7 +6,7 @@ Exit codes: 0 every claim holds, 1 a claim does not hold or a study failed, 2 wr
 import argparse
 import multiprocessing
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -17,9 +17,10 @@ from whisker_sim.cli import FAILED, GOOD, add_jobs, exit_code
 from whisker_sim.errors import WhiskerSimError
 from whisker_sim.physics.results import write_results
 from whisker_sim.physics.studies import STUDIES
-from whisker_sim.physics.study import Bar, Findings
+from whisker_sim.physics.study import Bar, Findings, Study
 
 _REPOSITORY = Path(__file__).resolve().parents[3]
+_NAMES = [study.name for study in STUDIES]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,9 +30,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    findings = run(options.dataset, options.jobs)
+    studies = [study for study in STUDIES if study.name in (options.studies or _NAMES)]
+    findings = run(studies, options.dataset, options.jobs)
     write_results(options.out, findings)
-    for study, found in zip(STUDIES, findings, strict=True):
+    for study, found in zip(studies, findings, strict=True):
         print(f"\n{study.about}")
         for bar in found.bars:
             print(f"  {claim_line(bar)}")
@@ -39,12 +41,12 @@ def _report(options: argparse.Namespace) -> int:
     return GOOD if all(bar.holds for found in findings for bar in found.bars) else FAILED
 
 
-def run(dataset: Path, jobs: int) -> list[Findings]:
-    """Runs every study on `jobs` worker processes and gives their findings, in the order of the registry.
+def run(studies: Sequence[Study], dataset: Path, jobs: int) -> list[Findings]:
+    """Runs `studies` on `jobs` worker processes and gives their findings, in the same order.
 
     Raises what a task raises, `InputError` for a missing or damaged trace, as soon as it does.
     """
-    tasks = [study.tasks(dataset) for study in STUDIES]
+    tasks = [study.tasks(dataset) for study in studies]
     flat = [task for group in tasks for task in group]
     results: dict[int, Any] = {}
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as executor, _progress(len(flat)) as advance:
@@ -58,7 +60,7 @@ def run(dataset: Path, jobs: int) -> list[Findings]:
         finally:
             executor.shutdown(wait=False, cancel_futures=True)
     ordered = iter(results[index] for index in range(len(flat)))
-    return [study.conclude([next(ordered) for _ in group]) for study, group in zip(STUDIES, tasks, strict=True)]
+    return [study.conclude([next(ordered) for _ in group]) for study, group in zip(studies, tasks, strict=True)]
 
 
 def claim_line(bar: Bar) -> str:
@@ -90,11 +92,20 @@ def _progress(total: int) -> Iterator[Callable[[], None]]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="whisker_sim.physics", description="The simulator against theory, every claim measured.")
     parser.add_argument(
+        "studies", nargs="*", metavar="STUDY", type=_study, help=f"which to run, all without one: {', '.join(_NAMES)}"
+    )
+    parser.add_argument(
         "--dataset", type=Path, default=_REPOSITORY / "datasets/standard", metavar="DIR", help="traces of the standard suite"
     )
     parser.add_argument("--out", type=Path, default=_REPOSITORY / "results/physics", metavar="DIR", help="folder of the tables")
     add_jobs(parser)
     return parser
+
+
+def _study(name: str) -> str:
+    if name not in _NAMES:
+        raise argparse.ArgumentTypeError(f"expected one of {', '.join(_NAMES)}, found '{name}'")
+    return name
 
 
 if __name__ == "__main__":

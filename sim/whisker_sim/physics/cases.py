@@ -5,12 +5,14 @@ import xml.etree.ElementTree as ET
 import msgspec
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
-from whisker_sim.model import build_mjcf
+from whisker_sim.free_object import FreeObject
+from whisker_sim.model import build_mjcf, compiled
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.shapes.pin import Pin
-from whisker_sim.table import GRAVITY_M_S2, FreeObject, add_free_object, add_table, let_gravity_act
+from whisker_sim.table import GRAVITY_M_S2, add_free_object, add_table, let_gravity_act
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 TAPERED = msgspec.structs.replace(PRESETS["straight"][1], name="tapered", tip_diameter_m=0.12e-3)
@@ -24,14 +26,18 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else float("nan")
 
 
-def largest(values: Array) -> float:
-    """Largest magnitude among `values`, of any shape; NaN of none."""
+def largest(values: ArrayLike) -> float:
+    """Largest magnitude among `values`, of any shape; NaN of none, and where one of them is NaN, as Python's `max` is not."""
     return float(np.max(np.abs(values))) if np.size(values) else float("nan")
 
 
 FAR_AWAY = Pin(center_m=(1.0, 1.0))
 """An object that nothing reaches."""
 
+TIMESTEP_S = 0.0005
+"""With which objects that stand free are studied."""
+MASSES_KG = (0.005, 0.02, 0.1)
+"""Of the objects that stand free."""
 TOUCHED_M = 0.08
 """Height above the table at which a whisker meets an object that stands free."""
 
@@ -51,11 +57,13 @@ def tips_at_n(free: FreeObject, height_m: float) -> float:
     return free.mass_kg * GRAVITY_M_S2 * free.object.radius_m / height_m
 
 
-def compiled(whisker: Whisker, free: FreeObject, timestep_s: float, tip_friction: float = 0.0) -> mujoco.MjModel:
+def model_with_free_object(whisker: Whisker, free: FreeObject, timestep_s: float, tip_friction: float = 0.0) -> mujoco.MjModel:
     """The model of `whisker` with `free`, on a table `TOUCHED_M` below the whisker, in the place of the fixed object.
 
     The name of `free` is that of the object which it replaces, so that the model's sensors are of its contact. The last link of the
     whisker rubs on the object with `tip_friction`; the others are frictionless.
+
+    Raises `SimulationError` where MuJoCo rejects the model.
     """
     root = ET.fromstring(build_mjcf(whisker, free.object, timestep_s))
     world = root.find("worldbody")
@@ -67,4 +75,4 @@ def compiled(whisker: Whisker, free: FreeObject, timestep_s: float, tip_friction
         for geom in root.findall(f".//body[@name='link_{whisker.segments}']/geom"):
             geom.set("condim", "3")
             geom.set("friction", mjcf(tip_friction, 0.0, 0.0))
-    return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    return compiled(ET.tostring(root, encoding="unicode"))

@@ -17,7 +17,7 @@ from whisker_sim.elastica import Touching, touching
 from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, NNM_PER_NM, SENSORS, build_model
 from whisker_sim.motions import Stage
-from whisker_sim.physics.cases import WHISKERS, rms
+from whisker_sim.physics.cases import WHISKERS, largest, rms
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
 from whisker_sim.shapes import AnyShape
 from whisker_sim.shapes.circle import Circle
@@ -235,7 +235,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
             ("arc_error_m", 1e3, 0.02, "mm"),
         ):
             claim = f"{whisker} chain at rest, {_DEFAULT_SEGMENTS} segments: {_FIGURES[field]}, worst case"
-            worst = scale * max(getattr(row, field) for row in default)
+            worst = scale * largest([getattr(row, field) for row in default])
             bars.append(Bar(f"rest_{whisker}_{_FIGURES[field]}", claim, worst, "<=", bound, unit))
     return Findings({"convergence": rows, "convergence_orders": orders}, bars)
 

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from whisker_sim.elastica import Loaded, loaded, touching
 from whisker_sim.errors import SimulationError
-from whisker_sim.physics.cases import WHISKERS
+from whisker_sim.physics.cases import WHISKERS, largest
 from whisker_sim.physics.scipy_elastica import REPOSITORY, StaticContact, push, solved_case, static_contact, write_cases
 from whisker_sim.physics.study import Bar, Findings, Study
 from whisker_sim.shapes.circle import Circle
@@ -109,12 +109,14 @@ def _numpy_agreement(whisker_name: str) -> list[Agreement]:
     arc_m, force_n = _random_loads(whisker, LOADS, rng)
     exact = _solved_loads(whisker, arc_m, force_n, np.zeros(LOADS))
     fast = loaded(whisker, arc_m, force_n)
-    worst_load = max(
-        float(np.max(np.hypot(*(fast.point_m - exact.point_m).T) / arc_m)),
-        float(np.max(np.abs(fast.tangent_rad - exact.tangent_rad))),
-        float(np.max(np.abs(fast.moment_n_m / exact.moment_n_m - 1.0))),
+    worst_load = largest(
+        (
+            np.hypot(*(fast.point_m - exact.point_m).T) / arc_m,
+            fast.tangent_rad - exact.tangent_rad,
+            fast.moment_n_m / exact.moment_n_m - 1.0,
+        )
     )
-    worst_contact = max(_worst_contact(whisker, radius_m, face, rng) for radius_m in RADII_M for face in (1, -1))
+    worst_contact = largest([_worst_contact(whisker, radius_m, face, rng) for radius_m in RADII_M for face in (1, -1)])
     return [
         Agreement("NumPy", f"random loads, {whisker_name}", LOADS, worst_load),
         Agreement("NumPy", f"random contacts with discs, {whisker_name}", 2 * len(RADII_M) * CONTACTS, worst_contact),
@@ -141,7 +143,7 @@ def _worst_contact(whisker: Whisker, radius_m: float, face: int, rng: np.random.
     guess = arc_m * rng.uniform(0.98, 1.02, CONTACTS), force_n * rng.uniform(0.95, 1.05, CONTACTS)
     found = touching(whisker, Circle(radius_m=radius_m), face, poses, *guess)
     pairs = ((found.arc_m, arc_m), (found.force_n, force_n), (found.moment_n_m, exact.moment_n_m))
-    worst = max(float(np.max(np.abs(value / expected - 1.0))) for value, expected in pairs)
+    worst = largest([value / expected - 1.0 for value, expected in pairs])
     return worst if np.all(found.solved) else float("inf")
 
 
@@ -217,12 +219,12 @@ def _conclude(results: list[list[Any]]) -> Findings:
         misses = [abs(row.deflection - row.published_deflection) for row in of_oracle]
         misses += [abs(row.shortening - row.published_shortening) for row in of_oracle]
         # Without all of the published values nothing is shown.
-        worst = max(misses) if len(of_oracle) == len(PUBLISHED) else float("nan")
+        worst = largest(misses) if len(of_oracle) == len(PUBLISHED) else float("nan")
         claim = f"oracle by {oracle}: cantilever against Mattiasson's four loads, in lengths"
         bars.append(Bar(f"oracle_mattiasson_{oracle.lower()}", claim, worst, "<=", _ROUNDING, ""))
     for oracle, what in (("Rust", "random whiskers, contacts and loads"), ("NumPy", "loads and contacts with discs")):
         of_oracle = [row for row in agreements if row.oracle == oracle]
-        worst = max((row.worst for row in of_oracle), default=float("nan"))
+        worst = largest([row.worst for row in of_oracle])
         # The oracle in Rust answers to every case in four ways.
         count = sum({row.what: row.cases for row in of_oracle}.values()) // (4 if oracle == "Rust" else 1)
         claim = f"oracle by {oracle} against SciPy: {count} {what}, relative"

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from whisker_sim.model import NNM_PER_NM, build_model
-from whisker_sim.physics.cases import FAR_AWAY
+from whisker_sim.physics.cases import FAR_AWAY, largest
 from whisker_sim.physics.frequencies import beam_hz
 from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
 from whisker_sim.whisker import PRESETS, Array, Whisker
@@ -144,12 +144,12 @@ def _tasks(_: Path) -> list[partial[tuple[Row, list[Instant]]]]:
 def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
     rows = [row for row, _ in results]
     preset = rows[0]
-    decay_error = max(abs(row.decay_s / row.expected_decay_s - 1.0) for row in rows)
+    decay_error = largest([row.decay_s / row.expected_decay_s - 1.0 for row in rows])
     bars = [
         Bar(
             "ringing_frequency",
             f"ringing after release, against the beam's {preset.beam_hz:.2f} Hz",
-            PERCENT * max(abs(row.frequency_hz / row.beam_hz - 1.0) for row in rows),
+            PERCENT * largest([row.frequency_hz / row.beam_hz - 1.0 for row in rows]),
             "<=",
             1.0,
             "%",
@@ -166,7 +166,7 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
         Bar(
             "energy_growth",
             "free vibration: largest growth of the energy in a step, share of the first",
-            max(row.energy_growth for row in rows),
+            float(np.max([row.energy_growth for row in rows])),
             "<=",
             1e-9,
             "",

@@ -27,7 +27,7 @@ from whisker_sim.physics.__main__ import claim_line
 from whisker_sim.physics.study import Bar
 from whisker_sim.runs import Run, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
-from whisker_sim.simulate import simulate
+from whisker_sim.simulate import full_state, simulate
 from whisker_sim.trace import write_trace
 
 _SCENES = Path(__file__).resolve().parents[3] / "scenes"
@@ -98,8 +98,7 @@ def bare_steps(run: Run) -> Callable[[], object]:
     data = mujoco.MjData(model)
     poses = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses[0]
-    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    state = full_state(model, data)
     velocities = np.diff(poses, axis=0) / scene.simulation.timestep_s
     return lambda: mujoco.rollout.rollout(model, data, state[None], velocities[None])
 

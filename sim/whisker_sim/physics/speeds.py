@@ -49,7 +49,7 @@ def _conclude(results: list[Row]) -> Findings:
         Bar(
             f"dynamic_{round(1e3 * speed_m_s)}",
             f"base at {1e3 * speed_m_s:g} mm/s: dynamic part of the reading once settled, RMS, worst case",
-            PERCENT * max(row.settled_rms for row in results if row.speed_m_s == speed_m_s),
+            PERCENT * largest([row.settled_rms for row in results if row.speed_m_s == speed_m_s]),
             "<=",
             bound,
             "% of range",

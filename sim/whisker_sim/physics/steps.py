@@ -51,7 +51,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
     rows = [row for result in results for row in result]
 
     def worst(segments: int, timestep_s: float) -> float:
-        return PERCENT * max(row.change_worst for row in rows if (row.segments, row.timestep_s) == (segments, timestep_s))
+        return PERCENT * largest([row.change_worst for row in rows if (row.segments, row.timestep_s) == (segments, timestep_s)])
 
     bars = [
         Bar("step_halved", "half the time step: change of the reading, worst", worst(40, 0.00025), "<=", 0.1, "% of range"),

@@ -147,8 +147,9 @@ def bars(name: str, what: str, rows: list[Row], share: float) -> list[Bar]:
         ("penetration_m", "penetration", 1e6, 5.0, "um"),
         ("unsolved", "instants without a contact in one point", 1.0, 0.0, ""),
     ):
-        worst = max(rows, key=lambda row, field=field: getattr(row, field), default=None)
-        if worst is not None:
+        if rows:
+            # The first that is not a number, where there is one.
+            worst = rows[int(np.argmax([getattr(row, field) for row in rows]))]
             claim = f"{what}: {figure} ({worst.trace})"
             claims.append(Bar(f"{name}_{field}", claim, scale * getattr(worst, field), "<=", share * bound, unit))
     return claims

@@ -6,13 +6,14 @@ use std::process::ExitCode;
 use anyhow::bail;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, Suite, Trace, read_json};
+use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, SensorFile, Suite, Trace, read_json};
 
 use super::{print, python};
 use crate::claims::MeasuredClaim;
 use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, FailureRow, GridRow, MapObjectRow, MapPointRow, MapRow,
-    MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TransferRow, TrialHead, TurnRow, read_rows, read_scores,
+    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, FailureRow,
+    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TransferRow,
+    TrialHead, TurnRow, VertexRow, read_rows, read_scores,
 };
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
@@ -65,18 +66,8 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 
 fn check(path: &Path) -> anyhow::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    if name.ends_with(".contour.csv") {
-        return Ok(format!("outline with {} vertices", Outline::read(path)?.vertices().len()));
-    }
-    if let Some(table) = TABLES.iter().find(|table| name.ends_with(table.name)) {
+    if let Some(table) = TABLES.iter().find(|table| table.mark.is_of(path)) {
         return Ok(format!("{} with {} rows", table.about, (table.rows)(path)?));
-    }
-    let is_in = |name: &str| path.parent().is_some_and(|folder| folder.ends_with(name));
-    if is_in("estimates") {
-        return Ok(format!("estimates with {} rows", count::<EstimateRow>(path)?));
-    }
-    if is_in("bounds") {
-        return Ok(format!("bound with {} rows", count::<BoundRow>(path)?));
     }
     for ending in [".joints.csv", ".objects.csv"] {
         if name.ends_with(ending) {
@@ -103,7 +94,7 @@ fn check(path: &Path) -> anyhow::Result<String> {
                 })
                 .collect();
             let sensors = calibration.front_end.map_or_else(String::new, |front_end| {
-                let sensors: Vec<_> = front_end.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+                let sensors: Vec<_> = front_end.sensors.iter().map(SensorFile::label).collect();
                 format!("; through `{}`, sensors {}", front_end.name, sensors.join(", "))
             });
             Ok(format!("calibration of `{}`: {}{sensors}", calibration.whisker.name, faces.join(", ")))
@@ -128,31 +119,66 @@ fn check(path: &Path) -> anyhow::Result<String> {
     }
 }
 
-/// A table that evaluation or fit writes, known by the end of its name.
+/// What a table is known by.
+enum Mark {
+    /// The whole name.
+    Name(&'static str),
+    /// The end of the name.
+    End(&'static str),
+    /// The folder that it lies in.
+    Folder(&'static str),
+}
+
+impl Mark {
+    fn is_of(&self, path: &Path) -> bool {
+        match self {
+            Self::Name(name) => path.file_name().is_some_and(|found| found == *name),
+            Self::End(end) => path.file_name().is_some_and(|found| found.to_string_lossy().ends_with(end)),
+            Self::Folder(folder) => {
+                path.extension().is_some_and(|extension| extension == "csv")
+                    && path.parent().is_some_and(|found| found.ends_with(folder))
+            }
+        }
+    }
+}
+
+/// A table that generator, fit or evaluation writes.
 struct Table {
-    name: &'static str,
+    mark: Mark,
     about: &'static str,
     /// Parses it and counts its rows.
     rows: fn(&Path) -> anyhow::Result<usize>,
 }
 
 const TABLES: &[Table] = &[
-    Table { name: "trials.csv", about: "trials", rows: count_scores::<TrialHead> },
-    Table { name: "summary.csv", about: "summary", rows: count_scores::<SummaryHead> },
-    Table { name: "error_over_time.csv", about: "errors over time", rows: count::<ErrorBandRow> },
-    Table { name: "consistency.csv", about: "consistency over time", rows: count::<ConsistencyRow> },
-    Table { name: "failures.csv", about: "failed trials", rows: count::<FailureRow> },
-    Table { name: "claims.csv", about: "claims", rows: count::<MeasuredClaim> },
-    Table { name: "maps.csv", about: "maps", rows: count::<MapRow> },
-    Table { name: "map_objects.csv", about: "objects of maps", rows: count::<MapObjectRow> },
-    Table { name: ".points.csv", about: "contact points of a map", rows: count::<MapPointRow> },
-    Table { name: ".outlines.csv", about: "outlines of a map", rows: count::<MapVertexRow> },
-    Table { name: ".grid.csv", about: "occupancy grid", rows: count::<GridRow> },
-    Table { name: ".surface.csv", about: "sensor model", rows: count::<SurfaceRow> },
-    Table { name: ".residuals.csv", about: "residuals", rows: count::<ResidualRow> },
-    Table { name: ".turn.csv", about: "turned sensor", rows: count::<TurnRow> },
-    Table { name: ".transfer.csv", about: "counts over rotations", rows: count::<TransferRow> },
+    Table { mark: Mark::End(".contour.csv"), about: "outline", rows: count_vertices },
+    Table { mark: Mark::Name("trials.csv"), about: "trials", rows: count_scores::<TrialHead> },
+    Table { mark: Mark::Name("summary.csv"), about: "summary", rows: count_scores::<SummaryHead> },
+    Table { mark: Mark::Name("error_over_time.csv"), about: "errors over time", rows: count::<ErrorBandRow> },
+    Table { mark: Mark::Name("consistency.csv"), about: "consistency over time", rows: count::<ConsistencyRow> },
+    Table { mark: Mark::Name("contours.csv"), about: "scores of outlines", rows: count::<ContourScoreRow> },
+    Table { mark: Mark::Name("contour_trials.csv"), about: "trials of outlines", rows: count::<ContourTrialRow> },
+    Table { mark: Mark::Name("failures.csv"), about: "failed trials", rows: count::<FailureRow> },
+    Table { mark: Mark::Name("claims.csv"), about: "claims", rows: count::<MeasuredClaim> },
+    Table { mark: Mark::Name("maps.csv"), about: "maps", rows: count::<MapRow> },
+    Table { mark: Mark::Name("map_objects.csv"), about: "objects of maps", rows: count::<MapObjectRow> },
+    Table { mark: Mark::End(".points.csv"), about: "contact points of a map", rows: count::<MapPointRow> },
+    Table { mark: Mark::End(".outlines.csv"), about: "outlines of a map", rows: count::<MapVertexRow> },
+    Table { mark: Mark::End(".grid.csv"), about: "occupancy grid", rows: count::<GridRow> },
+    Table { mark: Mark::End(".surface.csv"), about: "sensor model", rows: count::<SurfaceRow> },
+    Table { mark: Mark::End(".residuals.csv"), about: "residuals", rows: count::<ResidualRow> },
+    Table { mark: Mark::End(".turn.csv"), about: "turned sensor", rows: count::<TurnRow> },
+    Table { mark: Mark::End(".transfer.csv"), about: "counts over rotations", rows: count::<TransferRow> },
+    Table { mark: Mark::Folder("estimates"), about: "estimates", rows: count::<EstimateRow> },
+    Table { mark: Mark::Folder("events"), about: "contact events", rows: count::<EventRow> },
+    Table { mark: Mark::Folder("bounds"), about: "bound", rows: count::<BoundRow> },
+    Table { mark: Mark::Folder("contours"), about: "outline found", rows: count::<VertexRow> },
+    Table { mark: Mark::Folder("outlines"), about: "true outline", rows: count_vertices },
 ];
+
+fn count_vertices(path: &Path) -> anyhow::Result<usize> {
+    Ok(Outline::read(path)?.vertices().len())
+}
 
 fn count<Row: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
     Ok(read_rows::<Row>(path)?.len())

@@ -54,7 +54,7 @@ pub(super) struct Arguments {
     /// own; 0 to recordings, which have their own]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise]
+    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise, of encoders neither]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: Option<u64>,
     /// What the estimators are told of the first touch
@@ -94,7 +94,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         None => vec![default_noise(&datasets, &front_end)?],
     };
     // Without noise every seed replays the same readings, which would count as so many trials.
-    let is_silent = !front_end.is_noisy() && noise.iter().all(|level| *level == 0.0);
+    let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
+    let is_silent = !front_end.is_noisy() && are_exact && noise.iter().all(|level| *level == 0.0);
     let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),

@@ -8,7 +8,9 @@ use super::json;
 use crate::front_end::{Choice, FRONT_ENDS};
 
 /// A front end and its settings.
+// No group of its own: the command that takes these already has one of this name.
 #[derive(clap::Args)]
+#[group(skip)]
 pub(super) struct Arguments {
     /// Front end between moment and reading of simulated traces; `whisker list` names them
     #[arg(long, default_value = FRONT_ENDS[0].name)]

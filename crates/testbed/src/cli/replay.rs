@@ -14,7 +14,7 @@ use super::{front_end, json, noise_fraction};
 use crate::dataset::calibrations;
 use crate::evaluate::estimate_row;
 use crate::front_end::{FrontEnd, Mounting, Played, Reader};
-use crate::replay::{Steps, check_calibration, estimator, knowledge};
+use crate::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use crate::results::{EstimateRow, RECOMMENDED, Table};
 use crate::settings::merged;
 
@@ -69,19 +69,33 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         largest = largest.max(row?.0.moment_z_n_m.abs());
     }
     let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(&sidecar));
-    let noise_sd_n_m = noise * largest;
-    let reader = match front_end.reader(&sidecar, noise_sd_n_m, arguments.seed) {
+    let added_sd_n_m = noise * largest;
+    let reader = match front_end.reader(&sidecar, added_sd_n_m, arguments.seed) {
         Some(reader) => reader,
         None => {
+            let beside =
+                mounting.board.iter().filter_map(|seat| seat.trace.as_ref().filter(|name| **name != sidecar.name));
+            let beside: Vec<(Trace, Mounting)> = beside
+                .map(|name| {
+                    let trace = Trace::read(&beside_trace.join(format!("{name}.csv")))?;
+                    let mounting = Mounting::of(beside_trace, &trace.sidecar)?;
+                    Ok((trace, mounting))
+                })
+                .collect::<anyhow::Result<_>>()?;
+            let neighbours = beside.iter().map(|(trace, mounting)| {
+                let sensor = front_end.sensor(&path, &calibration, mounting)?;
+                Ok(Played { sensor, ..Played::new(trace, mounting, added_sd_n_m, arguments.seed) })
+            });
+            let neighbours = neighbours.collect::<anyhow::Result<Vec<_>>>()?;
             let trace = Trace::read(&arguments.trace)?;
-            let played = Played::new(&trace, &mounting, noise_sd_n_m, arguments.seed);
-            let mut readings_n_m = front_end.readings_n_m(&played, sensor)?.into_iter();
-            Box::new(move |_| readings_n_m.next().expect("there is a reading an instant"))
+            let played = Played::new(&trace, &mounting, added_sd_n_m, arguments.seed);
+            let readings_n_m = front_end.readings_n_m(&Played { sensor, neighbours: &neighbours, ..played })?;
+            let mut readings_n_m = readings_n_m.into_iter();
+            Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant"))
         }
     };
-    let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
-    let noise_sd_n_m = noise_sd_n_m.hypot(of_sensor).hypot(sidecar.own_noise_sd_n_m());
-    let knowledge = knowledge(&sidecar, &calibration.calibrated(&path, row.sensor_model)?, noise_sd_n_m);
+    let faces = read_by(sensor, &calibration.calibrated(&path, row.sensor_model)?);
+    let knowledge = knowledge(&sidecar, &faces, noise_sd_n_m(added_sd_n_m, sensor, &sidecar));
     let replay = Streamed {
         rows: TraceRows::of(&sidecar, &arguments.trace)?,
         reader,

@@ -9,11 +9,11 @@ use trace::write_atomically;
 
 use super::table::render;
 use super::{print, progress_bar};
-use crate::claims::{Context, STANDARD, measure};
+use crate::claims::{ARM, Context, STANDARD, measure};
 use crate::report::report;
 
-/// The figure that the README shows.
-const README_FIGURE: &str = "physical_limit.svg";
+/// The figures that the README shows, each after its run.
+const README_FIGURES: &[(&str, &str)] = &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")];
 
 /// Measure every claim of the documentation and write results/reference/
 #[derive(clap::Args)]
@@ -21,7 +21,7 @@ pub(super) struct Arguments {
     /// Folder of the evaluated runs
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Folder for the table of claims and the figure that the README shows
+    /// Folder for the table of claims and the figures that the README shows
     #[arg(long, default_value = "results/reference")]
     out: PathBuf,
 }
@@ -35,9 +35,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for run in context.runs() {
         report(&arguments.results.join(run))?;
     }
-    let figure = arguments.results.join(STANDARD).join("figures").join(README_FIGURE);
-    let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
-    write_atomically(&arguments.out.join(README_FIGURE), &picture)?;
+    for (run, name) in README_FIGURES {
+        let figure = arguments.results.join(run).join("figures").join(name);
+        let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
+        write_atomically(&arguments.out.join(name), &picture)?;
+    }
     let rows: Vec<Vec<String>> = claims
         .iter()
         .map(|claim| {

@@ -2,17 +2,18 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::bail;
 use rayon::prelude::*;
 use trace::{ArrayRecording, Sidecar, Trace, write_atomically};
+use whisker::estimators::BaseNoise;
 
-use super::EvaluateSettings;
+use super::{EvaluateSettings, check_distinct};
 use crate::contour::Vertex;
 use crate::encoders::Encoders;
-use crate::map::{FoundObject, Judged, MapConfig, SceneMap, View, judged};
+use crate::map::{FoundObject, Judged, MapConfig, SceneMap, Truths, View, judged};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 use crate::results::{GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, RunMounted, RunRecording, csv_bytes};
@@ -23,7 +24,10 @@ pub(super) struct Mounted {
     array: Arc<ArrayRecording>,
     /// Place of the whisker in it.
     whisker: usize,
+    /// What is known of the trace as it was recorded, under its own name.
+    sidecar: Arc<Sidecar>,
     encoders: Encoders,
+    base_noise: BaseNoise,
 }
 
 /// What one whisker yields for one estimator.
@@ -36,9 +40,9 @@ pub(super) struct Sighting {
     view: View,
 }
 
-/// Reads the recordings that traces belong to, each once.
+/// Reads the recordings that traces belong to, each once, by their paths.
 #[derive(Default)]
-pub(super) struct Arrays(BTreeMap<String, Arc<ArrayRecording>>);
+pub(super) struct Arrays(BTreeMap<PathBuf, Arc<ArrayRecording>>);
 
 impl Arrays {
     /// A trace as trials: as it is or, where it belongs to a recording, once under each of some encoders, renamed and in a group of its own where they are not perfect.
@@ -48,18 +52,19 @@ impl Arrays {
         trace: &Trace,
         encoders: &[Encoders],
     ) -> anyhow::Result<Vec<(Sidecar, Option<Mounted>)>> {
-        let Some(name) = trace.sidecar.recording.clone() else { return Ok(vec![(trace.sidecar.clone(), None)]) };
-        let array = match self.0.get(&name) {
+        let Some(name) = &trace.sidecar.recording else { return Ok(vec![(trace.sidecar.clone(), None)]) };
+        let path = folder.join(format!("{name}.json"));
+        let array = match self.0.get(&path) {
             Some(array) => array.clone(),
             None => {
-                let array = Arc::new(ArrayRecording::read(&folder.join(format!("{name}.json")))?);
-                self.0.insert(name, array.clone());
+                let array = Arc::new(ArrayRecording::read(&path)?);
+                self.0.insert(path, array.clone());
                 array
             }
         };
-        array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), trace)?;
-        let whiskers = &array.sidecar.whiskers;
-        let whisker = whiskers.iter().position(|whisker| whisker.trace == trace.sidecar.name).unwrap_or_default();
+        let whisker = array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), trace)?;
+        let mount = &array.sidecar.whiskers[whisker].mount;
+        let recorded = Arc::new(trace.sidecar.clone());
         let perfect = [Encoders::default()];
         let encoders = if encoders.is_empty() { &perfect } else { encoders };
         let under = |encoders: &Encoders| {
@@ -68,13 +73,16 @@ impl Arrays {
             if !encoders.are_perfect() {
                 sidecar.group = format!("{}, encoders {}", sidecar.group, encoders.label().replace('_', " "));
             }
-            (sidecar, Some(Mounted { array: array.clone(), whisker, encoders: *encoders }))
+            let (array, recorded, encoders) = (array.clone(), recorded.clone(), *encoders);
+            let base_noise = encoders.base_noise(&array, mount);
+            (sidecar, Some(Mounted { array, whisker, sidecar: recorded, encoders, base_noise }))
         };
         Ok(encoders.iter().map(under).collect())
     }
 
-    /// Checks that there is an arm where encoders are asked for.
+    /// Checks that there is an arm where encoders are asked for, and that each recording has a name of its own.
     pub(super) fn check(&self, encoders: &[Encoders]) -> anyhow::Result<()> {
+        check_distinct("recording", self.0.values().map(|array| array.sidecar.name.clone()))?;
         if !encoders.is_empty() && self.0.is_empty() {
             bail!("encoders: found no recording of an arm among the traces, expected at least one");
         }
@@ -88,9 +96,24 @@ fn under(name: &str, encoders: &Encoders) -> String {
 }
 
 impl Mounted {
+    /// Place of the whisker in the recording.
+    pub(super) fn whisker(&self) -> usize {
+        self.whisker
+    }
+
     /// Name of the recording, as it is replayed.
     pub(super) fn recording(&self) -> String {
         under(&self.array.sidecar.name, &self.encoders)
+    }
+
+    /// What is known of the trace as it was recorded.
+    pub(super) fn sidecar(&self) -> &Sidecar {
+        &self.sidecar
+    }
+
+    /// How well the robot knows the whisker's base.
+    pub(super) fn base_noise(&self) -> BaseNoise {
+        self.base_noise
     }
 
     /// The trace as the robot knows it under a seed: its base by what the encoders show.
@@ -174,12 +197,17 @@ const TABLES: [&str; 3] = ["points", "outlines", "grid"];
 /// What is recorded of maps.
 pub(super) type MapRows = (Vec<MapRow>, Vec<MapObjectRow>);
 
-/// Makes the maps of what was seen, one a recording, noise level, seed and estimator, and judges them. Those of the first noise level and seed are written into
+/// Makes the maps of what the whiskers of a recording saw, one a noise level, seed and estimator, and judges them by what they truly did. Those of the first noise level and seed are written into
 /// the folder of a run.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub(super) fn maps(folder: &Path, sightings: &[Sighting], settings: &EvaluateSettings) -> anyhow::Result<MapRows> {
+pub(super) fn maps(
+    folder: &Path,
+    sightings: &[Sighting],
+    truths: &Truths,
+    settings: &EvaluateSettings,
+) -> anyhow::Result<MapRows> {
     let mut scenes: Vec<Vec<&Sighting>> = Vec::new();
     let mut places = BTreeMap::new();
     for sighting in sightings {
@@ -199,7 +227,7 @@ pub(super) fn maps(folder: &Path, sightings: &[Sighting], settings: &EvaluateSet
             if first.noise == settings.noise[0] && first.seed == settings.seeds[0] {
                 write_map(folder, first, &map, &views)?;
             }
-            let judged = judged(&map, &views, &first.mounted.array).unwrap_or_default();
+            let judged = judged(&map, &views, truths, &first.mounted.array);
             Ok((map_row(first, &map, &views, &judged), object_rows(first, &map, &judged)))
         })
         .collect::<anyhow::Result<_>>()?;

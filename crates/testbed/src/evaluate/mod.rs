@@ -27,7 +27,7 @@ use trace::{
     CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically,
     write_json,
 };
-use whisker::estimators::{ESTIMATORS, Knowledge, ModelShares, Told};
+use whisker::estimators::{BaseNoise, ESTIMATORS, Knowledge, ModelShares, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
@@ -42,10 +42,10 @@ use crate::map::MapConfig;
 use crate::metrics::contact_events::Events;
 use crate::metrics::{Ground, Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
-use crate::replay::{self, Replay, check_calibration, knowledge, motions, with_readings};
+use crate::replay::{self, Replay, check_calibration, knowledge, motions, read_by, with_readings};
 use crate::results::{
-    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SEVERAL, SummaryRow, TrialHead, TrialRow,
-    csv_bytes, has_outline, read_rows, read_scores,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
+    has_outline, read_rows, read_scores,
 };
 
 use arrays::{Arrays, Mounted, Sighting};
@@ -61,7 +61,7 @@ pub use starts::Starts;
 pub use tables::estimate_row;
 
 /// What to evaluate and how.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EvaluateSettings {
     /// Name of the run.
     pub name: String,
@@ -147,6 +147,13 @@ impl BenchTrial {
             || format!("trace {}", self.sidecar.name),
             |mounted| format!("recording {}", mounted.recording()),
         )
+    }
+}
+
+impl BenchTrial {
+    /// How well the robot knows its base.
+    fn base_noise(&self) -> BaseNoise {
+        self.mounted.as_ref().map(Mounted::base_noise).unwrap_or_default()
     }
 }
 
@@ -448,8 +455,7 @@ impl Bench {
             })
             .collect();
         let front_end = self.front_end.describe(self.sensors().cloned().collect());
-        let mounted = self.trials.iter().filter_map(|trial| Some((&trial.sidecar, trial.mounted.as_ref()?)));
-        let recordings = arrays::recordings(mounted.clone(), settings.map);
+        let recordings = arrays::recordings(self.mounted(), settings.map);
         let mut inputs = vec![
             serde_json::to_string(&(
                 &settings.name,
@@ -462,7 +468,7 @@ impl Bench {
             serde_json::to_string(&front_end)?,
             serde_json::to_string(&recordings)?,
         ];
-        inputs.extend(arrays::inputs(mounted.map(|(_, mounted)| mounted))?);
+        inputs.extend(arrays::inputs(self.mounted().map(|(_, mounted)| mounted))?);
         for trial in &self.trials {
             let sidecar = &trial.sidecar;
             inputs.push(sidecar.csv_sha256.clone());
@@ -490,17 +496,30 @@ impl Bench {
         noise * self.largest_readings[&set_key(&trial.sidecar)]
     }
 
-    /// Standard deviation of all of its measurement noise: what is added, what the sensor has, and what a recording has of itself.
+    /// Standard deviation of all of its measurement noise.
     fn noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
-        let of_sensor = trial.sensor.as_ref().map_or(0.0, |sensor| sensor.noise_sd_n_m);
-        self.added_noise_sd_n_m(trial, noise).hypot(of_sensor).hypot(trial.sidecar.own_noise_sd_n_m())
+        replay::noise_sd_n_m(self.added_noise_sd_n_m(trial, noise), trial.sensor.as_ref(), &trial.sidecar)
+    }
+
+    /// The trials that are whiskers of recordings of several.
+    fn mounted(&self) -> impl Iterator<Item = (&Sidecar, &Mounted)> {
+        self.trials.iter().filter_map(|trial| Some((&trial.sidecar, trial.mounted.as_ref()?)))
+    }
+
+    /// A trial as the front end is played it at a noise level. The earth's field turns with the sensor as it is, not as the encoders have it,
+    /// and its noise is the same whatever these are.
+    fn played<'a>(&self, member: &'a Member<'_>, noise: f64, seed: u64) -> Played<'a> {
+        let Member { trial, trace, .. } = member;
+        let played = Played::new(trace, &trial.mounting, self.added_noise_sd_n_m(trial, noise), seed);
+        let sidecar = trial.mounted.as_ref().map_or(played.sidecar, Mounted::sidecar);
+        Played { sidecar, sensor: trial.sensor.as_ref(), ..played }
     }
 
     /// The sensors of the trials, each once.
     fn sensors(&self) -> impl Iterator<Item = &SensorFile> {
         let mut seen = BTreeSet::new();
         let of_trials = self.trials.iter().filter_map(|trial| trial.sensor.as_ref());
-        of_trials.filter(move |sensor| seen.insert(&sensor.name))
+        of_trials.filter(move |sensor| seen.insert((&sensor.array, &sensor.name)))
     }
 
     /// What no estimator can do better than on a trial at a noise level.
@@ -512,31 +531,32 @@ impl Bench {
             .iter()
             .find(|face| face.face == sidecar.face)
             .expect("the face was checked when the trial was opened");
-        TraceBound::new(trace, face, self.noise_sd_n_m(trial, noise))
+        TraceBound::new(trace, face, self.noise_sd_n_m(trial, noise), &trial.base_noise())
     }
 
-    /// Replays one trial through every entrant, at one noise level and under one seed; writes estimates, outlines and the bound where a folder is given, of a trial
-    /// that cannot be scored too: every run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
+    /// Replays one trial of a scene through every entrant, at one noise level and under one seed; writes estimates, outlines and the bound where a folder is given,
+    /// of a trial that cannot be scored too: every run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
     fn run_trial(
         &self,
-        member: &Member<'_>,
+        (member, scene): (&Member<'_>, &[Member<'_>]),
         level: usize,
         seed: u64,
         settings: &EvaluateSettings,
         out: Option<&Path>,
     ) -> anyhow::Result<(Yield, Vec<Sighting>)> {
-        let Member { trial: bench_trial, trace: played, motions: as_is, ground, .. } = member;
-        let BenchTrial { outline, mounting, sensor, mounted, told, .. } = bench_trial;
+        let Member { trial: bench_trial, trace: true_one, motions: as_is, ground, .. } = member;
+        let BenchTrial { outline, sensor, mounted, told, .. } = bench_trial;
         let noise = settings.noise[level];
         let bound = member.bound(level, || self.bound(member, noise));
-        let known = mounted.as_ref().map_or(Cow::Borrowed(played), |mounted| mounted.known(played, seed));
+        let known = mounted.as_ref().map_or(Cow::Borrowed(true_one), |mounted| mounted.known(true_one, seed));
         let trace = known.as_ref();
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
-        let noise_sd_n_m = self.noise_sd_n_m(bench_trial, noise);
-        // The earth's field turns with the sensor as it is, not as the encoders have it.
-        let played = Played::new(played, mounting, self.added_noise_sd_n_m(bench_trial, noise), seed);
-        let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
+        let (noise_sd_n_m, base_noise) = (self.noise_sd_n_m(bench_trial, noise), bench_trial.base_noise());
+        let neighbours: Vec<Played> =
+            scene.iter().filter(|other| other.is_beside(member)).map(|other| self.played(other, noise, seed)).collect();
+        let played = Played { neighbours: &neighbours, ..self.played(member, noise, seed) };
+        let readings_n_m = self.front_end.readings_n_m(&played)?;
         let (samples, ground) = match &known {
             Cow::Borrowed(_) => (with_readings(as_is, &readings_n_m), Cow::Borrowed(ground)),
             Cow::Owned(measured) => {
@@ -550,7 +570,7 @@ impl Bench {
             let rows = bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
             write_atomically(&path, &csv_bytes(&rows)?)?;
         }
-        let robot = knowledge(sidecar, &calibration.faces[&None], noise_sd_n_m);
+        let robot = knowledge(sidecar, &read_by(sensor.as_ref(), &calibration.faces[&None]), noise_sd_n_m);
         let touched = replay::touched(settings.touch, &robot, &samples);
         if let Some(folder) = out {
             for row in DETECTORS {
@@ -569,9 +589,9 @@ impl Bench {
         let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
         done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
         for (entrant, name) in self.entrants.iter().zip(&self.names) {
-            let faces = &calibration.faces[&entrant.sensor_model()];
-            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
-            let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
+            let faces = read_by(sensor.as_ref(), &calibration.faces[&entrant.sensor_model()]);
+            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
+            let knowledge = Arc::new(Knowledge { told: *told, base_noise, ..knowledge });
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
             let answer = caught(|| entrant.replay(&task).map_err(|error| format!("{error:#}"))).flatten();
@@ -585,7 +605,7 @@ impl Bench {
                 sightings.push(mounted.sighting((&trial, &replay), (name, noise, seed), &settings.map)?);
             }
             let said = surface_points(&trial, &replay.estimates);
-            let contour = Contour::found(&trial, &replay, &said, 0).filter(|_| sidecar.object != SEVERAL);
+            let contour = Contour::found(&trial, &replay, &said, 0).filter(|_| mounted.is_none());
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&tables::estimate_rows(&trial, &replay.estimates))?)?;

@@ -138,7 +138,7 @@ pub(super) fn bound_rows(trace: &Trace, bound: &TraceBound) -> Vec<BoundRow> {
     let instants = trace.recording.instants.iter().enumerate();
     instants
         .filter_map(|(row, known)| {
-            let BoundAt { sd_m, window } = bound.at(row)?;
+            let BoundAt { sd_m, window, .. } = bound.at(row)?;
             Some(BoundRow {
                 t_s: known.t_s,
                 bound_m: sd_m,

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use indicatif::ProgressBar;
 use rayon::prelude::*;
-use trace::Trace;
+use trace::{Trace, Truth};
 use whisker::estimators::Sample;
 
 use super::arrays::{self, Sighting};
@@ -45,14 +45,25 @@ impl<'a> Member<'a> {
         Ok(Self { trial, trace, motions, ground, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
     }
 
+    /// Whether it is another whisker of the same board.
+    pub(super) fn is_beside(&self, other: &Self) -> bool {
+        let (one, other) = (&self.trial.mounting, &other.trial.mounting);
+        one.array == other.array && one.sensor != other.sensor
+    }
+
+    /// What it truly did, with its place among the whiskers of a recording.
+    fn truth(&self) -> Option<(usize, &Truth)> {
+        Some((self.trial.mounted.as_ref()?.whisker(), &self.trace.truth))
+    }
+
     /// The bound at a noise level, which is found once.
     pub(super) fn bound(&self, level: usize, find: impl FnOnce() -> Option<TraceBound>) -> Option<&TraceBound> {
         self.bounds[level].get_or_init(find).as_ref()
     }
 }
 
-/// The traces of a scene, or why one cannot be read.
-type Scene<'a> = Vec<Result<Member<'a>, String>>;
+/// The traces of a scene, or why one cannot be read: then the others lack what it did beside them.
+type Scene<'a> = Result<Vec<Member<'a>>, String>;
 
 /// The scenes in work, by their places in the plan.
 struct InWork<'a>(Mutex<VecDeque<Kept<'a>>>);
@@ -135,35 +146,35 @@ impl Bench {
         settings: &EvaluateSettings,
     ) -> anyhow::Result<Shard> {
         let slot = in_work.slot(item.scene);
-        let read = || {
-            plan.scenes[item.scene]
-                .iter()
-                .map(|&trial| Member::read(&self.trials[trial], settings.noise.len()))
-                .collect()
-        };
+        let members = &plan.scenes[item.scene];
+        let levels = settings.noise.len();
+        let read = || members.iter().map(|&trial| Member::read(&self.trials[trial], levels)).collect();
         let scene = slot.get_or_init(read);
         let jobs: Vec<(usize, usize)> =
-            (0..scene.len()).flat_map(|member| item.seeds.clone().map(move |seed| (member, seed))).collect();
+            (0..members.len()).flat_map(|member| item.seeds.clone().map(move |seed| (member, seed))).collect();
         let replayed: Vec<(Yield, Vec<Sighting>)> = jobs
             .into_par_iter()
             .map(|(member, seed)| {
                 let is_first = item.level == 0 && seed == 0;
                 let (noise, seed) = (settings.noise[item.level], settings.seeds[seed]);
                 let failed = |reason| {
-                    let trace = self.trials[plan.scenes[item.scene][member]].sidecar.name.clone();
+                    let trace = self.trials[members[member]].sidecar.name.clone();
                     let failure = FailureRow { trace, estimator: None, noise, seed, reason };
                     Ok((Yield { failures: vec![failure], ..Yield::default() }, Vec::new()))
                 };
-                let member = match &scene[member] {
-                    Ok(member) => member,
+                let scene = match scene {
+                    Ok(scene) => scene.as_slice(),
                     Err(reason) => return failed(reason.clone()),
                 };
                 let out = is_first.then_some(folder);
-                caught(|| self.run_trial(member, item.level, seed, settings, out)).unwrap_or_else(failed)
+                caught(|| self.run_trial((&scene[member], scene), item.level, seed, settings, out))
+                    .unwrap_or_else(failed)
             })
             .collect::<anyhow::Result<_>>()?;
         let (mut shard, sightings): (Shard, Vec<Vec<Sighting>>) = replayed.into_iter().unzip();
-        let (maps, objects) = arrays::maps(folder, &sightings.into_iter().flatten().collect::<Vec<_>>(), settings)?;
+        let sightings: Vec<Sighting> = sightings.into_iter().flatten().collect();
+        let truths = scene.iter().flatten().filter_map(Member::truth).collect();
+        let (maps, objects) = arrays::maps(folder, &sightings, &truths, settings)?;
         for (done, &seed) in shard.iter_mut().zip(&settings.seeds[item.seeds.clone()]) {
             done.maps = maps.iter().filter(|map| map.seed == seed).cloned().collect();
             done.map_objects = objects.iter().filter(|object| object.seed == seed).cloned().collect();

@@ -2,7 +2,6 @@
 
 use anyhow::ensure;
 use serde_json::Value;
-use trace::SensorFile;
 
 use super::{Chain, Played, Reader};
 
@@ -17,7 +16,7 @@ pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
 struct White;
 
 impl Chain for White {
-    fn readings_n_m(&self, played: &Played, _: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
+    fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>> {
         let instants = &played.recording.instants;
         Ok(instants
             .iter()

@@ -6,6 +6,7 @@
 //!
 //! To add an estimator: one file with a `Method`, and one row in [`ESTIMATORS`].
 
+mod base_noise;
 mod batch;
 mod choice;
 mod euler_bernoulli;
@@ -26,6 +27,7 @@ mod start;
 mod testing;
 mod unscented;
 
+pub use base_noise::BaseNoise;
 pub use settings::{Settings, SettingsError, parse, within};
 pub use shares::ModelShares;
 
@@ -95,6 +97,8 @@ pub struct Knowledge {
     pub faces: Vec<Arc<CalibratedFace>>,
     /// Standard deviation of the sensor's measurement noise.
     pub noise_sd_n_m: f64,
+    /// Noise of the base's measured pose.
+    pub base_noise: BaseNoise,
     /// Readings a second, for the filters of the contact detection.
     pub rate_hz: f64,
     /// Where the robot was told that it touches; without it the first touch lies anywhere along the undeflected whisker.

@@ -11,7 +11,7 @@ use filters::{Gaussian, Innovation, Measurement, Process};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
 use super::motion::Motion;
-use super::{Estimate, Knowledge, Radius};
+use super::{BaseNoise, Estimate, Knowledge, Radius};
 use crate::Whisker;
 use crate::frames::{Base, Point};
 use crate::sensor::{CalibratedFace, Turn};
@@ -23,17 +23,22 @@ const MARGIN: f64 = 0.1;
 pub(super) struct Side {
     pub(super) face: Arc<CalibratedFace>,
     whisker: Whisker,
-    /// Variance of the measurement noise.
-    noise_n2_m2: f64,
+    /// Variance of the sensor's measurement noise.
+    sensor_noise_n2_m2: f64,
+    pub(super) base_noise: BaseNoise,
 }
 
 impl Side {
     pub(super) fn new(face: &Arc<CalibratedFace>, knowledge: &Knowledge) -> Self {
-        let noise_n2_m2 = knowledge.noise_sd_n_m * knowledge.noise_sd_n_m;
         let whisker = knowledge.whisker.clone();
         // Fitted here, the first time, so that no step has to.
         face.turn(&whisker);
-        Self { face: face.clone(), whisker, noise_n2_m2 }
+        Self {
+            face: face.clone(),
+            whisker,
+            sensor_noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
+            base_noise: knowledge.base_noise,
+        }
     }
 
     /// How the whisker turns at a contact.
@@ -83,14 +88,25 @@ impl Side {
         self.face.model_variance_at_n2_m2(arc_m, away_m)
     }
 
+    /// Variance of the noise of a contact's reading: that of the sensor, and what the noise of the base makes of it.
+    fn noise_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
+        if self.base_noise.is_none() {
+            return self.sensor_noise_n2_m2;
+        }
+        let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
+        let contact = self.face.contact_at(arc_m, away_m);
+        let gradient_n = self.face.model.predict(contact).gradient_n;
+        self.sensor_noise_n2_m2 + self.base_noise.of_reading_n2_m2(contact, &gradient_n)
+    }
+
     /// Variance of the reading of a contact: measurement noise and the sensor model's own error.
     pub(super) fn variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
-        self.noise_n2_m2 + self.model_variance_n2_m2(arc_m, away_m)
+        self.noise_n2_m2(arc_m, away_m) + self.model_variance_n2_m2(arc_m, away_m)
     }
 
     /// Variance of the mean of some readings of one contact: their noise averages out, the sensor model's error does not.
     pub(super) fn variance_of_mean_n2_m2(&self, arc_m: f64, away_m: f64, count: f64) -> f64 {
-        self.noise_n2_m2 / count + self.model_variance_n2_m2(arc_m, away_m)
+        self.noise_n2_m2(arc_m, away_m) / count + self.model_variance_n2_m2(arc_m, away_m)
     }
 
     /// Holds a place near the calibrated region. Not within it: objects push the whisker farther than its calibration did, and a belief held back there

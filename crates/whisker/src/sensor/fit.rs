@@ -106,7 +106,7 @@ pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fi
             face,
             rest,
             label: learnt.model.label(),
-            model: learnt.model,
+            model: learnt.model.into(),
             error: ErrorMap::new(&residuals, &heldout_variance, &remaining, noise_n2_m2, least_n2_m2),
             heldout_rms_n_m: (mean_square - noise_n2_m2).max(least_n2_m2).sqrt(),
             heldout_worst_n_m: flat().map(|r| r.abs()).fold(0.0, f64::max),

@@ -19,7 +19,7 @@ mod table;
 mod turn;
 
 use std::fmt::Debug;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -244,7 +244,7 @@ pub struct CalibratedFace {
     /// Name of the formula among those of the calibration.
     pub label: String,
     /// The formula.
-    pub model: Box<dyn SensorModel>,
+    pub model: Arc<dyn SensorModel>,
     /// The formula's own error over the region.
     pub error: ErrorMap,
     /// Root mean square residual on data that the fit did not see.
@@ -261,8 +261,8 @@ pub struct CalibratedFace {
 }
 
 /// The turn of a whisker at its contacts, which is fitted when it is first asked for and then the same for all estimators.
-#[derive(Debug, Default)]
-pub struct OnceTurn(OnceLock<Turn>);
+#[derive(Clone, Debug, Default)]
+pub struct OnceTurn(Arc<OnceLock<Turn>>);
 
 impl CalibratedFace {
     /// How the whisker, which is the calibrated one, turns at a contact.
@@ -300,6 +300,27 @@ impl CalibratedFace {
     pub fn predict(&self, contact: Point<Base>) -> Option<Prediction> {
         let (arc_m, away_m) = self.along_and_away(contact);
         self.domain.contains(arc_m, away_m).then(|| self.model.predict(contact))
+    }
+
+    /// The same face, read by a sensor that is itself off by something that stays through a recording: an offset and a share of the reading, both known by their standard
+    /// deviations. That comes back at the same place as the formula's own error does, and is added to it.
+    pub fn read_by(&self, offset_sd_n_m: f64, gain_sd: f64) -> Self {
+        let (first_m, last_m) = self.domain.arc_range_m();
+        let variance_n2_m2 = |along: f64, away: f64| {
+            let arc_m = first_m + along * (last_m - first_m);
+            let (lower_m, upper_m) = self.domain.away_range_m(arc_m);
+            let reading_n_m = self.model.reading_n_m(self.contact_at(arc_m, lower_m + away * (upper_m - lower_m)));
+            offset_sd_n_m.powi(2) + (gain_sd * reading_n_m).powi(2)
+        };
+        Self {
+            error: self.error.beside(variance_n2_m2),
+            rest: self.rest.clone(),
+            domain: self.domain.clone(),
+            label: self.label.clone(),
+            model: self.model.clone(),
+            turn: self.turn.clone(),
+            ..*self
+        }
     }
 
     /// Variance by which the true reading scatters around the expected one, measurement noise apart: the model's own error, as
