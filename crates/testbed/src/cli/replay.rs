@@ -76,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             let trace = Trace::read(&arguments.trace)?;
             let played = Played::new(&trace, &mounting, noise_sd_n_m, arguments.seed);
             let mut readings_n_m = front_end.readings_n_m(&played, sensor)?.into_iter();
-            Box::new(move |_| readings_n_m.next().expect("there is a reading an instant"))
+            Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant"))
         }
     };
     let of_sensor = sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m);
