@@ -1,0 +1,172 @@
+"""Work on a Dask cluster: a scheduler and worker processes on this machine, all bound to 127.0.0.1."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed", reason="the packages of the extra `cluster` are not installed")
+
+ROOT = Path(__file__).resolve().parents[1]
+TRACES = 24
+LONGEST_S = 60.0
+"""Nothing here takes as long, on the slowest machine."""
+
+
+class Cluster:
+    """A Dask scheduler and its workers, each a process."""
+
+    def __init__(self, folder: Path, processes: ExitStack) -> None:
+        self._folder, self._processes = folder, processes
+        address = folder / "scheduler.json"
+        self.scheduler = self._start("dask_scheduler", "--scheduler-file", address)
+        wait_for(address.is_file, self.scheduler)
+        self.address = json.loads(address.read_text())["address"]
+
+    def add_worker(self, sources: Path = ROOT / "sim") -> subprocess.Popen:
+        """A worker with one thread, which runs these sources."""
+        options = ["--nthreads", "1", "--no-nanny", "--local-directory", self._folder]
+        return self._start("dask_worker", self.address, *options, sources=sources)
+
+    def _start(self, module: str, *options: str | Path, sources: Path = ROOT / "sim") -> subprocess.Popen:
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, options), "--host", "127.0.0.1"]
+        # A scheduler takes a worker for dead as early as Dask lets it.
+        environment = environment_with(sources) | {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "1s"}
+        with (self._folder / "log").open("ab") as log:
+            process = subprocess.Popen(
+                [*command, "--port" if module == "dask_scheduler" else "--worker-port", "0", "--dashboard-address", "127.0.0.1:0"],
+                cwd=self._folder,
+                env=environment,
+                stdout=log,
+                stderr=log,
+            )
+        self._processes.callback(end, process)
+        return process
+
+
+def end(process: subprocess.Popen) -> None:
+    """Ends a process, also one that was stopped."""
+    process.kill()
+    process.wait()
+
+
+def environment_with(sources: Path) -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(sources)}
+
+
+def wait_for(condition: Callable[[], object], process: subprocess.Popen) -> None:
+    """Waits until `condition` holds; fails when it takes too long or `process` ends before."""
+    deadline_s = time.monotonic() + LONGEST_S
+    while not condition():
+        assert process.poll() is None, "the process ended before its time"
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A cluster without workers."""
+    with ExitStack() as processes:
+        yield Cluster(tmp_path_factory.mktemp("cluster"), processes)
+
+
+def generator(*arguments: str | Path) -> subprocess.Popen:
+    """The generator at work, from the repository's root."""
+    command = [sys.executable, "-m", "whisker_sim", *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, env=environment_with(ROOT / "sim"), stderr=subprocess.PIPE, text=True)
+
+
+def said(process: subprocess.Popen, code: int = 0) -> list[str]:
+    """What the process said on stderr, in lines; it must end with this exit code."""
+    _, error = process.communicate(timeout=LONGEST_S)
+    assert process.returncode == code, error
+    return error.splitlines()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A suite of many short traces."""
+    folder = tmp_path_factory.mktemp("suite")
+    scene = json.loads((ROOT / "scenes/pin_curved.json").read_text()) | {"name": "short", "duration_s": 1.3}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    path = folder / "suite.json"
+    suite = {"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(TRACES))}]}
+    path.write_text(json.dumps(suite))
+    return path
+
+
+@pytest.fixture(scope="module")
+def local(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one machine makes of the suite."""
+    folder = tmp_path_factory.mktemp("local")
+    said(generator("simulate", suite, "--out", folder))
+    return folder
+
+
+def test_verif_traces_are_those_of_one_machine_though_a_worker_is_killed_and_one_is_slow(
+    cluster: Cluster, suite: Path, local: Path, tmp_path: Path
+) -> None:
+    """The slow one is held up for so long that its tasks are given to another; it goes on when that has made them."""
+    killed, slow, _ = (cluster.add_worker() for _ in range(3))
+    out = tmp_path / "cluster"
+    client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
+    wait_for(lambda: len(list(out.glob("*.json"))) >= TRACES // 8, client)
+    killed.kill()
+    slow.send_signal(signal.SIGSTOP)
+    lines = said(client)
+    # It hears that nobody waits for it, and ends.
+    slow.send_signal(signal.SIGCONT)
+    slow.wait(LONGEST_S)
+    assert sorted(line.split(":")[0] for line in lines) == [f"short_{seed:02d}" for seed in range(TRACES)]
+    assert contents(out) == contents(local)
+    client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
+    assert {line.split(": ")[1] for line in said(client)} == {"up to date"}
+
+
+def test_verif_shards_add_up_to_the_traces_of_one_machine(suite: Path, local: Path, tmp_path: Path) -> None:
+    """What the jobs of an array make together, in any order."""
+    for shard in ("2/3", "1/3", "3/3"):
+        lines = said(generator("simulate", suite, "--out", tmp_path / "shards", "--shard", shard))
+        assert len(lines) in (TRACES // 3, TRACES // 3 + 1)
+    assert contents(tmp_path / "shards") == contents(local)
+    assert (
+        "expected I/N with I from 1 to N, such as 3/16, found '4/3'" in said(generator("simulate", suite, "--shard", "4/3"), 2)[-1]
+    )
+
+
+def test_robust_a_worker_of_another_version_is_refused(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
+    sources = tmp_path / "sim"
+    shutil.copytree(ROOT / "sim/whisker_sim", sources / "whisker_sim")
+    with (sources / "whisker_sim/model.py").open("a") as file:
+        file.write("# Another model.\n")
+    cluster.add_worker(sources)
+    (line,) = said(generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", tmp_path / "out"), 1)
+    assert line.startswith("error: worker tcp://127.0.0.1:")
+    assert line.count("whisker_sim 0.1.0 (commit") == 2
+    assert contents(tmp_path / "out") == {}
+
+
+def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
+    """Where there is none, and where it dies in the middle: one line, and what is finished is kept."""
+    out = tmp_path / "out"
+    (line,) = said(generator("cluster", "simulate", "--scheduler", "tcp://127.0.0.1:1", suite, "--out", out), 1)
+    assert line.startswith("error: --scheduler tcp://127.0.0.1:1: expected the address of a Dask scheduler, found none there")
+    cluster.add_worker()
+    client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
+    wait_for(lambda: list(out.glob("*.json")), client)
+    cluster.scheduler.kill()
+    *finished, line = said(client, 1)
+    assert line == "error: the scheduler is gone; what is finished is kept"
+    assert {f"{made.split(':')[0]}.json" for made in finished} == {path.name for path in out.glob("*.json")}
