@@ -48,7 +48,7 @@ Crew = Callable[[Chore, list[tuple[Path, Run]]], Iterator[Outcome]]
 def do(chore: Chore, waiting: list[tuple[Path, Run]], crew: Crew, force: bool) -> int:
     """Has a crew do a chore for all that wait, in a folder each; gives the exit code."""
     failed = []
-    with _progress(chore, len(waiting)) as report:
+    with progress(chore.verb, chore.noun, len(waiting)) as report:
         for outcome in _outcomes(chore, waiting, crew, force):
             report(outcome)
             failed += [outcome.code] if outcome.code != GOOD else []
@@ -132,14 +132,14 @@ def _outlive_nobody() -> None:
 
 
 @contextmanager
-def _progress(chore: Chore, total: int) -> Iterator[Callable[[Outcome], None]]:
+def progress(verb: str, noun: str, total: int) -> Iterator[Callable[[Outcome], None]]:
     """Gives a function that reports one finished item: a bar on a terminal, a line elsewhere; errors always as a line."""
     if not sys.stderr.isatty():
         yield lambda outcome: print(outcome.line, file=sys.stderr, flush=True)
         return
     from tqdm import tqdm
 
-    with tqdm(total=total, unit=chore.noun, desc=chore.verb, dynamic_ncols=True) as bar:
+    with tqdm(total=total, unit=noun, desc=verb, dynamic_ncols=True) as bar:
 
         def report(outcome: Outcome) -> None:
             if outcome.code != GOOD:

@@ -26,7 +26,9 @@ from whisker_sim.scene import SIMULATIONS
 from whisker_sim.shapes import AnyShape
 from whisker_sim.whisker import PRESETS
 
-_DATASETS = Path(__file__).resolve().parents[2] / "datasets"
+_REPOSITORY = Path(__file__).resolve().parents[2]
+_DATASETS = _REPOSITORY / "datasets"
+_WHISKER = _REPOSITORY / "target/release/whisker"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -69,20 +71,26 @@ def _parser() -> argparse.ArgumentParser:
     _add_what_to_simulate(command)
     add_jobs(command)
     command.add_argument(
-        "--shard",
-        type=_shard,
+        "--share",
+        type=_share,
         default=(1, 1),
-        metavar="I/N",
-        help="simulate the I-th of every N traces alone: what one job of an array does, I from 1 to N",
+        metavar="K/N",
+        help="make only one of N equal shares of the traces, K from 1 to N, while other processes make the others",
     )
     command.set_defaults(command=_simulate)
 
-    cluster = commands.add_parser("cluster", help="simulate on the machines of a Dask cluster")
+    cluster = commands.add_parser("cluster", help="simulate or evaluate on the machines of a Dask cluster")
     on_cluster = cluster.add_subparsers(required=True, metavar="COMMAND")
     command = on_cluster.add_parser("simulate", help="simulate scenes and suites and write traces")
     _add_scheduler(command)
     _add_what_to_simulate(command)
     command.set_defaults(command=_simulate_on_cluster)
+    command = on_cluster.add_parser("evaluate", help="score estimators on traces (`whisker evaluate`)")
+    _add_scheduler(command)
+    command.add_argument("--whisker", type=Path, default=_WHISKER, metavar="PROGRAM", help=f"default: {_WHISKER}")
+    command.add_argument("--shares", type=_positive, metavar="N", help="shares of the work (default: some a thread of the workers)")
+    command.add_argument("arguments", nargs=argparse.REMAINDER, help="those of `whisker evaluate`")
+    command.set_defaults(command=_evaluate_on_cluster)
 
     command = commands.add_parser("render", help="draw sweeps from above, of a scene or of each group and whisker of a suite")
     command.add_argument("file", type=Path, metavar="SCENE_OR_SUITE")
@@ -149,19 +157,23 @@ def _positive(text: str) -> int:
     return int(text)
 
 
-def _shard(text: str) -> tuple[int, int]:
+def _share(text: str) -> tuple[int, int]:
     numbers = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
     if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
-        raise argparse.ArgumentTypeError(f"expected I/N with I from 1 to N, such as 3/16, found '{text}'")
+        raise argparse.ArgumentTypeError(f"expected K/N with K from 1 to N, such as 3/16, found '{text}'")
     return int(numbers[1]), int(numbers[2])
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    return _make_traces(options, processes(options.jobs), options.shard)
+    return _make_traces(options, processes(options.jobs), options.share)
 
 
 def _simulate_on_cluster(options: argparse.Namespace) -> int:
     return _make_traces(options, _cluster().crew(options.scheduler))
+
+
+def _evaluate_on_cluster(options: argparse.Namespace) -> int:
+    return _cluster().evaluate(options.scheduler, options.whisker.resolve(), options.shares, options.arguments)
 
 
 def _cluster() -> ModuleType:
@@ -176,7 +188,7 @@ def _cluster() -> ModuleType:
     return cluster
 
 
-def _make_traces(options: argparse.Namespace, crew: Crew, shard: tuple[int, int] = (1, 1)) -> int:
+def _make_traces(options: argparse.Namespace, crew: Crew, share: tuple[int, int] = (1, 1)) -> int:
     waiting: list[tuple[Path, Run]] = []
     for file in options.files:
         suite, runs = load_runs(file)
@@ -204,8 +216,8 @@ def _make_traces(options: argparse.Namespace, crew: Crew, shard: tuple[int, int]
         return product_of(run).is_up_to_date(folder, run)
 
     chore = Chore("simulate", "trace", lambda run: run.name, is_up_to_date, make_trace)
-    index, shards = shard
-    return do(chore, waiting[index - 1 :: shards], crew, options.force)
+    number, shares = share
+    return do(chore, waiting[number - 1 :: shares], crew, options.force)
 
 
 def _keep_other_settings(folder: Path, run: Run) -> None:

@@ -1,11 +1,18 @@
 """Work on the machines of a Dask cluster, whose workers share the client's folders.
 
-A task writes into a folder of its own, and the client alone takes files in from there. Dask makes a task again whose worker it
-takes for dead; whatever that one still writes, nothing is taken in twice or half-written.
+Dask does a task again whose worker it takes for dead, and that worker may go on. So a task that simulates writes into a folder of
+its own, from which the client alone takes files in; and a share of an evaluation leaves files that say the same whoever wrote them.
+Nothing is lost, counted twice or seen half-written.
 """
 
+import ctypes
+import hashlib
 import logging
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
@@ -18,13 +25,15 @@ from typing import Any
 
 from distributed import Client, Future, KilledWorker, as_completed, get_worker
 
-from whisker_sim.chores import FAILED, GOOD, Chore, Crew, Outcome
-from whisker_sim.errors import WhiskerSimError
+from whisker_sim.chores import FAILED, GOOD, WRONG_INPUT, Chore, Crew, Outcome, progress
+from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.runs import Run
 from whisker_sim.trace import generator
 
 _ANSWER_S = 10
 """A scheduler that is there answers within this time."""
+_SHARES_A_THREAD = 4
+"""Shares of an evaluation for each thread of the workers: few wait long for the last, and little is lost with a worker."""
 
 # MuJoCo's warnings are gathered by process: the threads of a worker take turns.
 _turn = Lock()
@@ -39,7 +48,7 @@ def _on_cluster(address: str, chore: Chore, waiting: list[tuple[Path, Run]]) -> 
     # The working directory of a worker is another one.
     waiting = [(folder.resolve(), run) for folder, run in waiting]
     with _part_folders({folder for folder, _ in waiting}) as parts, _connected(address) as client:
-        made_by = _made_by()
+        made_by = _generator()
         tasks = {
             client.submit(_make_apart, made_by, chore.make, parts[folder], run, pure=False): (folder, run)
             for folder, run in waiting
@@ -57,18 +66,9 @@ def _on_cluster(address: str, chore: Chore, waiting: list[tuple[Path, Run]]) -> 
 
 
 def _make_apart(made_by: str, make: Callable[[Path, Run], Outcome], parts: Path, run: Run) -> tuple[Outcome, Path]:
-    """On a worker: makes what is wanted of `run` in a folder of its own below `parts`; gives that folder too.
-
-    Raises `WhiskerSimError` where the worker would make other bytes than the client, or does not share its folders.
-    """
-    worker = get_worker()
-    if made_by != _made_by():
-        raise WhiskerSimError(f"worker {worker.address}: expected what the client has, {made_by}; found {_made_by()}")
-    if not parts.is_dir():
-        raise WhiskerSimError(
-            f"worker {worker.address}: expected the client's folder {parts.parent}, found none; they must share it"
-        )
-    with _turn, tempfile.TemporaryDirectory(dir=worker.local_directory) as own:
+    """On a worker: makes what is wanted of `run` in a folder of its own below `parts`; gives that folder too."""
+    _admit(made_by, _generator(), parts)
+    with _turn, tempfile.TemporaryDirectory(dir=get_worker().local_directory) as own:
         outcome = make(Path(own), run)
         # Where the client has long done without this worker, its folder is gone and nothing is left behind.
         part = Path(tempfile.mkdtemp(dir=parts))
@@ -76,7 +76,7 @@ def _make_apart(made_by: str, make: Callable[[Path, Run], Outcome], parts: Path,
     return outcome, part
 
 
-def _made_by() -> str:
+def _generator() -> str:
     """All but the scene that determines the bytes of a trace."""
     made_by = generator()
     return (
@@ -93,9 +93,72 @@ def _take_in(part: Path, folder: Path, last: str) -> None:
         path.replace(folder / path.name)
 
 
+def evaluate(address: str, program: Path, shares: int | None, arguments: list[str]) -> int:
+    """Has workers do the shares of `whisker evaluate` with these arguments, and puts the run together here; gives the exit code."""
+    here = Path.cwd()
+    with _part_folders([here]) as parts, _connected(address) as client:
+        expected = _program(program)
+        shares = shares or _SHARES_A_THREAD * sum(client.nthreads().values())
+        tasks = {
+            client.submit(_do_share, expected, [str(program), "evaluate", *arguments], share, parts[here], pure=False): share
+            for share in (f"{number}/{shares}" for number in range(1, shares + 1))
+        }
+        with progress("evaluate", "share", shares) as report:
+            for future in as_completed(list(tasks), loop=client.loop):
+                share = tasks.pop(future)
+                try:
+                    _result(future)
+                except KilledWorker as killed:
+                    raise WhiskerSimError(f"share {share}: {killed.allowed_failures + 1} workers died over it") from None
+                report(Outcome(GOOD, f"share {share}: done"))
+    code = subprocess.run([program, "evaluate", *arguments]).returncode
+    return code if code >= 0 else FAILED
+
+
+def _do_share(expected: str, command: list[str], share: str, parts: Path) -> None:
+    """On a worker: does a share of an evaluation, in the client's working directory."""
+    _admit(expected, _program(Path(command[0])), parts)
+    done = subprocess.run(
+        [*command, "--share", share],
+        cwd=parts.parent,
+        # A task has one of the worker's threads.
+        env=os.environ | {"RAYON_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        preexec_fn=_die_with_worker if sys.platform == "linux" else None,
+    )
+    if done.returncode != GOOD:
+        said = done.stderr.partition("error: ")[2].partition("\n")[0] or f"whisker ended with {done.returncode}"
+        raise (InputError if done.returncode == WRONG_INPUT else WhiskerSimError)(said)
+
+
+def _program(path: Path) -> str:
+    """What determines the bytes of results, beside the inputs."""
+    try:
+        return f"{path} with SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    except FileNotFoundError:
+        return f"no {path}"
+
+
+def _die_with_worker() -> None:
+    """Has the kernel end a child when the worker is killed, which would else go on for nobody."""
+    set_parent_death_signal = 1
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
+
+
+def _admit(expected: str, found: str, parts: Path) -> None:
+    """Raises `WhiskerSimError` on a worker that would make other bytes than the client, or does not share its folders."""
+    worker = get_worker().address
+    if found != expected:
+        raise WhiskerSimError(f"worker {worker}: expected what the client has, {expected}; found {found}")
+    if not parts.is_dir():
+        raise WhiskerSimError(f"worker {worker}: expected the client's folder {parts.parent}, found none; they must share it")
+
+
 @contextmanager
 def _part_folders(folders: Iterable[Path]) -> Iterator[dict[Path, Path]]:
-    """Makes a hidden folder in each of `folders`, in which tasks write, and removes it at its end."""
+    """Makes a hidden folder in each of `folders`, by which workers know it for the client's, and removes it at its end."""
     parts = {folder: folder / ".parts" for folder in folders}
 
     def remove() -> None:
@@ -113,7 +176,7 @@ def _part_folders(folders: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 @contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """A client of the scheduler at `address`; raises `WhiskerSimError` where none answers."""
+    """A client of the scheduler at `address`, which has a worker; raises `WhiskerSimError` where none answers."""
     # What goes wrong becomes one line for people.
     logging.disable(logging.CRITICAL)
     try:
@@ -123,6 +186,9 @@ def _connected(address: str) -> Iterator[Client]:
             f"--scheduler {address}: expected the address of a Dask scheduler, found none there: {error}"
         ) from None
     with client:
+        if not client.nthreads():
+            print("waiting for workers", file=sys.stderr, flush=True)
+            client.wait_for_workers(1)
         yield client
 
 
