@@ -29,13 +29,14 @@
 //! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
 //! ([`ScoreRow`]).
 
+use std::marker::PhantomData;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use csv::{ReaderBuilder, StringRecord, WriterBuilder};
+use csv::{IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
-use trace::FrontEndFile;
+use trace::{AtomicFile, FrontEndFile};
 use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
@@ -45,7 +46,7 @@ use crate::map::MapConfig;
 use crate::metrics::{METRICS, Metric, Scores};
 
 /// A row whose first columns are the fields of `Head` and whose others are the metrics, in the order of [`METRICS`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScoreRow<Head> {
     /// What was scored.
     pub head: Head,
@@ -789,6 +790,65 @@ fn table_bytes(columns: &[&str], rows: impl Iterator<Item: Serialize>) -> anyhow
         writer.serialize(row)?;
     }
     Ok(writer.into_inner()?)
+}
+
+/// A table that is written row by row. It is there when it is finished, and its bytes are those of [`csv_bytes`] or [`score_bytes`].
+pub struct TableFile<Row> {
+    writer: Writer<AtomicFile>,
+    rows: PhantomData<Row>,
+}
+
+impl<Row: Serialize + DeserializeOwned> TableFile<Row> {
+    /// Begins a table of such rows.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn create(path: &Path) -> anyhow::Result<Self> {
+        Self::with_columns(path, columns::<Row>())
+    }
+
+    /// Takes the next row.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn push(&mut self, row: &Row) -> anyhow::Result<()> {
+        Ok(self.writer.serialize(row)?)
+    }
+}
+
+impl<Head: Serialize + DeserializeOwned> TableFile<ScoreRow<Head>> {
+    /// Begins a table of scores.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn create_scores(path: &Path) -> anyhow::Result<Self> {
+        Self::with_columns(path, &score_columns::<Head>())
+    }
+
+    /// Takes the next row of scores.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn push_scores(&mut self, row: &ScoreRow<Head>) -> anyhow::Result<()> {
+        Ok(self.writer.serialize((&row.head, row.scores.values()))?)
+    }
+}
+
+impl<Row> TableFile<Row> {
+    fn with_columns(path: &Path, columns: &[&str]) -> anyhow::Result<Self> {
+        let mut writer = WriterBuilder::new().has_headers(false).from_writer(AtomicFile::create(path)?);
+        writer.write_record(columns)?;
+        Ok(Self { writer, rows: PhantomData })
+    }
+
+    /// Puts the table in its place.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn finish(self) -> anyhow::Result<()> {
+        let file = self.writer.into_inner().map_err(IntoInnerError::into_error)?;
+        Ok(file.finish()?)
+    }
 }
 
 /// Names of the columns of a table of scores.

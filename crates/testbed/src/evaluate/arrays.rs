@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use anyhow::bail;
 use rayon::prelude::*;
-use trace::{ArrayRecording, Trace, write_atomically};
+use trace::{ArrayRecording, Sidecar, Trace, write_atomically};
 
 use super::EvaluateSettings;
 use crate::contour::Vertex;
@@ -45,10 +45,10 @@ impl Arrays {
     pub(super) fn trials(
         &mut self,
         folder: &Path,
-        trace: Trace,
+        trace: &Trace,
         encoders: &[Encoders],
-    ) -> anyhow::Result<Vec<(Trace, Option<Mounted>)>> {
-        let Some(name) = trace.sidecar.recording.clone() else { return Ok(vec![(trace, None)]) };
+    ) -> anyhow::Result<Vec<(Sidecar, Option<Mounted>)>> {
+        let Some(name) = trace.sidecar.recording.clone() else { return Ok(vec![(trace.sidecar.clone(), None)]) };
         let array = match self.0.get(&name) {
             Some(array) => array.clone(),
             None => {
@@ -57,19 +57,18 @@ impl Arrays {
                 array
             }
         };
-        array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), &trace)?;
+        array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), trace)?;
         let whiskers = &array.sidecar.whiskers;
         let whisker = whiskers.iter().position(|whisker| whisker.trace == trace.sidecar.name).unwrap_or_default();
         let perfect = [Encoders::default()];
         let encoders = if encoders.is_empty() { &perfect } else { encoders };
         let under = |encoders: &Encoders| {
-            let mut trace = trace.clone();
-            trace.sidecar.name = under(&trace.sidecar.name, encoders);
+            let mut sidecar = trace.sidecar.clone();
+            sidecar.name = under(&sidecar.name, encoders);
             if !encoders.are_perfect() {
-                trace.sidecar.group =
-                    format!("{}, encoders {}", trace.sidecar.group, encoders.label().replace('_', " "));
+                sidecar.group = format!("{}, encoders {}", sidecar.group, encoders.label().replace('_', " "));
             }
-            (trace, Some(Mounted { array: array.clone(), whisker, encoders: *encoders }))
+            (sidecar, Some(Mounted { array: array.clone(), whisker, encoders: *encoders }))
         };
         Ok(encoders.iter().map(under).collect())
     }
@@ -90,7 +89,7 @@ fn under(name: &str, encoders: &Encoders) -> String {
 
 impl Mounted {
     /// Name of the recording, as it is replayed.
-    fn recording(&self) -> String {
+    pub(super) fn recording(&self) -> String {
         under(&self.array.sidecar.name, &self.encoders)
     }
 
@@ -124,21 +123,21 @@ impl Mounted {
 
 /// The recordings of a batch, as `run.json` has them.
 pub(super) fn recordings<'a>(
-    trials: impl Iterator<Item = (&'a Trace, &'a Mounted)>,
+    trials: impl Iterator<Item = (&'a Sidecar, &'a Mounted)>,
     config: MapConfig,
 ) -> Vec<RunRecording> {
     let mut recordings: Vec<RunRecording> = Vec::new();
-    for (trace, mounted) in trials {
+    for (of_trace, mounted) in trials {
         let name = mounted.recording();
         let sidecar = &mounted.array.sidecar;
         let whisker = &sidecar.whiskers[mounted.whisker];
         let (of_whisker, array) = (whisker.name.clone(), whisker.array.clone());
-        let entry = RunMounted { name: of_whisker, array, trace: trace.sidecar.name.clone() };
+        let entry = RunMounted { name: of_whisker, array, trace: of_trace.name.clone() };
         match recordings.iter_mut().find(|recording| recording.name == name) {
             Some(recording) => recording.whiskers.push(entry),
             None => recordings.push(RunRecording {
                 name,
-                group: trace.sidecar.group.clone(),
+                group: of_trace.group.clone(),
                 encoders: mounted.encoders,
                 map: config,
                 objects: sidecar.objects.iter().map(|object| object.name.clone()).collect(),
@@ -172,11 +171,15 @@ pub(super) fn files(recordings: &[RunRecording], estimators: &[String]) -> Vec<S
 /// Tables of each map.
 const TABLES: [&str; 3] = ["points", "outlines", "grid"];
 
-/// Makes the maps of all recordings, judges them, and writes them into the folder of a run.
+/// What is recorded of maps.
+pub(super) type MapRows = (Vec<MapRow>, Vec<MapObjectRow>);
+
+/// Makes the maps of what was seen, one a recording, noise level, seed and estimator, and judges them. Those of the first noise level and seed are written into
+/// the folder of a run.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub(super) fn write_maps(folder: &Path, sightings: &[Sighting], settings: &EvaluateSettings) -> anyhow::Result<()> {
+pub(super) fn maps(folder: &Path, sightings: &[Sighting], settings: &EvaluateSettings) -> anyhow::Result<MapRows> {
     let mut scenes: Vec<Vec<&Sighting>> = Vec::new();
     let mut places = BTreeMap::new();
     for sighting in sightings {
@@ -201,9 +204,7 @@ pub(super) fn write_maps(folder: &Path, sightings: &[Sighting], settings: &Evalu
         })
         .collect::<anyhow::Result<_>>()?;
     let (maps, objects): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-    write_atomically(&folder.join("maps.csv"), &csv_bytes(&maps)?)?;
-    write_atomically(&folder.join("map_objects.csv"), &csv_bytes(&objects.concat())?)?;
-    Ok(())
+    Ok((maps, objects.concat()))
 }
 
 fn write_map(folder: &Path, first: &Sighting, map: &SceneMap, views: &[&View]) -> anyhow::Result<()> {

@@ -1,19 +1,15 @@
 //! The tables of a run.
 
-use std::collections::BTreeMap;
-
+use serde::{Deserialize, Serialize};
 use trace::Trace;
 use whisker::estimators::{Estimate, ModelShares};
 use whisker::events::Signals;
 
-use super::Outcome;
 use crate::bound::{BoundAt, TraceBound};
 use crate::consistency::{BY_ERRORS, BY_INNOVATIONS, interval};
-use crate::metrics::{Contact, Scored, Scores, Trial};
-use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SummaryHead, SummaryRow, TrialHead,
-};
-use crate::statistics::{mean, median, quantile, rms};
+use crate::metrics::{Contact, Scored, Trial};
+use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow};
+use crate::statistics::{mean, median, quantile_of_sorted, rms};
 
 /// Width of the time bins of `error_over_time.csv`.
 const ERROR_BIN_S: f64 = 0.02;
@@ -21,18 +17,21 @@ const ERROR_BIN_S: f64 = 0.02;
 /// Width of the time bins of `consistency.csv`, whose averages change more slowly.
 const CONSISTENCY_BIN_S: f64 = 0.1;
 
-/// What is kept of a trial for the tables over time, by bin: of each bin the last instant with an estimate.
+/// What is kept of a trial for the tables over time, by bin in the order of time: of each bin the last instant with an estimate.
+#[derive(Serialize, Deserialize)]
 pub(super) struct OverTime {
-    errors_m: BTreeMap<u64, f64>,
-    states: BTreeMap<u64, State>,
+    pub(super) errors_m: Vec<(u64, f64)>,
+    pub(super) states: Vec<(u64, State)>,
 }
 
 /// How sure an estimator was at one instant, how far off, and how sure it could have been.
-struct State {
+#[derive(Clone, Copy, Serialize, Deserialize)]
+pub(super) struct State {
     error_m: f64,
     nees: Option<f64>,
     nis: Option<f64>,
-    bound: Option<BoundAt>,
+    bound_m: Option<f64>,
+    condition: Option<f64>,
 }
 
 impl OverTime {
@@ -40,24 +39,31 @@ impl OverTime {
         let bound = scored.trial.bound;
         Self {
             errors_m: last_in_bins(&scored.contacts, ERROR_BIN_S, |_, error_m| error_m),
-            states: last_in_bins(&scored.contacts, CONSISTENCY_BIN_S, |contact, error_m| State {
-                error_m,
-                nees: contact.nees,
-                nis: contact.nis,
-                bound: bound.and_then(|bound| bound.at(contact.row)),
+            states: last_in_bins(&scored.contacts, CONSISTENCY_BIN_S, |contact, error_m| {
+                let bound = bound.and_then(|bound| bound.at(contact.row));
+                State {
+                    error_m,
+                    nees: contact.nees,
+                    nis: contact.nis,
+                    bound_m: bound.map(|bound| bound.sd_m),
+                    condition: bound.and_then(|bound| Some(bound.window?.condition)),
+                }
             }),
         }
     }
 }
 
 /// Something of the last instant with an estimate of each bin.
-fn last_in_bins<T>(contacts: &[Contact], width_s: f64, value: impl Fn(&Contact, f64) -> T) -> BTreeMap<u64, T> {
-    let estimated = contacts.iter().filter_map(|contact| Some((contact, contact.error_m?)));
-    let mut bins = BTreeMap::new();
-    for (contact, error_m) in estimated {
-        bins.insert((contact.t_contact_s / width_s).floor() as u64, (contact, error_m));
-    }
-    bins.into_iter().map(|(bin, (contact, error_m))| (bin, value(contact, error_m))).collect()
+fn last_in_bins<T>(contacts: &[Contact], width_s: f64, value: impl Fn(&Contact, f64) -> T) -> Vec<(u64, T)> {
+    let estimated: Vec<(u64, &Contact, f64)> = contacts
+        .iter()
+        .filter_map(|contact| Some(((contact.t_contact_s / width_s).floor() as u64, contact, contact.error_m?)))
+        .collect();
+    let of_bin = |bin: &[(u64, &Contact, f64)]| {
+        let (bin, contact, error_m) = *bin.last()?;
+        Some((bin, value(contact, error_m)))
+    };
+    estimated.chunk_by(|a, b| a.0 == b.0).filter_map(of_bin).collect()
 }
 
 /// Time in the middle of a bin.
@@ -142,121 +148,54 @@ pub(super) fn mean_shares(shares: impl Iterator<Item = ModelShares>) -> Option<M
     Some(ModelShares::new(names.into_iter().map(|name| (name, mean(name)))))
 }
 
-/// Outcomes by group, whisker, noise level and estimator, in the order in which they first appear.
-fn by_set(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
-    let mut sets: Vec<Vec<&Outcome>> = Vec::new();
-    let key = |of: &TrialHead| (of.group.clone(), of.whisker.clone(), of.noise.to_bits(), of.estimator.clone());
-    let mut places: BTreeMap<_, usize> = BTreeMap::new();
-    for outcome in outcomes {
-        let place = *places.entry(key(&outcome.row.head)).or_insert_with(|| {
-            sets.push(Vec::new());
-            sets.len() - 1
-        });
-        sets[place].push(outcome);
+/// What a row of a table over a set says of where it stands.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub(super) group: String,
+    pub(super) whisker: String,
+    pub(super) estimator: String,
+    pub(super) noise: f64,
+}
+
+/// A row of `error_over_time.csv`, of the errors in a bin.
+pub(super) fn error_band(place: &Place, bin: u64, mut errors_m: Vec<f64>) -> ErrorBandRow {
+    errors_m.sort_by(f64::total_cmp);
+    let at = |q| quantile_of_sorted(&errors_m, q).expect("a bin holds at least one trial");
+    ErrorBandRow {
+        group: place.group.clone(),
+        whisker: place.whisker.clone(),
+        estimator: place.estimator.clone(),
+        noise: place.noise,
+        t_contact_s: middle_s(bin, ERROR_BIN_S),
+        trials: errors_m.len(),
+        p10_m: at(0.1),
+        median_m: at(0.5),
+        p90_m: at(0.9),
     }
-    sets
 }
 
-/// Rows of `summary.csv`.
-pub(super) fn summarise(outcomes: &[Outcome]) -> Vec<SummaryRow> {
-    by_set(outcomes)
-        .iter()
-        .map(|set| {
-            let first = &set[0].row.head;
-            let elapsed: u128 = set.iter().map(|outcome| outcome.elapsed_ns).sum();
-            let steps: usize = set.iter().map(|outcome| outcome.steps).sum();
-            SummaryRow {
-                head: SummaryHead {
-                    group: first.group.clone(),
-                    whisker: first.whisker.clone(),
-                    object: first.object.clone(),
-                    estimator: first.estimator.clone(),
-                    noise: first.noise,
-                    trials: set.len(),
-                    step_ns: elapsed as f64 / steps as f64,
-                    models: mean_shares(set.iter().filter_map(|outcome| outcome.models)).map(|mean| mean.to_string()),
-                    verdict: verdict(set),
-                },
-                scores: Scores::summary(&set.iter().map(|outcome| &outcome.row.scores).collect::<Vec<_>>()),
-            }
-        })
-        .collect()
-}
-
-/// What the innovations of a set say of the estimator's model; of one that states none, what its errors do.
-fn verdict(set: &[&Outcome]) -> Option<String> {
-    let trials = || set.iter().map(|outcome| &outcome.row);
-    [BY_INNOVATIONS, BY_ERRORS].iter().find_map(|judged| Some(judged.average(trials())?.sentence()))
-}
-
-/// What the trials of a set have in each bin.
-fn over_trials<'a, T>(
-    set: &[&'a Outcome],
-    bins: impl Fn(&'a OverTime) -> &'a BTreeMap<u64, T>,
-) -> BTreeMap<u64, Vec<&'a T>> {
-    let mut of_set: BTreeMap<u64, Vec<&T>> = BTreeMap::new();
-    for outcome in set {
-        for (&bin, value) in bins(&outcome.over_time) {
-            of_set.entry(bin).or_default().push(value);
-        }
+/// A row of `consistency.csv`, of the states in a bin.
+pub(super) fn consistency(place: &Place, bin: u64, states: &[State]) -> ConsistencyRow {
+    let all =
+        |value: fn(&State) -> Option<f64>| -> Vec<f64> { states.iter().filter_map(|state| value(state)).collect() };
+    let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
+    let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
+    let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
+    ConsistencyRow {
+        group: place.group.clone(),
+        whisker: place.whisker.clone(),
+        estimator: place.estimator.clone(),
+        noise: place.noise,
+        t_contact_s: middle_s(bin, CONSISTENCY_BIN_S),
+        trials: states.len(),
+        rmse_m: rms(&all(|state| Some(state.error_m))).expect("a bin holds at least one trial"),
+        bound_m: rms(&all(|state| state.bound_m)),
+        anees: mean(nees),
+        anees_low: of_nees.map(|(low, _)| low),
+        anees_high: of_nees.map(|(_, high)| high),
+        anis: mean(nis),
+        anis_low: of_nis.map(|(low, _)| low),
+        anis_high: of_nis.map(|(_, high)| high),
+        condition: median(all(|state| state.condition)),
     }
-    of_set
-}
-
-/// Rows of `error_over_time.csv`.
-pub(super) fn error_bands(outcomes: &[Outcome]) -> Vec<ErrorBandRow> {
-    let mut rows = Vec::new();
-    for set in by_set(outcomes) {
-        let first = &set[0].row.head;
-        for (bin, errors_m) in over_trials(&set, |over_time| &over_time.errors_m) {
-            let errors_m: Vec<f64> = errors_m.into_iter().copied().collect();
-            let at = |q| quantile(&errors_m, q).expect("a bin holds at least one trial");
-            rows.push(ErrorBandRow {
-                group: first.group.clone(),
-                whisker: first.whisker.clone(),
-                estimator: first.estimator.clone(),
-                noise: first.noise,
-                t_contact_s: middle_s(bin, ERROR_BIN_S),
-                trials: errors_m.len(),
-                p10_m: at(0.1),
-                median_m: at(0.5),
-                p90_m: at(0.9),
-            });
-        }
-    }
-    rows
-}
-
-/// Rows of `consistency.csv`.
-pub(super) fn consistency(outcomes: &[Outcome]) -> Vec<ConsistencyRow> {
-    let mut rows = Vec::new();
-    for set in by_set(outcomes) {
-        let first = &set[0].row.head;
-        for (bin, states) in over_trials(&set, |over_time| &over_time.states) {
-            let all = |value: fn(&State) -> Option<f64>| -> Vec<f64> {
-                states.iter().filter_map(|state| value(state)).collect()
-            };
-            let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
-            let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
-            let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
-            rows.push(ConsistencyRow {
-                group: first.group.clone(),
-                whisker: first.whisker.clone(),
-                estimator: first.estimator.clone(),
-                noise: first.noise,
-                t_contact_s: middle_s(bin, CONSISTENCY_BIN_S),
-                trials: states.len(),
-                rmse_m: rms(&all(|state| Some(state.error_m))).expect("a bin holds at least one trial"),
-                bound_m: rms(&all(|state| Some(state.bound?.sd_m))),
-                anees: mean(nees),
-                anees_low: of_nees.map(|(low, _)| low),
-                anees_high: of_nees.map(|(_, high)| high),
-                anis: mean(nis),
-                anis_low: of_nis.map(|(low, _)| low),
-                anis_high: of_nis.map(|(_, high)| high),
-                condition: median(all(|state| Some(state.bound?.window?.condition))),
-            });
-        }
-    }
-    rows
 }
