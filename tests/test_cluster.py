@@ -1,5 +1,7 @@
 """Work on a Dask cluster: a scheduler and worker processes on this machine, all bound to 127.0.0.1."""
 
+import csv
+import io
 import json
 import os
 import shutil
@@ -14,6 +16,7 @@ from pathlib import Path
 import pytest
 
 Client = pytest.importorskip("distributed", reason="the packages of the extra `cluster` are not installed").Client
+from psutil import Process, wait_procs  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 TRACES = 16
@@ -84,7 +87,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 def generator(*arguments: str | Path) -> subprocess.Popen:
     """The generator at work, from the repository's root."""
     command = [sys.executable, "-m", "whisker_sim", *map(str, arguments)]
-    return subprocess.Popen(command, cwd=ROOT, env=environment_with(ROOT / "sim"), stderr=subprocess.PIPE, text=True)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=ROOT, env=environment_with(ROOT / "sim"), text=True, **pipes)
 
 
 def said(process: subprocess.Popen, code: int = 0) -> list[str]:
@@ -136,6 +140,77 @@ def test_verif_traces_are_those_of_one_machine_though_a_worker_is_killed_and_one
     assert contents(out) == contents(local)
     client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
     assert {line.split(": ")[1] for line in said(client)} == {"up to date"}
+
+
+@pytest.fixture(scope="module")
+def evaluation() -> list[str]:
+    """Arguments of an evaluation of many trials, on traces that the end-to-end run has simulated and fitted."""
+    if not (ROOT / "datasets/smoke/calibrations/straight.json").is_file():
+        pytest.skip("datasets/smoke is not there: cargo xtask test makes it")
+    return ["scenes/suites/smoke.json", "--estimators", "ekf,ukf", "--noise", "0.01,0.03", "--seeds", "40"]
+
+
+def whisker(*arguments: str | Path) -> None:
+    """The command on this machine, which must succeed."""
+    subprocess.run([ROOT / "target/release/whisker", *arguments], cwd=ROOT, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def evaluated(evaluation: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one machine makes of the evaluation."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    whisker("evaluate", *evaluation, "--results", folder)
+    return folder
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    """What stands in the folder of results, without how long a step took."""
+    files = contents(folder)
+    rows = list(csv.DictReader(io.StringIO(files["smoke/summary.csv"].decode())))
+    return files | {"smoke/summary.csv": repr([row | {"step_ns": None} for row in rows]).encode()}
+
+
+def test_verif_results_are_those_of_one_machine_though_a_worker_is_killed_and_one_is_slow(
+    cluster: Cluster, evaluation: list[str], evaluated: Path, tmp_path: Path
+) -> None:
+    killed, slow, _ = cluster.add_workers(3)
+    out = tmp_path / "cluster"
+    command = ["cluster", "evaluate", "--scheduler", cluster.address, "--shares", "12", *evaluation, "--results", out]
+    client = generator(*command)
+    wait_for(lambda: len(list(out.glob(".smoke.*.part/shards/*"))) >= 4, client)
+    slow.send_signal(signal.SIGSTOP)
+    orphans = Process(killed.pid).children()
+    killed.kill()
+    lines = said(client)
+    assert wait_procs(orphans, LONGEST_S)[1] == []
+    slow.send_signal(signal.SIGCONT)
+    slow.wait(LONGEST_S)
+    assert sorted(lines) == sorted(f"share {number}/12: done" for number in range(1, 13))
+    assert results(out) == results(evaluated)
+
+
+def test_verif_results_of_shares_are_those_of_one_machine(evaluation: list[str], evaluated: Path, tmp_path: Path) -> None:
+    """Of shares that are done at the same time, and one that is lost."""
+    command = [ROOT / "target/release/whisker", "evaluate", *evaluation, "--results", tmp_path / "shares"]
+    jobs = [subprocess.Popen([*command, "--share", f"{number}/4"], cwd=ROOT, stdout=subprocess.PIPE) for number in (4, 1, 3)]
+    assert [job.communicate(timeout=LONGEST_S)[0] for job in jobs] == [
+        b"share 4/4 is done\n",
+        b"share 1/4 is done\n",
+        b"share 3/4 is done\n",
+    ]
+    whisker(*command[1:])
+    assert results(tmp_path / "shares") == results(evaluated)
+
+
+def test_robust_what_a_share_complains_of_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
+    cluster.add_workers(1)
+    command = ["cluster", "evaluate", "--scheduler", cluster.address]
+    (line,) = said(generator(*command, tmp_path / "none.json"), 1)
+    assert line.startswith(f"error: {tmp_path}/none.json: ")
+    (line,) = said(generator(*command, "scenes/suites/smoke.json", "--sedes", "5"), 2)
+    assert line == "error: unexpected argument '--sedes' found"
+    (line,) = said(generator(*command, "--whisker", tmp_path / "none", "scenes/suites/smoke.json"), 2)
+    assert line.startswith("error: --whisker")
 
 
 def test_verif_shares_add_up_to_the_traces_of_one_machine(suite: Path, local: Path, tmp_path: Path) -> None:

@@ -95,9 +95,8 @@ def _take_in(part: Path, folder: Path, last: str) -> None:
 
 def evaluate(address: str, program: Path, shares: int | None, arguments: list[str]) -> int:
     """Has workers do the shares of `whisker evaluate` with these arguments, and puts the run together here; gives the exit code."""
-    here = Path.cwd()
+    expected, here = _program(program), Path.cwd()
     with _part_folders([here]) as parts, _connected(address) as client:
-        expected = _program(program)
         shares = shares or _SHARES_A_THREAD * sum(client.nthreads().values())
         tasks = {
             client.submit(_do_share, expected, [str(program), "evaluate", *arguments], share, parts[here], pure=False): share
@@ -134,11 +133,11 @@ def _do_share(expected: str, command: list[str], share: str, parts: Path) -> Non
 
 
 def _program(path: Path) -> str:
-    """What determines the bytes of results, beside the inputs."""
+    """What determines the bytes of results, beside the inputs; raises `InputError` where there is no such program."""
     try:
-        return f"{path} with SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
-    except FileNotFoundError:
-        return f"no {path}"
+        return f"{path} with the SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    except OSError as error:
+        raise InputError(f"--whisker {path}: expected the program whisker, found none: {error.strerror}") from None
 
 
 def _die_with_worker() -> None:
