@@ -9,6 +9,7 @@ import ctypes
 import hashlib
 import logging
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -50,7 +51,7 @@ def _on_cluster(address: str, chore: Chore, waiting: list[tuple[Path, Run]]) -> 
     with _part_folders({folder for folder, _ in waiting}) as parts, _connected(address) as client:
         made_by = _generator()
         tasks = {
-            client.submit(_make_apart, made_by, chore.make, parts[folder], run, pure=False): (folder, run)
+            client.submit(_task(_make_apart, made_by, chore.make, parts[folder], run), pure=False): (folder, run)
             for folder, run in waiting
         }
         for future in as_completed(list(tasks), loop=client.loop):
@@ -96,10 +97,11 @@ def _take_in(part: Path, folder: Path, last: str) -> None:
 def evaluate(address: str, program: Path, shares: int | None, arguments: list[str]) -> int:
     """Has workers do the shares of `whisker evaluate` with these arguments, and puts the run together here; gives the exit code."""
     expected, here = _program(program), Path.cwd()
+    command = [str(program), "evaluate", *arguments]
     with _part_folders([here]) as parts, _connected(address) as client:
         shares = shares or _SHARES_A_THREAD * sum(client.nthreads().values())
         tasks = {
-            client.submit(_do_share, expected, [str(program), "evaluate", *arguments], share, parts[here], pure=False): share
+            client.submit(_task(_do_share, expected, command, share, parts[here]), pure=False): share
             for share in (f"{number}/{shares}" for number in range(1, shares + 1))
         }
         with progress("evaluate", "share", shares) as report:
@@ -110,7 +112,7 @@ def evaluate(address: str, program: Path, shares: int | None, arguments: list[st
                 except KilledWorker as killed:
                     raise WhiskerSimError(f"share {share}: {killed.allowed_failures + 1} workers died over it") from None
                 report(Outcome(GOOD, f"share {share}: done"))
-    code = subprocess.run([program, "evaluate", *arguments]).returncode
+    code = subprocess.run(command).returncode
     return code if code >= 0 else FAILED
 
 
@@ -191,6 +193,17 @@ def _connected(address: str) -> Iterator[Client]:
         yield client
 
 
+def _task(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+    """A call as a task. What a worker lacks for it fails the task; Dask by itself would end the worker as it reads the call."""
+    packed = pickle.dumps((function, arguments))
+
+    def task() -> Any:
+        function, arguments = pickle.loads(packed)
+        return function(*arguments)
+
+    return task
+
+
 def _result(future: Future) -> Any:
     """What a task gave; raises `KilledWorker`, or what ends the whole work as an error for people."""
     try:
@@ -200,4 +213,5 @@ def _result(future: Future) -> Any:
     except CancelledError:
         raise WhiskerSimError("the scheduler is gone; what is finished is kept") from None
     except Exception as error:
-        raise WhiskerSimError(f"a worker failed; it needs what is installed here: {type(error).__name__}: {error}") from None
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise WhiskerSimError(f"a worker failed; it needs the packages and the PYTHONPATH that the client has: {said}") from None
