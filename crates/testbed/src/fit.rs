@@ -188,7 +188,7 @@ fn fit_whisker(
     let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;
     let mut readings_n_m = Vec::new();
     for played in &played {
-        let Mounting { array, sensor, .. } = played.mounting;
+        let Mounting { array, sensor, .. } = played.on.mounting;
         let sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
         readings_n_m.push(front_end.readings_n_m(played, sensor)?);
     }

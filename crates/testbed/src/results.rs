@@ -29,6 +29,7 @@
 //! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
 //! ([`ScoreRow`]).
 
+use std::io::Write;
 use std::marker::PhantomData;
 use std::path::Path;
 
@@ -792,62 +793,72 @@ fn table_bytes(columns: &[&str], rows: impl Iterator<Item: Serialize>) -> anyhow
     Ok(writer.into_inner()?)
 }
 
-/// A table that is written row by row. It is there when it is finished, and its bytes are those of [`csv_bytes`] or [`score_bytes`].
-pub struct TableFile<Row> {
-    writer: Writer<AtomicFile>,
+/// A table that is written row by row, with the bytes of [`csv_bytes`] or [`score_bytes`].
+pub struct Table<Row, To: Write> {
+    writer: Writer<To>,
     rows: PhantomData<Row>,
 }
 
-impl<Row: Serialize + DeserializeOwned> TableFile<Row> {
+/// A table in a file, which is there when it is finished.
+pub type TableFile<Row> = Table<Row, AtomicFile>;
+
+impl<Row: Serialize + DeserializeOwned, To: Write> Table<Row, To> {
     /// Begins a table of such rows.
     ///
     /// # Errors
-    /// If the file cannot be written.
-    pub fn create(path: &Path) -> anyhow::Result<Self> {
-        Self::with_columns(path, columns::<Row>())
+    /// If it cannot be written.
+    pub fn new(to: To) -> anyhow::Result<Self> {
+        Self::with_columns(to, columns::<Row>())
     }
 
     /// Takes the next row.
     ///
     /// # Errors
-    /// If the file cannot be written.
+    /// If it cannot be written.
     pub fn push(&mut self, row: &Row) -> anyhow::Result<()> {
-        Ok(self.writer.serialize(row)?)
+        self.writer.serialize(row).map_err(refusal)
     }
 }
 
-impl<Head: Serialize + DeserializeOwned> TableFile<ScoreRow<Head>> {
+impl<Head: Serialize + DeserializeOwned, To: Write> Table<ScoreRow<Head>, To> {
     /// Begins a table of scores.
     ///
     /// # Errors
-    /// If the file cannot be written.
-    pub fn create_scores(path: &Path) -> anyhow::Result<Self> {
-        Self::with_columns(path, &score_columns::<Head>())
+    /// If it cannot be written.
+    pub fn of_scores(to: To) -> anyhow::Result<Self> {
+        Self::with_columns(to, &score_columns::<Head>())
     }
 
     /// Takes the next row of scores.
     ///
     /// # Errors
-    /// If the file cannot be written.
+    /// If it cannot be written.
     pub fn push_scores(&mut self, row: &ScoreRow<Head>) -> anyhow::Result<()> {
-        Ok(self.writer.serialize((&row.head, row.scores.values()))?)
+        self.writer.serialize((&row.head, row.scores.values())).map_err(refusal)
     }
 }
 
-impl<Row> TableFile<Row> {
-    fn with_columns(path: &Path, columns: &[&str]) -> anyhow::Result<Self> {
-        let mut writer = WriterBuilder::new().has_headers(false).from_writer(AtomicFile::create(path)?);
-        writer.write_record(columns)?;
+impl<Row, To: Write> Table<Row, To> {
+    fn with_columns(to: To, columns: &[&str]) -> anyhow::Result<Self> {
+        let mut writer = WriterBuilder::new().has_headers(false).from_writer(to);
+        writer.write_record(columns).map_err(refusal)?;
         Ok(Self { writer, rows: PhantomData })
     }
 
-    /// Puts the table in its place.
+    /// Ends the table; gives back what it was written to.
     ///
     /// # Errors
-    /// If the file cannot be written.
-    pub fn finish(self) -> anyhow::Result<()> {
-        let file = self.writer.into_inner().map_err(IntoInnerError::into_error)?;
-        Ok(file.finish()?)
+    /// If it cannot be written.
+    pub fn finish(self) -> anyhow::Result<To> {
+        Ok(self.writer.into_inner().map_err(IntoInnerError::into_error)?)
+    }
+}
+
+/// Why a table was not written: the system's own answer, where it was the system that refused.
+fn refusal(error: csv::Error) -> anyhow::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error.into(),
+        other => anyhow::anyhow!("{other:?}"),
     }
 }
 

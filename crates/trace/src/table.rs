@@ -146,13 +146,13 @@ impl Trace {
     }
 }
 
-fn header() -> String {
+pub(crate) fn header() -> String {
     let mut text = COLUMNS.map(|(name, _)| name).join(",");
     text.push('\n');
     text
 }
 
-fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
+pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
     let flag = |value: Option<bool>| value.map(|v| f64::from(u8::from(v)));
     let origin = known.base.origin();
     let cells: [Option<f64>; COLUMNS.len()] = [

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use rayon::prelude::*;
+use trace::{AtomicFile, write_atomically};
 
 use super::contours;
 use super::plan::Plan;
@@ -19,7 +20,6 @@ use crate::results::{
     ContourTrialRow, FailureRow, MapObjectRow, MapRow, SummaryHead, SummaryRow, TableFile, TrialRow, csv_bytes,
     score_bytes,
 };
-use trace::write_atomically;
 
 /// Values that are held at once: some tens of megabytes.
 const MOST_VALUES: usize = 2_000_000;
@@ -38,10 +38,11 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
     let order = plan.in_order();
     let shards = InOrder { shards, plan, order: &order };
     let table = |name: &str| folder.join(name);
-    let mut trials = TableFile::<TrialRow>::create_scores(&table("trials.csv"))?;
-    let mut contour_trials = TableFile::<ContourTrialRow>::create(&table("contour_trials.csv"))?;
-    let mut maps = TableFile::<MapRow>::create(&table("maps.csv"))?;
-    let mut map_objects = TableFile::<MapObjectRow>::create(&table("map_objects.csv"))?;
+    let file = |name: &str| AtomicFile::create(&table(name));
+    let mut trials = TableFile::<TrialRow>::of_scores(file("trials.csv")?)?;
+    let mut contour_trials = TableFile::<ContourTrialRow>::new(file("contour_trials.csv")?)?;
+    let mut maps = TableFile::<MapRow>::new(file("maps.csv")?)?;
+    let mut map_objects = TableFile::<MapObjectRow>::new(file("map_objects.csv")?)?;
     let mut failures = Vec::new();
     let (mut sets, mut contour_sets) = (Sets::default(), Sets::default());
     shards.each(|done| {
@@ -58,10 +59,10 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
         failures.extend(done.failures);
         Ok(())
     })?;
-    trials.finish()?;
-    contour_trials.finish()?;
-    maps.finish()?;
-    map_objects.finish()?;
+    trials.finish()?.finish()?;
+    contour_trials.finish()?.finish()?;
+    maps.finish()?.finish()?;
+    map_objects.finish()?.finish()?;
     write_atomically(&table("failures.csv"), &csv_bytes(&failures)?)?;
 
     let mut contours = Vec::new();

@@ -32,7 +32,7 @@ use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
-use crate::contour::{Comparison, Contour};
+use crate::contour::{Comparison, Contour, Touched, surface_points};
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
 use crate::entrant::{Entrant, Program, Registered, Task};
@@ -40,7 +40,7 @@ use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
 use crate::map::MapConfig;
 use crate::metrics::contact_events::Events;
-use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
+use crate::metrics::{Ground, Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
 use crate::replay::{self, Replay, check_calibration, knowledge, motions, with_readings};
 use crate::results::{
@@ -58,7 +58,7 @@ use work::{Member, caught};
 
 pub use plan::Share;
 pub use starts::Starts;
-pub use tables::estimate_rows;
+pub use tables::estimate_row;
 
 /// What to evaluate and how.
 #[derive(Clone, Debug)]
@@ -526,7 +526,7 @@ impl Bench {
         settings: &EvaluateSettings,
         out: Option<&Path>,
     ) -> anyhow::Result<(Yield, Vec<Sighting>)> {
-        let Member { trial: bench_trial, trace: played, motions: as_is, .. } = member;
+        let Member { trial: bench_trial, trace: played, motions: as_is, ground, .. } = member;
         let BenchTrial { outline, mounting, sensor, mounted, told, .. } = bench_trial;
         let noise = settings.noise[level];
         let bound = member.bound(level, || self.bound(member, noise));
@@ -538,9 +538,13 @@ impl Bench {
         // The earth's field turns with the sensor as it is, not as the encoders have it.
         let played = Played::new(played, mounting, self.added_noise_sd_n_m(bench_trial, noise), seed);
         let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
-        let samples = match &known {
-            Cow::Borrowed(_) => with_readings(as_is, &readings_n_m),
-            Cow::Owned(measured) => with_readings(&motions(&measured.recording), &readings_n_m),
+        let (samples, ground) = match &known {
+            Cow::Borrowed(_) => (with_readings(as_is, &readings_n_m), Cow::Borrowed(ground)),
+            Cow::Owned(measured) => {
+                let rest = sidecar.whisker.rest_shape();
+                let ground = Ground::new(measured, outline.as_ref(), &rest);
+                (with_readings(&motions(&measured.recording), &readings_n_m), Cow::Owned(ground))
+            }
         };
         if let Some(folder) = out {
             let path = folder.join("bounds").join(format!("{}.csv", sidecar.name));
@@ -576,18 +580,20 @@ impl Bench {
             done.failures.extend(replay.failure.iter().map(|reason| failed(Some(name), reason.clone())));
             let outline = outline.as_ref();
             let events = events.as_ref();
-            let trial = Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, events, bound };
+            let (knowledge, readings_n_m, ground) = (&*knowledge, readings_n_m.as_slice(), ground.as_ref());
+            let trial = Trial { trace, outline, knowledge, readings_n_m, events, bound, ground };
             if let Some(mounted) = mounted {
                 sightings.push(mounted.sighting((&trial, &replay), (name, noise, seed), &settings.map)?);
             }
-            let contour = Contour::found(&trial, &replay, 0).filter(|_| sidecar.object != SEVERAL);
+            let said = surface_points(&trial, &replay.estimates);
+            let contour = Contour::found(&trial, &replay, &said, 0).filter(|_| sidecar.object != SEVERAL);
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
-                write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
+                write_atomically(&path, &csv_bytes(&tables::estimate_rows(&trial, &replay.estimates))?)?;
                 let path = folder.join("contours").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&vertex_rows(contour.as_ref()))?)?;
             }
-            let scored = match Scored::new(&trial, &replay, contour.as_ref()) {
+            let scored = match Scored::new(&trial, &replay, &said, contour.as_ref()) {
                 Ok(scored) => Some(scored),
                 Err(Unscored::TruthUnknown) => None,
                 Err(Unscored::NeverTouches) => continue,
@@ -595,9 +601,10 @@ impl Bench {
             if has_outline(&sidecar.object) {
                 let compared = match &scored {
                     Some(scored) => scored.contour,
-                    None => {
-                        contour.as_ref().zip(outline).map(|(contour, outline)| Comparison::new(contour, outline, &[]))
-                    }
+                    None => contour
+                        .as_ref()
+                        .zip(outline)
+                        .map(|(contour, outline)| Comparison::new(contour, outline, &Touched::default())),
                 };
                 let contact_rmse_m = scored.as_ref().and_then(contour::CONTACT_RMSE.measure);
                 let found = ContourTrialRow { contact_rmse_m, ..trial_row(sidecar, contour.as_ref(), compared) };

@@ -101,7 +101,9 @@ pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Removes a folder: its shards first, so that what somebody leaves who is killed here does not pass for finished.
 fn remove(folder: &Path) -> anyhow::Result<()> {
+    Shards::remove(folder)?;
     if folder.exists() {
         fs::remove_dir_all(folder).with_context(|| folder.display().to_string())?;
     }

@@ -54,12 +54,7 @@ impl Plan {
         Self { scenes, items }
     }
 
-    /// Trials, each counted once for every noise level and seed.
-    pub(super) fn trials(&self) -> usize {
-        self.items.iter().map(|item| self.trials_of(item)).sum()
-    }
-
-    /// Those of an item.
+    /// Trials of an item, each counted once for every seed.
     pub(super) fn trials_of(&self, item: &Item) -> usize {
         self.scenes[item.scene].len() * item.seeds.len()
     }
@@ -121,7 +116,7 @@ mod tests {
     fn verif_every_trial_level_and_seed_is_in_one_item() {
         let plan = plan();
         assert_eq!(plan.scenes, [vec![0], vec![1, 3], vec![2]]);
-        assert_eq!(plan.trials(), 4 * 2 * 23);
+        assert_eq!(plan.items.iter().map(|item| plan.trials_of(item)).sum::<usize>(), 4 * 2 * 23);
         for scene in 0..3 {
             for level in 0..2 {
                 let of_both = plan.items.iter().filter(|item| item.scene == scene && item.level == level);

@@ -20,6 +20,7 @@ use super::plan::{Item, Plan, Share};
 use super::shards::{Shard, Shards, Yield};
 use super::{Bench, BenchTrial, EvaluateSettings};
 use crate::bound::TraceBound;
+use crate::metrics::Ground;
 use crate::replay::motions;
 use crate::results::FailureRow;
 
@@ -29,6 +30,8 @@ pub(super) struct Member<'a> {
     pub(super) trace: Trace,
     /// Samples without readings, where the robot knows its motion as it is.
     pub(super) motions: Vec<Sample>,
+    /// What the truth tells of it, seen with that motion.
+    pub(super) ground: Ground,
     /// What no estimator can do better than, by noise level.
     bounds: Vec<OnceLock<Option<TraceBound>>>,
 }
@@ -38,7 +41,8 @@ impl<'a> Member<'a> {
         let trace = Trace::read(&trial.path).map_err(|error| error.to_string())?;
         let trace = Trace { sidecar: trial.sidecar.clone(), ..trace };
         let motions = motions(&trace.recording);
-        Ok(Self { trial, trace, motions, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
+        let ground = Ground::new(&trace, trial.outline.as_ref(), &trace.sidecar.whisker.rest_shape());
+        Ok(Self { trial, trace, motions, ground, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
     }
 
     /// The bound at a noise level, which is found once.

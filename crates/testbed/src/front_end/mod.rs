@@ -13,7 +13,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
-use trace::{ArrayRecording, CalibrationFile, Digest, FrontEndFile, Recording, SensorFile, Sidecar, Trace};
+use trace::{ArrayRecording, CalibrationFile, Digest, FrontEndFile, Instant, Recording, SensorFile, Sidecar, Trace};
 
 use crate::settings::merged;
 
@@ -51,6 +51,9 @@ pub const FRONT_ENDS: &[FrontEndRow] = &[
     },
 ];
 
+/// Gives the reading in N m of each instant, in the order of time.
+pub type Reader<'a> = Box<dyn FnMut(&Instant) -> f64 + 'a>;
+
 /// What a front end does to the moments of a recording. One that reads them as they are has no sensor; others read counts, and what
 /// calibrating their sensor teaches turns those back into moments.
 pub trait Chain: Debug + Send + Sync {
@@ -67,11 +70,20 @@ pub trait Chain: Debug + Send + Sync {
         Ok(None)
     }
 
-    /// Readings of a recording, one an instant, by a sensor of which this was learnt.
+    /// Begins to read on an occasion, by a sensor of which this was learnt.
     ///
     /// # Errors
     /// If it takes a calibration that is not there.
-    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>>;
+    fn reader<'a>(&'a self, on: &Occasion<'a>, sensor: Option<&'a SensorFile>) -> anyhow::Result<Reader<'a>>;
+
+    /// Readings of a recording, one an instant.
+    ///
+    /// # Errors
+    /// As [`Self::reader`].
+    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
+        let reader = self.reader(&played.on, sensor)?;
+        Ok(played.recording.instants.iter().map(reader).collect())
+    }
 
     /// Names of the tables for the report about a calibrated sensor.
     fn tables(&self) -> &'static [&'static str] {
@@ -204,6 +216,14 @@ impl FrontEnd {
         Ok(Some(sensor))
     }
 
+    /// Begins to read on an occasion.
+    ///
+    /// # Errors
+    /// If it takes a calibration of the sensor that is not there.
+    pub fn reader<'a>(&'a self, on: &Occasion<'a>, sensor: Option<&'a SensorFile>) -> anyhow::Result<Reader<'a>> {
+        self.chain.reader(on, sensor)
+    }
+
     /// Readings of a recording, one an instant.
     ///
     /// # Errors
@@ -260,31 +280,42 @@ impl Mounting {
     }
 }
 
-/// A recording that is played to a sensor.
+/// When a sensor is read: the same occasion, the same noise.
 #[derive(Clone, Copy, Debug)]
-pub struct Played<'a> {
+pub struct Occasion<'a> {
     /// Where the sensor sits.
     pub mounting: &'a Mounting,
     /// What is known of the trace.
     pub sidecar: &'a Sidecar,
-    /// The recording.
-    pub recording: &'a Recording,
     /// Standard deviation of the white noise that is added to the moments.
     pub noise_sd_n_m: f64,
     /// Seed of the run; every trace draws its own noise from it.
     pub seed: u64,
 }
 
+impl Occasion<'_> {
+    /// Draws the noise to add to the moment of each instant, in N m.
+    fn noise(&self) -> impl FnMut() -> f64 + use<> {
+        let mut rng = Pcg64::seed_from_u64(derived_seed(self.seed, &["front end", &self.sidecar.name]));
+        let noise_sd_n_m = self.noise_sd_n_m;
+        move || noise_sd_n_m * rng.sample::<f64, _>(StandardNormal)
+    }
+}
+
+/// A recording that is played to a sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct Played<'a> {
+    /// The occasion.
+    pub on: Occasion<'a>,
+    /// The recording.
+    pub recording: &'a Recording,
+}
+
 impl<'a> Played<'a> {
     /// A trace, played to the sensor that sits there.
     pub fn new(trace: &'a Trace, mounting: &'a Mounting, noise_sd_n_m: f64, seed: u64) -> Self {
-        Self { mounting, sidecar: &trace.sidecar, recording: &trace.recording, noise_sd_n_m, seed }
-    }
-
-    /// The noise to add to the moments, one an instant.
-    fn noise_n_m(&self) -> impl Iterator<Item = f64> {
-        let mut rng = Pcg64::seed_from_u64(derived_seed(self.seed, &["front end", &self.sidecar.name]));
-        self.recording.instants.iter().map(move |_| self.noise_sd_n_m * rng.sample::<f64, _>(StandardNormal))
+        let on = Occasion { mounting, sidecar: &trace.sidecar, noise_sd_n_m, seed };
+        Self { on, recording: &trace.recording }
     }
 }
 

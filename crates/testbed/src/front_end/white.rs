@@ -4,7 +4,7 @@ use anyhow::ensure;
 use serde_json::Value;
 use trace::SensorFile;
 
-use super::{Chain, Played};
+use super::{Chain, Occasion, Reader};
 
 pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
     let known = config.as_object().and_then(|settings| settings.keys().next());
@@ -17,12 +17,8 @@ pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
 struct White;
 
 impl Chain for White {
-    fn readings_n_m(&self, played: &Played, _: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
-        let instants = &played.recording.instants;
-        Ok(instants
-            .iter()
-            .zip(played.noise_n_m())
-            .map(|(instant, noise_n_m)| instant.moment_z_n_m + noise_n_m)
-            .collect())
+    fn reader<'a>(&'a self, on: &Occasion<'a>, _: Option<&'a SensorFile>) -> anyhow::Result<Reader<'a>> {
+        let mut noise_n_m = on.noise();
+        Ok(Box::new(move |instant| instant.moment_z_n_m + noise_n_m()))
     }
 }

@@ -25,10 +25,10 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use trace::{Characteristic, SensorFile};
+use trace::{Characteristic, Instant, SensorFile};
 use whisker::estimators::{Settings, SettingsError, parse, within};
 
-use super::{Chain, Mounting, Played, derived_seed};
+use super::{Chain, Mounting, Occasion, Played, Reader, derived_seed};
 use crate::results::{TransferRow, csv_bytes};
 use crate::statistics::rms;
 use dipole::Magnet;
@@ -164,6 +164,7 @@ struct Hall {
 }
 
 /// A sensor and its reference on their board, as they truly are.
+#[derive(Clone)]
 struct Board<'a> {
     config: &'a Config,
     magnet: Magnet,
@@ -173,7 +174,7 @@ struct Board<'a> {
 
 /// A board while it is being read: what its noise and its temperature have come to.
 struct Watch<'a> {
-    board: &'a Board<'a>,
+    board: Board<'a>,
     own: Noise,
     reference: [Noise; 2],
     warmer: Forgetting,
@@ -218,13 +219,13 @@ impl<'a> Board<'a> {
     }
 
     /// Begins to read it on an occasion: the same words, the same noise.
-    fn watch(&'a self, mounting: &Mounting, seed: u64) -> Watch<'a> {
+    fn watch(&self, mounting: &Mounting, seed: u64) -> Watch<'a> {
         let Mounting { sensor, array, recording } = mounting;
         let seed = |kind: &str, name: &str| derived_seed(seed, &["hall", kind, name, recording]);
         let noise = |seed| Noise::new(self.config.white_counts, self.config.flicker_counts, seed);
         let mut weather = Pcg64::seed_from_u64(seed("temperature", array));
         Watch {
-            board: self,
+            board: self.clone(),
             own: noise(seed("sensor", sensor)),
             reference: ["reference x", "reference y"].map(|kind| noise(seed(kind, array))),
             warmer: Forgetting::new(self.config.temperature_sd_k, self.config.temperature_time_s, &mut weather),
@@ -236,7 +237,7 @@ impl<'a> Board<'a> {
 impl Watch<'_> {
     /// The counts so long after the last, with the root turned and the base at a heading.
     fn read(&mut self, dt_s: f64, rotation_rad: f64, yaw_rad: f64) -> Counts {
-        let board = self.board;
+        let board = &self.board;
         let warmer_k = self.warmer.step(dt_s, &mut self.weather);
         let earth_t = board.earth_t(yaw_rad);
         let own_t = earth_t + board.magnet_t(rotation_rad, 0.0);
@@ -271,22 +272,26 @@ fn samples_in(time_s: f64, dt_s: f64) -> usize {
 impl Hall {
     /// Counts of a recording, the common mode taken out, from zero.
     fn counts(&self, played: &Played, common_mode: [f64; 2]) -> Vec<f64> {
-        let board = Board::new(&self.config, played.mounting);
-        let mut watch = board.watch(played.mounting, played.seed);
-        let instants = &played.recording.instants;
-        let Some(first) = instants.first() else { return Vec::new() };
-        let stiffness_n_m_rad = played.sidecar.whisker.root_stiffness_n_m_rad;
-        let rest_dt_s = 1.0 / played.sidecar.rate_hz;
-        let mut last_s = first.t_s - rest_dt_s;
-        let zero = watch.zero_counts(common_mode, rest_dt_s, first.base.yaw_rad());
-        let read = instants.iter().zip(played.noise_n_m()).map(|(instant, noise_n_m)| {
+        played.recording.instants.iter().map(self.counter(&played.on, common_mode)).collect()
+    }
+
+    /// Counts the instants of a recording one by one, the common mode taken out, from the zero that is found before the first.
+    fn counter<'a>(&'a self, on: &Occasion<'a>, common_mode: [f64; 2]) -> impl FnMut(&Instant) -> f64 + use<'a> {
+        let mut watch = Board::new(&self.config, on.mounting).watch(on.mounting, on.seed);
+        let mut noise_n_m = on.noise();
+        let stiffness_n_m_rad = on.sidecar.whisker.root_stiffness_n_m_rad;
+        let rest_dt_s = 1.0 / on.sidecar.rate_hz;
+        let mut begun: Option<(f64, f64)> = None;
+        move |instant| {
+            let yaw_rad = instant.base.yaw_rad();
+            let (last_s, zero) =
+                begun.unwrap_or_else(|| (instant.t_s - rest_dt_s, watch.zero_counts(common_mode, rest_dt_s, yaw_rad)));
+            begun = Some((instant.t_s, zero));
             let rotation_rad = instant.rotation_z_rad.unwrap_or(instant.moment_z_n_m / stiffness_n_m_rad);
-            let turned_rad = rotation_rad + noise_n_m / stiffness_n_m_rad;
-            let counts = watch.read(instant.t_s - last_s, turned_rad, instant.base.yaw_rad());
-            last_s = instant.t_s;
+            let turned_rad = rotation_rad + noise_n_m() / stiffness_n_m_rad;
+            let counts = watch.read(instant.t_s - last_s, turned_rad, yaw_rad);
             counts.compensated(common_mode) - zero
-        });
-        read.collect()
+        }
     }
 
     /// Root mean square of the readings of some recordings at rest.
@@ -319,15 +324,16 @@ impl Chain for Hall {
 
     fn calibrate(&self, mounting: &Mounting, recordings: &[Played]) -> anyhow::Result<Option<SensorFile>> {
         let first = recordings.first().context("no recording to calibrate on")?;
-        let dt_s = 1.0 / first.sidecar.rate_hz;
+        let dt_s = 1.0 / first.on.sidecar.rate_hz;
         let common_mode = match self.config.compensated {
-            true => common_mode::learn(&Board::new(&self.config, mounting), mounting, first.seed, dt_s),
+            true => common_mode::learn(&Board::new(&self.config, mounting), mounting, first.on.seed, dt_s),
             false => [0.0; 2],
         };
         let mut pairs = Vec::new();
         for played in recordings {
-            let mounting = Mounting { recording: played.mounting.recording.clone(), ..mounting.clone() };
-            let counts = self.counts(&Played { mounting: &mounting, ..*played }, common_mode);
+            let mounting = Mounting { recording: played.on.mounting.recording.clone(), ..mounting.clone() };
+            let on = Occasion { mounting: &mounting, ..played.on };
+            let counts = self.counts(&Played { on, ..*played }, common_mode);
             let moments = played.recording.instants.iter().map(|instant| instant.moment_z_n_m);
             pairs.extend(moments.zip(counts));
         }
@@ -337,7 +343,7 @@ impl Chain for Hall {
                 mounting.sensor
             )
         })?;
-        let noise_sd_n_m = self.rest_sd_n_m(mounting, first.seed, dt_s, common_mode, &characteristic);
+        let noise_sd_n_m = self.rest_sd_n_m(mounting, first.on.seed, dt_s, common_mode, &characteristic);
         Ok(Some(SensorFile {
             name: mounting.sensor.clone(),
             array: mounting.array.clone(),
@@ -347,10 +353,10 @@ impl Chain for Hall {
         }))
     }
 
-    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
+    fn reader<'a>(&'a self, on: &Occasion<'a>, sensor: Option<&'a SensorFile>) -> anyhow::Result<Reader<'a>> {
         let sensor = sensor.context("a Hall sensor reads counts: it must be calibrated")?;
-        let counts = self.counts(played, sensor.common_mode);
-        Ok(counts.into_iter().map(|counts| sensor.characteristic.moment_n_m(counts)).collect())
+        let mut counts = self.counter(on, sensor.common_mode);
+        Ok(Box::new(move |instant| sensor.characteristic.moment_n_m(counts(instant))))
     }
 
     fn tables(&self) -> &'static [&'static str] {
