@@ -51,7 +51,7 @@ use crate::results::{
 use arrays::{Arrays, Mounted, Sighting};
 use contours::{trial_row, vertex_rows};
 use merge::{Merged, merge};
-use part_folder::{PartFolder, tidy};
+use part_folder::{PartFolder, restore, tidy};
 use shards::{Outcome, Shards, Yield};
 use tables::OverTime;
 use work::{Member, caught};
@@ -188,6 +188,7 @@ pub fn evaluate(
     progress: &ProgressBar,
 ) -> anyhow::Result<Evaluated> {
     let folder = target(settings)?;
+    restore(&folder)?;
     let bench = Bench::open(datasets, settings)?;
     let run = bench.run(settings)?;
     let (unscored, skipped) = (bench.unscored(), bench.skipped.clone());

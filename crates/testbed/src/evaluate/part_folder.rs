@@ -4,19 +4,22 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use trace::{is_temporary, write_atomically};
+use trace::is_temporary;
 
 use super::shards::Shards;
 
-/// The folder in which a run is built. It takes the place of the run's folder when it is whole; until then that stays as it was. What an
-/// interrupted evaluation left behind is gone on with where the inputs are the same, and cleared away where they are not.
+/// The folder in which a run is built, named after the hash of its inputs. It takes the place of the run's folder when it is whole; until then that stays as it
+/// was. What is finished in it is gone on with, whether an interrupted evaluation left it or another process is just doing it.
 pub(super) struct PartFolder<'a> {
     part: PathBuf,
     folder: &'a Path,
 }
 
-/// File with the hash of the inputs.
-const INPUTS: &str = "inputs_sha256";
+/// How the names of such folders end, after so many digits of the hash.
+const PART: &str = ".part";
+const DIGITS: usize = 16;
+/// What a run is called while another takes its place.
+const OLD: &str = "old";
 
 /// A hidden folder beside another.
 fn beside(folder: &Path, what: &str) -> PathBuf {
@@ -24,37 +27,13 @@ fn beside(folder: &Path, what: &str) -> PathBuf {
 }
 
 impl<'a> PartFolder<'a> {
-    /// The folder beside `folder` for a run from inputs with this hash.
+    /// The folder beside `folder` for a run from inputs with this hash. Several processes may open it at once: nothing is cleared away.
     ///
     /// # Errors
     /// If it cannot be made.
     pub(super) fn open(folder: &'a Path, inputs_sha256: &str) -> anyhow::Result<Self> {
-        let part = beside(folder, "part");
-        let old = beside(folder, "old");
-        let results = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        fs::create_dir_all(results).with_context(|| results.display().to_string())?;
-        // Several processes may do shares of one run: one after the other comes through here. The lock ends with the function.
-        #[cfg(unix)]
-        let _lock = locked(results).with_context(|| results.display().to_string())?;
-        if old.exists() && !folder.exists() {
-            // Killed between the two renames of `finish`: the old run is the one that counts.
-            fs::rename(&old, folder).with_context(|| old.display().to_string())?;
-        }
-        let clear = |left: &Path| fs::remove_dir_all(left).with_context(|| left.display().to_string());
-        if old.exists() {
-            clear(&old)?;
-        }
-        let inputs = part.join(INPUTS);
-        if fs::read(&inputs).ok().is_none_or(|known| known != inputs_sha256.as_bytes()) {
-            if inputs.exists() {
-                // First, so that what is left by somebody who is killed here counts for nothing.
-                fs::remove_file(&inputs).with_context(|| inputs.display().to_string())?;
-            }
-            if part.exists() {
-                clear(&part)?;
-            }
-            write_atomically(&inputs, inputs_sha256.as_bytes())?;
-        }
+        let part = beside(folder, &format!("{}{PART}", &inputs_sha256[..DIGITS]));
+        fs::create_dir_all(&part).with_context(|| part.display().to_string())?;
         Ok(Self { part, folder })
     }
 
@@ -70,14 +49,12 @@ impl<'a> PartFolder<'a> {
     pub(super) fn finish(self) -> anyhow::Result<()> {
         let context = || self.folder.display().to_string();
         clear_temporary(&self.part).with_context(context)?;
-        let old = beside(self.folder, "old");
         if self.folder.exists() {
+            let old = beside(self.folder, OLD);
+            remove(&old)?;
             fs::rename(self.folder, &old).with_context(context)?;
         }
         fs::rename(&self.part, self.folder).with_context(context)?;
-        if old.exists() {
-            fs::remove_dir_all(&old).with_context(context)?;
-        }
         tidy(self.folder)
     }
 
@@ -86,29 +63,51 @@ impl<'a> PartFolder<'a> {
     /// # Errors
     /// If that cannot be done.
     pub(super) fn discard(self) -> anyhow::Result<()> {
-        fs::remove_dir_all(&self.part).with_context(|| self.part.display().to_string())
+        remove(&self.part)
     }
 }
 
-/// Removes from a whole run what was kept for going on. That comes last, so that a program killed before loses nothing; the next one tidies up.
+/// Puts the old run back where a program was killed between the two renames of [`PartFolder::finish`]: it is the one that counts.
+///
+/// # Errors
+/// If it cannot be moved.
+pub(super) fn restore(folder: &Path) -> anyhow::Result<()> {
+    let old = beside(folder, OLD);
+    if old.exists() && !folder.exists() {
+        fs::rename(&old, folder).with_context(|| old.display().to_string())?;
+    }
+    Ok(())
+}
+
+/// Removes what was kept for going on from a whole run, and what others left beside it: the old run, and what was begun from other inputs or by processes that
+/// nobody waited for. That comes last, so that a program killed before loses nothing; the next one tidies up.
 ///
 /// # Errors
 /// If it cannot be removed.
 pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Shards::remove(folder)?;
-    let inputs = folder.join(INPUTS);
-    if inputs.exists() {
-        fs::remove_file(&inputs).with_context(|| inputs.display().to_string())?;
+    remove(&beside(folder, OLD))?;
+    let begins = format!("{}", beside(folder, "").file_name().unwrap_or_default().display());
+    let results = folder.parent().filter(|results| !results.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let context = || results.display().to_string();
+    for entry in fs::read_dir(results).with_context(context)? {
+        let entry = entry.with_context(context)?;
+        let name = entry.file_name().into_string().unwrap_or_default();
+        let hash = name.strip_prefix(&begins).and_then(|rest| rest.strip_suffix(PART));
+        if hash.is_some_and(|hash| hash.len() == DIGITS && hash.bytes().all(|digit| digit.is_ascii_hexdigit())) {
+            remove(&entry.path())?;
+        }
     }
     Ok(())
 }
 
-/// A folder that nobody else can lock as long as this is held.
-#[cfg(unix)]
-fn locked(folder: &Path) -> std::io::Result<fs::File> {
-    let folder = fs::File::open(folder)?;
-    folder.lock()?;
-    Ok(folder)
+/// Removes a folder: its shards first, so that what somebody leaves who is killed here does not pass for finished.
+fn remove(folder: &Path) -> anyhow::Result<()> {
+    Shards::remove(folder)?;
+    if folder.exists() {
+        fs::remove_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
+    Ok(())
 }
 
 /// Removes what processes that were killed had begun to write.
@@ -122,4 +121,50 @@ fn clear_temporary(folder: &Path) -> std::io::Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HASHES: [&str; 2] = ["0123456789abcdef01", "fedcba9876543210fe"];
+
+    #[test]
+    fn robust_a_folder_that_another_process_opens_too_keeps_what_is_finished() {
+        let results = tempfile::tempdir().unwrap();
+        let folder = results.path().join("run");
+        let part = PartFolder::open(&folder, HASHES[0]).unwrap();
+        fs::write(part.path().join("1"), "finished").unwrap();
+        let same = PartFolder::open(&folder, HASHES[0]).unwrap();
+        PartFolder::open(&folder, HASHES[1]).unwrap();
+        assert!(same.path().join("1").is_file());
+        same.finish().unwrap();
+        assert!(folder.join("1").is_file());
+        assert_eq!(fs::read_dir(results.path()).unwrap().count(), 1, "only the run stays");
+    }
+
+    #[test]
+    fn robust_what_belongs_to_another_run_is_not_tidied_away() {
+        let results = tempfile::tempdir().unwrap();
+        let others = [
+            ".run.b.0123456789abcdef.part",
+            ".run.0123.part",
+            ".run.0123456789abcdef.old",
+            "run.0123456789abcdef.part",
+        ];
+        others.iter().for_each(|other| fs::create_dir(results.path().join(other)).unwrap());
+        let folder = results.path().join("run");
+        PartFolder::open(&folder, HASHES[0]).unwrap().finish().unwrap();
+        assert!(others.iter().all(|other| results.path().join(other).is_dir()));
+    }
+
+    #[test]
+    fn robust_killed_while_a_run_takes_the_place_of_another() {
+        let results = tempfile::tempdir().unwrap();
+        let folder = results.path().join("run");
+        PartFolder::open(&folder, HASHES[0]).unwrap().finish().unwrap();
+        fs::rename(&folder, beside(&folder, OLD)).unwrap();
+        restore(&folder).unwrap();
+        assert!(folder.is_dir() && !beside(&folder, OLD).exists());
+    }
 }
