@@ -358,6 +358,7 @@ impl CalibrationFile {
             heldout_worst_n_m: model.heldout_worst_n_m,
             largest_reading_n_m: face.largest_reading_n_m,
             pin_radius_m: face.pin_radius_m,
+            turn: Default::default(),
         })
     }
 }

@@ -15,7 +15,7 @@ use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_b
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
 use crate::entrant::Program;
-use crate::evaluate::{EvaluateSettings, Skipped, Starts, evaluate};
+use crate::evaluate::{EvaluateSettings, Share, Skipped, Starts, evaluate, evaluate_share};
 use crate::front_end::FrontEnd;
 use crate::map::MapConfig;
 use crate::metrics::{bound, consistency, error};
@@ -70,6 +70,10 @@ pub(super) struct Arguments {
     /// Folder under which the run's folder is made
     #[arg(long, default_value = "results")]
     results: PathBuf,
+    /// Do only one of several equal shares of the work, given as number/shares, at the same time as other processes do the others, on this machine or on others with
+    /// the same file system; the command without it then puts the run together
+    #[arg(long, value_name = "K/N")]
+    share: Option<Share>,
     /// Threads [default: one a core]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -113,6 +117,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .build()
         .context("cannot start threads")?;
     let progress = progress_bar("evaluating");
+    if let Some(share) = arguments.share {
+        threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
+        progress.finish_and_clear();
+        print(&format!("share {share} is done\n"))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
     progress.finish_and_clear();
     let state = if evaluated.is_new { "" } else { " (up to date)" };

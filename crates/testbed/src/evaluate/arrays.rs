@@ -49,10 +49,10 @@ impl Arrays {
     pub(super) fn trials(
         &mut self,
         folder: &Path,
-        trace: Trace,
+        trace: &Trace,
         encoders: &[Encoders],
-    ) -> anyhow::Result<Vec<(Trace, Option<Mounted>)>> {
-        let Some(name) = &trace.sidecar.recording else { return Ok(vec![(trace, None)]) };
+    ) -> anyhow::Result<Vec<(Sidecar, Option<Mounted>)>> {
+        let Some(name) = &trace.sidecar.recording else { return Ok(vec![(trace.sidecar.clone(), None)]) };
         let path = folder.join(format!("{name}.json"));
         let array = match self.0.get(&path) {
             Some(array) => array.clone(),
@@ -62,21 +62,20 @@ impl Arrays {
                 array
             }
         };
-        let whisker = array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), &trace)?;
+        let whisker = array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), trace)?;
         let mount = &array.sidecar.whiskers[whisker].mount;
-        let sidecar = Arc::new(trace.sidecar.clone());
+        let recorded = Arc::new(trace.sidecar.clone());
         let perfect = [Encoders::default()];
         let encoders = if encoders.is_empty() { &perfect } else { encoders };
         let under = |encoders: &Encoders| {
-            let mut trace = trace.clone();
-            trace.sidecar.name = under(&trace.sidecar.name, encoders);
+            let mut sidecar = trace.sidecar.clone();
+            sidecar.name = under(&sidecar.name, encoders);
             if !encoders.are_perfect() {
-                trace.sidecar.group =
-                    format!("{}, encoders {}", trace.sidecar.group, encoders.label().replace('_', " "));
+                sidecar.group = format!("{}, encoders {}", sidecar.group, encoders.label().replace('_', " "));
             }
-            let (array, sidecar, encoders) = (array.clone(), sidecar.clone(), *encoders);
+            let (array, recorded, encoders) = (array.clone(), recorded.clone(), *encoders);
             let base_noise = encoders.base_noise(&array, mount);
-            (trace, Some(Mounted { array, whisker, sidecar, encoders, base_noise }))
+            (sidecar, Some(Mounted { array, whisker, sidecar: recorded, encoders, base_noise }))
         };
         Ok(encoders.iter().map(under).collect())
     }
@@ -97,6 +96,11 @@ fn under(name: &str, encoders: &Encoders) -> String {
 }
 
 impl Mounted {
+    /// Place of the whisker in the recording.
+    pub(super) fn whisker(&self) -> usize {
+        self.whisker
+    }
+
     /// Name of the recording, as it is replayed.
     pub(super) fn recording(&self) -> String {
         under(&self.array.sidecar.name, &self.encoders)
@@ -142,21 +146,21 @@ impl Mounted {
 
 /// The recordings of a batch, as `run.json` has them.
 pub(super) fn recordings<'a>(
-    trials: impl Iterator<Item = (&'a Trace, &'a Mounted)>,
+    trials: impl Iterator<Item = (&'a Sidecar, &'a Mounted)>,
     config: MapConfig,
 ) -> Vec<RunRecording> {
     let mut recordings: Vec<RunRecording> = Vec::new();
-    for (trace, mounted) in trials {
+    for (of_trace, mounted) in trials {
         let name = mounted.recording();
         let sidecar = &mounted.array.sidecar;
         let whisker = &sidecar.whiskers[mounted.whisker];
         let (of_whisker, array) = (whisker.name.clone(), whisker.array.clone());
-        let entry = RunMounted { name: of_whisker, array, trace: trace.sidecar.name.clone() };
+        let entry = RunMounted { name: of_whisker, array, trace: of_trace.name.clone() };
         match recordings.iter_mut().find(|recording| recording.name == name) {
             Some(recording) => recording.whiskers.push(entry),
             None => recordings.push(RunRecording {
                 name,
-                group: trace.sidecar.group.clone(),
+                group: of_trace.group.clone(),
                 encoders: mounted.encoders,
                 map: config,
                 objects: sidecar.objects.iter().map(|object| object.name.clone()).collect(),
@@ -190,20 +194,20 @@ pub(super) fn files(recordings: &[RunRecording], estimators: &[String]) -> Vec<S
 /// Tables of each map.
 const TABLES: [&str; 3] = ["points", "outlines", "grid"];
 
-/// Makes the maps of all recordings, judges them, and writes them into the folder of a run.
+/// What is recorded of maps.
+pub(super) type MapRows = (Vec<MapRow>, Vec<MapObjectRow>);
+
+/// Makes the maps of what the whiskers of a recording saw, one a noise level, seed and estimator, and judges them by what they truly did. Those of the first noise level and seed are written into
+/// the folder of a run.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub(super) fn write_maps<'a>(
+pub(super) fn maps(
     folder: &Path,
     sightings: &[Sighting],
-    trials: impl Iterator<Item = (&'a Trace, &'a Mounted)>,
+    truths: &Truths,
     settings: &EvaluateSettings,
-) -> anyhow::Result<()> {
-    let mut truths: BTreeMap<String, Truths> = BTreeMap::new();
-    for (trace, mounted) in trials {
-        truths.entry(mounted.recording()).or_default().insert(mounted.whisker, &trace.truth);
-    }
+) -> anyhow::Result<MapRows> {
     let mut scenes: Vec<Vec<&Sighting>> = Vec::new();
     let mut places = BTreeMap::new();
     for sighting in sightings {
@@ -223,14 +227,12 @@ pub(super) fn write_maps<'a>(
             if first.noise == settings.noise[0] && first.seed == settings.seeds[0] {
                 write_map(folder, first, &map, &views)?;
             }
-            let judged = judged(&map, &views, &truths[&first.mounted.recording()], &first.mounted.array);
+            let judged = judged(&map, &views, truths, &first.mounted.array);
             Ok((map_row(first, &map, &views, &judged), object_rows(first, &map, &judged)))
         })
         .collect::<anyhow::Result<_>>()?;
     let (maps, objects): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-    write_atomically(&folder.join("maps.csv"), &csv_bytes(&maps)?)?;
-    write_atomically(&folder.join("map_objects.csv"), &csv_bytes(&objects.concat())?)?;
-    Ok(())
+    Ok((maps, objects.concat()))
 }
 
 fn write_map(folder: &Path, first: &Sighting, map: &SceneMap, views: &[&View]) -> anyhow::Result<()> {

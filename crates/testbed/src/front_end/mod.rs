@@ -15,7 +15,7 @@ use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 use trace::{
-    ArraySidecar, CalibrationFile, Digest, FrontEndFile, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
+    ArraySidecar, CalibrationFile, Digest, FrontEndFile, Instant, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
 };
 
 use crate::settings::merged;
@@ -54,6 +54,9 @@ pub const FRONT_ENDS: &[FrontEndRow] = &[
     },
 ];
 
+/// Gives the reading in N m of each instant, in the order of time.
+pub type Reader = Box<dyn FnMut(&Instant) -> f64>;
+
 /// What a front end does to the moments of a recording. One that reads them as they are has no sensor; others read counts, and what
 /// calibrating their sensor teaches turns those back into moments.
 pub trait Chain: Debug + Send + Sync {
@@ -75,6 +78,11 @@ pub trait Chain: Debug + Send + Sync {
     /// # Errors
     /// If it takes a calibration that is not there.
     fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>>;
+
+    /// The same instant by instant, with this noise in N m, for recordings that are too long to be held; nothing where a recording is read as a whole.
+    fn reader(&self, _noise_n_m: Box<dyn FnMut() -> f64>) -> Option<Reader> {
+        None
+    }
 
     /// Names of the tables for the report about a calibrated sensor.
     fn tables(&self) -> &'static [&'static str] {
@@ -215,6 +223,12 @@ impl FrontEnd {
         self.chain.readings_n_m(played)
     }
 
+    /// Reads a trace instant by instant, with the readings that [`Self::readings_n_m`] has of the whole; nothing where it must be read as a whole.
+    pub fn reader(&self, sidecar: &Sidecar, noise_sd_n_m: f64, seed: u64) -> Option<Reader> {
+        let mut standard = noise(sidecar, seed);
+        self.chain.reader(Box::new(move || noise_sd_n_m * standard()))
+    }
+
     /// Tables for the report about a sensor, by the names of their files.
     ///
     /// # Errors
@@ -333,9 +347,15 @@ impl<'a> Played<'a> {
 
     /// The noise to add to the moments, one an instant.
     fn noise_n_m(&self) -> impl Iterator<Item = f64> {
-        let mut rng = Pcg64::seed_from_u64(derived_seed(self.seed, &["front end", &self.sidecar.name]));
-        self.recording.instants.iter().map(move |_| self.noise_sd_n_m * rng.sample::<f64, _>(StandardNormal))
+        let mut standard = noise(self.sidecar, self.seed);
+        self.recording.instants.iter().map(move |_| self.noise_sd_n_m * standard())
     }
+}
+
+/// White noise of standard deviation one: that of a trace under a seed.
+fn noise(sidecar: &Sidecar, seed: u64) -> impl FnMut() -> f64 + use<> {
+    let mut rng = Pcg64::seed_from_u64(derived_seed(seed, &["front end", &sidecar.name]));
+    move || rng.sample(StandardNormal)
 }
 
 /// A seed that depends on the run's seed and on what it is for, and on nothing else: not on order or threads.

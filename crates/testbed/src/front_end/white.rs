@@ -3,7 +3,7 @@
 use anyhow::ensure;
 use serde_json::Value;
 
-use super::{Chain, Played};
+use super::{Chain, Played, Reader};
 
 pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
     let known = config.as_object().and_then(|settings| settings.keys().next());
@@ -23,5 +23,9 @@ impl Chain for White {
             .zip(played.noise_n_m())
             .map(|(instant, noise_n_m)| instant.moment_z_n_m + noise_n_m)
             .collect())
+    }
+
+    fn reader(&self, mut noise_n_m: Box<dyn FnMut() -> f64>) -> Option<Reader> {
+        Some(Box::new(move |instant| instant.moment_z_n_m + noise_n_m()))
     }
 }

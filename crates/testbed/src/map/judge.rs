@@ -7,7 +7,7 @@ use trace::{ArrayRecording, Outline, Truth, TruthInstant};
 use whisker::frames::{Point, World};
 
 use super::{FoundObject, SceneMap, Seen, View};
-use crate::contour::{Circle, Comparison, Contour, Vertex};
+use crate::contour::{Circle, Comparison, Contour, Touched, Vertex};
 use crate::statistics::{mean, quantile};
 
 /// A found object is merged of several where at least this share of its points was truly on another than most are.
@@ -114,7 +114,7 @@ fn judged_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> 
         object,
         mean_m: mean_of(&distances_m),
         p95_m: quantile(&distances_m, 0.95)?,
-        contour: Comparison::new(&found.contour, &outlines[object], &touched),
+        contour: Comparison::new(&found.contour, &outlines[object], &Touched::new(&outlines[object], touched)),
         radius_m: circle.map(|circle| circle.radius_m),
         center_error_m: found.circle.zip(circle).map(|(found, circle)| found.center.distance(&circle.center)),
     })

@@ -112,6 +112,7 @@ pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fi
             heldout_worst_n_m: flat().map(|r| r.abs()).fold(0.0, f64::max),
             largest_reading_n_m,
             pin_radius_m: material.pin_radius_m,
+            turn: Default::default(),
             domain,
         },
         samples: all.len(),

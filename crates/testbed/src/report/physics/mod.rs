@@ -9,7 +9,6 @@ mod disturbance;
 mod frequencies;
 mod page;
 mod panels;
-mod rig;
 mod ringing;
 mod speeds;
 mod steps;
@@ -100,11 +99,5 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         caption: "The same for the straight and the curved whisker with a tip that rubs, one degree off head-on, over the \
                   speed of the base. A curved wire gives way at once, and its force does not depend on the speed.",
         draw: disturbance::by_speed,
-    },
-    Figure {
-        name: "rig",
-        title: "The calibration rig",
-        caption: "How far the ruler's push turns the root of the printed whisker, and with it the magnet, over the distance at                   which it pushes: left, per millimetre; right, as a share of what a shaft that does not bend would turn.                   The rest of the push bends the shaft.",
-        draw: rig::draw,
     },
 ];

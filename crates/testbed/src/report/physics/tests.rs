@@ -65,7 +65,6 @@ fn write_study(folder: &Path) {
             ),
         ),
         ("frequencies", "segments,mode,beam_hz,error\n10,1,7.89,1e-3\n20,1,7.89,-2.5e-4\n".to_owned()),
-        ("rig", "distance_m,slope_rad_m,beam_rad_m,rigid_rad_m\n0.05,18,18.1,20\n0.1,6.5,6.6,10\n".to_owned()),
         ("ringing", RINGING.to_owned()),
         ("ringing_signal", format!("case,t_s,moment_n_m\n{}{}", waves("preset"), waves("undamped hinges"))),
         (

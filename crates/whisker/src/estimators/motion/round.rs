@@ -186,13 +186,13 @@ impl Wandering<'_> {
         // The inward normal turns against the tangent.
         let turning = (ahead * face.face.away_sign() * radius_m)
             * (vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose();
-        let of_contact = face.contact_jacobian(arc_m, away_m);
+        let (contact, of_contact) = face.contact_with_jacobian(arc_m, away_m);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let to_place = of_contact.try_inverse().unwrap_or_default();
         let bent = to_place * turning;
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
         Tangency {
-            middle_m: face.contact_at(arc_m, away_m).vector() + inward * radius_m,
+            middle_m: contact.vector() + inward * radius_m,
             inward,
             // Sherman and Morrison's formula: the second part is of rank one.
             inverse: to_place - bent * to_place / play,
@@ -219,6 +219,12 @@ impl Wandering<'_> {
         (place, before, after)
     }
 
+    /// The noise of a step that keeps so much of the sensor model's error.
+    fn noise_that_keeps(&self, kept: f64) -> Matrix4<f64> {
+        let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
+        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
+    }
+
     /// Way of the contact in Base by the base's motion. The noise of both measured poses between which that lies, which would make a way out of standing still,
     /// is taken out of its square.
     fn way_m(&self, x: &Vector4<f64>) -> f64 {
@@ -240,18 +246,22 @@ impl Process<4> for Wandering<'_> {
     }
 
     fn jacobian(&self, x: &Vector4<f64>) -> Matrix4<f64> {
-        let (_, before, after) = self.moved(x);
-        let turned = self.motion.rotation();
-        let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, self.kept(x)]);
-        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&(after.inverse * turned * before.by_place));
-        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&(after.inverse * (turned * before.inward - after.inward)));
-        jacobian
+        self.linearised(x).1
     }
 
     fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
+        self.noise_that_keeps(self.kept(x))
+    }
+
+    /// The move is solved for once.
+    fn linearised(&self, x: &Vector4<f64>) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>) {
+        let (place, before, after) = self.moved(x);
         let kept = self.kept(x);
-        let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
-        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
+        let turned = self.motion.rotation();
+        let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, kept]);
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&(after.inverse * turned * before.by_place));
+        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&(after.inverse * (turned * before.inward - after.inward)));
+        (vector![place[0], place[1], x[2], x[3] * kept], jacobian, self.noise_that_keeps(kept))
     }
 }
 
