@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use crate::cli::print;
-use crate::recordings::export_trace;
+use crate::ros::export_trace;
 
 /// Write a trace as a rosbag2 folder
 #[derive(clap::Args)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use crate::cli::print;
-use crate::recordings;
+use crate::ros;
 
 /// Turn a recording into the trace that it was made of, or the readings in it into a log for `whisker platform`
 #[derive(clap::Args)]
@@ -20,7 +20,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    for file in recordings::import(&arguments.recording, arguments.salvage, &arguments.out)? {
+    for file in ros::import(&arguments.recording, arguments.salvage, &arguments.out)? {
         print(&format!("{}\n", file.display()))?;
     }
     Ok(ExitCode::SUCCESS)

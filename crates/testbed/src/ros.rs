@@ -294,6 +294,7 @@ fn import_readings(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let mut table = String::from("t_s,x_counts,y_counts,z_counts\n");
     let mut first_ns = sidecar.map(|_| 0);
+    let mut last_ns = i64::MIN;
     for record in reader.records() {
         let record = match record {
             Ok(record) => record,
@@ -308,6 +309,10 @@ fn import_readings(
         }
         for field in record.decode::<MagneticFieldArray>()?.magnetic_field_array {
             let stamp_ns = field.header.stamp.nanoseconds();
+            if stamp_ns < last_ns {
+                bail!(record.wrong(format!("a stamp of {stamp_ns} ns"), format!("none before the last, {last_ns} ns")));
+            }
+            last_ns = stamp_ns;
             let t_s = (stamp_ns - *first_ns.get_or_insert(stamp_ns)) as f64 / 1e9;
             let axes = field.magnetic_field;
             let mut counts = [0_u16; 3];

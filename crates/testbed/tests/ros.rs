@@ -1,0 +1,92 @@
+//! Traces and logs as ROS 2 recordings and back.
+
+use std::fs;
+use std::path::Path;
+
+use bag::messages::{Header, MagneticField, MagneticFieldArray, Time, Vector3};
+use bag::{Publisher, Writer, topics};
+use testbed::ros::{export_trace, import};
+
+fn golden() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../datasets/golden"))
+}
+
+fn field(time_ns: u64, x: f64) -> MagneticField {
+    MagneticField {
+        header: Header { stamp: Time::from_nanoseconds(time_ns), frame_id: String::new() },
+        magnetic_field: Vector3 { x, y: 65535.0, z: 0.0 },
+        magnetic_field_covariance: [0.0; 9],
+    }
+}
+
+/// A recording as OpenWhisker makes them, with the wall clock's times.
+fn record(folder: &Path, fields: Vec<MagneticField>) {
+    let mut writer = Writer::create(folder).unwrap();
+    let readings = MagneticFieldArray { magnetic_field_array: fields };
+    writer.write(topics::MAGNETOMETER, 1_705_004_055_000_000_000, &readings).unwrap();
+    writer.finish().unwrap();
+}
+
+#[test]
+fn verif_traces_come_back_byte_for_byte() {
+    let home = tempfile::tempdir().unwrap();
+    for name in ["golden_circle", "golden_pin"] {
+        let folder = home.path().join(name);
+        export_trace(&golden().join(format!("{name}.csv")), None, &folder).unwrap();
+        let files = import(&folder, false, &home.path().join("back")).unwrap();
+        assert_eq!(files.len(), 3);
+        for file in files {
+            let original = golden().join(file.file_name().unwrap());
+            assert_eq!(fs::read(&file).unwrap(), fs::read(original).unwrap(), "{}", file.display());
+        }
+    }
+}
+
+#[test]
+fn verif_readings_of_others_become_a_log() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("theirs");
+    let begin_ns = 1_705_004_054_969_568_000;
+    record(&folder, vec![field(begin_ns, 0.0), field(begin_ns + 1_250_000, 7.0)]);
+    let files = import(&folder, false, home.path()).unwrap();
+    let table = "t_s,x_counts,y_counts,z_counts\n0.000000,0,65535,0\n0.001250,7,65535,0\n";
+    assert_eq!(fs::read_to_string(&files[1]).unwrap(), table);
+}
+
+#[test]
+fn robust_what_is_no_reading_is_an_error() {
+    let home = tempfile::tempdir().unwrap();
+    let cases = [
+        ("tesla", vec![field(0, 1e-4)], "found 0.0001, expected the counts of a sensor"),
+        ("beyond", vec![field(0, 65536.0)], "found 65536, expected the counts of a sensor"),
+        ("unknown", vec![field(0, f64::NAN)], "found NaN, expected the counts of a sensor"),
+        ("back", vec![field(5, 1.0), field(4, 1.0)], "found a stamp of 4 ns, expected none before"),
+        ("empty", vec![], "found neither a trace nor readings on /magnetometer_reading"),
+    ];
+    for (name, fields, words) in cases {
+        let folder = home.path().join(name);
+        record(&folder, fields);
+        let message = import(&folder, false, &home.path().join("log")).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    assert!(!home.path().join("log").exists());
+}
+
+#[test]
+fn robust_a_recording_that_was_cut_off_is_taken_only_if_asked() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("run");
+    let mut writer = Writer::create(&folder).unwrap();
+    for i in 0..8000 {
+        let readings = MagneticFieldArray { magnetic_field_array: vec![field(i * 1_250_000, i as f64)] };
+        writer.write(topics::MAGNETOMETER, i * 1_250_000, &readings).unwrap();
+    }
+    writer.finish().unwrap();
+    let file = folder.join("run_0.mcap");
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    let log = home.path().join("log");
+    assert!(import(&folder, false, &log).is_err());
+    let files = import(&folder, true, &log).unwrap();
+    assert!(fs::read_to_string(&files[1]).unwrap().lines().count() > 1000);
+}
