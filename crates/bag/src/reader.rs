@@ -86,7 +86,7 @@ impl Reader {
             match records.next() {
                 Some(Ok(record)) => {
                     number += 1;
-                    return Some(Ok(Record { number, ..record }));
+                    Some(Ok(Record { number, ..record }))
                 }
                 Some(Err(Broken { file, reason })) => {
                     over = true;
