@@ -2,7 +2,7 @@
 //!
 //! [`messages`] holds the standard messages that whiskers need, each with the text that ROS 2 defines it by. [`Writer`] records them into a
 //! rosbag2 folder, a `metadata.yaml` beside an MCAP file; [`Reader`] reads such folders, and bare MCAP files, whoever wrote them. [`Publisher`]
-//! is what a recording, a live feed and a node have in common: something that takes messages. [`topics`] names topics and frames.
+//! is what a recording and a node have in common: something that takes messages. [`topics`] names topics and frames.
 //!
 //! ```
 //! use bag::messages::{Header, MagneticField, Time, Vector3};
@@ -28,8 +28,6 @@
 
 mod cdr;
 mod error;
-#[cfg(feature = "foxglove")]
-mod feed;
 pub mod messages;
 mod metadata;
 mod reader;
@@ -37,13 +35,11 @@ pub mod topics;
 mod writer;
 
 pub use error::Error;
-#[cfg(feature = "foxglove")]
-pub use feed::Feed;
 pub use messages::Message;
 pub use reader::{Attachment, Reader, Record};
 pub use writer::Writer;
 
-/// Something that takes messages: a recording, a live feed, a node.
+/// Something that takes messages: a recording, a node.
 pub trait Publisher {
     /// Takes a message of a topic at a time in nanoseconds, since whatever epoch the caller counts from.
     ///
