@@ -1,0 +1,1 @@
+//! Recorded logs: samples, and what is known of their presses.
