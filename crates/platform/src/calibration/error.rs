@@ -14,27 +14,29 @@ pub enum Error {
         expected: String,
     },
     /// Recordings of one calibration have different rates.
-    #[error("recording {log}: found {found_hz:.1} samples a second, expected {expected_hz:.1} as in the others, to 5 %")]
+    #[error("{log}: found {found_hz:.1} samples a second, expected {expected_hz:.1} as in the others, to 5 %")]
     Rate {
-        /// Number of the recording, from 1.
-        log: usize,
+        /// The recording.
+        log: String,
         /// Its rate.
         found_hz: f64,
         /// Median rate of all.
         expected_hz: f64,
     },
     /// A recording is too short to tell its rate and its noise.
-    #[error("recording {log}: found {found} samples, expected at least {expected}")]
+    #[error("{log}: found {found} samples, expected at least {expected}")]
     Short {
-        /// Number of the recording, from 1.
-        log: usize,
+        /// The recording.
+        log: String,
         /// Samples in it.
         found: usize,
         /// Fewest that do.
         expected: usize,
     },
     /// Too few labelled presses for the regression.
-    #[error("regression `{regression}`: found {found} labelled presses that are left to fit, expected at least {expected}")]
+    #[error(
+        "regression `{regression}`: found {found} labelled presses that are left to fit, expected at least {expected}"
+    )]
     Few {
         /// Name of the regression.
         regression: &'static str,
@@ -54,7 +56,9 @@ pub enum Error {
         press: usize,
     },
     /// The regression uses what is not known at run time.
-    #[error("regression `{0}` uses the true distance, which is not known at run time: it can be cross-validated, never used")]
+    #[error(
+        "regression `{0}` uses the true distance, which is not known at run time: it can be cross-validated, never used"
+    )]
     Leaks(&'static str),
     /// The presses do not determine the regression.
     #[error("regression `{0}`: the presses do not determine it; their slopes or distances must differ")]

@@ -37,7 +37,8 @@ impl Chain {
     /// # Errors
     /// [`trace::Error::Value`] names what a file's chain cannot be.
     pub(super) fn check(&self, path: &Path) -> Result<(), trace::Error> {
-        let wrong = |key: &str, found: f64, expected: &str| trace::Error::value(path, format!("chain.{key}"), found, expected);
+        let wrong =
+            |key: &str, found: f64, expected: &str| trace::Error::value(path, format!("chain.{key}"), found, expected);
         let positive = [
             ("rate_hz", self.rate_hz),
             ("noise_counts_per_s", self.noise_counts_per_s),
@@ -125,9 +126,7 @@ impl Front {
     /// and half a sample for the difference.
     pub(super) fn delay_s(&self) -> f64 {
         // The group delay of a polynomial in 1/z is the mean of its exponents, weighted with its coefficients.
-        let delay = |polynomial: [f64; 3]| {
-            (polynomial[1] + 2.0 * polynomial[2]) / polynomial.iter().sum::<f64>()
-        };
+        let delay = |polynomial: [f64; 3]| (polynomial[1] + 2.0 * polynomial[2]) / polynomial.iter().sum::<f64>();
         let samples: f64 = self.filter.sections().iter().map(|s| delay(s.b) - delay([1.0, s.a[0], s.a[1]])).sum();
         (samples + 0.5) / self.rate_hz
     }

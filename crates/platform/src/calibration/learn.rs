@@ -55,7 +55,7 @@ impl Settings {
     }
 }
 
-/// Learns the chain from recordings, each with the samples between two ends of a file.
+/// Learns the chain from recordings, each with its name.
 ///
 /// The noise is that of the slope, as its median absolute value has it: the whisker rests, or is held still, most of the time. What moves more
 /// comes in bursts. Where the strengths of these fall into two heaps with a wide gap between them, the weaker ones are shakes, as of a stage that starts, and the
@@ -63,23 +63,30 @@ impl Settings {
 ///
 /// # Errors
 /// Where a setting is out of range, or the recordings are too short or differ in rate.
-pub fn learn(logs: &[&[Sample]], settings: &Settings) -> Result<Chain, Error> {
+///
+/// # Panics
+/// Where there are no recordings.
+pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, Error> {
     settings.validate()?;
     let rate_hz = common_rate_hz(logs)?;
     let mut moved = Vec::with_capacity(logs.len());
-    for log in logs {
+    for (_, log) in logs {
         let mut front = Front::new(settings.order, settings.cutoff_hz, rate_hz)?;
-        moved.push(log.iter().map(|sample| front.step(sample).axes.map(|axis| axis.slope_counts_per_s)).collect::<Vec<_>>());
+        moved.push(
+            log.iter().map(|sample| front.step(sample).axes.map(|axis| axis.slope_counts_per_s)).collect::<Vec<_>>(),
+        );
     }
     let steepness = [0, 1, 2].map(|axis| {
-        let of_log = |slopes: &Vec<[f64; 3]>| quantile(slopes.iter().map(|slope| slope[axis].abs()).collect(), STEEP_QUANTILE);
+        let of_log =
+            |slopes: &Vec<[f64; 3]>| quantile(slopes.iter().map(|slope| slope[axis].abs()).collect(), STEEP_QUANTILE);
         moved.iter().map(of_log).fold(0.0, f64::max)
     });
     let mut axes = [0, 1, 2];
     axes.sort_by(|&a, &b| steepness[b].total_cmp(&steepness[a]));
     let [main_axis, second_axis, _] = axes;
 
-    let slopes: Vec<Vec<f64>> = moved.iter().map(|log| log.iter().map(|slope| slope[main_axis].abs()).collect()).collect();
+    let slopes: Vec<Vec<f64>> =
+        moved.iter().map(|log| log.iter().map(|slope| slope[main_axis].abs()).collect()).collect();
     let measured = SD_OVER_MAD * quantile(slopes.iter().flatten().copied().collect(), 0.5);
     // A reading that rests on one count shows no noise; a step of one count makes a slope of at most about 2 pi times the edge.
     let noise_counts_per_s = measured.max(2.0 * std::f64::consts::PI * settings.cutoff_hz / settings.noise_sds);
@@ -99,21 +106,21 @@ pub fn learn(logs: &[&[Sample]], settings: &Settings) -> Result<Chain, Error> {
     })
 }
 
-fn common_rate_hz(logs: &[&[Sample]]) -> Result<f64, Error> {
+fn common_rate_hz(logs: &[(&str, &[Sample])]) -> Result<f64, Error> {
     const FEWEST: usize = 100;
-    if let Some(log) = logs.iter().position(|log| log.len() < FEWEST) {
-        return Err(Error::Short { log: log + 1, found: logs[log].len(), expected: FEWEST });
+    if let Some((name, log)) = logs.iter().find(|(_, log)| log.len() < FEWEST) {
+        return Err(Error::Short { log: (*name).into(), found: log.len(), expected: FEWEST });
     }
-    let rates: Vec<f64> = logs.iter().map(|log| rate_hz(log)).collect();
+    let rates: Vec<f64> = logs.iter().map(|(_, log)| rate_hz(log)).collect();
     let median = quantile(rates.clone(), 0.5);
     match rates.iter().position(|rate| !((rate / median - 1.0).abs() <= RATE_SHARE)) {
-        Some(log) => Err(Error::Rate { log: log + 1, found_hz: rates[log], expected_hz: median }),
+        Some(i) => Err(Error::Rate { log: logs[i].0.into(), found_hz: rates[i], expected_hz: median }),
         None => Ok(median),
     }
 }
 
 /// Samples a second of a recording, its gaps left out.
-pub(super) fn rate_hz(samples: &[Sample]) -> f64 {
+fn rate_hz(samples: &[Sample]) -> f64 {
     let steps = samples.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
     let (count, time_s) = steps
         .filter(|step_s| (0.0..=whisker::events::LONGEST_GAP_S).contains(step_s))

@@ -113,9 +113,8 @@ impl LeakingRegressor for Published {
 
 pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn LeakingRegressor>, Error> {
     let scale = presses.iter().map(|press| feature(press).abs()).fold(0.0, f64::max);
-    let rows = DMatrix::from_fn(presses.len(), DEGREE + 1, |i, power| {
-        (feature(&presses[i]) / scale).powi(power as i32)
-    });
+    let rows =
+        DMatrix::from_fn(presses.len(), DEGREE + 1, |i, power| (feature(&presses[i]) / scale).powi(power as i32));
     let distances_m = DVector::from_iterator(presses.len(), presses.iter().map(|press| press.distance_m));
     let equal = DVector::repeat(presses.len(), 1.0);
     let coefficients_m = solve(&rows, &distances_m, &equal).ok_or(Error::Undetermined(NAME))?;

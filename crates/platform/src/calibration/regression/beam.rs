@@ -58,7 +58,8 @@ impl Regressor for Beam {
 pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
     let reach_m = presses.iter().map(|press| press.distance_m).fold(0.0, f64::max);
     let nearest_m = presses.iter().map(|press| press.distance_m).fold(f64::INFINITY, f64::min);
-    let differ = presses.iter().any(|press| press.features.slope_counts_per_s != presses[0].features.slope_counts_per_s);
+    let differ =
+        presses.iter().any(|press| press.features.slope_counts_per_s != presses[0].features.slope_counts_per_s);
     if !differ || nearest_m >= reach_m {
         return Err(Error::Undetermined(NAME));
     }
@@ -81,10 +82,7 @@ pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error
 }
 
 /// Parameters near `start` with the least sum of squares, and that sum.
-fn levenberg_marquardt(
-    start: Vector3<f64>,
-    residuals: impl Fn(&Vector3<f64>) -> DVector<f64>,
-) -> (Vector3<f64>, f64) {
+fn levenberg_marquardt(start: Vector3<f64>, residuals: impl Fn(&Vector3<f64>) -> DVector<f64>) -> (Vector3<f64>, f64) {
     const STEP: f64 = 1e-5;
     let (mut parameters, mut damping) = (start, 1e-3);
     let mut current = residuals(&parameters);

@@ -6,8 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibration::least_squares::solve;
 use super::{Regressor, Scale, log_slope};
+use crate::calibration::least_squares::solve;
 use crate::calibration::{Error, Features, LabelledPress};
 
 const NAME: &str = "monotone";
@@ -68,8 +68,7 @@ fn non_negative(rows: &DMatrix<f64>, values: &DVector<f64>) -> Option<DVector<f6
     let equal = DVector::repeat(rows.nrows(), 1.0);
     for _ in 0..10 * columns {
         let descent = rows.transpose() * (values - rows * &coefficients);
-        let steepest =
-            (0..columns).filter(|i| !free.contains(i)).max_by(|&a, &b| descent[a].total_cmp(&descent[b]));
+        let steepest = (0..columns).filter(|i| !free.contains(i)).max_by(|&a, &b| descent[a].total_cmp(&descent[b]));
         let Some(next) = steepest.filter(|&i| descent[i] > tolerance) else { return Some(coefficients) };
         free.push(next);
         loop {
@@ -78,12 +77,8 @@ fn non_negative(rows: &DMatrix<f64>, values: &DVector<f64>) -> Option<DVector<f6
                 return (free.len() > 1).then_some(coefficients);
             };
             let reach = |(&i, &target): (&usize, &f64)| coefficients[i] / (coefficients[i] - target);
-            let shortest = free
-                .iter()
-                .zip(&best)
-                .filter(|(_, target)| **target <= 0.0)
-                .map(reach)
-                .min_by(f64::total_cmp);
+            let shortest =
+                free.iter().zip(&best).filter(|(_, target)| **target <= 0.0).map(reach).min_by(f64::total_cmp);
             let share = shortest.unwrap_or(1.0);
             for (&i, &target) in free.iter().zip(&best) {
                 coefficients[i] += share * (target - coefficients[i]);

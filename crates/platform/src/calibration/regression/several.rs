@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibration::least_squares::solve;
 use super::{Regressor, Scale, log_slope};
+use crate::calibration::least_squares::solve;
 use crate::calibration::{Error, Features, LabelledPress};
 
 const NAME: &str = "several";
