@@ -8,6 +8,7 @@ mod fit;
 mod front_end;
 mod import;
 mod list;
+mod platform;
 mod python;
 mod replay;
 mod report;
@@ -42,6 +43,7 @@ enum Command {
     Report(report::Arguments),
     Check(check::Arguments),
     List(list::Arguments),
+    Platform(platform::Arguments),
     Reproduce(reproduce::Arguments),
 }
 
@@ -59,6 +61,7 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Report(arguments) => report::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::List(arguments) => list::run(&arguments),
+        Command::Platform(arguments) => platform::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
     }
 }
