@@ -1,10 +1,10 @@
-//! What every magnetometer gives.
+//! A reading of the magnetometer.
 
-/// One reading of a 3-axis magnetometer with 16 bits per axis, which wrap around.
+/// A reading of the magnetometer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Time of the reading.
+    /// When it was taken, in seconds since the recording began.
     pub t_s: f64,
-    /// The axes x, y and z, in counts.
+    /// Counts of the three axes; they wrap around at 16 bits.
     pub counts: [u16; 3],
 }

@@ -65,7 +65,7 @@ fn write_log(folder: &Path, name: &str, distances_m: &[f64], seed: u64) -> PathB
         .iter()
         .map(|(start_s, end_s, d)| serde_json::json!({"start_s": start_s, "end_s": end_s, "distance_m": d}))
         .collect();
-    let sidecar = serde_json::json!({"format": 1, "kind": "magnetometer-log", "spans": spans});
+    let sidecar = serde_json::json!({"format": 1, "kind": "platform_log", "contacts": spans});
     fs::write(path.with_extension("json"), sidecar.to_string()).unwrap();
     path
 }

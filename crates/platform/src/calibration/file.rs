@@ -15,7 +15,7 @@ use super::regression::{Fit, REGRESSIONS, RegressionRow, Regressor, regression};
 use super::{Chain, Error, Features, LabelledPress};
 
 /// Kind of the file.
-pub const KIND: &str = "platform-calibration";
+pub const KIND: &str = "platform_calibration";
 
 /// A slope is near those of the calibration if its logarithm lies within their range, widened on both sides by this share of it.
 const MARGIN: f64 = 0.1;

@@ -13,7 +13,7 @@ use crate::Sample;
 use crate::calibration::regression::{Fit, RegressionRow};
 use crate::calibration::{Chain, Error, Features, LabelledPress, Presses, Settings, learn, published};
 
-const MANIFEST_KIND: &str = "magnetometer-logs";
+const MANIFEST_KIND: &str = "platform_logs";
 
 /// A log, and its distance where that is the same all through.
 #[derive(Clone, Debug, PartialEq)]
