@@ -1,7 +1,7 @@
 //! Presses: an edge moves against the whisker, stays, and lets go.
 //!
 //! A press begins where the main axis's slope exceeds the [`Chain`]'s threshold, which also tells its direction. It is known when the slope has
-//! fallen back, and it may be known better when the edge moves on. It ends with a slope in the other direction and a quiet while after it, in which a released whisker
+//! fallen back, and it may be known better when the edge moves on. It ends when the level has sunk to half its peak, and a quiet while after that, in which a released whisker
 //! has stopped ringing. A recording must begin with the whisker free; so must what follows a gap.
 
 use super::front::{Front, Motion, Moved};
@@ -10,6 +10,9 @@ use crate::Sample;
 
 /// The edge has stopped moving where the slope is below this share of the threshold; between the two nothing changes.
 const STILL_SHARE: f64 = 0.5;
+
+/// The edge has let go where the level has sunk to this share of its peak.
+const RETURNED_SHARE: f64 = 0.5;
 
 /// What is known of a press.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,7 +119,8 @@ impl Presses {
             press.t_s = t_s;
             return Some(Event::Pressed(*press));
         }
-        if slope < -threshold {
+        // Not by the slope alone: a low-pass swings back a little when the edge stops.
+        if slope < 0.0 && press.features.peak_counts.is_some_and(|peak| level < RETURNED_SHARE * peak) {
             self.phase = Phase::Released { quiet_samples: 0 };
             return Some(Event::Released(t_s));
         }
