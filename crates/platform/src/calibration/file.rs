@@ -134,7 +134,7 @@ impl Calibration {
             trace::Error::value(path, "regression", &file.regression, known.join(", "))
         })?;
         for (i, press) in file.presses.iter().enumerate() {
-            if !(press.features.slope_counts_per_s > 0.0) {
+            if press.features.slope_counts_per_s <= 0.0 {
                 let key = format!("presses.{i}.features.slope_counts_per_s");
                 return Err(trace::Error::value(path, key, press.features.slope_counts_per_s, "a number above zero"));
             }

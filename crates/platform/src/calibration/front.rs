@@ -45,7 +45,7 @@ impl Chain {
             ("threshold_counts_per_s", self.threshold_counts_per_s),
             ("quiet_s", self.quiet_s),
         ];
-        if let Some((key, found)) = positive.into_iter().find(|(_, value)| !(*value > 0.0)) {
+        if let Some((key, found)) = positive.into_iter().find(|(_, value)| *value <= 0.0) {
             return Err(wrong(key, found, "a number above zero"));
         }
         for (key, axis) in [("main_axis", self.main_axis), ("second_axis", self.second_axis)] {

@@ -113,7 +113,7 @@ fn common_rate_hz(logs: &[(&str, &[Sample])]) -> Result<f64, Error> {
     }
     let rates: Vec<f64> = logs.iter().map(|(_, log)| rate_hz(log)).collect();
     let median = quantile(rates.clone(), 0.5);
-    match rates.iter().position(|rate| !((rate / median - 1.0).abs() <= RATE_SHARE)) {
+    match rates.iter().position(|rate| !(1.0 - RATE_SHARE..=1.0 + RATE_SHARE).contains(&(rate / median))) {
         Some(i) => Err(Error::Rate { log: logs[i].0.into(), found_hz: rates[i], expected_hz: median }),
         None => Ok(median),
     }

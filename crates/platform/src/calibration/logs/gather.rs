@@ -76,7 +76,7 @@ impl Source {
         }
         let folder = path.parent().unwrap_or(Path::new(""));
         let source = |(i, log): (usize, ManifestLog)| match log.distance_m {
-            Some(distance_m) if !(distance_m > 0.0) => {
+            Some(distance_m) if distance_m <= 0.0 => {
                 Err(trace::Error::value(path, format!("logs.{i}.distance_m"), distance_m, "a distance above zero"))
             }
             distance_m => Ok(Self { path: folder.join(log.file), distance_m }),

@@ -16,6 +16,9 @@ pub use reader::LogReader;
 
 use crate::Sample;
 
+/// Reads the fields of a line.
+pub type Parse = fn(&[&str]) -> Result<Sample, (usize, &'static str)>;
+
 /// How the samples of a log are written, a line each.
 #[derive(Debug)]
 pub struct Layout {
@@ -28,7 +31,7 @@ pub struct Layout {
     /// Names of its columns.
     pub columns: &'static [&'static str],
     /// Reads a line's fields, as many as there are columns; the number of the field that is wrong, from 0, and what it should be.
-    pub parse: fn(&[&str]) -> Result<Sample, (usize, &'static str)>,
+    pub parse: Parse,
 }
 
 /// The registry of layouts. A log without a header has the first whose `parse` takes its first line.

@@ -25,13 +25,16 @@ pub trait LeakingRegressor: Debug + Send + Sync {
     fn distance_m(&self, press: &LabelledPress) -> f64;
 }
 
+/// Fits a regression to labelled presses.
+pub type Fitter<R> = fn(&[LabelledPress]) -> Result<Box<R>, Error>;
+
 /// How a regression is fitted, and to what.
 #[derive(Clone, Copy, Debug)]
 pub enum Fit {
     /// To features that exist at run time.
-    Live(fn(&[LabelledPress]) -> Result<Box<dyn Regressor>, Error>),
+    Live(Fitter<dyn Regressor>),
     /// To the truth as well, as was published: to be judged, never to be used.
-    Leaking(fn(&[LabelledPress]) -> Result<Box<dyn LeakingRegressor>, Error>),
+    Leaking(Fitter<dyn LeakingRegressor>),
 }
 
 /// A row of the registry of regressions.

@@ -40,7 +40,7 @@ impl LogArguments {
         if sources.is_empty() {
             bail!("no logs: name some, or --label MM=FILE");
         }
-        if !(self.table_rate_hz > 0.0) {
+        if !(f64::MIN_POSITIVE..=f64::MAX).contains(&self.table_rate_hz) {
             bail!("--table-rate-hz: found {}, expected a rate above zero", self.table_rate_hz);
         }
         let settings = Settings { cutoff_hz: self.cutoff_hz, ..Settings::default() };
