@@ -1,6 +1,7 @@
-"""SciPy's Butterworth band-pass filters, which the design in Rust is compared with.
+"""SciPy's Butterworth filters, which the design in Rust is compared with.
 
-`python sim/tests/test_butterworth.py` writes the two golden files anew; the crate `whisker` tests itself against them.
+`python sim/tests/test_butterworth.py` writes the three golden files anew; the crates `whisker` and
+`platform` test themselves against them.
 """
 
 import csv
@@ -13,6 +14,7 @@ from scipy import signal
 GOLDEN = Path(__file__).resolve().parents[2] / "datasets" / "golden"
 SECTIONS = GOLDEN / "butterworth_sections.csv"
 FILTERED = GOLDEN / "butterworth_filtered.csv"
+LOW_PASS = GOLDEN / "butterworth_low_pass.csv"
 
 DESIGNS = {
     "published": (3, 4.0, 16.0, 250.0),
@@ -22,6 +24,14 @@ DESIGNS = {
     "even_order": (4, 20.0, 60.0, 1000.0),
 }
 """Order of the prototype, edges of the band and sampling rate, both in Hz."""
+
+LOW_PASS_DESIGNS = {
+    "published": (2, 5.0, 888.0),
+    "published_live": (2, 2.0, 888.0),
+    "odd": (3, 30.0, 800.0),
+    "high_order": (6, 40.0, 800.0),
+}
+"""Order, edge and sampling rate, both in Hz."""
 
 
 def sections(design):
@@ -36,6 +46,24 @@ def filtered():
     return {"input": values} | {design: signal.sosfilt(sections(design), values) for design in DESIGNS}
 
 
+def low_passed():
+    """The same input, and for each low-pass what it makes of it, as it comes and with zero phase (forwards and backwards)."""
+    values = filtered()["input"]
+    columns = {"input": values}
+    for design, (order, edge_hz, rate_hz) in LOW_PASS_DESIGNS.items():
+        low_pass = signal.butter(order, edge_hz, fs=rate_hz, output="sos")
+        columns[design] = signal.sosfilt(low_pass, values)
+        columns[f"{design}_zero_phase"] = signal.sosfiltfilt(low_pass, values)
+    return columns
+
+
+def write_columns(path, columns):
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
 def write():
     """Writes the golden files."""
     with SECTIONS.open("w", newline="") as file:
@@ -43,11 +71,8 @@ def write():
         rows.writerow(["design", "order", "low_hz", "high_hz", "rate_hz", "b0", "b1", "b2", "a1", "a2"])
         for design, parameters in DESIGNS.items():
             rows.writerows([design, *parameters, *section[:3], *section[4:]] for section in sections(design).tolist())
-    with FILTERED.open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        columns = filtered()
-        rows.writerow(columns)
-        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    write_columns(FILTERED, filtered())
+    write_columns(LOW_PASS, low_passed())
 
 
 @pytest.mark.parametrize("design", DESIGNS)
@@ -61,6 +86,14 @@ def test_regress_golden_filters(design):
     with FILTERED.open(newline="") as file:
         kept = [float(row[design]) for row in csv.DictReader(file)]
     np.testing.assert_allclose(kept, filtered()[design], rtol=0.0, atol=1e-13)
+
+
+def test_regress_golden_low_passes():
+    """As above."""
+    with LOW_PASS.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for column, expected in low_passed().items():
+        np.testing.assert_allclose([float(row[column]) for row in rows], expected, rtol=0.0, atol=1e-13)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,11 @@
 //!
 //! [`sensor`] reads the magnetometer, [`printer`] drives the printer, [`routine`] is the way that the ruler goes, and [`session`] puts
 //! them together and feeds what records. [`emulate`] offers the same two devices on pseudo-terminals, for those who have neither.
+//! [`calibration`] learns the radial distance of the contact from what was recorded, and tells it while samples stream in.
 //!
 //! After the OpenWhisker platform ("3D Printer Based Open Source Calibration Platform for Whisker Sensors", TAROS 2024).
 
+pub mod calibration;
 #[cfg(unix)]
 pub mod emulate;
 mod error;

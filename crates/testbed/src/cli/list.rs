@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use platform::calibration::logs::LAYOUTS;
+use platform::calibration::regression::REGRESSIONS;
 use platform::sensor::FORMATS;
 use serde_json::{Value, json};
 use trace::IMPORTERS;
@@ -32,6 +34,10 @@ pub(super) fn run(_: &Arguments) -> anyhow::Result<ExitCode> {
     let front_ends = FRONT_ENDS.iter().map(|row| with_defaults(row.name, row.about, (row.defaults)()));
     sections.push(("front ends", front_ends.collect()));
     sections.push(("importers", IMPORTERS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about)).collect()));
+    let regressions = REGRESSIONS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about));
+    sections.push(("regressions of the platform", regressions.collect()));
+    let layouts = LAYOUTS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about));
+    sections.push(("layouts of the platform's logs", layouts.collect()));
     let magnetometers = FORMATS.iter().map(|row| format!("  {:<28} {}\n", row.name, row.about));
     sections.push(("magnetometers of the platform", magnetometers.collect()));
     let metric = |row: &Metric| format!("  {:<28} {} ({} over trials)\n", row.name, row.about, row.summary.name());

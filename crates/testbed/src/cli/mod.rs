@@ -44,9 +44,9 @@ enum Command {
     Report(report::Arguments),
     Check(check::Arguments),
     List(list::Arguments),
-    Reproduce(reproduce::Arguments),
     Platform(platform::Arguments),
     Bag(bag::Arguments),
+    Reproduce(reproduce::Arguments),
 }
 
 /// Runs the command that the program's arguments name.
@@ -63,9 +63,9 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Report(arguments) => report::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::List(arguments) => list::run(&arguments),
-        Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Platform(arguments) => platform::run(&arguments),
         Command::Bag(arguments) => bag::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
     }
 }
 

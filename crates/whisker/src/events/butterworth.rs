@@ -1,10 +1,9 @@
-//! Butterworth band-pass filters of any order, as second-order sections.
+//! Butterworth low-pass and band-pass filters of any order, as second-order sections.
 //!
-//! The design goes from the analogue low-pass prototype, whose poles lie evenly on the left half of the unit circle, over the band-pass with
-//! pre-warped edges to the digital filter by the bilinear transform (Oppenheim and Schafer, *Discrete-Time Signal Processing*, 2010,
-//! chapter 7). Poles and zeros are put into sections as SciPy's `zpk2sos` puts them: the poles nearest to the unit circle get the zeros nearest to
+//! The design goes from the analogue low-pass prototype, whose poles lie evenly on the left half of the unit circle, to the digital filter with
+//! pre-warped edges by the bilinear transform (Oppenheim and Schafer, *Discrete-Time Signal Processing*, 2010, chapter 7). Poles and zeros are put into sections as SciPy's `zpk2sos` puts them: the poles nearest to the unit circle get the zeros nearest to
 //! them and come last, which keeps the values between the sections small; so the sections can be compared one by one with
-//! `scipy.signal.butter(order, [low, high], "bandpass", output="sos")`.
+//! `scipy.signal.butter(order, [low, high], "bandpass", output="sos")` and with its `"lowpass"`.
 
 use std::f64::consts::PI;
 
@@ -17,11 +16,40 @@ const REAL: f64 = 100.0 * f64::EPSILON;
 
 /// The band does not fit the sampling rate.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("band of {low_hz} to {high_hz} Hz: expected 0 < low < high < {}, half the sampling rate", 0.5 * .rate_hz)]
+#[error("band of {low_hz} to {high_hz} Hz: expected its edges in order above 0 and below {}, half the sampling rate", 0.5 * .rate_hz)]
 pub struct NoSuchBand {
     low_hz: f64,
     high_hz: f64,
     rate_hz: f64,
+}
+
+/// The low-pass of `order` whose power is halved at `edge_hz`: half as many sections, rounded up.
+///
+/// # Errors
+/// [`NoSuchBand`] where the edge is not between zero and half the sampling rate.
+pub fn low_pass(order: usize, edge_hz: f64, rate_hz: f64) -> Result<Vec<Section>, NoSuchBand> {
+    if !(0.0 < edge_hz && 2.0 * edge_hz < rate_hz) {
+        return Err(NoSuchBand { low_hz: 0.0, high_hz: edge_hz, rate_hz });
+    }
+    // Time is counted as in `band_pass`. Every zero lies at infinity, and so at minus one in z.
+    let edge = 4.0 * (PI * edge_hz / rate_hz).tan();
+    let digital = |s: Complex<f64>| (s + 4.0) / (-s + 4.0);
+    // The angle from the negative real axis grows, and so does the ringing: the poles nearest to the unit circle come last.
+    let first_angle = if order.is_multiple_of(2) { 0.5 } else { 0.0 };
+    let sections = (0..order.div_ceil(2)).map(|index| {
+        let angle = (index as f64 + first_angle) * PI / order as f64;
+        let pole = digital(-Complex::from_polar(edge, angle));
+        let (mut b, a) = if angle == 0.0 {
+            ([1.0, 1.0, 0.0], [-pole.re, 0.0])
+        } else {
+            ([1.0, 2.0, 1.0], [-2.0 * pole.re, pole.norm_sqr()])
+        };
+        // Each section passes a constant as it is.
+        let gain = (1.0 + a.iter().sum::<f64>()) / b.iter().sum::<f64>();
+        b = b.map(|coefficient| gain * coefficient);
+        Section { b, a }
+    });
+    Ok(sections.collect())
 }
 
 /// The band-pass between two frequencies that a low-pass prototype of `order` turns into: `order` sections, hence a filter of twice that order.
@@ -102,6 +130,22 @@ mod tests {
                 assert!((2.0 * sum / rows as f64 - power).abs() < 1e-3, "order {order}, {frequency_hz} Hz");
             }
         }
+    }
+
+    #[test]
+    fn verif_a_low_pass_halves_the_power_at_its_edge_and_keeps_a_constant() {
+        for order in 1..=5 {
+            let sections = low_pass(order, 5.0, 888.0).unwrap();
+            let z = Complex::from_polar(1.0, -2.0 * PI * 5.0 / 888.0);
+            let response = sections.iter().fold(Complex::new(1.0, 0.0), |product, Section { b, a }| {
+                product * (z * z * b[2] + z * b[1] + b[0]) / (z * z * a[1] + z * a[0] + 1.0)
+            });
+            assert!((response.norm_sqr() - 0.5).abs() < 1e-9, "order {order}");
+            let mut filter = Cascade::new(sections);
+            let last = (0..10_000).map(|_| filter.step(3.0)).last().unwrap();
+            assert!((last - 3.0).abs() < 1e-9, "order {order}");
+        }
+        assert!([0.0, 444.0, f64::NAN].iter().all(|&edge_hz| low_pass(2, edge_hz, 888.0).is_err()));
     }
 
     #[test]

@@ -29,7 +29,7 @@ use crate::Whisker;
 use crate::estimators::SettingsError;
 use crate::sensor::Face;
 
-pub use butterworth::{NoSuchBand, band_pass};
+pub use butterworth::{NoSuchBand, band_pass, low_pass};
 pub use cascade::{Cascade, Section};
 pub use swing::Swing;
 

@@ -1,8 +1,12 @@
-//! `whisker platform`: the calibration platform, one file a command.
+//! `whisker platform`: the calibration platform, one file a subcommand.
 
+mod cross_validate;
 #[cfg(unix)]
 mod emulate;
+mod fit;
+mod infer;
 mod list;
+mod logs;
 mod run;
 
 use std::process::ExitCode;
@@ -27,6 +31,9 @@ enum Command {
     #[cfg(unix)]
     Emulate(emulate::Arguments),
     List(list::Arguments),
+    Fit(fit::Arguments),
+    CrossValidate(cross_validate::Arguments),
+    Infer(infer::Arguments),
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -35,6 +42,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         #[cfg(unix)]
         Command::Emulate(arguments) => emulate::run(arguments),
         Command::List(arguments) => list::run(arguments),
+        Command::Fit(arguments) => fit::run(arguments),
+        Command::CrossValidate(arguments) => cross_validate::run(arguments),
+        Command::Infer(arguments) => infer::run(arguments),
     }
 }
 

@@ -1,0 +1,152 @@
+//! Cross-validation: each press is estimated by a regression that has not seen it.
+
+use serde::{Deserialize, Serialize};
+
+use super::learn::{SD_OVER_MAD, quantile};
+use super::regression::{Fit, RegressionRow};
+use super::{Error, LabelledPress, Scores};
+
+/// A press whose error has a larger score is suspected to be mislabelled (Iglewicz and Hoaglin, *How to Detect and Handle Outliers*, 1993).
+pub const LARGEST_SCORE: f64 = 3.5;
+
+/// A press as a regression sees it that was fitted without it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOut {
+    /// What the regression says.
+    pub estimated_m: f64,
+    /// Less what the label says.
+    pub error_m: f64,
+    /// Size of the error in standard deviations, robustly estimated from the median error.
+    pub score: f64,
+}
+
+impl HeldOut {
+    /// Whether the label, or the press, is to be looked at again.
+    pub fn is_suspicious(&self) -> bool {
+        self.score > LARGEST_SCORE
+    }
+}
+
+/// How well a regression does on presses that it was not fitted to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CrossValidation {
+    /// Every press, in the order given.
+    pub held_out: Vec<HeldOut>,
+}
+
+impl CrossValidation {
+    pub(super) fn of(presses: &[LabelledPress], estimated_m: &[f64]) -> Self {
+        let errors_m: Vec<f64> =
+            presses.iter().zip(estimated_m).map(|(press, estimated_m)| estimated_m - press.distance_m).collect();
+        let scatter_m = SD_OVER_MAD * quantile(errors_m.iter().map(|error| error.abs()).collect(), 0.5);
+        let held_out = |(&estimated_m, &error_m): (&f64, &f64)| {
+            let score = if error_m == 0.0 { 0.0 } else { error_m.abs() / scatter_m };
+            HeldOut { estimated_m, error_m, score }
+        };
+        Self { held_out: estimated_m.iter().zip(&errors_m).map(held_out).collect() }
+    }
+
+    /// Root mean square of the errors of the presses that are among `which`.
+    pub fn rmse_m(&self, which: impl Fn(usize) -> bool) -> Option<f64> {
+        let squares: Vec<f64> = self.errors(which).map(|error| error * error).collect();
+        (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+    }
+
+    /// Median of the errors' sizes, over the presses that are among `which`.
+    pub fn median_m(&self, which: impl Fn(usize) -> bool) -> Option<f64> {
+        let mut sizes: Vec<f64> = self.errors(which).map(f64::abs).collect();
+        sizes.sort_by(f64::total_cmp);
+        let count = sizes.len();
+        (count > 0).then(|| 0.5 * (sizes[(count - 1) / 2] + sizes[count / 2]))
+    }
+
+    /// Largest of the errors' sizes, over the presses that are among `which`.
+    pub fn worst_m(&self, which: impl Fn(usize) -> bool) -> Option<f64> {
+        self.errors(which).map(f64::abs).max_by(f64::total_cmp)
+    }
+
+    /// The scores over all presses.
+    pub fn scores(&self) -> Scores {
+        let suspicious = self.held_out.iter().enumerate().filter(|(_, held_out)| held_out.is_suspicious());
+        Scores {
+            rmse_m: self.rmse_m(|_| true).unwrap_or(f64::NAN),
+            median_m: self.median_m(|_| true).unwrap_or(f64::NAN),
+            worst_m: self.worst_m(|_| true).unwrap_or(f64::NAN),
+            suspicious: suspicious.map(|(i, _)| i + 1).collect(),
+        }
+    }
+
+    fn errors(&self, which: impl Fn(usize) -> bool) -> impl Iterator<Item = f64> {
+        self.held_out.iter().enumerate().filter(move |(i, _)| which(*i)).map(|(_, held_out)| held_out.error_m)
+    }
+}
+
+/// What is held out at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HoldOut {
+    /// One press.
+    Press,
+    /// All presses of one recording.
+    Log,
+}
+
+impl HoldOut {
+    /// For each press the number of its group; the groups count from zero.
+    pub fn groups(self, presses: &[LabelledPress]) -> Vec<usize> {
+        let mut logs: Vec<&str> = Vec::new();
+        let group = |(i, press)| match self {
+            Self::Press => i,
+            Self::Log => number_of(&mut logs, press),
+        };
+        presses.iter().enumerate().map(group).collect()
+    }
+}
+
+fn number_of<'a>(logs: &mut Vec<&'a str>, press: &'a LabelledPress) -> usize {
+    logs.iter().position(|log| *log == press.log).unwrap_or_else(|| {
+        logs.push(&press.log);
+        logs.len() - 1
+    })
+}
+
+/// Fits a regression once for each group of presses, without that group.
+pub(super) fn fits_without_each<R>(
+    row: &RegressionRow,
+    fit: impl Fn(&[LabelledPress]) -> Result<R, Error>,
+    presses: &[LabelledPress],
+    groups: &[usize],
+) -> Result<Vec<R>, Error> {
+    let without = |group| {
+        let rest = presses.iter().zip(groups).filter(|(_, other)| **other != group);
+        let rest: Vec<LabelledPress> = rest.map(|(press, _)| press.clone()).collect();
+        row.enough(&rest)?;
+        fit(&rest)
+    };
+    (0..groups.iter().max().map_or(0, |last| last + 1)).map(without).collect()
+}
+
+/// Asks for each press a regression that was fitted without its group. The one that leaks gets the truth that it wants: it is to be judged.
+///
+/// # Errors
+/// Where there are too few presses, a feature is missing, or what is left does not determine the regression.
+pub fn cross_validate(
+    row: &RegressionRow,
+    presses: &[LabelledPress],
+    hold_out: HoldOut,
+) -> Result<CrossValidation, Error> {
+    row.enough(presses)?;
+    let groups = hold_out.groups(presses);
+    let pairs = presses.iter().zip(&groups);
+    let estimated_m: Vec<f64> = match row.fit {
+        Fit::Live(fit) => {
+            let fits = fits_without_each(row, fit, presses, &groups)?;
+            pairs.map(|(press, &group)| fits[group].distance_m(&press.features)).collect()
+        }
+        Fit::Leaking(fit) => {
+            let fits = fits_without_each(row, fit, presses, &groups)?;
+            pairs.map(|(press, &group)| fits[group].distance_m(press)).collect()
+        }
+    };
+    Ok(CrossValidation::of(presses, &estimated_m))
+}

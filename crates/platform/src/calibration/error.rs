@@ -1,0 +1,66 @@
+//! What keeps a calibration from being made or used.
+
+/// Why there is no calibration, or none that fits.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A setting is out of range.
+    #[error("{key}: found {found}, expected {expected}")]
+    Setting {
+        /// The setting.
+        key: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: String,
+    },
+    /// Recordings of one calibration have different rates.
+    #[error("{log}: found {found_hz:.1} samples a second, expected {expected_hz:.1} as in the others, to 5 %")]
+    Rate {
+        /// The recording.
+        log: String,
+        /// Its rate.
+        found_hz: f64,
+        /// Median rate of all.
+        expected_hz: f64,
+    },
+    /// A recording is too short to tell its rate and its noise.
+    #[error("{log}: found {found} samples, expected at least {expected}")]
+    Short {
+        /// The recording.
+        log: String,
+        /// Samples in it.
+        found: usize,
+        /// Fewest that do.
+        expected: usize,
+    },
+    /// Too few labelled presses for the regression.
+    #[error(
+        "regression `{regression}`: found {found} labelled presses that are left to fit, expected at least {expected}"
+    )]
+    Few {
+        /// Name of the regression.
+        regression: &'static str,
+        /// Labelled presses.
+        found: usize,
+        /// Fewest that do.
+        expected: usize,
+    },
+    /// The regression uses a feature that a press does not have.
+    #[error("regression `{regression}`: press {press} has no {feature}")]
+    Feature {
+        /// Name of the regression.
+        regression: &'static str,
+        /// The feature.
+        feature: &'static str,
+        /// Number of the press, from 1.
+        press: usize,
+    },
+    /// The regression uses what is not known at run time.
+    #[error(
+        "regression `{0}` uses the true distance, which is not known at run time: it can be cross-validated, never used"
+    )]
+    Leaks(&'static str),
+    /// The presses do not determine the regression.
+    #[error("regression `{0}`: the presses do not determine it; their slopes or distances must differ")]
+    Undetermined(&'static str),
+}

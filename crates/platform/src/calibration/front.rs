@@ -1,0 +1,158 @@
+//! From samples to levels and slopes: the part of the pipeline before any decision.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use whisker::events::{Cascade, LONGEST_GAP_S, low_pass};
+
+use super::{Error, Unwrapped};
+use crate::Sample;
+
+/// Highest order of the low-pass.
+pub(super) const MOST_ORDER: usize = 8;
+
+/// All that turns samples into presses, with what was learnt of the rig's noise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Chain {
+    /// Samples a second.
+    pub rate_hz: f64,
+    /// Order of the Butterworth low-pass.
+    pub order: usize,
+    /// Its edge.
+    pub cutoff_hz: f64,
+    /// Axis that moves most: 0 for x, 1 for y, 2 for z.
+    pub main_axis: usize,
+    /// Axis that moves most but one.
+    pub second_axis: usize,
+    /// Standard deviation of the main axis's slope at rest.
+    pub noise_counts_per_s: f64,
+    /// A slope above it is part of a press or of a release.
+    pub threshold_counts_per_s: f64,
+    /// A press is over when the whisker has been quiet for so long after its release.
+    pub quiet_s: f64,
+}
+
+impl Chain {
+    /// # Errors
+    /// [`trace::Error::Value`] names what a file's chain cannot be.
+    pub(super) fn check(&self, path: &Path) -> Result<(), trace::Error> {
+        let wrong =
+            |key: &str, found: f64, expected: &str| trace::Error::value(path, format!("chain.{key}"), found, expected);
+        let positive = [
+            ("rate_hz", self.rate_hz),
+            ("noise_counts_per_s", self.noise_counts_per_s),
+            ("threshold_counts_per_s", self.threshold_counts_per_s),
+            ("quiet_s", self.quiet_s),
+        ];
+        if let Some((key, found)) = positive.into_iter().find(|(_, value)| *value <= 0.0) {
+            return Err(wrong(key, found, "a number above zero"));
+        }
+        for (key, axis) in [("main_axis", self.main_axis), ("second_axis", self.second_axis)] {
+            if axis > 2 {
+                return Err(wrong(key, axis as f64, "0, 1 or 2"));
+            }
+        }
+        if !(1..=MOST_ORDER).contains(&self.order) {
+            return Err(wrong("order", self.order as f64, "1 to 8"));
+        }
+        if !(0.0 < self.cutoff_hz && 2.0 * self.cutoff_hz < self.rate_hz) {
+            return Err(wrong("cutoff_hz", self.cutoff_hz, "above 0 and below half of rate_hz"));
+        }
+        Ok(())
+    }
+}
+
+/// An axis after the low-pass.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Motion {
+    pub(super) level_counts: f64,
+    pub(super) slope_counts_per_s: f64,
+}
+
+/// What comes of a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Moved {
+    /// Nothing before this sample counts: it is the first, or samples are missing before it.
+    pub(super) anew: bool,
+    pub(super) axes: [Motion; 3],
+}
+
+/// Unwraps and low-passes the three axes, sample by sample.
+#[derive(Clone, Debug)]
+pub(super) struct Front {
+    rate_hz: f64,
+    filter: Cascade,
+    axes: [(Unwrapped, Cascade, f64); 3],
+    last_s: Option<f64>,
+}
+
+impl Front {
+    /// # Errors
+    /// [`Error::Setting`] where the low-pass does not fit the rate.
+    pub(super) fn new(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, Error> {
+        let sections = low_pass(order, cutoff_hz, rate_hz).map_err(|_| Error::Setting {
+            key: "cutoff_hz",
+            found: cutoff_hz,
+            expected: format!("above 0 and below {}, half the sampling rate", 0.5 * rate_hz),
+        })?;
+        let filter = Cascade::new(sections);
+        let axes = std::array::from_fn(|_| (Unwrapped::default(), filter.clone(), 0.0));
+        Ok(Self { rate_hz, filter, axes, last_s: None })
+    }
+
+    pub(super) fn step(&mut self, sample: &Sample) -> Moved {
+        // Samples come at equal intervals, however unevenly a serial line hands them on: they are counted, not timed. But a gap is a gap.
+        let anew = self.last_s.is_none_or(|last_s| !(0.0..=LONGEST_GAP_S).contains(&(sample.t_s - last_s)));
+        self.last_s = Some(sample.t_s);
+        let rate_hz = self.rate_hz;
+        let mut moved = Moved { anew, axes: [Motion::default(); 3] };
+        for ((axis, motion), &counts) in self.axes.iter_mut().zip(&mut moved.axes).zip(&sample.counts) {
+            let (unwrapped, filter, last) = axis;
+            if anew {
+                *unwrapped = Unwrapped::default();
+                *filter = self.filter.clone();
+                filter.settle(f64::from(counts));
+                *last = f64::from(counts);
+            }
+            let level_counts = filter.step(unwrapped.step(counts) as f64);
+            *motion = Motion { level_counts, slope_counts_per_s: (level_counts - *last) * rate_hz };
+            *last = level_counts;
+        }
+        moved
+    }
+
+    /// Time by which a slope of what comes out lags behind that of what goes in: the low-pass's group delay at frequency zero,
+    /// and half a sample for the difference.
+    pub(super) fn delay_s(&self) -> f64 {
+        // The group delay of a polynomial in 1/z is the mean of its exponents, weighted with its coefficients.
+        let delay = |polynomial: [f64; 3]| (polynomial[1] + 2.0 * polynomial[2]) / polynomial.iter().sum::<f64>();
+        let samples: f64 = self.filter.sections().iter().map(|s| delay(s.b) - delay([1.0, s.a[0], s.a[1]])).sum();
+        (samples + 0.5) / self.rate_hz
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_a_ramp_is_followed_with_the_stated_delay() {
+        let mut front = Front::new(2, 5.0, 888.0).unwrap();
+        let sample = |i: usize| Sample { t_s: i as f64 / 888.0, counts: [0, (65_000 + 10 * i) as u16, 7] };
+        let last = (0..2000).map(|i| front.step(&sample(i))).last().unwrap().axes[1];
+        let expected = 65_000.0 + 10.0 * (1999.0 - (front.delay_s() * 888.0 - 0.5));
+        assert!((last.level_counts - expected).abs() < 1e-6, "{} {expected}", last.level_counts);
+        assert!((last.slope_counts_per_s - 8880.0).abs() < 1e-6);
+        // The textbook's delay of an analogue filter of second order, sqrt(2) / (2 pi f).
+        assert!((front.delay_s() - 0.5 / 888.0 - 2.0_f64.sqrt() / (2.0 * std::f64::consts::PI * 5.0)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn robust_a_gap_starts_anew_and_jitter_does_not() {
+        let mut front = Front::new(2, 5.0, 800.0).unwrap();
+        let times = [0.0, 0.000_01, 0.016, 0.016, 0.3, 0.9, 0.901, 0.2];
+        let anew = times.map(|t_s| front.step(&Sample { t_s, counts: [9; 3] }).anew);
+        assert_eq!(anew, [true, false, false, false, false, true, false, true]);
+    }
+}

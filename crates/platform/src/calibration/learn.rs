@@ -1,0 +1,165 @@
+//! What a calibration learns of the rig before any label: its rate, the axes that move, the noise at rest and what is a press.
+
+use super::front::{Front, MOST_ORDER};
+use super::{Chain, Error};
+use crate::Sample;
+
+/// Standard deviation of a normal variable over its median absolute deviation.
+pub(super) const SD_OVER_MAD: f64 = 1.4826;
+
+/// Rates of recordings may differ from their median by this share.
+const RATE_SHARE: f64 = 0.05;
+
+/// Share of the slopes below that by which axes are compared: presses take up more than the rest.
+const STEEP_QUANTILE: f64 = 0.999;
+
+/// Pushes are this much stronger than shakes, or there are no shakes.
+const GAP: f64 = 3.0;
+
+/// Among all bursts there are at least so many pushes.
+const PUSHES_SHARE: f64 = 0.2;
+
+/// The threshold lies this much above the strongest shake.
+const ABOVE_SHAKES: f64 = 1.5;
+
+/// What a fit is told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Order of the low-pass.
+    pub order: usize,
+    /// Its edge.
+    pub cutoff_hz: f64,
+    /// A slope counts as movement above this many standard deviations at rest.
+    pub noise_sds: f64,
+    /// A whisker is quiet again when it has not moved for so long.
+    pub quiet_s: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { order: 2, cutoff_hz: 10.0, noise_sds: 8.0, quiet_s: 0.1 }
+    }
+}
+
+impl Settings {
+    fn validate(&self) -> Result<(), Error> {
+        let within = |key, found: f64, low: f64, high: f64| {
+            if (low..=high).contains(&found) {
+                return Ok(());
+            }
+            Err(Error::Setting { key, found, expected: format!("{low} to {high}") })
+        };
+        within("order", self.order as f64, 1.0, MOST_ORDER as f64)?;
+        within("noise_sds", self.noise_sds, 1.0, 1e3)?;
+        within("quiet_s", self.quiet_s, 1e-3, 10.0)
+    }
+}
+
+/// Learns the chain from recordings, each with its name.
+///
+/// The noise is that of the slope, as its median absolute value has it: the whisker rests, or is held still, most of the time. What moves more
+/// comes in bursts. Where the strengths of these fall into two heaps with a wide gap between them, the weaker ones are shakes, as of a stage that starts, and the
+/// threshold lies above them; else it lies above the noise.
+///
+/// # Errors
+/// Where a setting is out of range, or the recordings are too short or differ in rate.
+///
+/// # Panics
+/// Where there are no recordings.
+pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, Error> {
+    settings.validate()?;
+    let rate_hz = common_rate_hz(logs)?;
+    let mut moved = Vec::with_capacity(logs.len());
+    for (_, log) in logs {
+        let mut front = Front::new(settings.order, settings.cutoff_hz, rate_hz)?;
+        moved.push(
+            log.iter().map(|sample| front.step(sample).axes.map(|axis| axis.slope_counts_per_s)).collect::<Vec<_>>(),
+        );
+    }
+    let steepness = [0, 1, 2].map(|axis| {
+        let of_log =
+            |slopes: &Vec<[f64; 3]>| quantile(slopes.iter().map(|slope| slope[axis].abs()).collect(), STEEP_QUANTILE);
+        moved.iter().map(of_log).fold(0.0, f64::max)
+    });
+    let mut axes = [0, 1, 2];
+    axes.sort_by(|&a, &b| steepness[b].total_cmp(&steepness[a]));
+    let [main_axis, second_axis, _] = axes;
+
+    let slopes: Vec<Vec<f64>> =
+        moved.iter().map(|log| log.iter().map(|slope| slope[main_axis].abs()).collect()).collect();
+    let measured = SD_OVER_MAD * quantile(slopes.iter().flatten().copied().collect(), 0.5);
+    // A reading that rests on one count shows no noise; a step of one count makes a slope of at most about 2 pi times the edge.
+    let noise_counts_per_s = measured.max(2.0 * std::f64::consts::PI * settings.cutoff_hz / settings.noise_sds);
+    let moves = settings.noise_sds * noise_counts_per_s;
+    let quiet_samples = (settings.quiet_s * rate_hz).round().max(1.0) as usize;
+    let strengths = slopes.iter().flat_map(|log| bursts(log, moves, quiet_samples)).collect();
+    let threshold_counts_per_s = strongest_shake(strengths).map_or(moves, |shake| moves.max(ABOVE_SHAKES * shake));
+    Ok(Chain {
+        rate_hz,
+        order: settings.order,
+        cutoff_hz: settings.cutoff_hz,
+        main_axis,
+        second_axis,
+        noise_counts_per_s,
+        threshold_counts_per_s,
+        quiet_s: settings.quiet_s,
+    })
+}
+
+fn common_rate_hz(logs: &[(&str, &[Sample])]) -> Result<f64, Error> {
+    const FEWEST: usize = 100;
+    if let Some((name, log)) = logs.iter().find(|(_, log)| log.len() < FEWEST) {
+        return Err(Error::Short { log: (*name).into(), found: log.len(), expected: FEWEST });
+    }
+    let rates: Vec<f64> = logs.iter().map(|(_, log)| rate_hz(log)).collect();
+    let median = quantile(rates.clone(), 0.5);
+    match rates.iter().position(|rate| !(1.0 - RATE_SHARE..=1.0 + RATE_SHARE).contains(&(rate / median))) {
+        Some(i) => Err(Error::Rate { log: logs[i].0.into(), found_hz: rates[i], expected_hz: median }),
+        None => Ok(median),
+    }
+}
+
+/// Samples a second of a recording, its gaps left out.
+fn rate_hz(samples: &[Sample]) -> f64 {
+    let steps = samples.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
+    let (count, time_s) = steps
+        .filter(|step_s| (0.0..=whisker::events::LONGEST_GAP_S).contains(step_s))
+        .fold((0, 0.0), |(count, time_s), step_s| (count + 1, time_s + step_s));
+    f64::from(count) / time_s
+}
+
+/// The steepest slope of each burst of movement: what lies between two quiet whiles.
+fn bursts(slopes: &[f64], moves: f64, quiet_samples: usize) -> Vec<f64> {
+    let mut strengths: Vec<f64> = Vec::new();
+    let mut quiet = quiet_samples;
+    for &slope in slopes {
+        if slope <= moves {
+            quiet += 1;
+            continue;
+        }
+        match strengths.last_mut().filter(|_| quiet < quiet_samples) {
+            Some(strongest) => *strongest = strongest.max(slope),
+            None => strengths.push(slope),
+        }
+        quiet = 0;
+    }
+    strengths
+}
+
+/// The strongest of the shakes, if there are any: below the widest gap.
+fn strongest_shake(mut strengths: Vec<f64>) -> Option<f64> {
+    strengths.sort_by(f64::total_cmp);
+    let fewest_pushes = (PUSHES_SHARE * strengths.len() as f64).ceil() as usize;
+    let gaps = strengths.windows(2).enumerate().filter(|(i, _)| strengths.len() - (i + 1) >= fewest_pushes);
+    let (_, widest) = gaps.max_by(|(_, a), (_, b)| (a[1] / a[0]).total_cmp(&(b[1] / b[0])))?;
+    (widest[1] / widest[0] >= GAP).then_some(widest[0])
+}
+
+/// The value that this share of the values does not exceed, to the nearest one.
+///
+/// # Panics
+/// Where there are no values.
+pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    let place = ((values.len() - 1) as f64 * share).round() as usize;
+    *values.select_nth_unstable_by(place, f64::total_cmp).1
+}

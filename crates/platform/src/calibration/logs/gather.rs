@@ -1,0 +1,178 @@
+//! All labelled presses of several logs, and the chain that found them.
+
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use trace::{FORMAT, read_json};
+
+use super::table::{self, is_header};
+use super::{Labels, LogReader};
+use crate::Sample;
+use crate::calibration::regression::{Fit, RegressionRow};
+use crate::calibration::{Chain, Error, Features, LabelledPress, Presses, Settings, learn, published};
+
+const MANIFEST_KIND: &str = "platform_logs";
+
+/// A log, and its distance where that is the same all through.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Source {
+    /// The file.
+    pub path: PathBuf,
+    /// Distance of all presses in it; else its sidecar tells, or the table itself.
+    pub distance_m: Option<f64>,
+}
+
+/// What several logs hold.
+#[derive(Clone, Debug)]
+pub struct Gathered {
+    /// Their presses that have a label.
+    pub presses: Vec<LabelledPress>,
+    /// What found them; none where all came from tables.
+    pub chain: Option<Chain>,
+    /// What a user should know of the logs, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Why logs could not be gathered.
+#[derive(Debug, thiserror::Error)]
+pub enum GatherError {
+    /// A file is wrong.
+    #[error(transparent)]
+    File(#[from] trace::Error),
+    /// The recordings make no chain.
+    #[error(transparent)]
+    Recordings(#[from] Error),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Manifest {
+    format: u32,
+    kind: String,
+    logs: Vec<ManifestLog>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ManifestLog {
+    file: PathBuf,
+    distance_m: Option<f64>,
+}
+
+impl Source {
+    /// The logs that a manifest names, beside which their files lie.
+    ///
+    /// # Errors
+    /// Where the manifest is damaged; the error names the key.
+    pub fn of_manifest(path: &Path) -> Result<Vec<Self>, trace::Error> {
+        let manifest: Manifest = read_json(path)?;
+        if manifest.format != FORMAT {
+            return Err(trace::Error::value(path, "format", manifest.format, FORMAT));
+        }
+        if manifest.kind != MANIFEST_KIND {
+            return Err(trace::Error::value(path, "kind", &manifest.kind, MANIFEST_KIND));
+        }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let source = |(i, log): (usize, ManifestLog)| match log.distance_m {
+            Some(distance_m) if distance_m <= 0.0 => {
+                Err(trace::Error::value(path, format!("logs.{i}.distance_m"), distance_m, "a distance above zero"))
+            }
+            distance_m => Ok(Self { path: folder.join(log.file), distance_m }),
+        };
+        manifest.logs.into_iter().enumerate().map(source).collect()
+    }
+}
+
+struct Recording {
+    name: String,
+    samples: Vec<Sample>,
+    labels: Labels,
+}
+
+/// Reads logs, learns the chain from those with samples, and finds their presses: in the published way where the regression is that.
+/// `table_rate_hz` is what a table's slopes by the sample are multiplied with.
+///
+/// # Errors
+/// Where a file is wrong or the recordings make no chain.
+pub fn gather(
+    sources: &[Source],
+    settings: &Settings,
+    row: &RegressionRow,
+    table_rate_hz: f64,
+) -> Result<Gathered, GatherError> {
+    let mut gathered = Gathered { presses: Vec::new(), chain: None, notes: Vec::new() };
+    let mut recordings = Vec::new();
+    for source in sources {
+        let name = source.path.display().to_string();
+        if let Some(text) = table_text(&source.path)? {
+            let table = table::read(&source.path, &text, table_rate_hz)?;
+            if !table.unlabelled.is_empty() {
+                gathered
+                    .notes
+                    .push(format!("{name}: left out, as their distance is not known: lines {:?}", table.unlabelled));
+            }
+            gathered.presses.extend(table.presses);
+            continue;
+        }
+        let mut reader = LogReader::open(&source.path)?;
+        let samples = reader.by_ref().collect::<Result<Vec<_>, _>>()?;
+        if reader.cut_off() {
+            gathered.notes.push(format!("{name}: its last line was cut off and is left out"));
+        }
+        let labels = match source.distance_m {
+            Some(distance_m) => Labels::whole(distance_m),
+            None => Labels::read(&source.path.with_extension("json"))?,
+        };
+        recordings.push(Recording { name, samples, labels });
+    }
+    if recordings.is_empty() {
+        return Ok(gathered);
+    }
+    let named: Vec<(&str, &[Sample])> =
+        recordings.iter().map(|log| (log.name.as_str(), log.samples.as_slice())).collect();
+    let chain = learn(&named, settings)?;
+    for recording in &recordings {
+        let found = match row.fit {
+            Fit::Live(_) => live_presses(&recording.samples, &chain)?,
+            Fit::Leaking(_) => published_presses(&recording.samples, &chain)?,
+        };
+        let count = found.len();
+        let labelled = found.into_iter().filter_map(|(onset_s, features)| {
+            let distance_m = recording.labels.distance_m(onset_s)?;
+            Some(LabelledPress { log: recording.name.clone(), onset_s: Some(onset_s), features, distance_m })
+        });
+        let before = gathered.presses.len();
+        gathered.presses.extend(labelled);
+        let labelled = gathered.presses.len() - before;
+        gathered.notes.push(format!("{}: {count} presses, {labelled} of them labelled", recording.name));
+    }
+    gathered.chain = Some(chain);
+    Ok(gathered)
+}
+
+fn live_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Features)>, Error> {
+    let presses = Presses::new(chain)?.of(samples);
+    Ok(presses.into_iter().map(|press| (press.onset_s, press.features)).collect())
+}
+
+fn published_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Features)>, Error> {
+    let episodes = published::episodes(samples, chain.main_axis, chain.rate_hz)?;
+    let features = |episode: &published::Episode| Features {
+        slope_counts_per_s: -episode.slope_counts_per_sample * chain.rate_hz,
+        peak_counts: None,
+        slope_ratio: None,
+    };
+    Ok(episodes.iter().map(|episode| (episode.onset_s, features(episode))).collect())
+}
+
+/// The whole file, if it is a table of presses.
+fn table_text(path: &Path) -> Result<Option<String>, trace::Error> {
+    let io = |reason| trace::Error::Io { path: path.into(), reason };
+    let mut start = Vec::new();
+    fs::File::open(path).map_err(io)?.take(1024).read_to_end(&mut start).map_err(io)?;
+    let first = String::from_utf8_lossy(&start);
+    let is_table = first.lines().next().is_some_and(is_header);
+    is_table.then(|| fs::read_to_string(path)).transpose().map_err(io)
+}

@@ -1,0 +1,83 @@
+//! What is known of the presses in a log.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use trace::{Error, FORMAT, read_json};
+
+/// Kind of a log's sidecar.
+pub const SIDECAR_KIND: &str = "platform_log";
+
+/// All presses that begin between two times have this distance.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+pub struct Span {
+    /// Beginning, in the log's time.
+    pub start_s: f64,
+    /// End.
+    pub end_s: f64,
+    /// True radial distance from the whisker's root.
+    pub distance_m: f64,
+}
+
+/// What is known of a log: its sidecar, or what a user said.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Labels {
+    /// In order of time.
+    spans: Vec<Span>,
+}
+
+/// The part of a sidecar that says where the presses are. Its other keys are the recorder's.
+#[derive(Deserialize)]
+struct Sidecar {
+    format: u32,
+    kind: String,
+    contacts: Vec<Span>,
+}
+
+impl Labels {
+    /// One distance for the whole log.
+    pub fn whole(distance_m: f64) -> Self {
+        Self { spans: vec![Span { start_s: f64::NEG_INFINITY, end_s: f64::INFINITY, distance_m }] }
+    }
+
+    /// Reads a sidecar.
+    ///
+    /// # Errors
+    /// Where it is damaged or its spans are not in order; the error names the key.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let Sidecar { format, kind, contacts: spans } = read_json(path)?;
+        if format != FORMAT {
+            return Err(Error::value(path, "format", format, FORMAT));
+        }
+        if kind != SIDECAR_KIND {
+            return Err(Error::value(path, "kind", &kind, SIDECAR_KIND));
+        }
+        let mut last_s = f64::NEG_INFINITY;
+        for (i, span) in spans.iter().enumerate() {
+            if span.start_s < last_s {
+                return Err(Error::value(
+                    path,
+                    format!("contacts.{i}.start_s"),
+                    span.start_s,
+                    format!("at least {last_s}"),
+                ));
+            }
+            if span.end_s <= span.start_s {
+                let expected = format!("more than {}", span.start_s);
+                return Err(Error::value(path, format!("contacts.{i}.end_s"), span.end_s, expected));
+            }
+            if span.distance_m <= 0.0 {
+                let key = format!("contacts.{i}.distance_m");
+                return Err(Error::value(path, key, span.distance_m, "a distance above zero"));
+            }
+            last_s = span.end_s;
+        }
+        Ok(Self { spans })
+    }
+
+    /// Distance of a press that begins at this time, if it is known.
+    pub fn distance_m(&self, onset_s: f64) -> Option<f64> {
+        let span = self.spans.iter().find(|span| (span.start_s..span.end_s).contains(&onset_s));
+        span.map(|span| span.distance_m)
+    }
+}

@@ -1,0 +1,19 @@
+//! Static readings at known places of the OpenWhisker rig.
+//!
+//! The whisker is held still while samples come in, and where the edge moves nothing is recorded: there are no presses in such a log.
+
+use super::{Layout, counts, seconds};
+use crate::Sample;
+
+pub(super) const LAYOUT: Layout = Layout {
+    name: "static-grid",
+    about: "static readings of OpenWhisker, header `timestamp,ss.x,ss.y,ss.z,Dist,Bend`: it shows no movement, hence no presses",
+    headers: &["timestamp,ss.x,ss.y,ss.z,Dist,Bend"],
+    columns: &["timestamp", "ss.x", "ss.y", "ss.z", "Dist", "Bend"],
+    parse,
+};
+
+fn parse(fields: &[&str]) -> Result<Sample, (usize, &'static str)> {
+    let counts = [counts(fields, 1)?, counts(fields, 2)?, counts(fields, 3)?];
+    Ok(Sample { t_s: seconds(fields, 0)?, counts })
+}

@@ -1,0 +1,86 @@
+//! Tables of presses: a distance and a slope each, found by whoever wrote them.
+
+use std::path::Path;
+
+use trace::Error;
+
+use crate::calibration::{Features, LabelledPress};
+
+/// Columns that are distances, and metres in one of them.
+const DISTANCES: [(&str, f64); 3] = [("distance_m", 1.0), ("distance_mm", 1e-3), ("distance_from_base_mm", 1e-3)];
+
+/// Columns that are slopes, and whether they count by the sample.
+const SLOPES: [(&str, bool); 3] =
+    [("slope_counts_per_s", false), ("slope_counts_per_sample", true), ("min_grad_counts_per_sample", true)];
+
+/// What a table holds.
+pub(super) struct Table {
+    pub(super) presses: Vec<LabelledPress>,
+    /// Lines whose distance is not known, from 1.
+    pub(super) unlabelled: Vec<usize>,
+}
+
+/// Whether a first line is the header of such a table.
+pub(super) fn is_header(line: &str) -> bool {
+    let columns: Vec<&str> = line.trim_end().split(',').collect();
+    DISTANCES.iter().any(|(name, _)| columns.contains(name)) && SLOPES.iter().any(|(name, _)| columns.contains(name))
+}
+
+/// Reads a table whose header [`is_header`]. A slope's sign is the direction of the press and is left out. A distance that is empty or `NaN` is not known.
+pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error> {
+    let mut lines = text.lines();
+    let columns: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let place = |name: &str| columns.iter().position(|column| *column == name);
+    let of_distance = DISTANCES.iter().find_map(|&(name, metres)| Some((place(name)?, metres)));
+    let of_slope = SLOPES.iter().find_map(|&(name, by_sample)| Some((place(name)?, by_sample)));
+    let (Some((distance_at, metres)), Some((slope_at, by_sample))) = (of_distance, of_slope) else {
+        let expected = "a column of distances and a column of slopes";
+        return Err(Error::value(path, "header", columns.join(","), expected));
+    };
+    let mut table = Table { presses: Vec::new(), unlabelled: Vec::new() };
+    for (i, line) in lines.enumerate() {
+        let wrong = |place: String, found: String, expected: String| Error::Table {
+            path: path.into(),
+            line: i as u64 + 2,
+            place,
+            found,
+            expected,
+        };
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        if fields.len() != columns.len() {
+            let found = format!("{} fields", fields.len());
+            return Err(wrong("row".into(), found, format!("{} fields", columns.len())));
+        }
+        let number = |at: usize, expected: &str| {
+            let parsed = fields[at].parse::<f64>();
+            parsed.map_err(|_| wrong(format!("column {}", columns[at]), format!("`{}`", fields[at]), expected.into()))
+        };
+        let slope = number(slope_at, "a number")?.abs();
+        if !(slope > 0.0 && slope.is_finite()) {
+            let found = format!("`{}`", fields[slope_at]);
+            return Err(wrong(
+                format!("column {}", columns[slope_at]),
+                found,
+                "a finite slope that is not zero".into(),
+            ));
+        }
+        let distance =
+            if fields[distance_at].is_empty() { f64::NAN } else { number(distance_at, "a distance or nothing")? };
+        if distance.is_nan() {
+            table.unlabelled.push(i + 2);
+            continue;
+        }
+        if !(distance > 0.0 && distance.is_finite()) {
+            let found = format!("`{}`", fields[distance_at]);
+            return Err(wrong(format!("column {}", columns[distance_at]), found, "a distance above zero".into()));
+        }
+        let slope_counts_per_s = if by_sample { slope * rate_hz } else { slope };
+        table.presses.push(LabelledPress {
+            log: path.display().to_string(),
+            onset_s: None,
+            features: Features { slope_counts_per_s, peak_counts: None, slope_ratio: None },
+            distance_m: metres * distance,
+        });
+    }
+    Ok(table)
+}

@@ -1,0 +1,71 @@
+//! Several features at once, for presses of different depth.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{Regressor, Scale, log_slope};
+use crate::calibration::least_squares::solve;
+use crate::calibration::{Error, Features, LabelledPress};
+
+const NAME: &str = "several";
+const COLUMNS: usize = 5;
+
+#[derive(Clone, Debug)]
+struct Several {
+    slope: Scale,
+    peak: Scale,
+    ratio: Scale,
+    coefficients_m: DVector<f64>,
+}
+
+impl Several {
+    fn row(&self, features: &Features) -> [f64; COLUMNS] {
+        let slope = self.slope.scaled(log_slope(features));
+        let peak = self.peak.scaled(log_peak(features));
+        let ratio = self.ratio.scaled(slope_ratio(features));
+        [1.0, slope, slope * slope, peak, ratio]
+    }
+}
+
+/// Not a number where there is none; so is the distance then.
+fn log_peak(features: &Features) -> f64 {
+    features.peak_counts.map_or(f64::NAN, f64::ln)
+}
+
+fn slope_ratio(features: &Features) -> f64 {
+    features.slope_ratio.unwrap_or(f64::NAN)
+}
+
+impl Regressor for Several {
+    fn distance_m(&self, features: &Features) -> f64 {
+        self.row(features).iter().zip(&self.coefficients_m).map(|(x, coefficient)| x * coefficient).sum()
+    }
+}
+
+pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
+    for (i, press) in presses.iter().enumerate() {
+        let missing = match press.features {
+            Features { peak_counts: None, .. } => "peak_counts",
+            Features { slope_ratio: None, .. } => "slope_ratio",
+            _ => continue,
+        };
+        return Err(Error::Feature { regression: NAME, feature: missing, press: i + 1 });
+    }
+    let scale = |of: fn(&Features) -> f64| {
+        Scale::of(presses.iter().map(|press| of(&press.features))).ok_or(Error::Undetermined(NAME))
+    };
+    let mut fitted = Several {
+        slope: scale(log_slope)?,
+        peak: scale(log_peak)?,
+        ratio: scale(slope_ratio)?,
+        coefficients_m: DVector::zeros(COLUMNS),
+    };
+    let rows = DMatrix::from_row_iterator(
+        presses.len(),
+        COLUMNS,
+        presses.iter().flat_map(|press| fitted.row(&press.features)),
+    );
+    let distances_m = DVector::from_iterator(presses.len(), presses.iter().map(|press| press.distance_m));
+    let equal = DVector::repeat(presses.len(), 1.0);
+    fitted.coefficients_m = solve(&rows, &distances_m, &equal).ok_or(Error::Undetermined(NAME))?;
+    Ok(Box::new(fitted))
+}

@@ -1,0 +1,67 @@
+//! `whisker platform cross-validate`: how well regressions do on presses that they have not seen.
+
+use std::process::ExitCode;
+
+use platform::calibration::regression::REGRESSIONS;
+use platform::calibration::{CrossValidation, LabelledPress, cross_validate};
+
+use super::super::table::{millimetres, render};
+use super::super::{FINISHED_WITH_FAILURES, print};
+use super::logs::{LogArguments, row};
+
+/// Judge regressions on presses held out, log by log
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    logs: LogArguments,
+    /// Regression, again for another [default: all]
+    #[arg(long)]
+    regression: Vec<String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let rows = if arguments.regression.is_empty() {
+        REGRESSIONS.iter().collect()
+    } else {
+        arguments.regression.iter().map(|name| row(name)).collect::<Result<Vec<_>, _>>()?
+    };
+    let mut failed = false;
+    for row in rows {
+        let gathered = arguments.logs.gather(row)?;
+        match cross_validate(row, &gathered.presses, arguments.logs.hold_out) {
+            Ok(validation) => print(&format!("{}\n{}\n", row.name, scores(&gathered.presses, &validation)))?,
+            Err(error) => {
+                eprintln!("error: {error}");
+                failed = true;
+            }
+        }
+    }
+    Ok(if failed { ExitCode::from(FINISHED_WITH_FAILURES) } else { ExitCode::SUCCESS })
+}
+
+/// A table with a row a log and one for all, in mm, and a line for each suspicious press.
+fn scores(presses: &[LabelledPress], validation: &CrossValidation) -> String {
+    let mut logs: Vec<&str> = Vec::new();
+    for press in presses {
+        if !logs.contains(&press.log.as_str()) {
+            logs.push(&press.log);
+        }
+    }
+    let of = |name: &str, which: &dyn Fn(usize) -> bool| {
+        let count = (0..presses.len()).filter(|&i| which(i)).count();
+        let errors = [validation.rmse_m(which), validation.median_m(which), validation.worst_m(which)];
+        [name.into(), count.to_string()].into_iter().chain(errors.map(millimetres)).collect::<Vec<String>>()
+    };
+    let mut rows: Vec<_> = logs.iter().map(|log| of(log, &|i| presses[i].log == *log)).collect();
+    rows.push(of("all", &|_| true));
+    let mut text = render(&["log", "presses", "RMSE mm", "median mm", "worst mm"], &rows, 1);
+    for (i, held_out) in validation.held_out.iter().enumerate().filter(|(_, held_out)| held_out.is_suspicious()) {
+        let [label, estimate] = [presses[i].distance_m, held_out.estimated_m].map(|m| millimetres(Some(m)));
+        let score = held_out.score;
+        text.push_str(&format!(
+            "press {}: labelled {label} mm, estimated {estimate} mm, {score:.1} sd: suspicious\n",
+            i + 1
+        ));
+    }
+    text
+}

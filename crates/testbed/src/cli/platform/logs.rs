@@ -1,0 +1,80 @@
+//! The logs that a calibration is given.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use platform::calibration::logs::{Gathered, Source, gather};
+use platform::calibration::regression::{REGRESSIONS, RegressionRow, regression};
+use platform::calibration::{HoldOut, Settings};
+
+/// Logs and how presses are found in them
+#[derive(clap::Args)]
+pub(super) struct LogArguments {
+    /// Logs of samples with a sidecar, tables of presses, or manifests (.json) that name logs
+    logs: Vec<PathBuf>,
+    /// A log in which all presses have one radial distance from the root, in mm, for example 105=FILE
+    #[arg(long, value_name = "MM=FILE", value_parser = labelled)]
+    label: Vec<Source>,
+    /// Edge of the low-pass, Hz
+    #[arg(long, default_value_t = Settings::default().cutoff_hz)]
+    cutoff_hz: f64,
+    /// Samples a second behind a table whose slopes count by the sample
+    #[arg(long, default_value_t = 888.0)]
+    table_rate_hz: f64,
+    /// What is held out at a time: a press, or all presses of a log
+    #[arg(long, default_value = "press", value_parser = hold_out)]
+    pub(super) hold_out: HoldOut,
+}
+
+impl LogArguments {
+    /// The presses of all logs; what is to be known of them goes to stderr.
+    pub(super) fn gather(&self, row: &RegressionRow) -> anyhow::Result<Gathered> {
+        let mut sources = self.label.clone();
+        for path in &self.logs {
+            if path.extension().is_some_and(|extension| extension == "json") {
+                sources.extend(Source::of_manifest(path)?);
+            } else {
+                sources.push(Source { path: path.clone(), distance_m: None });
+            }
+        }
+        if sources.is_empty() {
+            bail!("no logs: name some, or --label MM=FILE");
+        }
+        if !(f64::MIN_POSITIVE..=f64::MAX).contains(&self.table_rate_hz) {
+            bail!("--table-rate-hz: found {}, expected a rate above zero", self.table_rate_hz);
+        }
+        let settings = Settings { cutoff_hz: self.cutoff_hz, ..Settings::default() };
+        let gathered = gather(&sources, &settings, row, self.table_rate_hz)?;
+        for note in &gathered.notes {
+            eprintln!("{note}");
+        }
+        Ok(gathered)
+    }
+}
+
+/// The registry's row of this name.
+pub(super) fn row(name: &str) -> anyhow::Result<&'static RegressionRow> {
+    regression(name).with_context(|| {
+        let known: Vec<_> = REGRESSIONS.iter().map(|row| row.name).collect();
+        format!("unknown regression `{name}`, expected one of: {}", known.join(", "))
+    })
+}
+
+fn labelled(text: &str) -> Result<Source, String> {
+    let expected = "expected MM=FILE with a distance above zero, for example 105=log.csv";
+    let (distance, file) = text.split_once('=').ok_or(expected)?;
+    match distance.parse::<f64>() {
+        Ok(mm) if mm > 0.0 && mm.is_finite() => {
+            Ok(Source { path: Path::new(file).into(), distance_m: Some(1e-3 * mm) })
+        }
+        _ => Err(expected.into()),
+    }
+}
+
+fn hold_out(text: &str) -> Result<HoldOut, String> {
+    match text {
+        "press" => Ok(HoldOut::Press),
+        "log" => Ok(HoldOut::Log),
+        _ => Err("expected press or log".into()),
+    }
+}
