@@ -1,6 +1,34 @@
 //! What can be wrong with a file: always which file, where in it, what was found and what was expected.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
+
+/// Longest part of an error, in characters.
+const LONGEST: usize = 500;
+
+/// A text as one line that is safe to show: what would end the line or speak to the terminal is written out, as `\n` is.
+pub fn one_line(text: &str) -> String {
+    let mut line = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() { line.extend(c.escape_default()) } else { line.push(c) }
+    }
+    line
+}
+
+/// A part of an error, which may repeat what stands in a file: on one line, and not without end.
+struct Part<'a>(&'a str);
+
+impl fmt::Display for Part<'_> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let end = self.0.char_indices().nth(LONGEST).map(|(end, _)| end);
+        write!(
+            formatter,
+            "{}{}",
+            one_line(&self.0[..end.unwrap_or(self.0.len())]),
+            if end.is_some() { "..." } else { "" }
+        )
+    }
+}
 
 /// Why a file could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -14,7 +42,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// A cell or a line of a table is wrong.
-    #[error("{}:{line}: {place}: found {found}, expected {expected}", path.display())]
+    #[error("{}:{line}: {}: found {}, expected {}", path.display(), Part(place), Part(found), Part(expected))]
     Table {
         /// The file.
         path: PathBuf,
@@ -28,7 +56,7 @@ pub enum Error {
         expected: String,
     },
     /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
-    #[error("{}:{line}:{column}: {message}", path.display())]
+    #[error("{}:{line}:{column}: {}", path.display(), Part(message))]
     Json {
         /// The file.
         path: PathBuf,
@@ -40,7 +68,7 @@ pub enum Error {
         message: String,
     },
     /// A value that parses is wrong.
-    #[error("{}: {key}: found {found}, expected {expected}", path.display())]
+    #[error("{}: {}: found {}, expected {}", path.display(), Part(key), Part(found), Part(expected))]
     Value {
         /// The file.
         path: PathBuf,

@@ -12,6 +12,7 @@ mod characteristic;
 mod error;
 mod files;
 mod import;
+mod keys_once;
 mod outline;
 mod sidecar;
 mod suite;
@@ -23,8 +24,8 @@ pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObj
 pub use calibration::{CalibrationFile, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::Characteristic;
-pub use error::Error;
-pub use files::{Digest, read_json, sha256, write_atomically, write_json};
+pub use error::{Error, one_line};
+pub use files::{Digest, parse_json, read_json, sha256, write_atomically, write_json};
 pub use import::{IMPORTERS, Imported, ImporterRow, importer};
 pub use outline::Outline;
 pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, is_plain_name};
