@@ -44,6 +44,14 @@ bench:
 peers:
     @cargo xtask peers
 
+# Run parsers on bytes without end: just fuzz [TARGET] [--seconds N]
+fuzz *arguments:
+    @cargo xtask fuzz "$@"
+
+# Check licences, sources and known faults of the libraries
+deny:
+    @cargo xtask deny
+
 # Simulate the golden traces of the tests: datasets/golden/
 golden:
     @cargo xtask golden

@@ -36,7 +36,7 @@ use anyhow::{Context, bail};
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
-use trace::{FrontEndFile, is_plain_name};
+use trace::{FrontEndFile, is_plain_name, shown};
 use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
@@ -856,10 +856,10 @@ fn read_table<T>(
             if field.parse::<f64>().is_ok_and(|value| !value.is_finite())
                 && !takes_words(place, &record, &header, &parse)
             {
-                bail!("{at}:{line}: column `{column}`: found {field}, expected a finite number");
+                bail!("{at}:{line}: column `{}`: found {field}, expected a finite number", shown(column));
             }
         }
-        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {problem}"))?);
+        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {}", shown(&problem)))?);
     }
     Ok(rows)
 }

@@ -1,9 +1,8 @@
 //! What can be wrong with a file: always which file, where in it, what was found and what was expected.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// Longest part of an error, in characters.
+/// Longest piece of a file that an error repeats, in characters.
 const LONGEST: usize = 500;
 
 /// A text as one line that is safe to show: what would end the line or speak to the terminal is written out, as `\n` is.
@@ -15,18 +14,11 @@ pub fn one_line(text: &str) -> String {
     line
 }
 
-/// A part of an error, which may repeat what stands in a file: on one line, and not without end.
-struct Part<'a>(&'a str);
-
-impl fmt::Display for Part<'_> {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let end = self.0.char_indices().nth(LONGEST).map(|(end, _)| end);
-        write!(
-            formatter,
-            "{}{}",
-            one_line(&self.0[..end.unwrap_or(self.0.len())]),
-            if end.is_some() { "..." } else { "" }
-        )
+/// What an error repeats of a file: [`one_line`], and not without end.
+pub fn shown(text: &str) -> String {
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => one_line(&text[..end]) + "...",
+        None => one_line(text),
     }
 }
 
@@ -42,7 +34,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// A cell or a line of a table is wrong.
-    #[error("{}:{line}: {}: found {}, expected {}", path.display(), Part(place), Part(found), Part(expected))]
+    #[error("{}:{line}: {}: found {}, expected {}", path.display(), shown(place), shown(found), shown(expected))]
     Table {
         /// The file.
         path: PathBuf,
@@ -56,7 +48,7 @@ pub enum Error {
         expected: String,
     },
     /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
-    #[error("{}:{line}:{column}: {}", path.display(), Part(message))]
+    #[error("{}:{line}:{column}: {}", path.display(), shown(message))]
     Json {
         /// The file.
         path: PathBuf,
@@ -68,7 +60,7 @@ pub enum Error {
         message: String,
     },
     /// A value that parses is wrong.
-    #[error("{}: {}: found {}, expected {}", path.display(), Part(key), Part(found), Part(expected))]
+    #[error("{}: {}: found {}, expected {}", path.display(), shown(key), shown(found), shown(expected))]
     Value {
         /// The file.
         path: PathBuf,

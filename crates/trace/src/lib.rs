@@ -24,7 +24,7 @@ pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObj
 pub use calibration::{CalibrationFile, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::Characteristic;
-pub use error::{Error, one_line};
+pub use error::{Error, one_line, shown};
 pub use files::{Digest, parse_json, read_json, sha256, write_atomically, write_json};
 pub use import::{IMPORTERS, Imported, ImporterRow, importer};
 pub use outline::Outline;

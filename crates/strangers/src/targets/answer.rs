@@ -12,7 +12,7 @@ pub(super) fn run(bytes: &[u8]) {
     // What is no text does not become a line.
     let Ok(line) = std::str::from_utf8(bytes) else { return };
     let Some(Some(estimate)) = one_error(estimate(line, Face::Left, &KNOWLEDGE), "") else { return };
-    let answer: Value = parse_json(line.as_bytes()).expect("it was read");
+    let answer: Value = parse_json(line.trim().as_bytes()).expect("it was read");
     assert_eq!(answer["contact_x_m"].as_f64(), Some(estimate.contact.x()));
     assert_eq!(answer["contact_y_m"].as_f64(), Some(estimate.contact.y()));
     let covariance = estimate.covariance_m2.map(|covariance| covariance[(0, 1)]);

@@ -1,6 +1,7 @@
 //! The tables of a run: whichever the header fits.
 
 use std::fmt::Debug;
+use std::path::Path;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -15,39 +16,41 @@ use crate::scratch;
 
 const FILE: &str = "strange_table.csv";
 
+/// What was read, written again.
+const AGAIN: &str = "table_again.csv";
+
 pub(super) fn run(bytes: &[u8]) {
-    rows::<BoundRow>(bytes);
-    rows::<ConsistencyRow>(bytes);
-    rows::<ContourScoreRow>(bytes);
-    rows::<ContourTrialRow>(bytes);
-    rows::<ErrorBandRow>(bytes);
-    rows::<EstimateRow>(bytes);
-    rows::<EventRow>(bytes);
-    rows::<FailureRow>(bytes);
-    rows::<GridRow>(bytes);
-    rows::<MapObjectRow>(bytes);
-    rows::<MapPointRow>(bytes);
-    rows::<MapRow>(bytes);
-    rows::<MapVertexRow>(bytes);
-    rows::<ResidualRow>(bytes);
-    rows::<SurfaceRow>(bytes);
-    rows::<TransferRow>(bytes);
-    rows::<TurnRow>(bytes);
-    rows::<VertexRow>(bytes);
-    scores::<SummaryHead>(bytes);
-    scores::<TrialHead>(bytes);
+    let path = scratch::file(FILE, bytes);
+    rows::<BoundRow>(&path);
+    rows::<ConsistencyRow>(&path);
+    rows::<ContourScoreRow>(&path);
+    rows::<ContourTrialRow>(&path);
+    rows::<ErrorBandRow>(&path);
+    rows::<EstimateRow>(&path);
+    rows::<EventRow>(&path);
+    rows::<FailureRow>(&path);
+    rows::<GridRow>(&path);
+    rows::<MapObjectRow>(&path);
+    rows::<MapPointRow>(&path);
+    rows::<MapRow>(&path);
+    rows::<MapVertexRow>(&path);
+    rows::<ResidualRow>(&path);
+    rows::<SurfaceRow>(&path);
+    rows::<TransferRow>(&path);
+    rows::<TurnRow>(&path);
+    rows::<VertexRow>(&path);
+    scores::<SummaryHead>(&path);
+    scores::<TrialHead>(&path);
 }
 
-fn rows<T: Serialize + DeserializeOwned + PartialEq + Debug>(bytes: &[u8]) {
-    let read = |bytes: &[u8]| one_error(read_rows::<T>(&scratch::file(FILE, bytes)), FILE);
-    let Some(rows) = read(bytes) else { return };
-    let text = csv_bytes(&rows).expect("it serialises");
-    assert_eq!(read(&text).expect("what is written can be read"), rows);
+fn rows<T: Serialize + DeserializeOwned + PartialEq + Debug>(path: &Path) {
+    let Some(rows) = one_error(read_rows::<T>(path), FILE) else { return };
+    let again = scratch::file(AGAIN, csv_bytes(&rows).expect("it serialises"));
+    assert_eq!(read_rows::<T>(&again).expect("what is written can be read"), rows);
 }
 
-fn scores<Head: Serialize + DeserializeOwned + PartialEq + Debug>(bytes: &[u8]) {
-    let read = |bytes: &[u8]| one_error(read_scores::<Head>(&scratch::file(FILE, bytes)), FILE);
-    let Some(rows) = read(bytes) else { return };
-    let text = score_bytes(&rows).expect("it serialises");
-    assert_eq!(read(&text).expect("what is written can be read"), rows);
+fn scores<Head: Serialize + DeserializeOwned + PartialEq + Debug>(path: &Path) {
+    let Some(rows) = one_error(read_scores::<Head>(path), FILE) else { return };
+    let again = scratch::file(AGAIN, score_bytes(&rows).expect("it serialises"));
+    assert_eq!(read_scores::<Head>(&again).expect("what is written can be read"), rows);
 }
