@@ -25,7 +25,6 @@ from whisker_sim.simulate import simulate
 from whisker_sim.trace import inputs_sha256, write_atomically
 from whisker_sim.whisker import Array
 
-
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
