@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use strangers::{TARGETS, Target};
 
 /// Places of a file at which it is damaged, at most.
-const PLACES: usize = 80;
+const PLACES: usize = 30;
 
 fn corpus() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus")

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
-use crate::tools::{cargo, root, run as run_command, tool};
+use crate::tools::{root, run as run_command, tool};
 
 /// Its packages, kept files and targets.
 const FOLDER: &str = "fuzz";
