@@ -22,11 +22,16 @@ pub fn shown(text: &str) -> String {
     }
 }
 
+/// The path of a file on one line.
+fn at(path: &Path) -> String {
+    one_line(&path.display().to_string())
+}
+
 /// Why a file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The system refused.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {reason}", at(path))]
     Io {
         /// The file.
         path: PathBuf,
@@ -34,7 +39,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// A cell or a line of a table is wrong.
-    #[error("{}:{line}: {}: found {}, expected {}", path.display(), shown(place), shown(found), shown(expected))]
+    #[error("{}:{line}: {}: found {}, expected {}", at(path), shown(place), shown(found), shown(expected))]
     Table {
         /// The file.
         path: PathBuf,
@@ -48,7 +53,7 @@ pub enum Error {
         expected: String,
     },
     /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
-    #[error("{}:{line}:{column}: {}", path.display(), shown(message))]
+    #[error("{}:{line}:{column}: {}", at(path), shown(message))]
     Json {
         /// The file.
         path: PathBuf,
@@ -60,7 +65,7 @@ pub enum Error {
         message: String,
     },
     /// A value that parses is wrong.
-    #[error("{}: {}: found {}, expected {}", path.display(), shown(key), shown(found), shown(expected))]
+    #[error("{}: {}: found {}, expected {}", at(path), shown(key), shown(found), shown(expected))]
     Value {
         /// The file.
         path: PathBuf,

@@ -3,7 +3,7 @@
 use filters::Innovation;
 use nalgebra::{Matrix1, Matrix2, Vector1};
 use serde::{Deserialize, Serialize};
-use trace::one_line;
+use trace::{one_line, shown};
 use whisker::Whisker;
 use whisker::estimators::{Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
@@ -221,8 +221,8 @@ pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<
         let rest = if quoted.len() < line.len() { "..." } else { "" };
         format!("found `{}{rest}`", one_line(&quoted))
     };
-    let answer: Option<Answer> =
-        serde_json::from_str(line).map_err(|error| format!("{}, expected {EXPECTED} ({error})", found()))?;
+    let answer: Option<Answer> = serde_json::from_str(line)
+        .map_err(|error| format!("{}, expected {EXPECTED} ({})", found(), shown(&error.to_string())))?;
     let Some(answer) = answer else { return Ok(None) };
     answer.estimate(face, knowledge).map(Some).map_err(|expected| format!("{}, expected {expected}", found()))
 }
