@@ -40,6 +40,10 @@ report *arguments:
 bench:
     @cargo xtask bench
 
+# Measure batches and long traces: time and memory
+batch:
+    @cargo xtask batch
+
 # Compare the filters with those of others: docs/PERFORMANCE.md
 peers:
     @cargo xtask peers

@@ -4,7 +4,7 @@ use std::sync::{Arc, LazyLock};
 
 use serde_json::{Value, json};
 use trace::{CalibrationFile, FaceFile, parse_json, sha256};
-use whisker::estimators::Knowledge;
+use whisker::estimators::{BaseNoise, Knowledge};
 
 use crate::scratch;
 
@@ -46,6 +46,7 @@ pub(crate) static KNOWLEDGE: LazyLock<Arc<Knowledge>> = LazyLock::new(|| {
         faces: file.calibrated(&path, None).expect("a golden file"),
         whisker: file.whisker,
         noise_sd_n_m: 1e-7,
+        base_noise: BaseNoise::default(),
         rate_hz: 250.0,
         told: None,
     })

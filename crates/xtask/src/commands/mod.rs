@@ -1,5 +1,6 @@
 //! The commands: one file each, and one row in [`COMMANDS`].
 
+mod batch;
 mod bench;
 mod check;
 mod ci;
@@ -54,6 +55,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "fuzz", about: "Run parsers on bytes without end, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
     Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
+    Command { name: "batch", about: "Measure batches and long traces: time and memory", run: Plain(batch::run) },
     Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: Plain(peers::run) },
 ];
 
