@@ -55,6 +55,7 @@ _ONLOOKERS = {
     "physics",
     "products.py",
     "render.py",
+    "rig",
 }
 
 

@@ -136,6 +136,30 @@ _NITINOL_80 = Whisker(
     damping_s=_PUBLISHED_DAMPING_S,
 )
 
+_GEL_DAMPING_S = 1e-3
+"""Gel and plastic lose energy: the released whisker's first mode has a damping ratio of a tenth. An assumption."""
+
+_PRINTED_150 = Whisker(
+    name="printed",
+    length_m=0.15,
+    root_diameter_m=3e-3,
+    tip_diameter_m=0.6e-3,
+    youngs_modulus_pa=2e9,
+    density_kg_m3=1270.0,
+    curvature=(Arc(0.15, 0.0),),
+    root_stiffness_n_m_rad=0.06,
+    segments=40,
+    damping_s=_GEL_DAMPING_S,
+)
+"""The shaft of the OpenWhisker calibration platform (TAROS 2024): 150 mm, tapered, printed, on a hinge of gel.
+
+Published is its length. Modulus and density are those of PETG, after which their figures are named; the root's diameter is an
+assumption. Taper and hinge are rounded from what the published recordings have in common. A contact at the share x of the length
+turns the root, per push, 1 / (1 + K x / (1 - t x)) times as far as a rigid shaft, by the formulas of beams, with
+t = 1 - tip / root and K = k L / (3 EI). Their readings fall off towards the tip like t = 0.8 and K = 0.36: a tip a fifth as
+thick as the root, and a hinge so stiff that gel and shaft both give way.
+"""
+
 PRESETS: dict[str, tuple[str, Whisker]] = {
     whisker.name: (about, whisker)
     for about, whisker in (
@@ -156,6 +180,7 @@ PRESETS: dict[str, tuple[str, Whisker]] = {
                 curvature=(Arc(0.02, 0.0), Arc(0.03, 1.0 / 0.018)),
             ),
         ),
+        ("printed shaft, 150 mm, tapered from 3 to 0.6 mm, on a gel hinge", _PRINTED_150),
     )
 }
 """Whiskers by name, each with one line about it."""

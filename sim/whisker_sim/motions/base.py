@@ -112,15 +112,19 @@ class Path:
     def rest(self, duration_s: float) -> None:
         """Stands still."""
         count = round(duration_s / self._timestep_s)
-        self._poses.append(np.repeat(self.end[None, :], count, axis=0))
+        if count > 0:
+            self._poses.append(np.repeat(self.end[None, :], count, axis=0))
 
     def move(self, target: Array, peak_speed_m_s: float) -> None:
         """Moves straight to the pose `target`; the speed rises to `peak_speed_m_s` and falls again as a raised cosine."""
         distance_m = float(np.hypot(*(target - self.end)[:2]))
         count = check_steps(2.0 * distance_m / peak_speed_m_s / self._timestep_s)
         if count > 0:
-            share = raised_cosine(np.arange(1, count + 1) / count)
-            self._poses.append(self.end + share[:, None] * (target - self.end))
+            self.follow(target, raised_cosine(np.arange(1, count + 1) / count))
+
+    def follow(self, target: Array, share: Array) -> None:
+        """Moves straight to the pose `target`, having covered the shares (n,) of the way at the next n time steps."""
+        self._poses.append(self.end + share[:, None] * (target - self.end))
 
     def poses(self) -> Array:
         """All poses (n, 3)."""

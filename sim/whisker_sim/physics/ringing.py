@@ -69,10 +69,10 @@ class Instant(NamedTuple):
 def release(case: str, damping_s: float, timestep_s: float) -> tuple[Row, list[Instant]]:
     """Lets the whisker go and measures; gives the reading as well."""
     whisker = msgspec.structs.replace(PRESETS["straight"][1], damping_s=damping_s)
-    time_s, reading_n_m, energy = _free_vibration(whisker, timestep_s)
+    time_s, reading_n_m, energy = free_vibration(whisker, timestep_s, _BENT_N_M, _DURATION_S)
     expected_hz = float(beam_hz(whisker, 1)[0])
     ringing = time_s > _HIGH_MODES_GONE_S
-    frequency_hz, amplitude_n_m, decay_s = _fit(time_s[ringing], reading_n_m[ringing])
+    frequency_hz, amplitude_n_m, decay_s = fit(time_s[ringing], reading_n_m[ringing])
     omega_rad_s = 2.0 * np.pi * expected_hz
     expected_damping_ratio = 0.5 * omega_rad_s * (damping_s + timestep_s)
     row = Row(
@@ -95,17 +95,20 @@ def release(case: str, damping_s: float, timestep_s: float) -> tuple[Row, list[I
     return row, [Instant(case, t_s, moment_n_m) for t_s, moment_n_m in drawn if t_s <= _DRAWN_S]
 
 
-def _free_vibration(whisker: Whisker, timestep_s: float) -> tuple[Array, Array, Array]:
-    """Time, reading, and mechanical energy of whisker, base and the base's servos, after every step."""
+def free_vibration(whisker: Whisker, timestep_s: float, bent_n_m: float, duration_s: float) -> tuple[Array, Array, Array]:
+    """Lets the whisker go, bent until its root bears `bent_n_m`.
+
+    Time, reading, and mechanical energy of whisker, base and the base's servos, after every step, (n,) each.
+    """
     model = build_model(whisker, FAR_AWAY, timestep_s)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data = mujoco.MjData(model)
     hinges_m = (np.arange(whisker.segments) + 0.5) * whisker.segment_m
     share = np.concatenate(([1.0], np.maximum(1.0 - hinges_m / (0.6 * whisker.length_m), 0.0)))
-    data.qpos[3:] = -NNM_PER_NM * _BENT_N_M * share / model.jnt_stiffness[3:]
+    data.qpos[3:] = -NNM_PER_NM * bent_n_m * share / model.jnt_stiffness[3:]
     servo = model.actuator_gainprm[:, 0]
     rotation, energy = [], []
-    for _ in range(round(_DURATION_S / timestep_s)):
+    for _ in range(round(duration_s / timestep_s)):
         mujoco.mj_step(model, data)
         mujoco.mj_energyPos(model, data)
         mujoco.mj_energyVel(model, data)
@@ -115,7 +118,7 @@ def _free_vibration(whisker: Whisker, timestep_s: float) -> tuple[Array, Array, 
     return time_s, whisker.root_stiffness_n_m_rad * np.array(rotation), np.array(energy)
 
 
-def _fit(time_s: Array, signal: Array) -> tuple[float, float, float]:
+def fit(time_s: Array, signal: Array) -> tuple[float, float, float]:
     """Frequency of a decaying oscillation from its zero crossings; amplitude at time zero and time constant from its extremes."""
     turns = np.flatnonzero(np.sign(signal[1:]) != np.sign(signal[:-1]))
     share = signal[turns] / (signal[turns] - signal[turns + 1])

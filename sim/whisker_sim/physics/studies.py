@@ -1,6 +1,6 @@
 """Registry of studies: one file and one row a study."""
 
-from whisker_sim.physics import convergence, disturbance, fast, frequencies, oracle, ringing, speeds, standing, steps, sweeps
+from whisker_sim.physics import convergence, disturbance, fast, frequencies, oracle, rig, ringing, speeds, standing, steps, sweeps
 
 STUDIES = (
     oracle.STUDY,
@@ -13,5 +13,6 @@ STUDIES = (
     speeds.STUDY,
     standing.STUDY,
     disturbance.STUDY,
+    rig.STUDY,
 )
 """The studies in the order in which they are reported."""

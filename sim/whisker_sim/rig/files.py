@@ -1,0 +1,120 @@
+"""The files `rig.csv` and `rig.json`, as `datasets/FORMAT.md` specifies them."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from whisker_sim.documents import to_json
+from whisker_sim.physics.frequencies import chain_hz
+from whisker_sim.physics.ringing import fit, free_vibration
+from whisker_sim.rig.magnet import Field, Magnet, Magnetometer, field_of
+from whisker_sim.rig.table import COLUMNS, CONTACT_M, PUSH_M, Axis, grid
+from whisker_sim.scene import Scene
+from whisker_sim.shapes import AnyShape
+from whisker_sim.trace import Generator, format_csv, generator, sha256, write_atomically
+from whisker_sim.whisker import Whisker
+
+_BENT_N_M = 5e-3
+"""Moment from which the whisker is let go, about that of the routine at the middle of the shaft."""
+_PERIODS = 10
+_PERIODS_OF_HIGH_MODES = 2
+
+
+class Axes(msgspec.Struct, frozen=True):
+    """The grid of the table."""
+
+    contact_m: Axis = CONTACT_M
+    push_m: Axis = PUSH_M
+
+
+class Table(msgspec.Struct, frozen=True):
+    """The table that belongs to `rig.json`."""
+
+    file: str
+    sha256: str
+    rows: int
+    axes: Axes
+
+
+class Rig(msgspec.Struct, frozen=True):
+    """All that is known of the rig beside the rows of its table."""
+
+    format: int
+    kind: str
+    table: Table
+    ring_hz: float
+    """Frequency of the whisker that was let go."""
+    decay_s: float
+    """Time constant of its amplitude."""
+    field: Field
+    face: str
+    """Side of the whisker on which the ruler lies."""
+    ruler: AnyShape
+    whisker: Whisker
+    scene: str
+    """Name of the scene whose whisker and ruler they are."""
+    generator: Generator
+    inputs_sha256: str
+
+
+class Ringing(NamedTuple):
+    """How a whisker rings that was let go."""
+
+    ring_hz: float
+    decay_s: float
+
+
+def ringing_of(whisker: Whisker, timestep_s: float) -> Ringing:
+    """Lets `whisker` go in MuJoCo, its base held, and watches its slowest mode for some periods."""
+    period_s = 1.0 / float(chain_hz(whisker, 1)[0])
+    time_s, moment_n_m, _ = free_vibration(whisker, timestep_s, _BENT_N_M, _PERIODS * period_s)
+    slowest = time_s > _PERIODS_OF_HIGH_MODES * period_s
+    ring_hz, _, decay_s = fit(time_s[slowest], moment_n_m[slowest])
+    return Ringing(ring_hz, decay_s)
+
+
+def write_rig(folder: Path, scene: Scene) -> Rig:
+    """Writes `rig.csv` and, last, `rig.json` for the whisker and the object of `scene` into `folder`.
+
+    Raises `SimulationError` where the physics finds no contact, `OSError` where a file cannot be written.
+    """
+    rig, rows = make_rig(scene, Axes())
+    folder.mkdir(parents=True, exist_ok=True)
+    # What describes the table of before must not stand beside this one.
+    (folder / "rig.json").unlink(missing_ok=True)
+    write_atomically(folder / rig.table.file, rows)
+    write_atomically(folder / "rig.json", to_json(rig))
+    return rig
+
+
+def make_rig(scene: Scene, axes: Axes) -> tuple[Rig, bytes]:
+    """`rig.json` and the bytes of its table."""
+    stage = scene.stage()
+    contacts_m, pushes_m = axes.contact_m.values, axes.push_m.values
+    rows = format_csv(grid(stage, contacts_m, pushes_m).columns(contacts_m, pushes_m), COLUMNS)
+    ringing = ringing_of(stage.whisker, stage.timestep_s)
+    field = field_of(Magnet(), Magnetometer())
+    made_by = generator()
+    rig = Rig(
+        format=1,
+        kind="rig",
+        table=Table("rig.csv", sha256(rows), rows.count(b"\n") - 1, axes),
+        ring_hz=_figure(ringing.ring_hz),
+        decay_s=_figure(ringing.decay_s),
+        field=field,
+        face=scene.face,
+        ruler=scene.object,
+        whisker=stage.whisker,
+        scene=scene.name,
+        generator=made_by,
+        inputs_sha256=sha256(to_json([scene, axes, field, made_by.source_sha256, made_by.mujoco, version("numpy")])),
+    )
+    return rig, rows
+
+
+def _figure(value: float) -> float:
+    """To five significant digits: what is left beyond them differs from one machine to another."""
+    return float(np.format_float_positional(value, precision=5, fractional=False))
