@@ -3,7 +3,6 @@
 import hashlib
 import io
 import os
-import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -24,8 +23,6 @@ from whisker_sim.runs import Run
 from whisker_sim.simulate import simulate
 from whisker_sim.trace import inputs_sha256, write_atomically
 from whisker_sim.whisker import Array
-
-_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 class Pictures(Protocol):
@@ -141,15 +138,8 @@ def _write_animation(path: Path, sweep: Pictures, shows_progress: bool) -> None:
 
 
 def set_name(run: Run) -> str:
-    """Name of the pictures of a set, the trials of one group with one whisker. Neither holds a dot, so no two are the same.
-
-    Raises `InputError` where a name is none of a file.
-    """
-    group, whisker = run.scene.group, run.scene.resolved_whisker.name
-    for key, name in (("group", group), ("whisker.name", whisker)):
-        if not _FILE_NAME.fullmatch(name):
-            raise InputError(f"{run.path}: {key}: expected letters, digits, '-' and '_', found {name!r}")
-    return f"{group}.{whisker}"
+    """Name of the pictures of a set, the trials of one group with one whisker. Neither holds a dot, so no two are the same."""
+    return f"{run.scene.group}.{run.scene.resolved_whisker.name}"
 
 
 def _set_paths(folder: Path, run: Run) -> tuple[Path, Path]:
