@@ -18,4 +18,7 @@ pub(super) fn run(bytes: &[u8]) {
         let picture = folder.join(format!("{}.{}.webp", set.group, set.whisker));
         assert_eq!(picture.parent(), Some(folder));
     }
+    for sensor in &run.front_end.sensors {
+        assert_eq!(folder.join(sensor.label()).parent(), Some(folder));
+    }
 }
