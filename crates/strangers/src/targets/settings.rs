@@ -23,7 +23,7 @@ pub(super) fn run(bytes: &[u8]) {
     let Some(file) = one_line_of(parse_json::<Value>(bytes)) else { return };
     for row in ESTIMATORS {
         let settings = file.get(row.name).map(|settings| merged((row.defaults)(), settings));
-        let Some(settings) = settings.and_then(|settings| one_line_of(settings)) else { continue };
+        let Some(settings) = settings.and_then(one_line_of) else { continue };
         if let Some(method) = one_line_of((row.build)(&settings, &KNOWLEDGE)) {
             Estimator::new(method, KNOWLEDGE.clone(), TouchConfig::default(), 1);
         }
