@@ -67,13 +67,14 @@ fn chebyshev_slopes<const N: usize>(u: f64, values: &[f64; N]) -> [f64; N] {
 /// `sum a_i c_ij b_j`, `i + j < N`.
 #[inline(always)]
 fn product<const N: usize>(coefficients: &[f64], by_u: &[f64; N], by_v: &[f64; N]) -> f64 {
+    // The first terms start the sums: a zero that is added is an operation like any other.
     let (mut value, mut start) = (0.0, 0);
     for (i, by_u) in by_u.iter().enumerate() {
-        let mut row = 0.0;
-        for j in 0..N - i {
+        let mut row = coefficients[start] * by_v[0];
+        for j in 1..N - i {
             row += coefficients[start + j] * by_v[j];
         }
-        value += by_u * row;
+        value = if i == 0 { by_u * row } else { value + by_u * row };
         start += N - i;
     }
     value
@@ -200,7 +201,7 @@ impl Polynomial {
 
     #[inline(always)]
     fn scaled(&self, x_m: f64, y_m: f64) -> (f64, f64) {
-        ((x_m - self.center_m[0]) / self.scale_m[0], (y_m - self.center_m[1]) / self.scale_m[1])
+        ((x_m - self.center_m[0]) * (1.0 / self.scale_m[0]), (y_m - self.center_m[1]) * (1.0 / self.scale_m[1]))
     }
 
     /// The products `T_i T_j` in the order of the coefficients.
