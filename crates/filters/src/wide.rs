@@ -237,7 +237,7 @@ const TWO_TO_31: f32 = 2_147_483_648.0;
 #[inline(always)]
 fn radius(bits: u32) -> f32 {
     const LN_2: [f32; 2] = [6.931_381_2e-1, 9.058_000_6e-6];
-    const SERIES: [f32; 4] = [0.242_790_79, 0.284_987_87, 0.400_009_72, 0.666_666_6];
+    const SERIES: [f32; 4] = [0.666_666_6, 0.400_009_72, 0.284_987_87, 0.242_790_79];
     // u is in the middle of one of 2^31 equal parts of the numbers from 0 to 1.
     let u = ((bits >> 1) as i32 as f32 + 0.5) * (1.0 / TWO_TO_31);
     // u = 2^exponent m, with m from sqrt(1/2) to sqrt(2).
@@ -248,11 +248,9 @@ fn radius(bits: u32) -> f32 {
     let s = f / (2.0 + f);
     let squared = s * s;
     let half = 0.5 * f * f;
-    let mut series = 0.0;
-    for coefficient in SERIES {
-        series = (series + coefficient) * squared;
-    }
-    let correction = s * (half + series) + exponent * LN_2[1];
+    let [a, b, c, d] = SERIES;
+    let series = (a + b * squared) + (c + d * squared) * (squared * squared);
+    let correction = s * (half + squared * series) + exponent * LN_2[1];
     let ln = exponent * LN_2[0] - ((half - correction) - f);
     (-2.0 * ln).sqrt()
 }
