@@ -8,9 +8,9 @@ use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
 
 use crate::bounded::Noisier;
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped, States, extended};
 use crate::vectorised;
 use crate::wide::{self, Column};
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped, States, extended};
 
 /// A belief made of weighted particles.
 #[derive(Clone, Debug, PartialEq)]

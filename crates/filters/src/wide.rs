@@ -41,7 +41,10 @@ macro_rules! vectorised {
 }
 
 /// Sum of `term` over the rows of columns of one length.
-#[allow(clippy::needless_range_loop, reason = "an iterator over several columns is not turned into vector instructions")]
+#[allow(
+    clippy::needless_range_loop,
+    reason = "an iterator over several columns is not turned into vector instructions"
+)]
 #[inline(always)]
 pub(crate) fn sum<const C: usize>(columns: [&[f64]; C], term: impl Fn([f64; C]) -> f64) -> f64 {
     let count = columns[0].len() / LANES;
@@ -311,7 +314,10 @@ mod tests {
             let (found, expected) = (f64::from(radius(bits)).powi(2), -2.0 * u.ln());
             let apart = (-0.5 * found).exp() - (-0.5 * expected).exp();
             assert!(apart.abs() < 4e-7, "{bits}: {found} {expected}");
-            assert!((found - expected).abs() < 4e-7 * (1.0 + expected) && found < 6.7 * 6.7, "{bits}: {found} {expected}");
+            assert!(
+                (found - expected).abs() < 4e-7 * (1.0 + expected) && found < 6.7 * 6.7,
+                "{bits}: {found} {expected}"
+            );
             let angle_rad = (f64::from(bits) / 2_f64.powi(32) - 0.5) * std::f64::consts::FRAC_PI_2;
             let (sine, cosine) = sin_cos(angle_rad as f32);
             let apart = (f64::from(sine).atan2(f64::from(cosine)) - angle_rad).abs();

@@ -60,8 +60,7 @@ fn set(folder: &Path) -> Dataset {
     }
     let set = Dataset::open(folder, None).expect("the traces just written");
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
-    let settings =
-        FitSettings { models, noise: NOISE, seed: 1, front_end: Choice::default(), sensors: Vec::new() };
+    let settings = FitSettings { models, noise: NOISE, seed: 1, front_end: Choice::default(), sensors: Vec::new() };
     fit(&set, &settings, &set.calibrations("white")).expect("traces that calibrate");
     set
 }
