@@ -44,6 +44,10 @@ bench:
 peers:
     @cargo xtask peers
 
+# Measure batches and long traces: time and memory
+batch:
+    @cargo xtask batch
+
 # Simulate the golden traces of the tests: datasets/golden/
 golden:
     @cargo xtask golden

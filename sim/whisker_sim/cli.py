@@ -1,29 +1,23 @@
-"""The command line: `simulate`, `render`, `view`, `export`, `check` and `list`.
+"""The command line: `simulate`, `cluster`, `render`, `view`, `export`, `check` and `list`.
 
 Exit codes: 0 good, 1 failed, 2 wrong use or input, 3 finished with some traces failed, 130 interrupted.
 """
 
 import argparse
-import multiprocessing
 import os
-import signal
+import re
 import sys
-import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from itertools import islice
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import UnionType
-from typing import NamedTuple
+from types import ModuleType, UnionType
 
 import msgspec
 
 from whisker_sim import __version__
 from whisker_sim.arm.passage import Pass, Passage
 from whisker_sim.arm.scene import ArmScene
+from whisker_sim.chores import FAILED, GOOD, INTERRUPTED, WRONG_INPUT, Chore, Crew, Outcome, do, interrupts_wait, processes
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.free_object import FreeObject
@@ -33,9 +27,9 @@ from whisker_sim.scene import SIMULATIONS
 from whisker_sim.shapes import AnyShape
 from whisker_sim.whisker import PRESETS
 
-GOOD, FAILED, WRONG_INPUT, SOME_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
-
-_DATASETS = Path(__file__).resolve().parents[2] / "datasets"
+_REPOSITORY = Path(__file__).resolve().parents[2]
+_DATASETS = _REPOSITORY / "datasets"
+_WHISKER = _REPOSITORY / "target/release/whisker"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -75,18 +69,29 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     command = commands.add_parser("simulate", help="simulate scenes and suites and write traces")
-    command.add_argument("files", nargs="+", type=Path, metavar="SCENE_OR_SUITE")
-    command.add_argument("--out", type=Path, metavar="DIR", help="folder of the traces (default: datasets/<suite>)")
+    _add_what_to_simulate(command)
     add_jobs(command)
     command.add_argument(
-        "--simulation",
-        choices=SIMULATIONS,
-        metavar="NAME",
-        help=f"settings of the simulation, for every scene: {', '.join(SIMULATIONS)} (default: each scene's own); "
-        "the traces of a suite then go to datasets/<suite>_<name>",
+        "--share",
+        type=_share,
+        default=(1, 1),
+        metavar="K/N",
+        help="make only one of N equal shares of the traces, K from 1 to N, while other processes make the others",
     )
-    command.add_argument("--force", action="store_true", help="simulate traces that are up to date as well")
     command.set_defaults(command=_simulate)
+
+    cluster = commands.add_parser("cluster", help="simulate or evaluate on the machines of a Dask cluster")
+    on_cluster = cluster.add_subparsers(required=True, metavar="COMMAND")
+    command = on_cluster.add_parser("simulate", help="simulate scenes and suites and write traces")
+    _add_scheduler(command)
+    _add_what_to_simulate(command)
+    command.set_defaults(command=_simulate_on_cluster)
+    command = on_cluster.add_parser("evaluate", help="score estimators on traces (`whisker evaluate`)")
+    _add_scheduler(command)
+    command.add_argument("--whisker", type=Path, default=_WHISKER, metavar="PROGRAM", help=f"default: {_WHISKER}")
+    command.add_argument("--shares", type=_positive, metavar="N", help="shares of the work (default: some a thread of the workers)")
+    command.add_argument("arguments", nargs=argparse.REMAINDER, help="those of `whisker evaluate`")
+    command.set_defaults(command=_evaluate_on_cluster)
 
     command = commands.add_parser("render", help="draw sweeps from above, of a scene or of each group and whisker of a suite")
     command.add_argument("file", type=Path, metavar="SCENE_OR_SUITE")
@@ -121,6 +126,25 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_what_to_simulate(command: argparse.ArgumentParser) -> None:
+    command.add_argument("files", nargs="+", type=Path, metavar="SCENE_OR_SUITE")
+    command.add_argument("--out", type=Path, metavar="DIR", help="folder of the traces (default: datasets/<suite>)")
+    command.add_argument(
+        "--simulation",
+        choices=SIMULATIONS,
+        metavar="NAME",
+        help=f"settings of the simulation, for every scene: {', '.join(SIMULATIONS)} (default: each scene's own); "
+        "the traces of a suite then go to datasets/<suite>_<name>",
+    )
+    command.add_argument("--force", action="store_true", help="simulate traces that are up to date as well")
+
+
+def _add_scheduler(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--scheduler", required=True, metavar="ADDRESS", help="of the Dask scheduler, such as tcp://127.0.0.1:8786"
+    )
+
+
 def add_jobs(command: argparse.ArgumentParser) -> None:
     """Adds the option `--jobs`."""
     command.add_argument(
@@ -134,7 +158,38 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+def _share(text: str) -> tuple[int, int]:
+    numbers = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
+    if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+        raise argparse.ArgumentTypeError(f"expected K/N with K from 1 to N, such as 3/16, found '{text}'")
+    return int(numbers[1]), int(numbers[2])
+
+
 def _simulate(options: argparse.Namespace) -> int:
+    return _make_traces(options, processes(options.jobs), options.share)
+
+
+def _simulate_on_cluster(options: argparse.Namespace) -> int:
+    return _make_traces(options, _cluster().crew(options.scheduler))
+
+
+def _evaluate_on_cluster(options: argparse.Namespace) -> int:
+    return _cluster().evaluate(options.scheduler, options.whisker.resolve(), options.shares, options.arguments)
+
+
+def _cluster() -> ModuleType:
+    """What works on clusters, and needs packages that nothing else does."""
+    try:
+        with interrupts_wait():
+            from whisker_sim import cluster
+    except ModuleNotFoundError as error:
+        raise WhiskerSimError(
+            f"expected the package '{error.name}', found none: pip install --requirement sim/requirements-cluster.lock"
+        ) from None
+    return cluster
+
+
+def _make_traces(options: argparse.Namespace, crew: Crew, share: tuple[int, int] = (1, 1)) -> int:
     waiting: list[tuple[Path, Run]] = []
     for file in options.files:
         suite, runs = load_runs(file)
@@ -156,14 +211,15 @@ def _simulate(options: argparse.Namespace) -> int:
             raise InputError(f"{run.path}: expected traces of different names, found '{target.name}' {count[target]} times")
 
     # An interrupt that comes while MuJoCo loads would be lost, or pass for a failure of the library.
-    with _interrupts_wait():
+    with interrupts_wait():
         from whisker_sim.products import product_of
 
     def is_up_to_date(folder: Path, run: Run) -> bool:
         return product_of(run).is_up_to_date(folder, run)
 
     chore = Chore("simulate", "trace", lambda run: run.name, is_up_to_date, make_trace)
-    return _do(chore, waiting, options.jobs, options.force)
+    number, shares = share
+    return do(chore, waiting[number - 1 :: shares], crew, options.force)
 
 
 def _keep_other_settings(folder: Path, run: Run) -> None:
@@ -179,66 +235,6 @@ def _keep_other_settings(folder: Path, run: Run) -> None:
             f"{', '.join(f'{key} {value:g}' for key, value in kept.items())}; "
             "another --out DIR keeps both, --force replaces it"
         )
-
-
-class Outcome(NamedTuple):
-    """What became of one item of a chore: an exit code, and one line for people."""
-
-    code: int
-    line: str
-
-
-class Chore(NamedTuple):
-    """Something to be made in a folder for each of many runs."""
-
-    verb: str
-    noun: str
-    """What is made, in the singular."""
-    name: Callable[[Run], str]
-    """Under which its files go, without their endings."""
-    is_up_to_date: Callable[[Path, Run], bool]
-    make: Callable[[Path, Run], Outcome]
-    """A function of this module, which worker processes can find."""
-
-
-def _do(chore: Chore, waiting: list[tuple[Path, Run]], jobs: int, force: bool) -> int:
-    """Does a chore for all that wait, in worker processes; gives the exit code."""
-    failed = []
-    with _progress(chore, len(waiting)) as report:
-        for outcome in _outcomes(chore, waiting, jobs, force):
-            report(outcome)
-            failed += [outcome.code] if outcome.code != GOOD else []
-    if 0 < len(failed) < len(waiting):
-        print(f"{len(failed)} of {len(waiting)} {chore.noun}s failed", file=sys.stderr)
-        return SOME_FAILED
-    return max(failed, default=GOOD)
-
-
-def _outcomes(chore: Chore, waiting: list[tuple[Path, Run]], jobs: int, force: bool) -> Iterator[Outcome]:
-    """Makes what is not up to date; yields the outcome of each, as they finish."""
-    from whisker_sim.trace import remove_leftovers
-
-    for folder, run in waiting:
-        remove_leftovers(folder, chore.name(run))
-    if not force:
-        fresh = [(folder, run) for folder, run in waiting if chore.is_up_to_date(folder, run)]
-        yield from (Outcome(GOOD, f"{chore.name(run)}: up to date") for _, run in fresh)
-        waiting = [item for item in waiting if item not in fresh]
-    jobs = min(jobs, len(waiting))
-    if jobs <= 1:
-        yield from (chore.make(folder, run) for folder, run in waiting)
-        return
-    # No more than one item a worker is handed out, so that an interruption waits for those and no others.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=_outlive_nobody) as executor:
-        rest = iter(waiting)
-        running = _submit(executor, chore, islice(rest, jobs))
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= _submit(executor, chore, islice(rest, len(done)))
-            try:
-                yield from (future.result() for future in done)
-            except BrokenProcessPool:
-                raise WhiskerSimError("a worker process died, for lack of memory perhaps; fewer --jobs may help") from None
 
 
 def make_trace(folder: Path, run: Run) -> Outcome:
@@ -271,62 +267,8 @@ def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
         return Outcome(FAILED, f"error: {run.path}: {run.name}: {error}")
 
 
-def _submit(executor: ProcessPoolExecutor, chore: Chore, items: Iterable[tuple[Path, Run]]) -> set[Future[Outcome]]:
-    """Hands out items to workers; they start here, where there are too few.
-
-    They never hear an interrupt, and finish the items they are making; the main process does, and hands out no more.
-    """
-    with _interrupts_wait():
-        return {executor.submit(chore.make, folder, run) for folder, run in items}
-
-
-@contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """Puts interrupts off until its end; the processes that start within it never hear one."""
-    late: list[int] = []
-    # A blocked signal alone does not wait: a library's thread that does not block it would take it for the whole process.
-    heard = signal.signal(signal.SIGINT, lambda number, _: late.append(number))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        signal.signal(signal.SIGINT, heard)
-        if late:
-            signal.raise_signal(signal.SIGINT)
-
-
-def _outlive_nobody() -> None:
-    """Ends a worker when the main process is killed: it would wait for work for ever."""
-    main_process = multiprocessing.parent_process()
-
-    def follow() -> None:
-        main_process.join()
-        os._exit(FAILED)
-
-    threading.Thread(target=follow, daemon=True).start()
-
-
-@contextmanager
-def _progress(chore: Chore, total: int) -> Iterator[Callable[[Outcome], None]]:
-    """Gives a function that reports one finished item: a bar on a terminal, a line elsewhere; errors always as a line."""
-    if not sys.stderr.isatty():
-        yield lambda outcome: print(outcome.line, file=sys.stderr, flush=True)
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit=chore.noun, desc=chore.verb, dynamic_ncols=True) as bar:
-
-        def report(outcome: Outcome) -> None:
-            if outcome.code != GOOD:
-                bar.write(outcome.line, file=sys.stderr)
-            bar.update()
-
-        yield report
-
-
 def _render(options: argparse.Namespace) -> int:
-    with _interrupts_wait():
+    with interrupts_wait():
         from whisker_sim.products import product_of
         from whisker_sim.render import first_of_each_set, is_rendered, render, set_name
 
@@ -340,7 +282,7 @@ def _render(options: argparse.Namespace) -> int:
         return is_rendered(folder, run, product_of(run).draw)
 
     chore = Chore("render", "animation", set_name, is_up_to_date, make_pictures)
-    return _do(chore, [(options.out, run) for run in first_of_each_set(runs)], options.jobs, options.force)
+    return do(chore, [(options.out, run) for run in first_of_each_set(runs)], processes(options.jobs), options.force)
 
 
 def _view(options: argparse.Namespace) -> int:

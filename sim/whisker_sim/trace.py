@@ -44,7 +44,18 @@ COLUMNS = (
 """Columns of a trace in order, with their decimals."""
 
 # Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
-_ONLOOKERS = {"__main__.py", "cli.py", "drawing.py", "export.py", "products.py", "render.py", "physics", "arm/picture.py"}
+_ONLOOKERS = {
+    "__main__.py",
+    "arm/picture.py",
+    "chores.py",
+    "cli.py",
+    "cluster.py",
+    "drawing.py",
+    "export.py",
+    "physics",
+    "products.py",
+    "render.py",
+}
 
 
 class Generator(msgspec.Struct, frozen=True):

@@ -8,9 +8,8 @@ use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
 
 /// `x <- f(x)`, `P <- F P F' + Q`.
 pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) {
-    let jacobian = process.jacobian(&belief.mean);
-    let noise = process.noise(&belief.mean);
-    belief.mean = process.predict(&belief.mean);
+    let (mean, jacobian, noise) = process.linearised(&belief.mean);
+    belief.mean = mean;
     belief.covariance = symmetrised(jacobian * belief.covariance * jacobian.transpose() + noise);
 }
 

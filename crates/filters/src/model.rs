@@ -31,6 +31,11 @@ pub trait Process<const N: usize> {
         jacobian
     }
 
+    /// The state one step later, the Jacobian `F` and the covariance `Q`, for filters that need all three; one after the other unless given.
+    fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
+        (self.predict(x), self.jacobian(x), self.noise(x))
+    }
+
     /// Moves many states one step on; one by one unless given.
     fn predict_each(&self, states: &mut States<N>) {
         for index in 0..states.len() {

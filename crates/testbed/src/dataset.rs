@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use trace::{ArrayRecording, Role, Suite, Trace, read_json};
+use trace::{ArrayRecording, ArraySidecar, Role, Sidecar, Suite, Trace, read_json};
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
 
@@ -74,22 +74,29 @@ impl Dataset {
         Self { paths: self.paths.iter().filter(is_named).cloned().collect(), ..self.clone() }
     }
 
+    /// Paths of the traces of one role.
+    ///
+    /// # Errors
+    /// The first sidecar that cannot be read, or that there are none.
+    pub fn of_role(&self, role: Role) -> anyhow::Result<Vec<&Path>> {
+        let mut paths = Vec::new();
+        for path in &self.paths {
+            if Sidecar::read(path)?.role == role {
+                paths.push(path.as_path());
+            }
+        }
+        if paths.is_empty() {
+            bail!("{}: no traces with the role `{}`", self.folder.display(), role.name());
+        }
+        Ok(paths)
+    }
+
     /// Reads the traces of one role.
     ///
     /// # Errors
     /// The first that cannot be read, or that there are none.
     pub fn read(&self, role: Role) -> anyhow::Result<Vec<Trace>> {
-        let mut traces = Vec::new();
-        for path in &self.paths {
-            let trace = Trace::read(path)?;
-            if trace.sidecar.role == role {
-                traces.push(trace);
-            }
-        }
-        if traces.is_empty() {
-            bail!("{}: no traces with the role `{}`", self.folder.display(), role.name());
-        }
-        Ok(traces)
+        self.of_role(role)?.into_iter().map(|path| Ok(Trace::read(path)?)).collect()
     }
 
     /// Measurement noise to add where none is asked for: see [`FrontEnd::default_noise`]. A dataset with a simulated trace counts as simulated.
@@ -122,6 +129,6 @@ fn traces(folder: &Path, name: &str) -> anyhow::Result<Vec<PathBuf>> {
     if !path.is_file() || !ArrayRecording::is_one(&path)? {
         return Ok(vec![path.with_extension("csv")]);
     }
-    let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
+    let whiskers = ArraySidecar::read(&path)?.whiskers;
     Ok(whiskers.iter().map(|whisker| folder.join(format!("{}.csv", whisker.trace))).collect())
 }

@@ -6,12 +6,15 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, Digest, FaceFile, Role, Sidecar, Trace, read_json, write_atomically, write_json};
+use trace::{
+    CalibrationFile, Digest, FaceFile, Role, Sidecar, Trace, TruthInstant, read_json, write_atomically, write_json,
+};
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Face, Fit, Material, ModelError, Sample};
 
 use crate::dataset::Dataset;
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
+use crate::map::true_circle;
 use crate::provenance::watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
 use crate::settings::merged;
@@ -159,7 +162,10 @@ fn fit_whisker(
     inputs.extend(candidates.iter().map(|it| format!("{} {}", it.row.kind, it.config)));
     inputs.extend([settings.noise.to_string(), settings.seed.to_string()]);
     inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
-    inputs.extend(mountings.iter().map(|mounting| format!("{}/{}", mounting.array, mounting.sensor)));
+    inputs.extend(mountings.iter().map(|mounting| {
+        let board: Vec<_> = mounting.board.iter().map(|seat| (&seat.sensor, seat.base.to_homogeneous())).collect();
+        format!("{}/{} on {board:?}", mounting.array, mounting.sensor)
+    }));
     let watermark = watermark(inputs.iter().map(String::as_str));
     let path = out.join(format!("{}.json", whisker.name));
     let for_report = |face: &FaceFile| {
@@ -184,13 +190,13 @@ fn fit_whisker(
     let noise = if is_recorded { 0.0 } else { settings.noise };
     let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
     let played = |(trace, mounting)| Played::new(trace, mounting, noise * largest, settings.seed);
-    let played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
+    let mut played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
     let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;
     let mut readings_n_m = Vec::new();
-    for played in &played {
+    for played in &mut played {
         let Mounting { array, sensor, .. } = played.mounting;
-        let sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
-        readings_n_m.push(front_end.readings_n_m(played, sensor)?);
+        played.sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
+        readings_n_m.push(front_end.readings_n_m(played)?);
     }
     let mut faces = Vec::new();
     let mut left_out = Vec::new();
@@ -264,6 +270,11 @@ fn fit_face(
     Ok((fits, failed))
 }
 
+/// Whether a contact, where there is one, is the only one and on the side of the whisker.
+fn is_single(truth: &TruthInstant) -> bool {
+    truth.tip != Some(true) && truth.split != Some(true)
+}
+
 fn clean_contacts(trace: &Trace) -> Vec<Sample> {
     contacts(trace, &trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect::<Vec<_>>())
 }
@@ -276,20 +287,21 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
         .iter()
         .zip(&trace.truth.instants)
         .zip(readings_n_m)
-        .filter(|((_, truth), _)| truth.tip != Some(true) && truth.split != Some(true))
+        .filter(|((_, truth), _)| is_single(truth))
         .filter_map(|((known, truth), &reading_n_m)| {
             Some(Sample { contact: known.base.inverse().apply(truth.contact?), reading_n_m })
         })
         .collect()
 }
 
-/// Mean distance of the known contacts from the middle of the object that touched. Where no outline is known the contacts stand for the middle.
+/// Radius of the round pin that touched and of the wire on it: the mean distance of the known contacts, single ones on the side of the whisker, from the middle of the pin.
+/// Nothing is known of it where no outline is known, or one that is not round: then 0.
 fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> anyhow::Result<f64> {
     let mut distances_m = Vec::new();
     for trace in traces {
-        let Some(middle) = trace.outline(folder)?.map(|outline| outline.middle()) else { return Ok(0.0) };
-        let contacts = trace.truth.instants.iter().filter_map(|truth| truth.contact);
-        distances_m.extend(contacts.map(|contact| contact.distance(&middle)));
+        let Some(pin) = trace.outline(folder)?.as_ref().and_then(true_circle) else { return Ok(0.0) };
+        let truths = trace.truth.instants.iter().filter(|truth| is_single(truth));
+        distances_m.extend(truths.filter_map(|truth| truth.contact).map(|contact| contact.distance(&pin.center)));
     }
     Ok(mean(distances_m).unwrap_or_default())
 }

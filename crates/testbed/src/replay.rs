@@ -6,8 +6,8 @@ use std::time::Instant as Clock;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use trace::{CalibrationFile, Recording, Sidecar};
-use whisker::estimators::{Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Sample};
+use trace::{CalibrationFile, Recording, SensorFile, Sidecar};
+use whisker::estimators::{BaseNoise, Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Sample};
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::CalibratedFace;
@@ -16,29 +16,58 @@ use crate::front_end::derived_seed;
 
 /// The samples that a robot would have had: base motion from the recorded poses, readings from the front end.
 pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {
-    let mut last: Option<&trace::Instant> = None;
-    recording
-        .instants
-        .iter()
-        .zip(readings_n_m)
-        .map(|(now, &reading_n_m)| {
-            let (motion, dt_s) = match last {
-                Some(before) => (before.base.then(&now.base.inverse()), now.t_s - before.t_s),
-                None => (Pose::new(0.0, 0.0, 0.0), 0.0),
-            };
-            last = Some(now);
-            Sample { motion, dt_s, reading_n_m }
-        })
-        .collect()
+    with_readings(&motions(recording), readings_n_m)
 }
 
-/// What a robot with the whisker of a trace knows before it touches anything.
+/// The same as long as nothing was read: without readings.
+pub fn motions(recording: &Recording) -> Vec<Sample> {
+    let mut steps = Steps::default();
+    recording.instants.iter().map(|now| steps.sample(now, 0.0)).collect()
+}
+
+/// Motions, each with its reading.
+pub fn with_readings(motions: &[Sample], readings_n_m: &[f64]) -> Vec<Sample> {
+    motions.iter().zip(readings_n_m).map(|(motion, &reading_n_m)| Sample { reading_n_m, ..*motion }).collect()
+}
+
+/// Turns instants into samples, one by one in the order of time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Steps {
+    last: Option<trace::Instant>,
+}
+
+impl Steps {
+    /// The sample of the next instant, which reads so much.
+    pub fn sample(&mut self, now: &trace::Instant, reading_n_m: f64) -> Sample {
+        let (motion, dt_s) = match self.last.replace(*now) {
+            Some(before) => (before.base.then(&now.base.inverse()), now.t_s - before.t_s),
+            None => (Pose::new(0.0, 0.0, 0.0), 0.0),
+        };
+        Sample { motion, dt_s, reading_n_m }
+    }
+}
+
+/// Standard deviation of all measurement noise of a trace: what is added, what its sensor has where it has one, and what a recording has of itself.
+pub fn noise_sd_n_m(added_sd_n_m: f64, sensor: Option<&SensorFile>, sidecar: &Sidecar) -> f64 {
+    added_sd_n_m.hypot(sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m)).hypot(sidecar.own_noise_sd_n_m())
+}
+
+/// Calibrated faces as a sensor reads them, with what it may be off by throughout.
+pub fn read_by(sensor: Option<&SensorFile>, faces: &[Arc<CalibratedFace>]) -> Vec<Arc<CalibratedFace>> {
+    match sensor {
+        Some(sensor) => faces.iter().map(|face| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd))).collect(),
+        None => faces.to_vec(),
+    }
+}
+
+/// What a robot with the whisker of a trace, and an exact base, knows before it touches anything.
 pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m: f64) -> Arc<Knowledge> {
     Arc::new(Knowledge {
         whisker: sidecar.whisker.clone(),
         rest: sidecar.whisker.rest_shape(),
         faces: faces.to_vec(),
         noise_sd_n_m,
+        base_noise: BaseNoise::default(),
         rate_hz: sidecar.rate_hz,
         told: None,
     })
@@ -105,6 +134,13 @@ pub struct Replay {
     pub elapsed_ns: u128,
     /// Why the estimator fell silent before the end, where it failed.
     pub failure: Option<String>,
+}
+
+impl Replay {
+    /// That of an estimator which never said anything, for this reason.
+    pub fn silent(samples: usize, reason: String) -> Self {
+        Self { estimates: vec![None; samples], outline: None, elapsed_ns: 0, failure: Some(reason) }
+    }
 }
 
 /// Runs an estimator over samples.

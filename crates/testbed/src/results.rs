@@ -22,20 +22,22 @@
 //! maps/<recording>.<estimator>.grid.csv     [`GridRow`], the cells that were seen, for the same
 //! models/<whisker>_<face>.surface.csv   [`SurfaceRow`], the sensor model on a grid over its domain
 //! models/<whisker>_<face>.residuals.csv [`ResidualRow`], held-out residuals of the calibration
-//! sensors/<sensor>.turn.csv             [`TurnRow`], counts at rest while the sensor is turned, where the front end has a sensor
-//! sensors/<sensor>.transfer.csv         [`TransferRow`], counts over the rotation of the root
+//! sensors/<array>.<sensor>.turn.csv     [`TurnRow`], counts at rest while the sensor is turned, where the front end has a sensor
+//! sensors/<array>.<sensor>.transfer.csv [`TransferRow`], counts over the rotation of the root
 //! ```
 //!
 //! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
 //! ([`ScoreRow`]).
 
+use std::io::Write;
+use std::marker::PhantomData;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use csv::{ReaderBuilder, StringRecord, WriterBuilder};
+use csv::{IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
-use trace::FrontEndFile;
+use trace::{AtomicFile, FrontEndFile};
 use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
@@ -45,7 +47,7 @@ use crate::map::MapConfig;
 use crate::metrics::{METRICS, Metric, Scores};
 
 /// A row whose first columns are the fields of `Head` and whose others are the metrics, in the order of [`METRICS`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScoreRow<Head> {
     /// What was scored.
     pub head: Head,
@@ -442,7 +444,7 @@ pub struct MapObjectRow {
     pub points: usize,
     /// Name of the true object.
     pub matched: Option<String>,
-    /// How far the true object was displaced at most.
+    /// How far the true object was displaced at most, wherever on it.
     pub moved_m: Option<f64>,
     /// Mean distance of its points from the true outline.
     pub points_mean_m: Option<f64>,
@@ -789,6 +791,75 @@ fn table_bytes(columns: &[&str], rows: impl Iterator<Item: Serialize>) -> anyhow
         writer.serialize(row)?;
     }
     Ok(writer.into_inner()?)
+}
+
+/// A table that is written row by row, with the bytes of [`csv_bytes`] or [`score_bytes`].
+pub struct Table<Row, To: Write> {
+    writer: Writer<To>,
+    rows: PhantomData<Row>,
+}
+
+/// A table in a file, which is there when it is finished.
+pub type TableFile<Row> = Table<Row, AtomicFile>;
+
+impl<Row: Serialize + DeserializeOwned, To: Write> Table<Row, To> {
+    /// Begins a table of such rows.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn new(to: To) -> anyhow::Result<Self> {
+        Self::with_columns(to, columns::<Row>())
+    }
+
+    /// Takes the next row.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn push(&mut self, row: &Row) -> anyhow::Result<()> {
+        self.writer.serialize(row).map_err(refusal)
+    }
+}
+
+impl<Head: Serialize + DeserializeOwned, To: Write> Table<ScoreRow<Head>, To> {
+    /// Begins a table of scores.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn of_scores(to: To) -> anyhow::Result<Self> {
+        Self::with_columns(to, &score_columns::<Head>())
+    }
+
+    /// Takes the next row of scores.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn push_scores(&mut self, row: &ScoreRow<Head>) -> anyhow::Result<()> {
+        self.writer.serialize((&row.head, row.scores.values())).map_err(refusal)
+    }
+}
+
+impl<Row, To: Write> Table<Row, To> {
+    fn with_columns(to: To, columns: &[&str]) -> anyhow::Result<Self> {
+        let mut writer = WriterBuilder::new().has_headers(false).from_writer(to);
+        writer.write_record(columns).map_err(refusal)?;
+        Ok(Self { writer, rows: PhantomData })
+    }
+
+    /// Ends the table; gives back what it was written to.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(self) -> anyhow::Result<To> {
+        Ok(self.writer.into_inner().map_err(IntoInnerError::into_error)?)
+    }
+}
+
+/// Why a table was not written: the system's own answer, where it was the system that refused.
+fn refusal(error: csv::Error) -> anyhow::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error.into(),
+        other => anyhow::anyhow!("{other:?}"),
+    }
 }
 
 /// Names of the columns of a table of scores.

@@ -8,6 +8,11 @@ pub(crate) const NORMAL_95: f64 = 1.959_963_984_540_054;
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
+    quantile_of_sorted(&sorted, q)
+}
+
+/// The same of values that are in order.
+pub(crate) fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let position = q * last as f64;
     let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);

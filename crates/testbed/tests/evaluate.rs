@@ -7,13 +7,16 @@ use std::slice;
 use std::time::Duration;
 
 use indicatif::ProgressBar;
+use nalgebra::Matrix3;
 use serde_json::json;
+use testbed::bound::TraceBound;
 use testbed::dataset::Dataset;
 use testbed::entrant::Program;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::Choice;
-use trace::{Role, Trace, TruthInstant, sha256};
+use trace::{CalibrationFile, Role, Trace, TruthInstant, sha256};
+use whisker::estimators::BaseNoise;
 
 /// The golden pin, as a trial and as a calibration, and without its pin: nothing is touched.
 fn dataset(folder: &Path) -> Dataset {
@@ -54,17 +57,10 @@ fn settings(results: &Path) -> EvaluateSettings {
     EvaluateSettings {
         name: "golden".into(),
         estimators: Some(vec!["ekf".into()]),
-        programs: Vec::new(),
-        config: Default::default(),
-        front_end: Default::default(),
-        touch: Default::default(),
         noise: vec![0.01],
         seeds: vec![1],
-        starts: Default::default(),
-        encoders: Vec::new(),
-        map: Default::default(),
-        calibrations: None,
         results: results.into(),
+        ..Default::default()
     }
 }
 #[test]
@@ -115,7 +111,7 @@ fn verif_readings_of_a_hall_sensor_do_not_depend_on_the_number_of_threads() {
         });
         let again = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap();
         assert!(evaluated.is_new && !again.is_new);
-        let of_sensor = ["sensors/straight.turn.csv", "sensors/straight.transfer.csv"];
+        let of_sensor = ["sensors/straight.straight.turn.csv", "sensors/straight.straight.transfer.csv"];
         let files = ["trials.csv", "estimates/pin.ekf.csv"].into_iter().chain(of_sensor);
         files.map(|file| fs::read(evaluated.folder.join(file)).unwrap()).collect::<Vec<_>>()
     };
@@ -148,4 +144,34 @@ fn robust_a_calibration_through_another_front_end_is_named() {
     let renamed = fs::read_to_string(&path).unwrap().replacen("\"array\": \"straight\"", "\"array\": \"left\"", 1);
     fs::write(&path, renamed).unwrap();
     refused("hall", hall(), &["front_end.sensors", "found left/straight", "straight/straight", "--sensors"]);
+}
+
+#[test]
+fn verif_the_bound_rides_through_chatter_and_starts_anew_after_a_lift_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    fitted(&dataset, &Choice::default(), &dataset.calibrations("white"));
+    let trace = Trace::read(&folder.path().join("pin.csv")).unwrap();
+    let path = dataset.calibrations("white").join(format!("{}.json", trace.sidecar.whisker.name));
+    let faces = CalibrationFile::read(&path).unwrap().calibrated(&path, None).unwrap();
+    let face = faces.iter().find(|face| face.face == trace.sidecar.face).unwrap();
+    let first = trace.truth.instants.iter().position(|truth| truth.contact.is_some()).unwrap();
+    // The bound before and after a gap of some rows.
+    let around = |gap: usize, base_noise: &BaseNoise| {
+        let mut trace = trace.clone();
+        let at = first + 100;
+        trace.truth.instants[at..at + gap].fill(TruthInstant { touching: Some(false), ..TruthInstant::default() });
+        let bound = TraceBound::new(&trace, face, 1e-7, base_noise).unwrap();
+        assert!(bound.at(at).is_none());
+        (bound.at(at - 1).unwrap(), bound.at(at + gap).unwrap())
+    };
+    let exact = BaseNoise::default();
+    let (before, after) = around(2, &exact);
+    assert!(after.sd_m <= before.sd_m && after.since_touch_s > before.since_touch_s, "{before:?} {after:?}");
+    let (before, after) = around(15, &exact);
+    assert!(after.sd_m > 2.0 * before.sd_m && after.since_touch_s == 0.0, "{before:?} {after:?}");
+    let noisy = BaseNoise(Matrix3::from_diagonal_element(1e-8));
+    assert!(around(2, &noisy).0.sd_m > before.sd_m);
+    assert!(TraceBound::new(&trace, face, 0.0, &exact).is_none());
+    assert!(TraceBound::new(&trace, face, 0.0, &noisy).is_some());
 }

@@ -10,10 +10,11 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use nalgebra::Matrix3;
 use serde_json::{Value, json};
 use testbed::entrant::{Entrant, Program, Registered, Task};
 use testbed::replay::Replay;
-use whisker::estimators::{self, Knowledge, Sample, Told};
+use whisker::estimators::{self, BaseNoise, Knowledge, Sample, Told};
 use whisker::events::TouchConfig;
 use whisker::frames::Point;
 use whisker::sensor::Face;
@@ -98,7 +99,8 @@ fn verif_a_program_is_told_what_the_robot_knows_and_no_more() {
     let folder = tempfile::tempdir().unwrap();
     let heard = folder.path().join("heard");
     let told = Some(Told { contact: Point::new(0.04, 0.001), sd_m: 3e-3 });
-    let knowledge = Arc::new(Knowledge { told, ..Arc::unwrap_or_clone(world::knowledge(NOISE_N_M)) });
+    let base_noise = BaseNoise(Matrix3::new(1e-8, 2e-9, 3e-9, 2e-9, 4e-8, 5e-9, 3e-9, 5e-9, 6e-8));
+    let knowledge = Arc::new(Knowledge { told, base_noise, ..Arc::unwrap_or_clone(world::knowledge(NOISE_N_M)) });
     let listen = format!(
         "while read -r line; do printf '%s\\n' \"$line\" >> {}; [ \"$first\" ] && echo null; first=1; done",
         heard.display()
@@ -112,6 +114,11 @@ fn verif_a_program_is_told_what_the_robot_knows_and_no_more() {
     let known = &lines[0];
     assert_eq!((known["protocol"].as_u64(), known["noise_sd_n_m"].as_f64()), (Some(1), Some(NOISE_N_M)));
     assert_eq!(known["told"]["contact_x_m"].as_f64(), Some(0.04));
+    let covariance = json!({
+        "cov_xx_m2": 1e-8, "cov_xy_m2": 2e-9, "cov_yy_m2": 4e-8,
+        "cov_x_yaw_m_rad": 3e-9, "cov_y_yaw_m_rad": 5e-9, "cov_yaw_yaw_rad2": 6e-8,
+    });
+    assert_eq!(known["base_noise"], covariance);
     let face = &known["faces"][0];
     let nodes = face["shape"][0].as_u64().unwrap() * face["shape"][1].as_u64().unwrap();
     for (name, column) in face["table"].as_object().unwrap() {

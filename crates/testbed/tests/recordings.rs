@@ -126,7 +126,11 @@ fn write_recording(folder: &Path) {
         "generator": source.sidecar.generator, "inputs_sha256": "ab",
     });
     write_json(&folder.join(format!("{NAME}.json")), &recording).unwrap();
-    // What calibrates the whisker.
+    write_calibration(folder);
+}
+
+/// Writes what calibrates the whisker.
+fn write_calibration(folder: &Path) {
     for (golden_name, name) in [("golden_pin", "grid_0"), ("golden_circle", "grid_1")] {
         let mut trace = Trace::read(&golden().join(format!("{golden_name}.csv"))).unwrap();
         (trace.sidecar.name, trace.sidecar.role, trace.sidecar.contour) = (name.into(), Role::Calibration, None);
@@ -135,25 +139,23 @@ fn write_recording(folder: &Path) {
 }
 
 fn evaluated(dataset: &Dataset, encoders: Vec<Encoders>, results: &Path) -> Evaluated {
+    try_evaluated(dataset, encoders, results).unwrap()
+}
+
+fn try_evaluated(dataset: &Dataset, encoders: Vec<Encoders>, results: &Path) -> anyhow::Result<Evaluated> {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
     let settings = FitSettings { models, noise: 0.01, seed: 1, front_end: Default::default(), sensors: Vec::new() };
     fit(dataset, &settings, &dataset.calibrations("white")).unwrap();
     let settings = EvaluateSettings {
         name: "arm".into(),
         estimators: Some(vec!["sliding".into()]),
-        programs: Vec::new(),
-        config: Default::default(),
-        front_end: Default::default(),
-        touch: Default::default(),
         noise: vec![0.01],
         seeds: vec![1],
-        starts: Default::default(),
         encoders,
-        map: Default::default(),
-        calibrations: None,
         results: results.into(),
+        ..Default::default()
     };
-    evaluate(slice::from_ref(dataset), &settings, &ProgressBar::hidden()).unwrap()
+    evaluate(slice::from_ref(dataset), &settings, &ProgressBar::hidden())
 }
 
 #[test]
@@ -182,6 +184,8 @@ fn verif_two_whiskers_map_two_discs() {
         read_rows(&run.folder.join(format!("estimates/{trace}.sliding.csv"))).unwrap()
     };
     let (exact, noisy) = (estimates("scene_00_left_1"), estimates("scene_00_left_1_noise_1e-4_step_1e-6"));
+    // What it reads is the same.
+    assert!(exact.iter().zip(&noisy).all(|(a, b)| a.reading_n_m == b.reading_n_m));
     let off_m: Vec<f64> =
         exact.iter().zip(&noisy).map(|(a, b)| (a.base_x_m - b.base_x_m).hypot(a.base_y_m - b.base_y_m)).collect();
     let rms_m = (off_m.iter().map(|off| off * off).sum::<f64>() / off_m.len() as f64).sqrt();
@@ -230,6 +234,14 @@ fn robust_damaged_recordings_are_named() {
     check_fails(json, replaced("\"recording\"", "\"recordings\""), &["scene_00.json", "kind"]);
     check_fails(json, replaced("\"left_2\"", "\"left_1\""), &["whiskers[1].name", "`left_1` again", "each once"]);
     check_fails(json, replaced("0.12,", "0.13,"), &["scene_00_left_2.csv:2", "base_x_m", "the mount of `left_2`"]);
+    let tilted = |text: String| {
+        let mut recording: Value = serde_json::from_str(&text).unwrap();
+        let (sin, cos) = 0.01_f64.sin_cos();
+        recording["whiskers"][1]["mount"] =
+            json!([1.0, 0.0, 0.0, 0.12, 0.0, cos, -sin, 0.0, 0.0, sin, cos, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        recording.to_string()
+    };
+    check_fails(json, tilted, &["scene_00_left_2.csv:2", "tilted by 0.01", "`left_2`", "to within 0.001 rad"]);
     check_fails(json, replaced("\"rows\": 363", "\"rows\": 362"), &["scene_00.joints.csv:365", "363 rows", "362 rows"]);
     let joints = "scene_00.joints.csv";
     check_fails(joints, replaced("q1_rad", "q1_deg"), &[joints, "sha256", "as `joints` says"]);
@@ -241,6 +253,19 @@ fn robust_damaged_recordings_are_named() {
 
 #[test]
 fn robust_encoders_need_an_arm() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    write_calibration(traces.path());
+    let mut trace = Trace::read(&golden().join("golden_pin.csv")).unwrap();
+    (trace.sidecar.name, trace.sidecar.contour) = ("pin".into(), None);
+    trace.write(traces.path()).unwrap();
+    let dataset = Dataset::open(traces.path(), None).unwrap();
+    let encoders = vec![Encoders { resolution_rad: 1e-5, noise_rad: 1e-4 }];
+    let error = try_evaluated(&dataset, encoders, results.path()).unwrap_err();
+    assert_eq!(error.to_string(), "encoders: found no recording of an arm among the traces, expected at least one");
+}
+
+#[test]
+fn robust_unknown_settings_of_encoders_are_named() {
     let output = Command::new(env!("CARGO_BIN_EXE_whisker"))
         .args(["evaluate", "datasets/golden", "--encoders", "{\"noise_deg\": 1}"])
         .output()

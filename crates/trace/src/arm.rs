@@ -19,6 +19,9 @@ pub const JOINTS: usize = 7;
 /// How far a matrix may be from a rotation.
 const NOT_RIGID: f64 = 1e-9;
 
+/// How far the z axis of a base may lie from that of World. So little shortens what is projected on the plane by 5e-7.
+pub(crate) const TILT_RAD: f64 = 1e-3;
+
 /// A pose in space as files have it: a 4x4 matrix, row by row, metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -38,7 +41,8 @@ impl PoseMatrix {
         Ok(())
     }
 
-    fn isometry(&self) -> Isometry3<f64> {
+    /// The pose.
+    pub fn isometry(&self) -> Isometry3<f64> {
         let matrix = Matrix4::from_row_slice(&self.0);
         let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
         let translation = Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned());
@@ -100,6 +104,13 @@ impl Arm {
                 (Pose::new(pose.origin().x(), pose.origin().y(), yaw_rad), twist)
             })
             .collect()
+    }
+
+    /// How far the z axis of a base that is mounted on the flange lies from that of World, one an instant.
+    pub fn tilts_rad(&self, mount: &PoseMatrix, joints: &[JointInstant]) -> Vec<f64> {
+        let mount = mount.isometry();
+        let up = |instant: &JointInstant| self.frames(&mount, &instant.angles_rad).1.rotation * Vector3::z();
+        joints.iter().map(|instant| up(instant).angle(&Vector3::z())).collect()
     }
 
     /// The frames of the joints and of the mounted base, in World.

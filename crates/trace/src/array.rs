@@ -10,7 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::arm::wrapped_rad;
+use crate::arm::{TILT_RAD, wrapped_rad};
 use crate::sidecar::plain_name;
 use crate::table::{number, reader};
 use crate::{
@@ -109,7 +109,7 @@ pub struct ArrayRecording {
     pub joints: Vec<JointInstant>,
     /// The objects' outlines at the start, in the sidecar's order.
     pub outlines: Vec<Outline>,
-    /// How far each object's centre was displaced at most.
+    /// How far each object was displaced at most, wherever on it: its middle's way, and what its turn and its tilt add at the rim.
     pub moved_m: Vec<f64>,
 }
 
@@ -128,8 +128,7 @@ impl ArrayRecording {
     /// # Errors
     /// [`Error`] names file, line and column or key, what was found and what was expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let sidecar: ArraySidecar = read_json(path)?;
-        sidecar.validate(path)?;
+        let sidecar = ArraySidecar::read(path)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let part = |key: &str, file: &str, expected: &str| {
             let path = folder.join(file);
@@ -144,29 +143,25 @@ impl ArrayRecording {
         let joints = parse_joints(&joints_path, &bytes)?;
         check_rows(&joints_path, joints.len(), sidecar.rows)?;
         let (poses_path, bytes) = part("poses", &sidecar.poses.file, &sidecar.poses.sha256)?;
-        let names: Vec<&str> = sidecar.objects.iter().map(|object| object.name.as_str()).collect();
-        let (clock_s, moved_m) = parse_poses(&poses_path, &bytes, &names)?;
-        check_rows(&poses_path, clock_s.len(), sidecar.rows)?;
-        check_clock(&poses_path, &clock_s, &joints)?;
         let outlines = sidecar.objects.iter().map(|object| {
             let Contour { file, sha256, .. } = &object.contour;
             let (path, bytes) = part("contour", file, sha256)?;
             Outline::parse(&path, &bytes)
         });
-        let outlines = outlines.collect::<Result<_, _>>()?;
+        let outlines: Vec<Outline> = outlines.collect::<Result<_, _>>()?;
+        let bodies: Vec<(&SceneObject, &Outline)> = sidecar.objects.iter().zip(&outlines).collect();
+        let (clock_s, moved_m) = parse_poses(&poses_path, &bytes, &bodies)?;
+        check_rows(&poses_path, clock_s.len(), sidecar.rows)?;
+        check_clock(&poses_path, &clock_s, &joints)?;
         Ok(Self { joints, outlines, moved_m, sidecar })
     }
 
-    /// The whisker whose trace this is.
-    pub fn whisker_of(&self, trace: &str) -> Option<&MountedWhisker> {
-        self.sidecar.whiskers.iter().find(|whisker| whisker.trace == trace)
-    }
-
-    /// Checks that a trace belongs to this recording: named by it, on its clock, its base where joints and mount put it. `path` is the trace's CSV.
+    /// Checks that a trace belongs to this recording: named by it, on its clock, its base where joints and mount put it. `path` is the trace's CSV. Returns the
+    /// place of its whisker in the recording.
     ///
     /// # Errors
     /// [`Error`] names what does not fit, by line and column of the trace or by key of its sidecar.
-    pub fn check(&self, path: &Path, trace: &Trace) -> Result<(), Error> {
+    pub fn check(&self, path: &Path, trace: &Trace) -> Result<usize, Error> {
         let name = &self.sidecar.name;
         let beside = path.with_extension("json");
         let said = trace.sidecar.recording.as_deref();
@@ -174,15 +169,29 @@ impl ArrayRecording {
             let found = said.map_or_else(|| "no such key".into(), |said| format!("`{said}`"));
             return Err(Error::value(&beside, "recording", found, format!("`{name}`, which names this trace")));
         }
-        let Some(whisker) = self.whisker_of(&trace.sidecar.name) else {
+        let Some(place) = self.sidecar.place_of(&trace.sidecar.name) else {
             return Err(Error::value(&beside, "recording", format!("`{name}`"), "a recording that names this trace"));
         };
+        let whisker = &self.sidecar.whiskers[place];
         if trace.sidecar.rate_hz != self.sidecar.rate_hz {
             return Err(Error::value(&beside, "rate_hz", trace.sidecar.rate_hz, self.sidecar.rate_hz));
         }
         check_rows(path, trace.recording.instants.len(), self.sidecar.rows)?;
         let clock_s: Vec<f64> = trace.recording.instants.iter().map(|instant| instant.t_s).collect();
         check_clock(path, &clock_s, &self.joints)?;
+        let tilts_rad = self.sidecar.arm.tilts_rad(&whisker.mount, &self.joints);
+        if let Some(row) = tilts_rad.iter().position(|tilt_rad| *tilt_rad > TILT_RAD) {
+            return Err(Error::Table {
+                path: path.into(),
+                line: row as u64 + 2,
+                place: "columns base_x_m, base_y_m, base_yaw_rad".into(),
+                found: format!(
+                    "a base tilted by {} rad, by the arm's joints and the mount of `{}`",
+                    tilts_rad[row], whisker.name
+                ),
+                expected: format!("its z axis along that of World to within {TILT_RAD} rad"),
+            });
+        }
         let carried = self.sidecar.arm.carry(&whisker.mount, &self.joints);
         for (row, (instant, (base, twist))) in trace.recording.instants.iter().zip(&carried).enumerate() {
             let (found, expected) = (instant.base.origin(), base.origin());
@@ -210,11 +219,26 @@ impl ArrayRecording {
                 }
             }
         }
-        Ok(())
+        Ok(place)
     }
 }
 
 impl ArraySidecar {
+    /// Reads a recording's file without the tables that it names.
+    ///
+    /// # Errors
+    /// [`Error`] names file and key, what was found and what was expected.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let sidecar: Self = read_json(path)?;
+        sidecar.validate(path)?;
+        Ok(sidecar)
+    }
+
+    /// Place of the whisker whose trace this is.
+    pub fn place_of(&self, trace: &str) -> Option<usize> {
+        self.whiskers.iter().position(|whisker| whisker.trace == trace)
+    }
+
     fn validate(&self, path: &Path) -> Result<(), Error> {
         if self.format != FORMAT {
             return Err(Error::value(path, "format", self.format, FORMAT));
@@ -339,17 +363,27 @@ fn parse_joints(path: &Path, bytes: &[u8]) -> Result<Vec<JointInstant>, Error> {
 }
 
 /// Parses the bytes of the objects' table: its clock, and each object's largest displacement.
-fn parse_poses(path: &Path, bytes: &[u8], objects: &[&str]) -> Result<(Vec<f64>, Vec<f64>), Error> {
+///
+/// The middle's way, what the turn adds at the outline's farthest place, `2 r sin(yaw / 2)`, and what the tilt adds at that place's height above or below the middle,
+/// `2 sqrt(r^2 + (h / 2)^2) sin(tilt / 2)`, are added up: no place of the object moves farther.
+fn parse_poses(path: &Path, bytes: &[u8], bodies: &[(&SceneObject, &Outline)]) -> Result<(Vec<f64>, Vec<f64>), Error> {
     const COLUMNS: [&str; 5] = ["x_m", "y_m", "z_m", "yaw_rad", "tilt_rad"];
-    let of_objects = objects.iter().flat_map(|object| COLUMNS.map(|column| format!("{object}_{column}")));
+    let of_objects = bodies.iter().flat_map(|(object, _)| COLUMNS.map(|column| format!("{}_{column}", object.name)));
     let names: Vec<String> = std::iter::once("t_s".into()).chain(of_objects).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let rows = timed_rows(path, bytes, &names)?;
-    let displaced_m = |row: &Vec<f64>, object: usize| {
-        let first = 1 + COLUMNS.len() * object;
-        row[first].hypot(row[first + 1]).hypot(row[first + 2])
-    };
-    let moved_m =
-        (0..objects.len()).map(|object| rows.iter().map(|row| displaced_m(row, object)).fold(0.0, f64::max)).collect();
+    let moved_m = bodies.iter().enumerate().map(|(place, (object, outline))| {
+        let middle = outline.middle();
+        let rim_m = outline.vertices().iter().map(|at| at.distance(&middle)).fold(0.0, f64::max);
+        let reach_m = rim_m.hypot(0.5 * object.height_m);
+        let displaced_m = |row: &Vec<f64>| {
+            let [x_m, y_m, z_m, yaw_rad, tilt_rad] =
+                std::array::from_fn(|column| row[1 + COLUMNS.len() * place + column]);
+            let chord_m = |reach_m: f64, turned_rad: f64| 2.0 * reach_m * (0.5 * turned_rad).sin().abs();
+            x_m.hypot(y_m).hypot(z_m) + chord_m(rim_m, yaw_rad) + chord_m(reach_m, tilt_rad)
+        };
+        rows.iter().map(displaced_m).fold(0.0, f64::max)
+    });
+    let moved_m = moved_m.collect();
     Ok((rows.iter().map(|row| row[0]).collect(), moved_m))
 }

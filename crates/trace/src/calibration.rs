@@ -8,6 +8,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
 
+use crate::characteristic::polynomial;
 use crate::sidecar::plain_name;
 use crate::{Characteristic, Error, FORMAT, Watermark, read_json, sha256};
 
@@ -83,8 +84,38 @@ pub struct SensorFile {
     pub common_mode: [f64; 2],
     /// How its counts, with the common mode taken out, answer to the moment.
     pub characteristic: Characteristic,
-    /// Root mean square of its readings at rest.
+    /// How they answer to the moments of the other whiskers on the board.
+    pub cross_talk: Vec<CrossTalk>,
+    /// Root mean square of its noise in readings, over the calibrated ones: what changes within a recording.
     pub noise_sd_n_m: f64,
+    /// Standard deviation of what its readings are off by at rest throughout a recording, over the calibrated readings.
+    pub offset_sd_n_m: f64,
+    /// Standard deviation of its gain from recording to recording, relative.
+    pub gain_sd: f64,
+}
+
+impl SensorFile {
+    /// Its name with that of its array, which no other sensor has: `left.left_1`.
+    pub fn label(&self) -> String {
+        format!("{}.{}", self.array, self.name)
+    }
+}
+
+/// What the magnet of another whisker does to the counts of a sensor, with the common mode taken out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CrossTalk {
+    /// Name of the other whisker's sensor, in the same array.
+    pub from: String,
+    /// `c1, c2, ...`, in counts by powers of N m of the other whisker's moment.
+    pub coefficients: Vec<f64>,
+}
+
+impl CrossTalk {
+    /// Counts above those with the other whisker at rest.
+    pub fn counts(&self, moment_n_m: f64) -> f64 {
+        polynomial(&self.coefficients, moment_n_m)
+    }
 }
 
 /// One face of a calibration.
@@ -239,14 +270,21 @@ impl CalibrationFile {
 
     fn check_sensors(&self, path: &Path) -> Result<(), Error> {
         for sensor in self.front_end.iter().flat_map(|front_end| &front_end.sensors) {
-            let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.name);
+            let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.label());
             if !sensor.characteristic.is_valid() {
                 let found = format!("{:?}", sensor.characteristic);
                 let expected = "a polynomial that does not turn back within a range that holds 0";
                 return Err(Error::value(path, key("characteristic"), found, expected));
             }
-            if !(sensor.noise_sd_n_m.is_finite() && sensor.noise_sd_n_m >= 0.0) {
-                return Err(Error::value(path, key("noise_sd_n_m"), sensor.noise_sd_n_m, "a number of 0 or more"));
+            let SensorFile { noise_sd_n_m, offset_sd_n_m, gain_sd, .. } = *sensor;
+            for (name, sd) in [("noise_sd_n_m", noise_sd_n_m), ("offset_sd_n_m", offset_sd_n_m), ("gain_sd", gain_sd)] {
+                if !(sd.is_finite() && sd >= 0.0) {
+                    return Err(Error::value(path, key(name), sd, "a number of 0 or more"));
+                }
+            }
+            if let Some(talk) = sensor.cross_talk.iter().find(|talk| !talk.coefficients.iter().all(|c| c.is_finite())) {
+                let found = format!("{:?}", talk.coefficients);
+                return Err(Error::value(path, key(&format!("cross_talk.{}", talk.from)), found, "finite numbers"));
             }
         }
         Ok(())
@@ -314,12 +352,13 @@ impl CalibrationFile {
             rest: self.whisker.rest_shape(),
             domain: face.domain.clone(),
             label: loaded.label(),
-            model: loaded,
+            model: loaded.into(),
             error: model.error.clone(),
             heldout_rms_n_m: model.heldout_rms_n_m,
             heldout_worst_n_m: model.heldout_worst_n_m,
             largest_reading_n_m: face.largest_reading_n_m,
             pin_radius_m: face.pin_radius_m,
+            turn: Default::default(),
         })
     }
 }

@@ -25,13 +25,7 @@ impl Characteristic {
     pub fn fit(degree: usize, pairs: &[(f64, f64)]) -> Option<Self> {
         let moments = || pairs.iter().map(|pair| pair.0);
         let range_n_m = [moments().fold(0.0, f64::min), moments().fold(0.0, f64::max)];
-        // Moments in units of the largest keep the powers well conditioned.
-        let unit_n_m = range_n_m[1].max(-range_n_m[0]);
-        let powers = DMatrix::from_fn(pairs.len(), degree, |row, i| (pairs[row].0 / unit_n_m).powi(i as i32 + 1));
-        let counts = DVector::from_iterator(pairs.len(), pairs.iter().map(|pair| pair.1));
-        let scaled = powers.tr_mul(&powers).cholesky()?.solve(&powers.tr_mul(&counts));
-        let coefficients = scaled.iter().enumerate().map(|(i, c)| c / unit_n_m.powi(i as i32 + 1));
-        Self::new(coefficients.collect(), range_n_m)
+        Self::new(through_zero(degree, pairs)?, range_n_m)
     }
 
     /// Whether counts tell moments by it.
@@ -48,10 +42,11 @@ impl Characteristic {
 
     /// Counts above those at rest.
     pub fn counts(&self, moment_n_m: f64) -> f64 {
-        moment_n_m * self.coefficients.iter().rev().fold(0.0, |sum, c| c + moment_n_m * sum)
+        polynomial(&self.coefficients, moment_n_m)
     }
 
-    fn slope(&self, moment_n_m: f64) -> f64 {
+    /// Change of the counts with the moment.
+    pub fn slope(&self, moment_n_m: f64) -> f64 {
         let powers = (1..=self.coefficients.len()).rev().zip(self.coefficients.iter().rev());
         powers.fold(0.0, |sum, (power, c)| power as f64 * c + moment_n_m * sum)
     }
@@ -75,6 +70,22 @@ impl Characteristic {
         }
         0.5 * (low + high) * end_n_m
     }
+}
+
+/// The polynomial `c1 x + c2 x^2 + ...`.
+pub(crate) fn polynomial(coefficients: &[f64], x: f64) -> f64 {
+    x * coefficients.iter().rev().fold(0.0, |sum, c| c + x * sum)
+}
+
+/// The coefficients `c1, c2, ...` of the polynomial through zero of this degree nearest to pairs of moment and counts, by least squares. Nothing where the pairs
+/// do not tell them.
+pub fn through_zero(degree: usize, pairs: &[(f64, f64)]) -> Option<Vec<f64>> {
+    // Moments in units of the largest keep the powers well conditioned.
+    let unit_n_m = pairs.iter().map(|pair| pair.0.abs()).fold(0.0, f64::max);
+    let powers = DMatrix::from_fn(pairs.len(), degree, |row, i| (pairs[row].0 / unit_n_m).powi(i as i32 + 1));
+    let counts = DVector::from_iterator(pairs.len(), pairs.iter().map(|pair| pair.1));
+    let scaled = powers.tr_mul(&powers).cholesky()?.solve(&powers.tr_mul(&counts));
+    Some(scaled.iter().enumerate().map(|(i, c)| c / unit_n_m.powi(i as i32 + 1)).collect())
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
-use crate::{Certificate, Error, FORMAT};
+use crate::{Certificate, Error, FORMAT, read_json};
 
 /// What a trace is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -125,6 +125,20 @@ impl Sidecar {
     /// Standard deviation of the noise that the readings have of themselves: none where they were simulated.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)
+    }
+
+    /// Reads and checks the sidecar of the trace whose CSV or sidecar this is.
+    ///
+    /// # Errors
+    /// [`Error`] names file and key, what was found and what was expected.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        if path.is_dir() {
+            return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
+        }
+        let path = path.with_extension("json");
+        let sidecar: Self = read_json(&path)?;
+        sidecar.validate(&path)?;
+        Ok(sidecar)
     }
 
     pub(crate) fn validate(&self, path: &Path) -> Result<(), Error> {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use csv::ByteRecord;
 use whisker::frames::{Base, Point, Pose, Twist, World};
 
-use crate::{Error, Outline, Sidecar, read_json, sha256, write_atomically, write_json};
+use crate::{Error, Outline, Sidecar, TraceRows, sha256, write_atomically, write_json};
 
 /// Names of the columns and the decimals with which each is written.
 pub const COLUMNS: [(&str, usize); 19] = [
@@ -98,30 +98,15 @@ impl Trace {
     /// # Errors
     /// [`Error`] names file, line and column, what was found and what was expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        if path.is_dir() {
-            return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
+        let (sidecar, rows) = TraceRows::open(path)?;
+        let most = sidecar.rows.min(rows.most_rows());
+        let (mut instants, mut truth) = (Vec::with_capacity(most), Vec::with_capacity(most));
+        for row in rows {
+            let (known, of_truth) = row?;
+            instants.push(known);
+            truth.push(of_truth);
         }
-        let sidecar_path = path.with_extension("json");
-        let sidecar: Sidecar = read_json(&sidecar_path)?;
-        sidecar.validate(&sidecar_path)?;
-        let path = path.with_extension("csv");
-        let bytes = fs::read(&path).map_err(Error::io(&path))?;
-        let (recording, truth) = parse(&path, &bytes)?;
-        let rows = recording.instants.len();
-        if rows != sidecar.rows {
-            return Err(Error::Table {
-                path,
-                line: rows as u64 + 2,
-                place: "row".into(),
-                found: format!("the end after {rows} rows"),
-                expected: format!("{} rows, as its sidecar says", sidecar.rows),
-            });
-        }
-        let found = sha256(&bytes);
-        if found != sidecar.csv_sha256 {
-            return Err(Error::value(&path, "sha256", found, format!("{}, as its sidecar says", sidecar.csv_sha256)));
-        }
-        Ok(Self { sidecar, recording, truth })
+        Ok(Self { sidecar, recording: Recording { instants }, truth: Truth { instants: truth } })
     }
 
     /// Reads the object's outline, where the trace has one; `folder` is the trace's own.
@@ -161,13 +146,13 @@ impl Trace {
     }
 }
 
-fn header() -> String {
+pub(crate) fn header() -> String {
     let mut text = COLUMNS.map(|(name, _)| name).join(",");
     text.push('\n');
     text
 }
 
-fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
+pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
     let flag = |value: Option<bool>| value.map(|v| f64::from(u8::from(v)));
     let origin = known.base.origin();
     let cells: [Option<f64>; COLUMNS.len()] = [
@@ -209,75 +194,6 @@ fn fixed(value: f64, decimals: usize) -> String {
         Some(digits) if digits.bytes().all(|byte| byte == b'0' || byte == b'.') => digits.to_owned(),
         _ => text,
     }
-}
-
-fn parse(path: &Path, bytes: &[u8]) -> Result<(Recording, Truth), Error> {
-    let names = COLUMNS.map(|(name, _)| name);
-    let mut instants: Vec<Instant> = Vec::new();
-    let mut truth = Vec::new();
-    for row in reader(path, bytes, &names)? {
-        let (line, record) = row?;
-        let required = |i| number(path, line, &record, &names, i);
-        let optional = |i| optional(path, line, &record, &names, i);
-        let flag = |i: usize| match optional(i)? {
-            None => Ok(None),
-            Some(0.0) => Ok(Some(false)),
-            Some(1.0) => Ok(Some(true)),
-            Some(_) => Err(cell_error(path, line, &record, &names, i, "0, 1 or an empty field")),
-        };
-        let point = |i: usize| {
-            Ok::<_, Error>(match (optional(i)?, optional(i + 1)?) {
-                (Some(x), Some(y)) => Some(Point::new(x, y)),
-                (None, None) => None,
-                _ => return Err(cell_error(path, line, &record, &names, i, "both coordinates or neither")),
-            })
-        };
-        let t_s = required(0)?;
-        if let Some(last) = instants.last()
-            && t_s <= last.t_s
-        {
-            let expected = format!("a time after {} (rows in order of time)", last.t_s);
-            return Err(cell_error(path, line, &record, &names, 0, &expected));
-        }
-        let twist = match (optional(4)?, optional(5)?, optional(6)?) {
-            (Some(vx_m_s), Some(vy_m_s), Some(wz_rad_s)) => Some(Twist { vx_m_s, vy_m_s, wz_rad_s }),
-            (None, None, None) => None,
-            _ => return Err(cell_error(path, line, &record, &names, 4, "all of the twist or none of it")),
-        };
-        instants.push(Instant {
-            t_s,
-            base: Pose::new(required(1)?, required(2)?, required(3)?),
-            twist,
-            moment_z_n_m: required(7)?,
-            rotation_z_rad: optional(8)?,
-        });
-        let touching = flag(9)?;
-        if touching == Some(false)
-            && let Some(i) = (10..COLUMNS.len()).find(|&i| !record[i].is_empty())
-        {
-            return Err(cell_error(path, line, &record, &names, i, "an empty field while truth_touching is 0"));
-        }
-        truth.push(TruthInstant {
-            touching,
-            tip: flag(10)?,
-            split: flag(11)?,
-            contact: point(12)?,
-            surface: point(14)?,
-            arc_m: optional(16)?,
-            force_n: optional(17)?,
-            tangent_rad: optional(18)?,
-        });
-    }
-    if instants.is_empty() {
-        return Err(Error::Table {
-            path: path.into(),
-            line: 2,
-            place: "row".into(),
-            found: "the end of the file".into(),
-            expected: "at least one row".into(),
-        });
-    }
-    Ok((Recording { instants }, Truth { instants: truth }))
 }
 
 /// Rows of a CSV with exactly these columns, each with its line.

@@ -64,7 +64,8 @@ impl Piece {
         let (ahead, inwards) = (curvature * along, 1.0 - curvature * left);
         let arc_m = if curvature == 0.0 { along } else { ahead.atan2(inwards) / curvature };
         if (0.0..=self.length_m).contains(&arc_m) {
-            let radii = ahead.hypot(inwards);
+            // Near one or a little more, so nothing can overflow.
+            let radii = (ahead * ahead + inwards * inwards).sqrt();
             let left_m = (2.0 * left - curvature * (along * along + left * left)) / (1.0 + radii);
             return Foot { arc_m: self.start_m + arc_m, left_m };
         }
@@ -138,9 +139,13 @@ impl RestShape {
 
     /// The point that lies `left_m` to the left of the whisker at arc length `arc_m`.
     pub fn beside(&self, arc_m: f64, left_m: f64) -> Point<Base> {
-        let piece = self.piece(arc_m);
-        let (point, tangent) = piece.frame(arc_m - piece.start_m);
-        Point::from_vector(point + Vector2::new(-tangent.y, tangent.x) * left_m)
+        self.beside_with_tangent(arc_m, left_m).0
+    }
+
+    /// The same with the direction of the whisker's tangent there.
+    pub fn beside_with_tangent(&self, arc_m: f64, left_m: f64) -> (Point<Base>, Vector2<f64>) {
+        let (point, tangent) = self.frame(arc_m);
+        (Point::from_vector(point + Vector2::new(-tangent.y, tangent.x) * left_m), tangent)
     }
 
     /// Arc length of the point at distance `radius_m` from the root, the first one from the root outwards; the tip where
@@ -150,16 +155,31 @@ impl RestShape {
         if self.point(high).vector().norm() <= radius_m {
             return high;
         }
-        // The distance from the root grows along a whisker that turns by less than half a circle.
+        // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held between bounds.
+        let close_enough = 4.0 * f64::EPSILON * high;
+        let mut arc_m = radius_m;
         for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if self.point(middle).vector().norm() < radius_m {
-                low = middle;
+            let (point, tangent) = self.frame(arc_m);
+            let found_m = point.norm();
+            if found_m < radius_m {
+                low = arc_m;
             } else {
-                high = middle;
+                high = arc_m;
             }
+            let step_m = (radius_m - found_m) * found_m / point.dot(&tangent);
+            if step_m.abs() <= close_enough {
+                break;
+            }
+            let next_m = arc_m + step_m;
+            arc_m = if low < next_m && next_m < high { next_m } else { 0.5 * (low + high) };
         }
-        0.5 * (low + high)
+        arc_m
+    }
+
+    /// Point and tangent at an arc length.
+    fn frame(&self, arc_m: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let piece = self.piece(arc_m);
+        piece.frame(arc_m - piece.start_m)
     }
 }
 

@@ -23,7 +23,7 @@ const HOW_TO_GET_PYTHON: &str = "Install Python 3.11 or newer with its modules v
 pub(crate) enum Requirements {
     /// Those that simulate.
     Runtime,
-    /// Those, and the ones that test and lint.
+    /// Those, the ones for clusters, and the ones that test and lint.
     Development,
 }
 
@@ -221,10 +221,10 @@ mod tests {
     }
 
     #[test]
-    fn development_lock_holds_every_pin_of_the_runtime_lock() {
-        let read = |requirements: Requirements| packages(&requirements.read_lock().unwrap());
-        let development = read(Requirements::Development);
-        for package in read(Requirements::Runtime) {
+    fn development_lock_holds_every_pin_of_the_other_locks() {
+        let development = packages(&Requirements::Development.read_lock().unwrap());
+        let cluster = fs::read_to_string(root().join("sim/requirements-cluster.lock")).unwrap();
+        for package in packages(&Requirements::Runtime.read_lock().unwrap()).into_iter().chain(packages(&cluster)) {
             assert!(development.contains(&package), "{package} is missing in sim/requirements-dev.lock");
         }
     }

@@ -143,17 +143,12 @@ fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) 
         let settings = EvaluateSettings {
             name: format!("fading-{fading}"),
             estimators: Some(config.iter().map(|(estimator, _)| (*estimator).into()).collect()),
-            programs: Vec::new(),
             config: config.into_iter().map(|(estimator, config)| (estimator.into(), config)).collect(),
-            front_end: Default::default(),
             touch: run.touch,
             noise: run.noise[..1].to_vec(),
             seeds: run.seeds.clone(),
-            starts: Default::default(),
-            encoders: Vec::new(),
-            map: Default::default(),
-            calibrations: None,
             results: folder.path().into(),
+            ..Default::default()
         };
         let evaluated = evaluate(std::slice::from_ref(&dataset), &settings, &ProgressBar::hidden())?;
         errors_m.extend(evaluated.summary.iter().filter_map(|row| row.get(&contour::CONTACT_RMSE)));

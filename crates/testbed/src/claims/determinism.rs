@@ -25,17 +25,11 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
     let settings = EvaluateSettings {
         name: format!("threads-{threads}"),
         estimators: Some(run.estimators.iter().map(|estimator| estimator.name.clone()).collect()),
-        programs: Vec::new(),
-        config: Default::default(),
-        front_end: Default::default(),
         touch: run.touch,
         noise: run.noise.clone(),
         seeds: run.seeds.iter().take(1).copied().collect(),
-        starts: Default::default(),
-        encoders: Vec::new(),
-        map: Default::default(),
-        calibrations: None,
         results: results.into(),
+        ..Default::default()
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let evaluated =

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use indicatif::ProgressBar;
+use trace::SensorFile;
 
-use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS, monte_carlo};
+use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS, arm, monte_carlo, worst};
 use crate::dataset::Dataset;
 use crate::evaluate::{EvaluateSettings, evaluate};
 use crate::front_end::{FRONT_ENDS, shift_counts};
@@ -19,14 +20,14 @@ pub(super) const RUN: &str = "hall";
 const ALONE: f64 = 0.0;
 
 pub(super) fn claims() -> Vec<Claim> {
-    WHISKERS.into_iter().flat_map(|whisker| [earth(whisker), pins(whisker)].into_iter().flatten()).collect()
+    let of_whiskers = WHISKERS.into_iter().flat_map(|whisker| [earth(whisker), pins(whisker)].into_iter().flatten());
+    of_whiskers.chain([arrays()]).collect()
 }
 
 /// Half a turn of the resting sensor, as published: a shift of 10 to 15 counts, which the reference sensor takes out.
 fn earth(whisker: &'static str) -> Vec<Claim> {
-    let shift = move |context: &Context, counts: fn(&TurnRow) -> f64| {
-        context.run(RUN).turns.get(whisker).and_then(|rows| shift_counts(rows, counts))
-    };
+    let shift =
+        move |context: &Context, counts: fn(&TurnRow) -> f64| shift_counts(context.run(RUN).turns_of(whisker)?, counts);
     let before = move |context: &Context| Ok(shift(context, |row| row.counts));
     let about = format!("Hall sensor of the {whisker} whisker, turned by half a circle");
     vec![
@@ -57,7 +58,27 @@ fn earth(whisker: &'static str) -> Vec<Claim> {
     ]
 }
 
-/// Pins: beside the noise of the Monte-Carlo the sensor costs little, and alone not much more than white noise of its level. The innovations say whether its noise
+/// What compensation leaves to the sensors on the arm, which share references.
+fn arrays() -> Claim {
+    Claim::at_most(
+        "hall_arm_shift_left".into(),
+        "Hall sensors of the arm, turned by half a circle: shift that compensation leaves, worst sensor".into(),
+        10.0,
+        "%",
+        |context| {
+            let Evaluation { run, turns, .. } = context.run(arm::RUN);
+            let left = |sensor: &SensorFile| {
+                let rows = turns.get(&sensor.label())?;
+                let (left, whole) =
+                    (shift_counts(rows, |row| row.compensated_counts)?, shift_counts(rows, |row| row.counts)?);
+                Some(100.0 * left / whole)
+            };
+            Ok(worst(run.front_end.sensors.iter().map(left)))
+        },
+    )
+}
+
+/// Pins: beside the noise of the Monte-Carlo the sensor costs little, and alone not much more than white noise of its level. The innovations and the ellipses say whether its noise
 /// is stated as it is.
 fn pins(whisker: &'static str) -> Vec<Claim> {
     let about = format!("100 trials on a pin through the Hall sensor, {whisker} whisker, {RECOMMENDED}");
@@ -65,7 +86,25 @@ fn pins(whisker: &'static str) -> Vec<Claim> {
         let row = context.run(RUN).summary(monte_carlo::GROUP, whisker, RECOMMENDED);
         Ok(row.and_then(|row| row.get(&consistency::NIS)))
     };
+    let coverage = move |context: &Context| {
+        let row = context.run(RUN).summary(monte_carlo::GROUP, whisker, RECOMMENDED);
+        Ok(row.and_then(|row| row.get(&consistency::COVERAGE)).map(|share| 100.0 * share))
+    };
     vec![
+        Claim::at_least(
+            format!("hall_{whisker}_coverage_low"),
+            format!("{about}, noise 1 %: truth in the 95 % ellipses"),
+            90.0,
+            "%",
+            coverage,
+        ),
+        Claim::at_most(
+            format!("hall_{whisker}_coverage_high"),
+            format!("{about}, noise 1 %: truth in the 95 % ellipses"),
+            98.0,
+            "%",
+            coverage,
+        ),
         Claim::at_most(
             format!("hall_{whisker}_price"),
             format!("{about}, noise 1 %: steady RMSE over that without the sensor, medians"),
@@ -116,17 +155,12 @@ fn white_rmse_m(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>>
     let settings = EvaluateSettings {
         name: format!("white-{whisker}"),
         estimators: Some(vec![RECOMMENDED.into()]),
-        programs: Vec::new(),
-        config: Default::default(),
-        front_end: Default::default(),
         touch: run.touch,
         noise: vec![sensor.noise_sd_n_m / set.largest_reading_n_m],
         seeds: run.seeds.clone(),
-        starts: Default::default(),
-        encoders: Vec::new(),
-        map: Default::default(),
         calibrations: Some(context.dataset.calibrations(FRONT_ENDS[0].name)),
         results: folder.path().into(),
+        ..Default::default()
     };
     let evaluated = evaluate(&[pins.only(&set.traces)], &settings, &ProgressBar::hidden())?;
     Ok(evaluated.summary.first().and_then(|row| row.get(&error::RMSE)))

@@ -153,7 +153,7 @@ struct Evaluation {
     trials: Vec<TrialRow>,
     bands: Vec<ErrorBandRow>,
     contours: Vec<ContourTrialRow>,
-    /// Counts while each sensor is turned, where the front end has sensors.
+    /// Counts while each sensor is turned, by the sensor's label, where the front end has sensors.
     turns: BTreeMap<String, Vec<TurnRow>>,
     maps: Vec<MapRow>,
     map_objects: Vec<MapObjectRow>,
@@ -199,8 +199,9 @@ impl Evaluation {
         }
         let run = Run::read(&folder.join("run.json"))?;
         let mut turns = BTreeMap::new();
-        for SensorFile { name, .. } in &run.front_end.sensors {
-            turns.insert(name.clone(), read_rows(&folder.join("sensors").join(format!("{name}.turn.csv")))?);
+        for label in run.front_end.sensors.iter().map(SensorFile::label) {
+            let path = folder.join("sensors").join(format!("{label}.turn.csv"));
+            turns.insert(label, read_rows(&path)?);
         }
         Ok(Self {
             run,
@@ -212,6 +213,12 @@ impl Evaluation {
             maps: read_rows(&folder.join("maps.csv"))?,
             map_objects: read_rows(&folder.join("map_objects.csv"))?,
         })
+    }
+
+    /// Counts while the sensor of a whisker that is an array of its own is turned.
+    fn turns_of(&self, whisker: &str) -> Option<&[TurnRow]> {
+        let sensor = self.run.front_end.sensor(whisker, whisker)?;
+        self.turns.get(&sensor.label()).map(Vec::as_slice)
     }
 
     /// The summary of an estimator on one set at the run's first noise level.
@@ -283,6 +290,11 @@ pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow:
     }
     write_atomically(out, &csv_bytes(&measured)?)?;
     Ok(measured)
+}
+
+/// The largest of some values; nothing where one lacks, or where there is none.
+fn worst(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    values.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::max)
 }
 
 /// The filters under test, as opposed to the baselines, to those that look back and to the configurations of the publication.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::bail;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, Suite, Trace, read_json};
+use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, SensorFile, Suite, Trace, read_json};
 
 use super::{print, python};
 use crate::claims::MeasuredClaim;
@@ -94,7 +94,7 @@ fn check(path: &Path) -> anyhow::Result<String> {
                 })
                 .collect();
             let sensors = calibration.front_end.map_or_else(String::new, |front_end| {
-                let sensors: Vec<_> = front_end.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+                let sensors: Vec<_> = front_end.sensors.iter().map(SensorFile::label).collect();
                 format!("; through `{}`, sensors {}", front_end.name, sensors.join(", "))
             });
             Ok(format!("calibration of `{}`: {}{sensors}", calibration.whisker.name, faces.join(", ")))

@@ -15,7 +15,7 @@ use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_b
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
 use crate::entrant::Program;
-use crate::evaluate::{EvaluateSettings, Skipped, Starts, evaluate};
+use crate::evaluate::{EvaluateSettings, Share, Skipped, Starts, evaluate, evaluate_share};
 use crate::front_end::FrontEnd;
 use crate::map::MapConfig;
 use crate::metrics::{bound, consistency, error};
@@ -54,7 +54,7 @@ pub(super) struct Arguments {
     /// own; 0 to recordings, which have their own]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise]
+    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise, of encoders neither]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: Option<u64>,
     /// What the estimators are told of the first touch
@@ -70,6 +70,10 @@ pub(super) struct Arguments {
     /// Folder under which the run's folder is made
     #[arg(long, default_value = "results")]
     results: PathBuf,
+    /// Do only one of several equal shares of the work, given as number/shares, at the same time as other processes do the others, on this machine or on others with
+    /// the same file system; the command without it then puts the run together
+    #[arg(long, value_name = "K/N")]
+    share: Option<Share>,
     /// Threads [default: one a core]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -90,7 +94,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         None => vec![default_noise(&datasets, &front_end)?],
     };
     // Without noise every seed replays the same readings, which would count as so many trials.
-    let is_silent = !front_end.is_noisy() && noise.iter().all(|level| *level == 0.0);
+    let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
+    let is_silent = !front_end.is_noisy() && are_exact && noise.iter().all(|level| *level == 0.0);
     let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
@@ -112,6 +117,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .build()
         .context("cannot start threads")?;
     let progress = progress_bar("evaluating");
+    if let Some(share) = arguments.share {
+        threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
+        progress.finish_and_clear();
+        print(&format!("share {share} is done\n"))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
     progress.finish_and_clear();
     let state = if evaluated.is_new { "" } else { " (up to date)" };

@@ -111,7 +111,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 fn mounting(text: &str) -> Result<Mounting, String> {
     let names = text.split_once('/').filter(|(array, sensor)| is_plain_name(array) && is_plain_name(sensor));
     let (array, sensor) = names.ok_or("expected array/sensor, for example left/left_1")?;
-    Ok(Mounting { sensor: sensor.into(), array: array.into(), recording: String::new() })
+    Ok(Mounting::single(array, sensor))
 }
 
 /// Wall-clock time of one prediction with its gradient over the calibrated region, the quickest of a few rounds.

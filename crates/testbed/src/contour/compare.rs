@@ -26,22 +26,33 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Lays a contour beside the true outline, of which `touched` are the places that were truly touched.
-    pub fn new(contour: &Contour, outline: &Outline, touched: &[Point<World>]) -> Self {
+    /// Lays a contour beside the true outline, of which a part was truly touched.
+    pub fn new(contour: &Contour, outline: &Outline, touched: &Touched) -> Self {
         let points = sampled(contour);
         let distances_m: Vec<f64> = points.iter().map(|point| outline.distance_m(point.at)).collect();
         let covered: Option<Vec<f64>> = points.iter().map(|point| Some(f64::from(point.holds(outline)?))).collect();
         let worst_m = |distances_m: &[f64]| distances_m.iter().copied().reduce(f64::max);
-        let plain = |point: &Point<World>| (point.x(), point.y());
-        let true_outline: Vec<(f64, f64)> = outline.vertices().iter().map(plain).collect();
-        let stretch = touched_stretch(&true_outline, touched.iter().map(plain));
-        let missed_m: Vec<f64> = along(&stretch).map(|at| contour.distance_m(at)).collect();
+        let line: Vec<_> = contour.vertices.iter().map(|vertex| vertex.at.vector()).collect();
+        let missed_m: Vec<f64> = touched.0.iter().map(|at| distance(&line, *at)).collect();
         Self {
             mean_m: mean(distances_m.iter().copied()).unwrap_or_default(),
             p95_m: quantile(&distances_m, 0.95).unwrap_or_default(),
             hausdorff_m: worst_m(&missed_m).zip(worst_m(&distances_m)).map(|(missed_m, off_m)| missed_m.max(off_m)),
             band_coverage: covered.and_then(mean),
         }
+    }
+}
+
+/// Points along the part of a true outline that was touched; none where that is not known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Touched(Vec<Vector2<f64>>);
+
+impl Touched {
+    /// The part of an outline between the places that were touched.
+    pub fn new(outline: &Outline, touched: impl IntoIterator<Item = Point<World>>) -> Self {
+        let plain = |point: Point<World>| (point.x(), point.y());
+        let line: Vec<(f64, f64)> = outline.vertices().iter().copied().map(plain).collect();
+        Self(along(&touched_stretch(&line, touched.into_iter().map(plain))).collect())
     }
 }
 
@@ -65,14 +76,6 @@ fn distance(line: &[Vector2<f64>], point: Vector2<f64>) -> f64 {
         (edge[0] + way * part - point).norm()
     });
     vertices.chain(edges).fold(f64::INFINITY, f64::min)
-}
-
-impl Contour {
-    /// Distance from a point to the contour.
-    fn distance_m(&self, point: Vector2<f64>) -> f64 {
-        let line: Vec<_> = self.vertices.iter().map(|vertex| vertex.at.vector()).collect();
-        distance(&line, point)
-    }
 }
 
 /// The contour's vertices with points between them, each with a band between those of its neighbours.
@@ -127,7 +130,7 @@ mod tests {
 
     #[test]
     fn val_a_line_beside_a_face() {
-        let touched = [Point::new(0.002, 0.0), Point::new(0.008, 0.0)];
+        let touched = Touched::new(&square(), [Point::new(0.002, 0.0), Point::new(0.008, 0.0)]);
         // Half a millimetre below the face, and shorter than what was touched by a millimetre at one end.
         let beside = contour(&[(0.002, -5e-4), (0.007, -5e-4)], Some(3e-4));
         let found = Comparison::new(&beside, &square(), &touched);
@@ -153,7 +156,7 @@ mod tests {
 
     #[test]
     fn verif_what_is_not_known_is_not_stated() {
-        let found = Comparison::new(&contour(&[(0.005, 1e-4)], None), &square(), &[]);
+        let found = Comparison::new(&contour(&[(0.005, 1e-4)], None), &square(), &Touched::default());
         assert!((found.mean_m - 1e-4).abs() < 1e-12);
         assert_eq!((found.hausdorff_m, found.band_coverage), (None, None));
     }

@@ -84,24 +84,25 @@ impl Placed {
 }
 
 /// The points of each stretch, counter-clockwise around the object.
-fn cells(mut points: Vec<Placed>) -> Vec<Vec<Placed>> {
+fn cells(points: Vec<Placed>) -> Vec<Vec<Placed>> {
     let middle = points.iter().map(|point| point.at).sum::<Vector2<f64>>() / points.len().max(1) as f64;
-    let angle = |point: &Placed| {
+    let seen_at = |point: &Placed| {
         let seen = point.pushed() - middle;
         seen.y.atan2(seen.x)
     };
-    points.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+    let mut placed: Vec<(f64, Placed)> = points.into_iter().map(|point| (seen_at(&point), point)).collect();
+    placed.sort_by(|a, b| a.0.total_cmp(&b.0));
     // The row begins behind the widest gap.
     let gap = |i: usize| {
-        let before = angle(&points[(i + points.len() - 1) % points.len()]);
-        (angle(&points[i]) - before).rem_euclid(2.0 * PI)
+        let before = placed[(i + placed.len() - 1) % placed.len()].0;
+        (placed[i].0 - before).rem_euclid(2.0 * PI)
     };
-    let widest = (0..points.len()).max_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
-    points.rotate_left(widest);
+    let widest = (0..placed.len()).max_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+    placed.rotate_left(widest);
     let mut way_m = 0.0;
     let mut last: Option<(Vector2<f64>, Vector2<f64>)> = None;
     let mut cells: BTreeMap<i64, Vec<Placed>> = BTreeMap::new();
-    for point in points {
+    for (_, point) in placed {
         let (pushed, normal) = (point.pushed(), point.normal);
         if let Some((before, normal_before)) = last {
             // Along the tangent alone: what the points are off across the outline is no way along it, and what they are off along it cancels.

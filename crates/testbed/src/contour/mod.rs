@@ -10,7 +10,7 @@ mod stretch;
 mod strokes;
 
 pub use circle::Circle;
-pub use compare::Comparison;
+pub use compare::{Comparison, Touched};
 pub(crate) use stretch::touched_stretch;
 pub use strokes::second_stroke;
 
@@ -52,17 +52,16 @@ pub struct Contour {
 }
 
 impl Contour {
-    /// The outline that an estimator found in a trial; nothing where it found none.
+    /// The outline that an estimator found in a trial; nothing where it found none. `said` is what its estimates say of the surface.
     ///
     /// This is the one place that decides where an outline comes from: from the estimator where it carries one, as it is at the end; otherwise the surface
     /// points of all contacts from the row `since` on, merged.
-    pub fn found(trial: &Trial<'_>, replay: &Replay, since: usize) -> Option<Self> {
+    pub fn found(trial: &Trial<'_>, replay: &Replay, said: &[SurfacePoint], since: usize) -> Option<Self> {
         match &replay.outline {
             Some(outline) => carried(trial, outline),
             None => {
-                let mut points = surface_points(trial, &replay.estimates);
-                points.retain(|point| point.row >= since && point.since_touch_s >= SETTLING_S);
-                Self::merged(&points)
+                let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
+                Self::merged(&said.iter().filter(counts).copied().collect::<Vec<_>>())
             }
         }
     }
@@ -98,7 +97,7 @@ fn carried(trial: &Trial<'_>, outline: &[OutlinePoint]) -> Option<Contour> {
 
 /// What one estimate says of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SurfacePoint {
+pub struct SurfacePoint {
     /// Row of the trace.
     pub(crate) row: usize,
     /// Row at which the touch began.
@@ -116,7 +115,12 @@ pub(crate) struct SurfacePoint {
 impl SurfacePoint {
     /// Whether its place is sure enough to say where the outline is, in every direction; one that states nothing counts as sure.
     pub(crate) fn is_sure(&self) -> bool {
-        self.covariance_m2.is_none_or(|covariance| covariance.symmetric_eigenvalues().max() <= MOST_SD_M * MOST_SD_M)
+        self.covariance_m2.is_none_or(|covariance| {
+            // The larger eigenvalue.
+            let half_apart = 0.5 * (covariance.m11 - covariance.m22);
+            let largest_m2 = 0.5 * covariance.trace() + (half_apart.powi(2) + covariance.m12.powi(2)).sqrt();
+            largest_m2 <= MOST_SD_M * MOST_SD_M
+        })
     }
 }
 
@@ -128,7 +132,7 @@ const SETTLING_S: f64 = 1.0;
 
 /// The surface points in World that an estimator stands for: not where it says itself that its sensor model does not hold, beyond the
 /// calibrated region or at the tip, and not farther from the root than the whisker is long, as filters that have run away say.
-pub(crate) fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<SurfacePoint> {
+pub fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<SurfacePoint> {
     let instants = &trial.trace.recording.instants;
     let mut points = Vec::new();
     let mut begun = None;
@@ -142,14 +146,14 @@ pub(crate) fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) 
         if !estimate.calibrated || estimate.at_tip || !is_on_whisker {
             continue;
         }
-        let left_rad = trial.knowledge.tangent_rad(estimate, reading_n_m) + FRAC_PI_2;
+        let tangent_rad = trial.knowledge.tangent_rad(estimate, reading_n_m);
         let outward_rad = if estimate.face.away_sign() > 0.0 { 0.0 } else { PI };
         points.push(SurfacePoint {
             row,
             touch,
             since_touch_s: known.t_s - instants[touch].t_s,
-            at: known.base.apply(trial.knowledge.surface(estimate, reading_n_m)).vector(),
-            normal_rad: known.base.yaw_rad() + left_rad + outward_rad,
+            at: known.base.apply(trial.knowledge.surface_beside(estimate, tangent_rad)).vector(),
+            normal_rad: known.base.yaw_rad() + (tangent_rad + FRAC_PI_2) + outward_rad,
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
         });
     }

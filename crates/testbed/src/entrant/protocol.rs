@@ -4,7 +4,7 @@ use filters::Innovation;
 use nalgebra::{Matrix1, Matrix2, Vector1};
 use serde::{Deserialize, Serialize};
 use whisker::Whisker;
-use whisker::estimators::{Estimate, Knowledge, Sample};
+use whisker::estimators::{BaseNoise, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
 use whisker::sensor::{CalibratedFace, Domain, Face};
 
@@ -33,10 +33,22 @@ pub(super) struct Greeting<'a> {
     seed: u64,
     rate_hz: f64,
     noise_sd_n_m: f64,
+    base_noise: BaseNoiseLine,
     whisker: &'a Whisker,
     rest: RestLine,
     faces: Vec<FaceTable<'a>>,
     told: Option<ToldContact>,
+}
+
+/// Covariance of the error of the base's measured pose, in Base.
+#[derive(Serialize)]
+struct BaseNoiseLine {
+    cov_xx_m2: f64,
+    cov_xy_m2: f64,
+    cov_yy_m2: f64,
+    cov_x_yaw_m_rad: f64,
+    cov_y_yaw_m_rad: f64,
+    cov_yaw_yaw_rad2: f64,
 }
 
 /// The undeflected whisker from root to tip, in Base.
@@ -92,10 +104,24 @@ impl<'a> Greeting<'a> {
             seed: seed & SEED_MASK,
             rate_hz: knowledge.rate_hz,
             noise_sd_n_m: knowledge.noise_sd_n_m,
+            base_noise: BaseNoiseLine::new(&knowledge.base_noise),
             whisker: &knowledge.whisker,
             rest: RestLine::new(knowledge),
             faces: knowledge.faces.iter().map(|face| FaceTable::new(knowledge, face)).collect(),
             told,
+        }
+    }
+}
+
+impl BaseNoiseLine {
+    fn new(BaseNoise(covariance): &BaseNoise) -> Self {
+        Self {
+            cov_xx_m2: covariance[(0, 0)],
+            cov_xy_m2: covariance[(0, 1)],
+            cov_yy_m2: covariance[(1, 1)],
+            cov_x_yaw_m_rad: covariance[(0, 2)],
+            cov_y_yaw_m_rad: covariance[(1, 2)],
+            cov_yaw_yaw_rad2: covariance[(2, 2)],
         }
     }
 }

@@ -2,17 +2,18 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::bail;
 use rayon::prelude::*;
-use trace::{ArrayRecording, Trace, write_atomically};
+use trace::{ArrayRecording, Sidecar, Trace, write_atomically};
+use whisker::estimators::BaseNoise;
 
-use super::EvaluateSettings;
+use super::{EvaluateSettings, check_distinct};
 use crate::contour::Vertex;
 use crate::encoders::Encoders;
-use crate::map::{FoundObject, Judged, MapConfig, SceneMap, View, judged};
+use crate::map::{FoundObject, Judged, MapConfig, SceneMap, Truths, View, judged};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 use crate::results::{GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, RunMounted, RunRecording, csv_bytes};
@@ -23,7 +24,10 @@ pub(super) struct Mounted {
     array: Arc<ArrayRecording>,
     /// Place of the whisker in it.
     whisker: usize,
+    /// What is known of the trace as it was recorded, under its own name.
+    sidecar: Arc<Sidecar>,
     encoders: Encoders,
+    base_noise: BaseNoise,
 }
 
 /// What one whisker yields for one estimator.
@@ -36,46 +40,49 @@ pub(super) struct Sighting {
     view: View,
 }
 
-/// Reads the recordings that traces belong to, each once.
+/// Reads the recordings that traces belong to, each once, by their paths.
 #[derive(Default)]
-pub(super) struct Arrays(BTreeMap<String, Arc<ArrayRecording>>);
+pub(super) struct Arrays(BTreeMap<PathBuf, Arc<ArrayRecording>>);
 
 impl Arrays {
     /// A trace as trials: as it is or, where it belongs to a recording, once under each of some encoders, renamed and in a group of its own where they are not perfect.
     pub(super) fn trials(
         &mut self,
         folder: &Path,
-        trace: Trace,
+        trace: &Trace,
         encoders: &[Encoders],
-    ) -> anyhow::Result<Vec<(Trace, Option<Mounted>)>> {
-        let Some(name) = trace.sidecar.recording.clone() else { return Ok(vec![(trace, None)]) };
-        let array = match self.0.get(&name) {
+    ) -> anyhow::Result<Vec<(Sidecar, Option<Mounted>)>> {
+        let Some(name) = &trace.sidecar.recording else { return Ok(vec![(trace.sidecar.clone(), None)]) };
+        let path = folder.join(format!("{name}.json"));
+        let array = match self.0.get(&path) {
             Some(array) => array.clone(),
             None => {
-                let array = Arc::new(ArrayRecording::read(&folder.join(format!("{name}.json")))?);
-                self.0.insert(name, array.clone());
+                let array = Arc::new(ArrayRecording::read(&path)?);
+                self.0.insert(path, array.clone());
                 array
             }
         };
-        array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), &trace)?;
-        let whiskers = &array.sidecar.whiskers;
-        let whisker = whiskers.iter().position(|whisker| whisker.trace == trace.sidecar.name).unwrap_or_default();
+        let whisker = array.check(&folder.join(format!("{}.csv", trace.sidecar.name)), trace)?;
+        let mount = &array.sidecar.whiskers[whisker].mount;
+        let recorded = Arc::new(trace.sidecar.clone());
         let perfect = [Encoders::default()];
         let encoders = if encoders.is_empty() { &perfect } else { encoders };
         let under = |encoders: &Encoders| {
-            let mut trace = trace.clone();
-            trace.sidecar.name = under(&trace.sidecar.name, encoders);
+            let mut sidecar = trace.sidecar.clone();
+            sidecar.name = under(&sidecar.name, encoders);
             if !encoders.are_perfect() {
-                trace.sidecar.group =
-                    format!("{}, encoders {}", trace.sidecar.group, encoders.label().replace('_', " "));
+                sidecar.group = format!("{}, encoders {}", sidecar.group, encoders.label().replace('_', " "));
             }
-            (trace, Some(Mounted { array: array.clone(), whisker, encoders: *encoders }))
+            let (array, recorded, encoders) = (array.clone(), recorded.clone(), *encoders);
+            let base_noise = encoders.base_noise(&array, mount);
+            (sidecar, Some(Mounted { array, whisker, sidecar: recorded, encoders, base_noise }))
         };
         Ok(encoders.iter().map(under).collect())
     }
 
-    /// Checks that there is an arm where encoders are asked for.
+    /// Checks that there is an arm where encoders are asked for, and that each recording has a name of its own.
     pub(super) fn check(&self, encoders: &[Encoders]) -> anyhow::Result<()> {
+        check_distinct("recording", self.0.values().map(|array| array.sidecar.name.clone()))?;
         if !encoders.is_empty() && self.0.is_empty() {
             bail!("encoders: found no recording of an arm among the traces, expected at least one");
         }
@@ -89,9 +96,24 @@ fn under(name: &str, encoders: &Encoders) -> String {
 }
 
 impl Mounted {
+    /// Place of the whisker in the recording.
+    pub(super) fn whisker(&self) -> usize {
+        self.whisker
+    }
+
     /// Name of the recording, as it is replayed.
-    fn recording(&self) -> String {
+    pub(super) fn recording(&self) -> String {
         under(&self.array.sidecar.name, &self.encoders)
+    }
+
+    /// What is known of the trace as it was recorded.
+    pub(super) fn sidecar(&self) -> &Sidecar {
+        &self.sidecar
+    }
+
+    /// How well the robot knows the whisker's base.
+    pub(super) fn base_noise(&self) -> BaseNoise {
+        self.base_noise
     }
 
     /// The trace as the robot knows it under a seed: its base by what the encoders show.
@@ -124,21 +146,21 @@ impl Mounted {
 
 /// The recordings of a batch, as `run.json` has them.
 pub(super) fn recordings<'a>(
-    trials: impl Iterator<Item = (&'a Trace, &'a Mounted)>,
+    trials: impl Iterator<Item = (&'a Sidecar, &'a Mounted)>,
     config: MapConfig,
 ) -> Vec<RunRecording> {
     let mut recordings: Vec<RunRecording> = Vec::new();
-    for (trace, mounted) in trials {
+    for (of_trace, mounted) in trials {
         let name = mounted.recording();
         let sidecar = &mounted.array.sidecar;
         let whisker = &sidecar.whiskers[mounted.whisker];
         let (of_whisker, array) = (whisker.name.clone(), whisker.array.clone());
-        let entry = RunMounted { name: of_whisker, array, trace: trace.sidecar.name.clone() };
+        let entry = RunMounted { name: of_whisker, array, trace: of_trace.name.clone() };
         match recordings.iter_mut().find(|recording| recording.name == name) {
             Some(recording) => recording.whiskers.push(entry),
             None => recordings.push(RunRecording {
                 name,
-                group: trace.sidecar.group.clone(),
+                group: of_trace.group.clone(),
                 encoders: mounted.encoders,
                 map: config,
                 objects: sidecar.objects.iter().map(|object| object.name.clone()).collect(),
@@ -172,11 +194,20 @@ pub(super) fn files(recordings: &[RunRecording], estimators: &[String]) -> Vec<S
 /// Tables of each map.
 const TABLES: [&str; 3] = ["points", "outlines", "grid"];
 
-/// Makes the maps of all recordings, judges them, and writes them into the folder of a run.
+/// What is recorded of maps.
+pub(super) type MapRows = (Vec<MapRow>, Vec<MapObjectRow>);
+
+/// Makes the maps of what the whiskers of a recording saw, one a noise level, seed and estimator, and judges them by what they truly did. Those of the first noise level and seed are written into
+/// the folder of a run.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub(super) fn write_maps(folder: &Path, sightings: &[Sighting], settings: &EvaluateSettings) -> anyhow::Result<()> {
+pub(super) fn maps(
+    folder: &Path,
+    sightings: &[Sighting],
+    truths: &Truths,
+    settings: &EvaluateSettings,
+) -> anyhow::Result<MapRows> {
     let mut scenes: Vec<Vec<&Sighting>> = Vec::new();
     let mut places = BTreeMap::new();
     for sighting in sightings {
@@ -196,14 +227,12 @@ pub(super) fn write_maps(folder: &Path, sightings: &[Sighting], settings: &Evalu
             if first.noise == settings.noise[0] && first.seed == settings.seeds[0] {
                 write_map(folder, first, &map, &views)?;
             }
-            let judged = judged(&map, &views, &first.mounted.array).unwrap_or_default();
+            let judged = judged(&map, &views, truths, &first.mounted.array);
             Ok((map_row(first, &map, &views, &judged), object_rows(first, &map, &judged)))
         })
         .collect::<anyhow::Result<_>>()?;
     let (maps, objects): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-    write_atomically(&folder.join("maps.csv"), &csv_bytes(&maps)?)?;
-    write_atomically(&folder.join("map_objects.csv"), &csv_bytes(&objects.concat())?)?;
-    Ok(())
+    Ok((maps, objects.concat()))
 }
 
 fn write_map(folder: &Path, first: &Sighting, map: &SceneMap, views: &[&View]) -> anyhow::Result<()> {

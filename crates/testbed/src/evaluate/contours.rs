@@ -1,9 +1,8 @@
 //! Tables of the outlines found.
 
-use std::collections::BTreeMap;
-
 use trace::Sidecar;
 
+use super::tables::Place;
 use crate::contour::{Circle, Comparison, Contour};
 use crate::results::{ContourScoreRow, ContourTrialRow, VertexRow, is_round};
 use crate::statistics::{mean, median_of_scores};
@@ -30,35 +29,28 @@ pub(super) fn trial_row(sidecar: &Sidecar, contour: Option<&Contour>, compared: 
     }
 }
 
-/// Rows of `contours.csv`, in the order in which sets and estimators first appear.
-pub(super) fn summarise(trials: &[ContourTrialRow]) -> Vec<ContourScoreRow> {
-    let mut sets: Vec<Vec<&ContourTrialRow>> = Vec::new();
-    let mut places = BTreeMap::new();
-    for trial in trials {
-        let key = (&trial.group, &trial.whisker, trial.noise.to_bits(), &trial.estimator);
-        let place = *places.entry(key).or_insert_with(|| {
-            sets.push(Vec::new());
-            sets.len() - 1
-        });
-        sets[place].push(trial);
+/// What is kept of the trials of a set for `contours.csv`: error of the contact, mean, 95th percentile and largest distance of the outline, and coverage of its band.
+pub(super) type Judged = [Option<f64>; 5];
+
+pub(super) fn judged(trial: &ContourTrialRow) -> Judged {
+    [trial.contact_rmse_m, trial.mean_m, trial.p95_m, trial.hausdorff_m, trial.band_coverage]
+}
+
+/// A row of `contours.csv`, of all trials of a set.
+pub(super) fn summarise(place: &Place, trials: &[Judged]) -> ContourScoreRow {
+    let values = |of: usize| trials.iter().map(move |trial| trial[of]);
+    ContourScoreRow {
+        group: place.group.clone(),
+        whisker: place.whisker.clone(),
+        estimator: place.estimator.clone(),
+        noise: place.noise,
+        trials: trials.len(),
+        contact_rmse_m: median_of_scores(values(0)),
+        mean_m: median_of_scores(values(1)),
+        p95_m: median_of_scores(values(2)),
+        hausdorff_m: median_of_scores(values(3)),
+        band_coverage: mean(values(4).flatten()),
     }
-    let row = |set: &Vec<&ContourTrialRow>| {
-        let median =
-            |value: fn(&ContourTrialRow) -> Option<f64>| median_of_scores(set.iter().map(|trial| value(trial)));
-        ContourScoreRow {
-            group: set[0].group.clone(),
-            whisker: set[0].whisker.clone(),
-            estimator: set[0].estimator.clone(),
-            noise: set[0].noise,
-            trials: set.len(),
-            contact_rmse_m: median(|trial| trial.contact_rmse_m),
-            mean_m: median(|trial| trial.mean_m),
-            p95_m: median(|trial| trial.p95_m),
-            hausdorff_m: median(|trial| trial.hausdorff_m),
-            band_coverage: mean(set.iter().filter_map(|trial| trial.band_coverage)),
-        }
-    };
-    sets.iter().map(row).collect()
 }
 
 /// Rows of `contours/<trace>.<estimator>.csv`; none where no outline was found.

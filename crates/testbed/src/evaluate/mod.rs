@@ -1,12 +1,18 @@
 //! Batch evaluation: every estimator over every trial, noise level and seed, scored against the truth.
 //!
-//! Trials run in parallel; what they yield is put together in their order, so the results do not depend on the number of threads.
+//! The work is cut into items (`plan`), which are done in parallel (`work`); what each yields is kept in a file of its own (`shards`), so that an evaluation which
+//! was interrupted goes on where it stood. At the end it is put together in the order of trials, noise levels and seeds (`merge`), so the results depend neither on
+//! the number of threads nor on interruptions. A trial that fails leaves its reason behind and the others alone.
 
 mod arrays;
 mod contours;
+mod merge;
 mod part_folder;
+mod plan;
+mod shards;
 mod starts;
 mod tables;
+mod work;
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,18 +22,17 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 use indicatif::ProgressBar;
-use rayon::prelude::*;
 use serde_json::Value;
 use trace::{
     CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically,
     write_json,
 };
-use whisker::estimators::{ESTIMATORS, Knowledge, ModelShares, Told};
+use whisker::estimators::{BaseNoise, ESTIMATORS, Knowledge, ModelShares, Told};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
-use crate::contour::{Comparison, Contour};
+use crate::contour::{Comparison, Contour, Touched, surface_points};
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
 use crate::entrant::{Entrant, Program, Registered, Task};
@@ -35,24 +40,28 @@ use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
 use crate::map::MapConfig;
 use crate::metrics::contact_events::Events;
-use crate::metrics::{Scored, Scores, Trial, Unscored, contour, first_touch_s};
+use crate::metrics::{Ground, Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::provenance::watermark;
-use crate::replay::{self, check_calibration, knowledge, samples};
+use crate::replay::{self, Replay, check_calibration, knowledge, motions, read_by, with_readings};
 use crate::results::{
-    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SEVERAL, SummaryRow, TrialHead, TrialRow,
-    csv_bytes, has_outline, read_rows, read_scores, score_bytes,
+    ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
+    has_outline, read_rows, read_scores,
 };
 
 use arrays::{Arrays, Mounted, Sighting};
 use contours::{trial_row, vertex_rows};
-use part_folder::PartFolder;
+use merge::{Merged, merge};
+use part_folder::{PartFolder, restore, tidy};
+use shards::{Outcome, Shards, Yield};
 use tables::OverTime;
+use work::{Member, caught};
 
+pub use plan::Share;
 pub use starts::Starts;
-pub use tables::estimate_rows;
+pub use tables::estimate_row;
 
 /// What to evaluate and how.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EvaluateSettings {
     /// Name of the run.
     pub name: String,
@@ -113,18 +122,12 @@ pub struct Skipped {
 /// A set: trials of one group with one whisker, which share a noise level.
 type SetKey = (String, String);
 
-/// One trial, one noise level, one seed.
-struct Job<'a> {
-    trial: &'a BenchTrial,
-    noise: f64,
-    seed: u64,
-    /// What no estimator can do better than, the same for every seed.
-    bound: Option<&'a TraceBound>,
-}
-
-/// A trace and its object's outline.
+/// A trace that is to be replayed. Its rows are read when their turn comes.
 struct BenchTrial {
-    trace: Trace,
+    /// What it is, under the name that it has in the run.
+    sidecar: Sidecar,
+    /// Its CSV.
+    path: PathBuf,
     outline: Option<Outline>,
     mounting: Mounting,
     /// What calibration taught of its sensor, where the front end has one.
@@ -133,6 +136,25 @@ struct BenchTrial {
     mounted: Option<Mounted>,
     /// What the estimators are told of the first touch.
     told: Option<Told>,
+    /// Whether the contact is known, so that there is something to score against.
+    is_known: bool,
+}
+
+impl BenchTrial {
+    /// Name of what is replayed together: the recording of several whiskers, or the trace alone.
+    fn scene(&self) -> String {
+        self.mounted.as_ref().map_or_else(
+            || format!("trace {}", self.sidecar.name),
+            |mounted| format!("recording {}", mounted.recording()),
+        )
+    }
+}
+
+impl BenchTrial {
+    /// How well the robot knows its base.
+    fn base_noise(&self) -> BaseNoise {
+        self.mounted.as_ref().map(Mounted::base_noise).unwrap_or_default()
+    }
 }
 
 /// Everything a trial needs, prepared once.
@@ -142,6 +164,8 @@ struct Bench {
     largest_readings: BTreeMap<SetKey, f64>,
     front_end: FrontEnd,
     entrants: Vec<Box<dyn Entrant>>,
+    /// Names of the entrants.
+    names: Vec<String>,
     skipped: Vec<Skipped>,
 }
 
@@ -153,30 +177,8 @@ struct Calibration {
     faces: BTreeMap<Option<&'static str>, Vec<Arc<CalibratedFace>>>,
 }
 
-/// What a job yields.
-#[derive(Default)]
-struct Yield {
-    /// One an entrant, where the trial can be scored.
-    outcomes: Vec<Outcome>,
-    /// One an entrant, where the object has an outline.
-    contours: Vec<ContourTrialRow>,
-    /// One an entrant, where the whisker is one of a recording of several.
-    sightings: Vec<Sighting>,
-    /// What went wrong.
-    failures: Vec<FailureRow>,
-}
-
-/// What one trial yields for one estimator.
-struct Outcome {
-    row: TrialRow,
-    /// Mean probabilities of the models that the estimator weighs, over the contact.
-    models: Option<ModelShares>,
-    over_time: OverTime,
-    elapsed_ns: u128,
-    steps: usize,
-}
-
-/// Evaluates and writes `<results>/<name>/`, unless it is there already from the same inputs.
+/// Evaluates and writes `<results>/<name>/`, unless it is there already from the same inputs. What an interrupted evaluation from the same inputs has finished is
+/// not done again.
 ///
 /// # Errors
 /// If inputs cannot be read or do not fit together, or results cannot be written.
@@ -186,69 +188,55 @@ pub fn evaluate(
     progress: &ProgressBar,
 ) -> anyhow::Result<Evaluated> {
     let folder = target(settings)?;
+    restore(&folder)?;
     let bench = Bench::open(datasets, settings)?;
     let run = bench.run(settings)?;
     let (unscored, skipped) = (bench.unscored(), bench.skipped.clone());
     if bench.is_up_to_date(&folder, &run) {
+        tidy(&folder)?;
         let summary = read_scores(&folder.join("summary.csv"))?;
         let failures = read_rows(&folder.join("failures.csv"))?;
         return Ok(Evaluated { folder, summary, is_new: false, failures, skipped, unscored });
     }
 
-    let part = PartFolder::new(&folder)?;
-    let levels: Vec<(&BenchTrial, f64)> =
-        bench.trials.iter().flat_map(|trial| settings.noise.iter().map(move |&noise| (trial, noise))).collect();
-    let bounds: Vec<Option<TraceBound>> = levels.par_iter().map(|&(trial, noise)| bench.bound(trial, noise)).collect();
-    let jobs: Vec<Job> = levels
-        .iter()
-        .zip(&bounds)
-        .flat_map(|(&(trial, noise), bound)| {
-            settings.seeds.iter().map(move |&seed| Job { trial, noise, seed, bound: bound.as_ref() })
-        })
-        .collect();
-    progress.set_length(jobs.len() as u64);
-    let done: Vec<Yield> = jobs
-        .par_iter()
-        .map(|job| {
-            let is_first = job.noise == settings.noise[0] && job.seed == settings.seeds[0];
-            let done = bench.run_trial(job, settings, is_first.then_some(part.path()))?;
-            progress.inc(1);
-            Ok(done)
-        })
-        .collect::<anyhow::Result<_>>()?;
-    let (mut outcomes, mut contours, mut failures) = (Vec::new(), Vec::new(), Vec::new());
-    let mut sightings = Vec::new();
-    for job in done {
-        outcomes.extend(job.outcomes);
-        contours.extend(job.contours);
-        sightings.extend(job.sightings);
-        failures.extend(job.failures);
-    }
-    if outcomes.is_empty() {
+    let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
+    let (plan, shards) = (bench.plan(settings), Shards::in_run(part.path()));
+    bench.finish_items(&plan, None, (part.path(), &shards), settings, progress)?;
+    let Merged { summary, failures } = merge(&plan, &shards, part.path())?;
+    if summary.is_empty() {
+        part.discard()?;
         let reason = match failures.first() {
             Some(first) => format!("the first: {}: {}", first.trace, first.reason),
             None => Unscored::TruthUnknown.to_string(),
         };
         bail!("no trial could be scored; {reason}");
     }
-    let summary = tables::summarise(&outcomes);
-    let tables = [
-        ("error_over_time.csv", csv_bytes(&tables::error_bands(&outcomes))?),
-        ("consistency.csv", csv_bytes(&tables::consistency(&outcomes))?),
-        ("contours.csv", csv_bytes(&contours::summarise(&contours))?),
-        ("contour_trials.csv", csv_bytes(&contours)?),
-        ("summary.csv", score_bytes(&summary)?),
-        ("trials.csv", score_bytes(&outcomes.into_iter().map(|outcome| outcome.row).collect::<Vec<_>>())?),
-        ("failures.csv", csv_bytes(&failures)?),
-    ];
-    for (name, bytes) in tables {
-        write_atomically(&part.path().join(name), &bytes)?;
-    }
-    arrays::write_maps(part.path(), &sightings, settings)?;
     bench.copy_for_report(part.path())?;
     write_json(&part.path().join("run.json"), &run)?;
     part.finish()?;
     Ok(Evaluated { folder, summary, is_new: true, failures, skipped, unscored })
+}
+
+/// Does a share of the work and leaves it for [`evaluate`], which puts the run together when all shares are done, and does itself what is missing. Several
+/// processes may do so at once, on one machine or on several with a common file system.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_share(
+    datasets: &[Dataset],
+    settings: &EvaluateSettings,
+    share: Share,
+    progress: &ProgressBar,
+) -> anyhow::Result<()> {
+    let folder = target(settings)?;
+    let bench = Bench::open(datasets, settings)?;
+    let run = bench.run(settings)?;
+    if bench.is_up_to_date(&folder, &run) {
+        return Ok(());
+    }
+    let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
+    let (plan, shards) = (bench.plan(settings), Shards::in_run(part.path()));
+    bench.finish_items(&plan, Some(share), (part.path(), &shards), settings, progress)
 }
 
 /// Folder of the run, which may only take the place of another run.
@@ -298,11 +286,13 @@ impl Bench {
         let entrants = settings.entrants()?;
         let front_end = FrontEnd::new(&settings.front_end)?;
         let mut trials: Vec<BenchTrial> = Vec::new();
+        let mut largest_readings: BTreeMap<SetKey, f64> = BTreeMap::new();
         let mut calibrations: BTreeMap<String, Calibration> = BTreeMap::new();
         let mut arrays = Arrays::default();
         for dataset in datasets {
             let folder = settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
-            for trace in dataset.read(Role::Trial)? {
+            for csv in dataset.of_role(Role::Trial)? {
+                let trace = Trace::read(csv)?;
                 let sidecar = &trace.sidecar;
                 front_end.check_trace(sidecar)?;
                 let whisker = &sidecar.whisker.name;
@@ -324,29 +314,28 @@ impl Bench {
                 let mounting = Mounting::of(&dataset.folder, sidecar)?;
                 let sensor = front_end.sensor(&path, &calibrations[whisker].file, &mounting)?.cloned();
                 let outline = trace.outline(&dataset.folder)?;
+                let is_known = first_touch_s(&trace) != Err(Unscored::TruthUnknown);
+                let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m.abs());
+                let largest_n_m = moments.fold(0.0, f64::max);
+                let mut add = |sidecar: Sidecar, mounted, told| {
+                    let largest = largest_readings.entry(set_key(&sidecar)).or_default();
+                    *largest = largest.max(largest_n_m);
+                    let (path, outline, mounting, sensor) =
+                        (csv.into(), outline.clone(), mounting.clone(), sensor.clone());
+                    trials.push(BenchTrial { sidecar, path, outline, mounting, sensor, mounted, told, is_known });
+                };
                 if settings.starts == Starts::Wrong {
-                    trials.extend(starts::wrong(&trace).into_iter().map(|(trace, told)| {
-                        let (outline, mounting, sensor) = (outline.clone(), mounting.clone(), sensor.clone());
-                        BenchTrial { trace, outline, mounting, sensor, mounted: None, told: Some(told) }
-                    }));
+                    starts::wrong(&trace).into_iter().for_each(|(sidecar, told)| add(sidecar, None, Some(told)));
                 }
-                for (trace, mounted) in arrays.trials(&dataset.folder, trace, &settings.encoders)? {
-                    let (outline, mounting, sensor) = (outline.clone(), mounting.clone(), sensor.clone());
-                    trials.push(BenchTrial { trace, outline, mounting, sensor, mounted, told: None });
+                for (sidecar, mounted) in arrays.trials(&dataset.folder, &trace, &settings.encoders)? {
+                    add(sidecar, mounted, None);
                 }
             }
         }
         arrays.check(&settings.encoders)?;
-        check_distinct("trace", trials.iter().map(|trial| trial.trace.sidecar.name.clone()))?;
-        let mut largest_readings: BTreeMap<SetKey, f64> = BTreeMap::new();
-        for trial in &trials {
-            let largest = largest_readings.entry(set_key(&trial.trace)).or_default();
-            for instant in &trial.trace.recording.instants {
-                *largest = largest.max(instant.moment_z_n_m.abs());
-            }
-        }
-        let (entered, skipped) = (Vec::new(), Vec::new());
-        let mut bench = Self { trials, calibrations, largest_readings, front_end, entrants: entered, skipped };
+        check_distinct("trace", trials.iter().map(|trial| trial.sidecar.name.clone()))?;
+        let (entered, names, skipped) = (Vec::new(), Vec::new(), Vec::new());
+        let mut bench = Self { trials, calibrations, largest_readings, front_end, entrants: entered, names, skipped };
         for entrant in entrants {
             let is_configured = settings.config.contains_key(&entrant.describe().name);
             bench.admit(entrant, settings.estimators.is_some() || is_configured)?;
@@ -371,31 +360,25 @@ impl Bench {
         for calibration in self.calibrations.values_mut() {
             calibration.load(label)?;
         }
-        let sidecar = &self.trials[0].trace.sidecar;
+        let sidecar = &self.trials[0].sidecar;
         entrant.check(&knowledge(sidecar, &self.calibrations[&sidecar.whisker.name].faces[&label], 0.0))?;
+        self.names.push(entrant.describe().name);
         self.entrants.push(entrant);
         Ok(())
     }
 
-    /// Names of the entrants.
-    fn names(&self) -> Vec<String> {
-        self.entrants.iter().map(|entrant| entrant.describe().name).collect()
-    }
-
     /// Trials without a known contact.
     fn unscored(&self) -> Vec<String> {
-        let is_unknown = |trial: &&BenchTrial| first_touch_s(&trial.trace) == Err(Unscored::TruthUnknown);
-        self.trials.iter().filter(is_unknown).map(|trial| trial.trace.sidecar.name.clone()).collect()
+        self.trials.iter().filter(|trial| !trial.is_known).map(|trial| trial.sidecar.name.clone()).collect()
     }
 
     /// Whether a run from the same inputs is there, with all that belongs to it.
     fn is_up_to_date(&self, folder: &Path, run: &Run) -> bool {
         let same = |old: Run| old.watermark.inputs_sha256 == run.watermark.inputs_sha256;
-        let names = self.names();
         let of_entrants = |folder: &'static str| {
-            let names = &names;
+            let names = &self.names;
             self.trials.iter().flat_map(move |trial| {
-                let trace = &trial.trace.sidecar.name;
+                let trace = &trial.sidecar.name;
                 names.iter().map(move |name| format!("{folder}/{trace}.{name}.csv"))
             })
         };
@@ -403,12 +386,12 @@ impl Bench {
             .trials
             .iter()
             .filter(|trial| trial.outline.is_some())
-            .map(|trial| format!("outlines/{}.csv", trial.trace.sidecar.name));
-        let bounds = self.trials.iter().map(|trial| format!("bounds/{}.csv", trial.trace.sidecar.name));
+            .map(|trial| format!("outlines/{}.csv", trial.sidecar.name));
+        let bounds = self.trials.iter().map(|trial| format!("bounds/{}.csv", trial.sidecar.name));
         let events = self
             .trials
             .iter()
-            .flat_map(|trial| DETECTORS.iter().map(|row| format!("events/{}", event_file(&trial.trace.sidecar, row))));
+            .flat_map(|trial| DETECTORS.iter().map(|row| format!("events/{}", event_file(&trial.sidecar, row))));
         let tables = [
             "trials.csv",
             "summary.csv",
@@ -429,7 +412,7 @@ impl Bench {
                 .chain(outlines)
                 .chain(bounds)
                 .chain(events)
-                .chain(arrays::files(&run.recordings, &names))
+                .chain(arrays::files(&run.recordings, &self.names))
                 .chain(self.model_files().map(|(_, name)| format!("models/{name}")))
                 .chain(
                     self.sensors()
@@ -446,13 +429,13 @@ impl Bench {
             .largest_readings
             .iter()
             .map(|(key, &largest_reading_n_m)| {
-                let traces = self.trials.iter().map(|trial| &trial.trace);
-                let members: Vec<&Trace> = traces.filter(|trace| set_key(trace) == *key).collect();
+                let sidecars = self.trials.iter().map(|trial| &trial.sidecar);
+                let members: Vec<&Sidecar> = sidecars.filter(|sidecar| set_key(sidecar) == *key).collect();
                 RunSet {
                     group: key.0.clone(),
                     whisker: key.1.clone(),
-                    object: members[0].sidecar.object.clone(),
-                    traces: members.iter().map(|trace| trace.sidecar.name.clone()).collect(),
+                    object: members[0].object.clone(),
+                    traces: members.iter().map(|sidecar| sidecar.name.clone()).collect(),
                     largest_reading_n_m,
                 }
             })
@@ -473,8 +456,7 @@ impl Bench {
             })
             .collect();
         let front_end = self.front_end.describe(self.sensors().cloned().collect());
-        let mounted = self.trials.iter().filter_map(|trial| Some((&trial.trace, trial.mounted.as_ref()?)));
-        let recordings = arrays::recordings(mounted.clone(), settings.map);
+        let recordings = arrays::recordings(self.mounted(), settings.map);
         let mut inputs = vec![
             serde_json::to_string(&(
                 &settings.name,
@@ -487,9 +469,9 @@ impl Bench {
             serde_json::to_string(&front_end)?,
             serde_json::to_string(&recordings)?,
         ];
-        inputs.extend(arrays::inputs(mounted.map(|(_, mounted)| mounted))?);
+        inputs.extend(arrays::inputs(self.mounted().map(|(_, mounted)| mounted))?);
         for trial in &self.trials {
-            let sidecar = &trial.trace.sidecar;
+            let sidecar = &trial.sidecar;
             inputs.push(sidecar.csv_sha256.clone());
             inputs.push(sidecar.contour.as_ref().map_or_else(String::new, |contour| contour.sha256.clone()));
         }
@@ -512,53 +494,84 @@ impl Bench {
 
     /// Standard deviation of the measurement noise that is added to a trial at a noise level.
     fn added_noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
-        noise * self.largest_readings[&set_key(&trial.trace)]
+        noise * self.largest_readings[&set_key(&trial.sidecar)]
     }
 
-    /// Standard deviation of all of its measurement noise: what is added, what the sensor has, and what a recording has of itself.
+    /// Standard deviation of all of its measurement noise.
     fn noise_sd_n_m(&self, trial: &BenchTrial, noise: f64) -> f64 {
-        let of_sensor = trial.sensor.as_ref().map_or(0.0, |sensor| sensor.noise_sd_n_m);
-        self.added_noise_sd_n_m(trial, noise).hypot(of_sensor).hypot(trial.trace.sidecar.own_noise_sd_n_m())
+        replay::noise_sd_n_m(self.added_noise_sd_n_m(trial, noise), trial.sensor.as_ref(), &trial.sidecar)
+    }
+
+    /// The trials that are whiskers of recordings of several.
+    fn mounted(&self) -> impl Iterator<Item = (&Sidecar, &Mounted)> {
+        self.trials.iter().filter_map(|trial| Some((&trial.sidecar, trial.mounted.as_ref()?)))
+    }
+
+    /// A trial as the front end is played it at a noise level. The earth's field turns with the sensor as it is, not as the encoders have it,
+    /// and its noise is the same whatever these are.
+    fn played<'a>(&self, member: &'a Member<'_>, noise: f64, seed: u64) -> Played<'a> {
+        let Member { trial, trace, .. } = member;
+        let played = Played::new(trace, &trial.mounting, self.added_noise_sd_n_m(trial, noise), seed);
+        let sidecar = trial.mounted.as_ref().map_or(played.sidecar, Mounted::sidecar);
+        Played { sidecar, sensor: trial.sensor.as_ref(), ..played }
     }
 
     /// The sensors of the trials, each once.
     fn sensors(&self) -> impl Iterator<Item = &SensorFile> {
         let mut seen = BTreeSet::new();
         let of_trials = self.trials.iter().filter_map(|trial| trial.sensor.as_ref());
-        of_trials.filter(move |sensor| seen.insert(&sensor.name))
+        of_trials.filter(move |sensor| seen.insert((&sensor.array, &sensor.name)))
     }
 
     /// What no estimator can do better than on a trial at a noise level.
-    fn bound(&self, trial: &BenchTrial, noise: f64) -> Option<TraceBound> {
-        let sidecar = &trial.trace.sidecar;
+    fn bound(&self, member: &Member<'_>, noise: f64) -> Option<TraceBound> {
+        let Member { trial, trace, .. } = member;
+        let sidecar = &trial.sidecar;
         let faces = &self.calibrations[&sidecar.whisker.name].faces[&None];
         let face = faces
             .iter()
             .find(|face| face.face == sidecar.face)
             .expect("the face was checked when the trial was opened");
-        TraceBound::new(&trial.trace, face, self.noise_sd_n_m(trial, noise))
+        TraceBound::new(trace, face, self.noise_sd_n_m(trial, noise), &trial.base_noise())
     }
 
-    /// Replays one trial through every entrant; writes estimates, outlines and the bound where a folder is given, of a trial that cannot be scored too: every
-    /// run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
-    fn run_trial(&self, job: &Job<'_>, settings: &EvaluateSettings, out: Option<&Path>) -> anyhow::Result<Yield> {
-        let &Job { trial: BenchTrial { trace: played, outline, mounting, sensor, mounted, told }, noise, seed, bound } =
-            job;
-        let known = mounted.as_ref().map_or(Cow::Borrowed(played), |mounted| mounted.known(played, seed));
+    /// Replays one trial of a scene through every entrant, at one noise level and under one seed; writes estimates, outlines and the bound where a folder is given,
+    /// of a trial that cannot be scored too: every run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
+    fn run_trial(
+        &self,
+        (member, scene): (&Member<'_>, &[Member<'_>]),
+        level: usize,
+        seed: u64,
+        settings: &EvaluateSettings,
+        out: Option<&Path>,
+    ) -> anyhow::Result<(Yield, Vec<Sighting>)> {
+        let Member { trial: bench_trial, trace: true_one, motions: as_is, ground, .. } = member;
+        let BenchTrial { outline, sensor, mounted, told, .. } = bench_trial;
+        let noise = settings.noise[level];
+        let bound = member.bound(level, || self.bound(member, noise));
+        let known = mounted.as_ref().map_or(Cow::Borrowed(true_one), |mounted| mounted.known(true_one, seed));
         let trace = known.as_ref();
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
-        let noise_sd_n_m = self.noise_sd_n_m(job.trial, noise);
-        // The earth's field turns with the sensor as it is, not as the encoders have it.
-        let played = Played::new(played, mounting, self.added_noise_sd_n_m(job.trial, noise), seed);
-        let readings_n_m = self.front_end.readings_n_m(&played, sensor.as_ref())?;
-        let samples = samples(&trace.recording, &readings_n_m);
+        let (noise_sd_n_m, base_noise) = (self.noise_sd_n_m(bench_trial, noise), bench_trial.base_noise());
+        let neighbours: Vec<Played> =
+            scene.iter().filter(|other| other.is_beside(member)).map(|other| self.played(other, noise, seed)).collect();
+        let played = Played { neighbours: &neighbours, ..self.played(member, noise, seed) };
+        let readings_n_m = self.front_end.readings_n_m(&played)?;
+        let (samples, ground) = match &known {
+            Cow::Borrowed(_) => (with_readings(as_is, &readings_n_m), Cow::Borrowed(ground)),
+            Cow::Owned(measured) => {
+                let rest = sidecar.whisker.rest_shape();
+                let ground = Ground::new(measured, outline.as_ref(), &rest);
+                (with_readings(&motions(&measured.recording), &readings_n_m), Cow::Owned(ground))
+            }
+        };
         if let Some(folder) = out {
             let path = folder.join("bounds").join(format!("{}.csv", sidecar.name));
             let rows = bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
             write_atomically(&path, &csv_bytes(&rows)?)?;
         }
-        let robot = knowledge(sidecar, &calibration.faces[&None], noise_sd_n_m);
+        let robot = knowledge(sidecar, &read_by(sensor.as_ref(), &calibration.faces[&None]), noise_sd_n_m);
         let touched = replay::touched(settings.touch, &robot, &samples);
         if let Some(folder) = out {
             for row in DETECTORS {
@@ -573,30 +586,34 @@ impl Bench {
         };
         let events = Events::of(trace, &touched);
         let mut done = Yield::default();
+        let mut sightings = Vec::new();
         let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
         done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
-        for (entrant, name) in self.entrants.iter().zip(self.names()) {
-            let faces = &calibration.faces[&entrant.sensor_model()];
-            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, faces, noise_sd_n_m));
-            let knowledge = Arc::new(Knowledge { told: *told, ..knowledge });
+        for (entrant, name) in self.entrants.iter().zip(&self.names) {
+            let faces = read_by(sensor.as_ref(), &calibration.faces[&entrant.sensor_model()]);
+            let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
+            let knowledge = Arc::new(Knowledge { told: *told, base_noise, ..knowledge });
             let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
             let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
-            let replay = entrant.replay(&task)?;
-            done.failures.extend(replay.failure.iter().map(|reason| failed(Some(&name), reason.clone())));
+            let answer = caught(|| entrant.replay(&task).map_err(|error| format!("{error:#}"))).flatten();
+            let replay = answer.unwrap_or_else(|reason| Replay::silent(samples.len(), reason));
+            done.failures.extend(replay.failure.iter().map(|reason| failed(Some(name), reason.clone())));
             let outline = outline.as_ref();
             let events = events.as_ref();
-            let trial = Trial { trace, outline, knowledge: &knowledge, readings_n_m: &readings_n_m, events, bound };
+            let (knowledge, readings_n_m, ground) = (&*knowledge, readings_n_m.as_slice(), ground.as_ref());
+            let trial = Trial { trace, outline, knowledge, readings_n_m, events, bound, ground };
             if let Some(mounted) = mounted {
-                done.sightings.push(mounted.sighting((&trial, &replay), (&name, noise, seed), &settings.map)?);
+                sightings.push(mounted.sighting((&trial, &replay), (name, noise, seed), &settings.map)?);
             }
-            let contour = Contour::found(&trial, &replay, 0).filter(|_| sidecar.object != SEVERAL);
+            let said = surface_points(&trial, &replay.estimates);
+            let contour = Contour::found(&trial, &replay, &said, 0).filter(|_| mounted.is_none());
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
-                write_atomically(&path, &csv_bytes(&estimate_rows(&trial, &replay.estimates))?)?;
+                write_atomically(&path, &csv_bytes(&tables::estimate_rows(&trial, &replay.estimates))?)?;
                 let path = folder.join("contours").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&vertex_rows(contour.as_ref()))?)?;
             }
-            let scored = match Scored::new(&trial, &replay, contour.as_ref()) {
+            let scored = match Scored::new(&trial, &replay, &said, contour.as_ref()) {
                 Ok(scored) => Some(scored),
                 Err(Unscored::TruthUnknown) => None,
                 Err(Unscored::NeverTouches) => continue,
@@ -604,9 +621,10 @@ impl Bench {
             if has_outline(&sidecar.object) {
                 let compared = match &scored {
                     Some(scored) => scored.contour,
-                    None => {
-                        contour.as_ref().zip(outline).map(|(contour, outline)| Comparison::new(contour, outline, &[]))
-                    }
+                    None => contour
+                        .as_ref()
+                        .zip(outline)
+                        .map(|(contour, outline)| Comparison::new(contour, outline, &Touched::default())),
                 };
                 let contact_rmse_m = scored.as_ref().and_then(contour::CONTACT_RMSE.measure);
                 let found = ContourTrialRow { contact_rmse_m, ..trial_row(sidecar, contour.as_ref(), compared) };
@@ -620,7 +638,7 @@ impl Bench {
                 group: sidecar.group.clone(),
                 whisker: sidecar.whisker.name.clone(),
                 object: sidecar.object.clone(),
-                estimator: name,
+                estimator: name.clone(),
                 noise,
                 seed,
                 touch_s: scored.touch_s,
@@ -630,13 +648,13 @@ impl Bench {
             };
             done.outcomes.push(Outcome {
                 row: TrialRow { head, scores: Scores::of(&scored) },
-                models,
+                models: models.iter().flat_map(ModelShares::iter).map(|(name, share)| (name.into(), share)).collect(),
                 over_time: OverTime::of(&scored),
-                elapsed_ns: replay.elapsed_ns,
+                elapsed_ns: replay.elapsed_ns as u64,
                 steps: samples.len(),
             });
         }
-        Ok(done)
+        Ok((done, sightings))
     }
 
     /// Tables about the sensor models, beside the calibrations: folder and name.
@@ -651,9 +669,9 @@ impl Bench {
 
     /// Copies what the report needs, so that it can be drawn from the run alone.
     fn copy_for_report(&self, folder: &Path) -> anyhow::Result<()> {
-        for BenchTrial { trace, outline, .. } in &self.trials {
+        for BenchTrial { sidecar, outline, .. } in &self.trials {
             if let Some(outline) = outline {
-                let path = folder.join("outlines").join(format!("{}.csv", trace.sidecar.name));
+                let path = folder.join("outlines").join(format!("{}.csv", sidecar.name));
                 write_atomically(&path, outline.to_csv().as_bytes())?;
             }
         }
@@ -714,6 +732,6 @@ fn event_file(sidecar: &Sidecar, detector: &DetectorRow) -> String {
     format!("{}.{}.csv", sidecar.name, detector.name)
 }
 
-fn set_key(trace: &Trace) -> SetKey {
-    (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone())
+fn set_key(sidecar: &Sidecar) -> SetKey {
+    (sidecar.group.clone(), sidecar.whisker.name.clone())
 }

@@ -4,7 +4,7 @@ use clap::ValueEnum;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
-use trace::Trace;
+use trace::{Sidecar, Trace};
 use whisker::estimators::Told;
 use whisker::frames::Point;
 
@@ -32,21 +32,21 @@ const FARTHEST_M: f64 = 5e-3;
 const SD_M: f64 = 3.2e-3;
 
 /// The trial under each wrong start: renamed, in a group of its own. None where the true first contact is not known.
-pub(super) fn wrong(trace: &Trace) -> Vec<(Trace, Told)> {
+pub(super) fn wrong(trace: &Trace) -> Vec<(Sidecar, Told)> {
     let instants = trace.recording.instants.iter().zip(&trace.truth.instants);
     let first = instants.filter_map(|(known, truth)| Some(known.base.inverse().apply(truth.contact?))).next();
     let Some(first) = first else { return Vec::new() };
     (0..DIRECTIONS)
         .map(|i| {
             let degrees = 360 / DIRECTIONS * i;
-            let mut trace = trace.clone();
-            trace.sidecar.name = format!("{}_told_{degrees:03}", trace.sidecar.name);
-            trace.sidecar.group = format!("{}, told wrongly", trace.sidecar.group);
-            let mut rng = Pcg64::seed_from_u64(derived_seed(0, &["wrong start", &trace.sidecar.name]));
+            let mut sidecar = trace.sidecar.clone();
+            sidecar.name = format!("{}_told_{degrees:03}", sidecar.name);
+            sidecar.group = format!("{}, told wrongly", sidecar.group);
+            let mut rng = Pcg64::seed_from_u64(derived_seed(0, &["wrong start", &sidecar.name]));
             let radius_m = rng.random_range(NEAREST_M..FARTHEST_M);
             let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
             let contact = Point::new(first.x() + radius_m * cos, first.y() + radius_m * sin);
-            (trace, Told { contact, sd_m: SD_M })
+            (sidecar, Told { contact, sd_m: SD_M })
         })
         .collect()
 }

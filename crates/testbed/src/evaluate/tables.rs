@@ -1,19 +1,15 @@
 //! The tables of a run.
 
-use std::collections::BTreeMap;
-
-use trace::Trace;
-use whisker::estimators::{Estimate, ModelShares};
+use serde::{Deserialize, Serialize};
+use trace::{Instant, Trace, TruthInstant};
+use whisker::estimators::{Estimate, Knowledge, ModelShares};
 use whisker::events::Signals;
 
-use super::Outcome;
 use crate::bound::{BoundAt, TraceBound};
 use crate::consistency::{BY_ERRORS, BY_INNOVATIONS, interval};
-use crate::metrics::{Contact, Scored, Scores, Trial};
-use crate::results::{
-    BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SummaryHead, SummaryRow, TrialHead,
-};
-use crate::statistics::{mean, median, quantile, rms};
+use crate::metrics::{Contact, Scored, Trial};
+use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow};
+use crate::statistics::{mean, median, quantile_of_sorted, rms};
 
 /// Width of the time bins of `error_over_time.csv`.
 const ERROR_BIN_S: f64 = 0.02;
@@ -21,18 +17,21 @@ const ERROR_BIN_S: f64 = 0.02;
 /// Width of the time bins of `consistency.csv`, whose averages change more slowly.
 const CONSISTENCY_BIN_S: f64 = 0.1;
 
-/// What is kept of a trial for the tables over time, by bin: of each bin the last instant with an estimate.
+/// What is kept of a trial for the tables over time, by bin in the order of time: of each bin the last instant with an estimate.
+#[derive(Serialize, Deserialize)]
 pub(super) struct OverTime {
-    errors_m: BTreeMap<u64, f64>,
-    states: BTreeMap<u64, State>,
+    pub(super) errors_m: Vec<(u64, f64)>,
+    pub(super) states: Vec<(u64, State)>,
 }
 
 /// How sure an estimator was at one instant, how far off, and how sure it could have been.
-struct State {
+#[derive(Clone, Copy, Serialize, Deserialize)]
+pub(super) struct State {
     error_m: f64,
     nees: Option<f64>,
     nis: Option<f64>,
-    bound: Option<BoundAt>,
+    bound_m: Option<f64>,
+    condition: Option<f64>,
 }
 
 impl OverTime {
@@ -40,24 +39,31 @@ impl OverTime {
         let bound = scored.trial.bound;
         Self {
             errors_m: last_in_bins(&scored.contacts, ERROR_BIN_S, |_, error_m| error_m),
-            states: last_in_bins(&scored.contacts, CONSISTENCY_BIN_S, |contact, error_m| State {
-                error_m,
-                nees: contact.nees,
-                nis: contact.nis,
-                bound: bound.and_then(|bound| bound.at(contact.row)),
+            states: last_in_bins(&scored.contacts, CONSISTENCY_BIN_S, |contact, error_m| {
+                let bound = bound.and_then(|bound| bound.at(contact.row));
+                State {
+                    error_m,
+                    nees: contact.nees,
+                    nis: contact.nis,
+                    bound_m: bound.map(|bound| bound.sd_m),
+                    condition: bound.and_then(|bound| Some(bound.window?.condition)),
+                }
             }),
         }
     }
 }
 
 /// Something of the last instant with an estimate of each bin.
-fn last_in_bins<T>(contacts: &[Contact], width_s: f64, value: impl Fn(&Contact, f64) -> T) -> BTreeMap<u64, T> {
-    let estimated = contacts.iter().filter_map(|contact| Some((contact, contact.error_m?)));
-    let mut bins = BTreeMap::new();
-    for (contact, error_m) in estimated {
-        bins.insert((contact.t_contact_s / width_s).floor() as u64, (contact, error_m));
-    }
-    bins.into_iter().map(|(bin, (contact, error_m))| (bin, value(contact, error_m))).collect()
+fn last_in_bins<T>(contacts: &[Contact], width_s: f64, value: impl Fn(&Contact, f64) -> T) -> Vec<(u64, T)> {
+    let estimated: Vec<(u64, &Contact, f64)> = contacts
+        .iter()
+        .filter_map(|contact| Some(((contact.t_contact_s / width_s).floor() as u64, contact, contact.error_m?)))
+        .collect();
+    let of_bin = |bin: &[(u64, &Contact, f64)]| {
+        let (bin, contact, error_m) = *bin.last()?;
+        Some((bin, value(contact, error_m)))
+    };
+    estimated.chunk_by(|a, b| a.0 == b.0).filter_map(of_bin).collect()
 }
 
 /// Time in the middle of a bin.
@@ -82,40 +88,49 @@ pub(super) fn event_rows(trace: &Trace, readings_n_m: &[f64], signals: &[Signals
 }
 
 /// Rows of `estimates/<trace>.<estimator>.csv`.
-pub fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<EstimateRow> {
+pub(super) fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<EstimateRow> {
     let instants = trial.trace.recording.instants.iter().zip(&trial.trace.truth.instants);
-    instants
-        .zip(trial.readings_n_m)
-        .zip(estimates)
-        .map(|(((known, truth), &reading_n_m), estimate)| {
-            let contact = estimate.map(|e| known.base.apply(e.contact));
-            let surface = estimate.map(|e| known.base.apply(trial.knowledge.surface(&e, reading_n_m)));
-            let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
-            EstimateRow {
-                t_s: known.t_s,
-                base_x_m: known.base.origin().x(),
-                base_y_m: known.base.origin().y(),
-                base_yaw_rad: known.base.yaw_rad(),
-                reading_n_m,
-                contact_x_m: contact.map(|p| p.x()),
-                contact_y_m: contact.map(|p| p.y()),
-                surface_x_m: surface.map(|p| p.x()),
-                surface_y_m: surface.map(|p| p.y()),
-                cov_xx_m2: covariance.map(|p| p[(0, 0)]),
-                cov_xy_m2: covariance.map(|p| p[(0, 1)]),
-                cov_yy_m2: covariance.map(|p| p[(1, 1)]),
-                calibrated: estimate.map(|e| e.calibrated),
-                at_tip: estimate.map(|e| e.at_tip),
-                radius_m: estimate.and_then(|e| e.radius).map(|radius| radius.radius_m),
-                radius_sd_m: estimate.and_then(|e| e.radius).map(|radius| radius.sd_m),
-                models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
-                truth_contact_x_m: truth.contact.map(|p| p.x()),
-                truth_contact_y_m: truth.contact.map(|p| p.y()),
-                truth_surface_x_m: truth.surface.map(|p| p.x()),
-                truth_surface_y_m: truth.surface.map(|p| p.y()),
-            }
-        })
-        .collect()
+    let seen = instants.zip(trial.readings_n_m).zip(estimates);
+    let row = |(((known, truth), &reading_n_m), estimate): (((_, _), _), &Option<Estimate>)| {
+        estimate_row(trial.knowledge, known, truth, reading_n_m, estimate.as_ref())
+    };
+    seen.map(row).collect()
+}
+
+/// What an estimator said at an instant, beside the truth.
+pub fn estimate_row(
+    knowledge: &Knowledge,
+    known: &Instant,
+    truth: &TruthInstant,
+    reading_n_m: f64,
+    estimate: Option<&Estimate>,
+) -> EstimateRow {
+    let contact = estimate.map(|e| known.base.apply(e.contact));
+    let surface = estimate.map(|e| known.base.apply(knowledge.surface(e, reading_n_m)));
+    let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
+    EstimateRow {
+        t_s: known.t_s,
+        base_x_m: known.base.origin().x(),
+        base_y_m: known.base.origin().y(),
+        base_yaw_rad: known.base.yaw_rad(),
+        reading_n_m,
+        contact_x_m: contact.map(|p| p.x()),
+        contact_y_m: contact.map(|p| p.y()),
+        surface_x_m: surface.map(|p| p.x()),
+        surface_y_m: surface.map(|p| p.y()),
+        cov_xx_m2: covariance.map(|p| p[(0, 0)]),
+        cov_xy_m2: covariance.map(|p| p[(0, 1)]),
+        cov_yy_m2: covariance.map(|p| p[(1, 1)]),
+        calibrated: estimate.map(|e| e.calibrated),
+        at_tip: estimate.map(|e| e.at_tip),
+        radius_m: estimate.and_then(|e| e.radius).map(|radius| radius.radius_m),
+        radius_sd_m: estimate.and_then(|e| e.radius).map(|radius| radius.sd_m),
+        models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
+        truth_contact_x_m: truth.contact.map(|p| p.x()),
+        truth_contact_y_m: truth.contact.map(|p| p.y()),
+        truth_surface_x_m: truth.surface.map(|p| p.x()),
+        truth_surface_y_m: truth.surface.map(|p| p.y()),
+    }
 }
 
 /// Rows of `bounds/<trace>.csv`.
@@ -123,7 +138,7 @@ pub(super) fn bound_rows(trace: &Trace, bound: &TraceBound) -> Vec<BoundRow> {
     let instants = trace.recording.instants.iter().enumerate();
     instants
         .filter_map(|(row, known)| {
-            let BoundAt { sd_m, window } = bound.at(row)?;
+            let BoundAt { sd_m, window, .. } = bound.at(row)?;
             Some(BoundRow {
                 t_s: known.t_s,
                 bound_m: sd_m,
@@ -142,121 +157,53 @@ pub(super) fn mean_shares(shares: impl Iterator<Item = ModelShares>) -> Option<M
     Some(ModelShares::new(names.into_iter().map(|name| (name, mean(name)))))
 }
 
-/// Outcomes by group, whisker, noise level and estimator, in the order in which they first appear.
-fn by_set(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
-    let mut sets: Vec<Vec<&Outcome>> = Vec::new();
-    let key = |of: &TrialHead| (of.group.clone(), of.whisker.clone(), of.noise.to_bits(), of.estimator.clone());
-    let mut places: BTreeMap<_, usize> = BTreeMap::new();
-    for outcome in outcomes {
-        let place = *places.entry(key(&outcome.row.head)).or_insert_with(|| {
-            sets.push(Vec::new());
-            sets.len() - 1
-        });
-        sets[place].push(outcome);
+/// What a row of a table over a set says of where it stands.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub(super) group: String,
+    pub(super) whisker: String,
+    pub(super) estimator: String,
+    pub(super) noise: f64,
+}
+
+/// A row of `error_over_time.csv`, of the errors in a bin.
+pub(super) fn error_band(place: &Place, bin: u64, mut errors_m: Vec<f64>) -> ErrorBandRow {
+    errors_m.sort_by(f64::total_cmp);
+    let at = |q| quantile_of_sorted(&errors_m, q).expect("a bin holds at least one trial");
+    ErrorBandRow {
+        group: place.group.clone(),
+        whisker: place.whisker.clone(),
+        estimator: place.estimator.clone(),
+        noise: place.noise,
+        t_contact_s: middle_s(bin, ERROR_BIN_S),
+        trials: errors_m.len(),
+        p10_m: at(0.1),
+        median_m: at(0.5),
+        p90_m: at(0.9),
     }
-    sets
 }
 
-/// Rows of `summary.csv`.
-pub(super) fn summarise(outcomes: &[Outcome]) -> Vec<SummaryRow> {
-    by_set(outcomes)
-        .iter()
-        .map(|set| {
-            let first = &set[0].row.head;
-            let elapsed: u128 = set.iter().map(|outcome| outcome.elapsed_ns).sum();
-            let steps: usize = set.iter().map(|outcome| outcome.steps).sum();
-            SummaryRow {
-                head: SummaryHead {
-                    group: first.group.clone(),
-                    whisker: first.whisker.clone(),
-                    object: first.object.clone(),
-                    estimator: first.estimator.clone(),
-                    noise: first.noise,
-                    trials: set.len(),
-                    step_ns: elapsed as f64 / steps as f64,
-                    models: mean_shares(set.iter().filter_map(|outcome| outcome.models)).map(|mean| mean.to_string()),
-                    verdict: verdict(set),
-                },
-                scores: Scores::summary(&set.iter().map(|outcome| &outcome.row.scores).collect::<Vec<_>>()),
-            }
-        })
-        .collect()
-}
-
-/// What the innovations of a set say of the estimator's model; of one that states none, what its errors do.
-fn verdict(set: &[&Outcome]) -> Option<String> {
-    let trials = || set.iter().map(|outcome| &outcome.row);
-    [BY_INNOVATIONS, BY_ERRORS].iter().find_map(|judged| Some(judged.average(trials())?.sentence()))
-}
-
-/// What the trials of a set have in each bin.
-fn over_trials<'a, T>(
-    set: &[&'a Outcome],
-    bins: impl Fn(&'a OverTime) -> &'a BTreeMap<u64, T>,
-) -> BTreeMap<u64, Vec<&'a T>> {
-    let mut of_set: BTreeMap<u64, Vec<&T>> = BTreeMap::new();
-    for outcome in set {
-        for (&bin, value) in bins(&outcome.over_time) {
-            of_set.entry(bin).or_default().push(value);
-        }
+/// A row of `consistency.csv`, of the states in a bin.
+pub(super) fn consistency(place: &Place, bin: u64, states: &[State]) -> ConsistencyRow {
+    let all = |value: fn(&State) -> Option<f64>| -> Vec<f64> { states.iter().filter_map(value).collect() };
+    let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
+    let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
+    let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
+    ConsistencyRow {
+        group: place.group.clone(),
+        whisker: place.whisker.clone(),
+        estimator: place.estimator.clone(),
+        noise: place.noise,
+        t_contact_s: middle_s(bin, CONSISTENCY_BIN_S),
+        trials: states.len(),
+        rmse_m: rms(&all(|state| Some(state.error_m))).expect("a bin holds at least one trial"),
+        bound_m: rms(&all(|state| state.bound_m)),
+        anees: mean(nees),
+        anees_low: of_nees.map(|(low, _)| low),
+        anees_high: of_nees.map(|(_, high)| high),
+        anis: mean(nis),
+        anis_low: of_nis.map(|(low, _)| low),
+        anis_high: of_nis.map(|(_, high)| high),
+        condition: median(all(|state| state.condition)),
     }
-    of_set
-}
-
-/// Rows of `error_over_time.csv`.
-pub(super) fn error_bands(outcomes: &[Outcome]) -> Vec<ErrorBandRow> {
-    let mut rows = Vec::new();
-    for set in by_set(outcomes) {
-        let first = &set[0].row.head;
-        for (bin, errors_m) in over_trials(&set, |over_time| &over_time.errors_m) {
-            let errors_m: Vec<f64> = errors_m.into_iter().copied().collect();
-            let at = |q| quantile(&errors_m, q).expect("a bin holds at least one trial");
-            rows.push(ErrorBandRow {
-                group: first.group.clone(),
-                whisker: first.whisker.clone(),
-                estimator: first.estimator.clone(),
-                noise: first.noise,
-                t_contact_s: middle_s(bin, ERROR_BIN_S),
-                trials: errors_m.len(),
-                p10_m: at(0.1),
-                median_m: at(0.5),
-                p90_m: at(0.9),
-            });
-        }
-    }
-    rows
-}
-
-/// Rows of `consistency.csv`.
-pub(super) fn consistency(outcomes: &[Outcome]) -> Vec<ConsistencyRow> {
-    let mut rows = Vec::new();
-    for set in by_set(outcomes) {
-        let first = &set[0].row.head;
-        for (bin, states) in over_trials(&set, |over_time| &over_time.states) {
-            let all = |value: fn(&State) -> Option<f64>| -> Vec<f64> {
-                states.iter().filter_map(|state| value(state)).collect()
-            };
-            let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
-            let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
-            let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
-            rows.push(ConsistencyRow {
-                group: first.group.clone(),
-                whisker: first.whisker.clone(),
-                estimator: first.estimator.clone(),
-                noise: first.noise,
-                t_contact_s: middle_s(bin, CONSISTENCY_BIN_S),
-                trials: states.len(),
-                rmse_m: rms(&all(|state| Some(state.error_m))).expect("a bin holds at least one trial"),
-                bound_m: rms(&all(|state| Some(state.bound?.sd_m))),
-                anees: mean(nees),
-                anees_low: of_nees.map(|(low, _)| low),
-                anees_high: of_nees.map(|(_, high)| high),
-                anis: mean(nis),
-                anis_low: of_nis.map(|(low, _)| low),
-                anis_high: of_nis.map(|(_, high)| high),
-                condition: median(all(|state| Some(state.bound?.window?.condition))),
-            });
-        }
-    }
-    rows
 }

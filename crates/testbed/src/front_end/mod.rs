@@ -9,11 +9,14 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use anyhow::{Context, bail};
+use nalgebra::Isometry3;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
-use trace::{ArrayRecording, CalibrationFile, Digest, FrontEndFile, Recording, SensorFile, Sidecar, Trace};
+use trace::{
+    ArraySidecar, CalibrationFile, Digest, FrontEndFile, Instant, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
+};
 
 use crate::settings::merged;
 
@@ -51,6 +54,9 @@ pub const FRONT_ENDS: &[FrontEndRow] = &[
     },
 ];
 
+/// Gives the reading in N m of each instant, in the order of time.
+pub type Reader = Box<dyn FnMut(&Instant) -> f64>;
+
 /// What a front end does to the moments of a recording. One that reads them as they are has no sensor; others read counts, and what
 /// calibrating their sensor teaches turns those back into moments.
 pub trait Chain: Debug + Send + Sync {
@@ -67,11 +73,16 @@ pub trait Chain: Debug + Send + Sync {
         Ok(None)
     }
 
-    /// Readings of a recording, one an instant, by a sensor of which this was learnt.
+    /// Readings of a recording, one an instant.
     ///
     /// # Errors
     /// If it takes a calibration that is not there.
-    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>>;
+    fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>>;
+
+    /// The same instant by instant, with this noise in N m, for recordings that are too long to be held; nothing where a recording is read as a whole.
+    fn reader(&self, _noise_n_m: Box<dyn FnMut() -> f64>) -> Option<Reader> {
+        None
+    }
 
     /// Names of the tables for the report about a calibrated sensor.
     fn tables(&self) -> &'static [&'static str] {
@@ -208,8 +219,14 @@ impl FrontEnd {
     ///
     /// # Errors
     /// If it takes a calibration of the sensor that is not there.
-    pub fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
-        self.chain.readings_n_m(played, sensor)
+    pub fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>> {
+        self.chain.readings_n_m(played)
+    }
+
+    /// Reads a trace instant by instant, with the readings that [`Self::readings_n_m`] has of the whole; nothing where it must be read as a whole.
+    pub fn reader(&self, sidecar: &Sidecar, noise_sd_n_m: f64, seed: u64) -> Option<Reader> {
+        let mut standard = noise(sidecar, seed);
+        self.chain.reader(Box::new(move || noise_sd_n_m * standard()))
     }
 
     /// Tables for the report about a sensor, by the names of their files.
@@ -222,12 +239,12 @@ impl FrontEnd {
 
     /// Names of the files of these tables.
     pub fn table_files(&self, sensor: &SensorFile) -> impl Iterator<Item = String> {
-        self.chain.tables().iter().map(|table| format!("{}.{table}.csv", sensor.name))
+        self.chain.tables().iter().map(|table| format!("{}.{table}.csv", sensor.label()))
     }
 }
 
 /// Where a whisker's sensor sits. Names stand for things: the same name, the same sensor, in every recording.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Mounting {
     /// Name of the sensor.
     pub sensor: String,
@@ -235,13 +252,42 @@ pub struct Mounting {
     pub array: String,
     /// Name of the recording. Whiskers that are recorded together share its temperature and what their reference sensor sees.
     pub recording: String,
+    /// The whiskers of the array, itself among them.
+    pub board: Vec<Seat>,
+}
+
+/// The place of a whisker on the board of its array.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seat {
+    /// Name of its sensor.
+    pub sensor: String,
+    /// Name of its trace, where it has one.
+    pub trace: Option<String>,
+    /// Pose of its Base in that of the first whisker of the array.
+    pub base: Isometry3<f64>,
 }
 
 impl Mounting {
+    /// That of a sensor that is alone on its board.
+    pub fn single(array: &str, sensor: &str) -> Self {
+        let seat = Seat { sensor: sensor.into(), trace: None, base: Isometry3::identity() };
+        Self { sensor: sensor.into(), array: array.into(), recording: String::new(), board: vec![seat] }
+    }
+
     /// That of a whisker that is recorded alone: an array of its own.
     pub fn alone(sidecar: &Sidecar) -> Self {
         let whisker = &sidecar.whisker.name;
-        Self { sensor: whisker.clone(), array: whisker.clone(), recording: sidecar.name.clone() }
+        Self { recording: sidecar.name.clone(), ..Self::single(whisker, whisker) }
+    }
+
+    /// The same on another occasion.
+    pub fn on(&self, recording: &str) -> Self {
+        Self { recording: recording.into(), ..self.clone() }
+    }
+
+    /// Place among the whiskers of the board of a sensor of this name.
+    pub fn seat(&self, sensor: &str) -> Option<usize> {
+        self.board.iter().position(|seat| seat.sensor == sensor)
     }
 
     /// That of a trace in a folder, by the recording of several whiskers to which it belongs, if to any.
@@ -251,12 +297,25 @@ impl Mounting {
     pub fn of(folder: &Path, sidecar: &Sidecar) -> anyhow::Result<Self> {
         let Some(recording) = &sidecar.recording else { return Ok(Self::alone(sidecar)) };
         let path = folder.join(format!("{recording}.json"));
-        let whiskers = ArrayRecording::read(&path)?.sidecar.whiskers;
-        let whisker = whiskers.into_iter().find(|whisker| whisker.trace == sidecar.name);
-        let whisker = whisker.with_context(|| {
+        let array = ArraySidecar::read(&path)?;
+        let place = array.place_of(&sidecar.name).with_context(|| {
             format!("{}: whiskers: expected one with the trace `{}`, found none", path.display(), sidecar.name)
         })?;
-        Ok(Self { sensor: whisker.name, array: whisker.array, recording: recording.clone() })
+        let whiskers = array.whiskers;
+        let whisker = &whiskers[place];
+        let array: Vec<_> = whiskers.iter().filter(|other| other.array == whisker.array).collect();
+        let from_first = array[0].mount.isometry().inverse();
+        let seat = |whisker: &&MountedWhisker| Seat {
+            sensor: whisker.name.clone(),
+            trace: Some(whisker.trace.clone()),
+            base: from_first * whisker.mount.isometry(),
+        };
+        Ok(Self {
+            sensor: whisker.name.clone(),
+            array: whisker.array.clone(),
+            recording: recording.clone(),
+            board: array.iter().map(seat).collect(),
+        })
     }
 }
 
@@ -273,19 +332,30 @@ pub struct Played<'a> {
     pub noise_sd_n_m: f64,
     /// Seed of the run; every trace draws its own noise from it.
     pub seed: u64,
+    /// What was learnt of the sensor, where it must be calibrated.
+    pub sensor: Option<&'a SensorFile>,
+    /// What the other whiskers of its board did meanwhile, instant by instant. One that is not among them was at rest.
+    pub neighbours: &'a [Played<'a>],
 }
 
 impl<'a> Played<'a> {
     /// A trace, played to the sensor that sits there.
     pub fn new(trace: &'a Trace, mounting: &'a Mounting, noise_sd_n_m: f64, seed: u64) -> Self {
-        Self { mounting, sidecar: &trace.sidecar, recording: &trace.recording, noise_sd_n_m, seed }
+        let (sidecar, recording) = (&trace.sidecar, &trace.recording);
+        Self { mounting, sidecar, recording, noise_sd_n_m, seed, sensor: None, neighbours: &[] }
     }
 
     /// The noise to add to the moments, one an instant.
     fn noise_n_m(&self) -> impl Iterator<Item = f64> {
-        let mut rng = Pcg64::seed_from_u64(derived_seed(self.seed, &["front end", &self.sidecar.name]));
-        self.recording.instants.iter().map(move |_| self.noise_sd_n_m * rng.sample::<f64, _>(StandardNormal))
+        let mut standard = noise(self.sidecar, self.seed);
+        self.recording.instants.iter().map(move |_| self.noise_sd_n_m * standard())
     }
+}
+
+/// White noise of standard deviation one: that of a trace under a seed.
+fn noise(sidecar: &Sidecar, seed: u64) -> impl FnMut() -> f64 + use<> {
+    let mut rng = Pcg64::seed_from_u64(derived_seed(seed, &["front end", &sidecar.name]));
+    move || rng.sample(StandardNormal)
 }
 
 /// A seed that depends on the run's seed and on what it is for, and on nothing else: not on order or threads.

@@ -2,9 +2,8 @@
 
 use anyhow::ensure;
 use serde_json::Value;
-use trace::SensorFile;
 
-use super::{Chain, Played};
+use super::{Chain, Played, Reader};
 
 pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
     let known = config.as_object().and_then(|settings| settings.keys().next());
@@ -17,12 +16,16 @@ pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
 struct White;
 
 impl Chain for White {
-    fn readings_n_m(&self, played: &Played, _: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
+    fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>> {
         let instants = &played.recording.instants;
         Ok(instants
             .iter()
             .zip(played.noise_n_m())
             .map(|(instant, noise_n_m)| instant.moment_z_n_m + noise_n_m)
             .collect())
+    }
+
+    fn reader(&self, mut noise_n_m: Box<dyn FnMut() -> f64>) -> Option<Reader> {
+        Some(Box::new(move |instant| instant.moment_z_n_m + noise_n_m()))
     }
 }

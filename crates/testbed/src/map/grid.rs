@@ -8,10 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use whisker::frames::{Point, World};
 
-/// What one scan adds to the log-odds of a cell that it swept: that it is free nine times in ten would be 2.2; the wire of a whisker is known to a cell, not better.
+/// What one scan adds to the log-odds of a cell that it swept: it is free three times in five, for the wire of a whisker is known to a cell, not better.
 const SWEPT: f64 = -0.4;
 
-/// What it adds where it touched: a contact that is sure is nearly always in its cell.
+/// What it adds where it touched: a contact that is sure is in its cell nine times in ten (2.2), but for what estimates state too little.
 const TOUCHED: f64 = 2.0;
 
 /// Bounds of the log-odds.

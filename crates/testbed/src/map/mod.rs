@@ -2,7 +2,8 @@
 //!
 //! Each whisker of a recording is an estimator of its own, and none knows of the others; what they say is in one frame, World, and so can be put together. The map holds the
 //! contact points of all whiskers, told apart by object (`gating`), the outline of each with its uncertainty ([`Contour`], as it is merged from the strokes of one whisker), the circle
-//! through it where it is round by the data ([`Circle::round`]), and an occupancy grid (`grid`). Nothing of the truth goes into it; the judge (`judge`) lays it beside the truth afterwards.
+//! through it where it is round by the data ([`Circle::round`]), and an occupancy grid (`grid`). Nothing of the truth goes into it; the judge (`judge`) lays it beside the truth afterwards,
+//! which it looks up by whisker and row.
 
 mod gating;
 mod grid;
@@ -12,10 +13,10 @@ mod view;
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
-use crate::contour::{Circle, Contour, SurfacePoint};
+use crate::contour::{Circle, Contour, SurfacePoint, Vertex};
 
 use grid::Grid;
-pub(crate) use judge::{Judged, judged, true_circle};
+pub(crate) use judge::{Judged, Truths, judged, true_circle};
 pub(crate) use view::{Seen, View};
 
 /// Settings of the map.
@@ -52,6 +53,9 @@ impl MapConfig {
 
 /// Cells around an open one that must be free, too: a surface with its errors is no farther away.
 const MARGIN: i32 = 2;
+
+/// Most tangents of an object by which its points are judged.
+const TANGENTS: usize = 200;
 
 /// An object as it was found.
 #[derive(Clone, Debug)]
@@ -92,8 +96,11 @@ impl SceneMap {
         let mut objects: Vec<FoundObject> = gating::objects(&places, &grid.open(MARGIN))
             .into_iter()
             .filter_map(|members| {
-                let points: Vec<(usize, Seen)> =
+                let mut points: Vec<(usize, Seen)> =
                     members.into_iter().flat_map(|touch| touches[touch].0.iter().copied()).collect();
+                let every = points.len().div_ceil(TANGENTS).max(1);
+                let tangents: Vec<Vertex> = points.iter().step_by(every).map(|(_, seen)| seen.vertex()).collect();
+                points.retain(|(_, seen)| gating::is_behind(&seen.vertex(), &tangents));
                 let contour = merged(points.iter().map(|(_, seen)| seen))?;
                 let circle = Circle::round(&contour);
                 Some(FoundObject { points, contour, circle })

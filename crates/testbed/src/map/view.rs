@@ -5,7 +5,7 @@ use whisker::frames::{Base, Point, World};
 
 use super::MapConfig;
 use super::grid::Grid;
-use crate::contour::{SurfacePoint, surface_points};
+use crate::contour::{SurfacePoint, Vertex, surface_points};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 
@@ -27,8 +27,6 @@ pub(crate) struct View {
     pub(crate) points: Vec<Seen>,
     /// Where it was.
     pub(crate) grid: Grid,
-    /// Rows in which it truly touched in one place.
-    pub(crate) touching: usize,
 }
 
 /// A place that was touched.
@@ -38,8 +36,14 @@ pub(crate) struct Seen {
     pub(crate) point: SurfacePoint,
     /// Time since the start.
     pub(crate) t_s: f64,
-    /// For the judge: what was truly touched.
-    pub(crate) truth: Option<Point<World>>,
+}
+
+impl Seen {
+    /// The place with its tangent.
+    pub(crate) fn vertex(&self) -> Vertex {
+        let SurfacePoint { at, normal_rad, covariance_m2, .. } = self.point;
+        Vertex { at: Point::from_vector(at), normal_rad, covariance_m2, touched: true }
+    }
 }
 
 impl View {
@@ -49,10 +53,9 @@ impl View {
     /// whisker is free, it counts as its rest shape where the reading says that it is: where the rotation of the root moves its tip by less than a cell, so that
     /// neither the ringing after a release nor a touch that was not noticed sweeps anything free.
     pub(crate) fn new(trial: &Trial<'_>, replay: &Replay, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
-        let (instants, truths) = (&trial.trace.recording.instants, &trial.trace.truth.instants);
+        let instants = &trial.trace.recording.instants;
         let sure = surface_points(trial, &replay.estimates).into_iter().filter(SurfacePoint::is_sure);
-        let points: Vec<Seen> =
-            sure.map(|point| Seen { point, t_s: instants[point.row].t_s, truth: truths[point.row].surface }).collect();
+        let points: Vec<Seen> = sure.map(|point| Seen { point, t_s: instants[point.row].t_s }).collect();
         let wire = Wire::new(trial, config.cell_m)?;
         let mut grid = Grid::new(config.cell_m);
         let mut touched = points.iter().peekable();
@@ -73,8 +76,7 @@ impl View {
             let line: Vec<Point<World>> = line.into_iter().map(|at| known.base.apply(at)).collect();
             grid.scan(&line, point.map(|seen| Point::from_vector(seen.point.at)));
         }
-        let touching = truths.iter().filter(|truth| truth.surface.is_some() && truth.split != Some(true)).count();
-        Ok(Self { whisker, points, grid, touching })
+        Ok(Self { whisker, points, grid })
     }
 }
 

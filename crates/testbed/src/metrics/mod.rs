@@ -14,7 +14,9 @@ pub mod radius;
 pub mod rows;
 mod scored;
 
-pub use scored::{Contact, START_UP_S, Scored, Trial, Unscored, first_touch_s};
+pub use scored::{Contact, Ground, START_UP_S, Scored, Trial, Unscored, first_touch_s};
+
+use serde::{Deserialize, Serialize};
 
 use crate::statistics::{mean, median_of_scores, rms};
 
@@ -55,7 +57,8 @@ impl Summary {
         }
     }
 
-    fn of(self, values: &[Option<f64>]) -> Option<f64> {
+    /// The one value of a set, of those of its trials.
+    pub(crate) fn of(self, values: &[Option<f64>]) -> Option<f64> {
         match self {
             Self::Median => median_of_scores(values.iter().copied()),
             Self::Worst => values.iter().copied().try_fold(0.0, |worst: f64, value| Some(worst.max(value?))),
@@ -104,7 +107,7 @@ pub const METRICS: &[Metric] = &[
 ];
 
 /// The values of all metrics, for one trial or for a set of them.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scores(Vec<Option<f64>>);
 
 impl Scores {
@@ -116,11 +119,6 @@ impl Scores {
     /// The metrics of one trial.
     pub fn of(scored: &Scored<'_>) -> Self {
         Self::from_fn(|metric| (metric.measure)(scored))
-    }
-
-    /// The metrics of a set, each put together as it says.
-    pub fn summary(trials: &[&Self]) -> Self {
-        Self::from_fn(|metric| metric.summary.of(&trials.iter().map(|scores| scores.get(metric)).collect::<Vec<_>>()))
     }
 
     /// The value of one metric.

@@ -1,11 +1,12 @@
 //! One estimator on one trial, beside the truth.
 
 use trace::{Outline, Trace};
+use whisker::RestShape;
 use whisker::estimators::{Estimate, Knowledge};
 
 use super::contact_events::Events;
 use crate::bound::TraceBound;
-use crate::contour::{Comparison, Contour, second_stroke};
+use crate::contour::{Comparison, Contour, SurfacePoint, Touched, second_stroke};
 use crate::replay::Replay;
 
 /// Start-up ends this long after the touch.
@@ -29,6 +30,31 @@ pub struct Trial<'a> {
     pub events: Option<&'a Events>,
     /// What no estimator can do better than; nothing without noise or truth.
     pub bound: Option<&'a TraceBound>,
+    /// What the truth tells of its strokes and outline.
+    pub ground: &'a Ground,
+}
+
+/// What is told by the truth of a trace, and by the motion as the robot knows it, whoever estimates and whatever the noise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ground {
+    /// First row of the second stroke, where there is one.
+    pub second_stroke: Option<usize>,
+    /// The part of the outline that is touched.
+    pub touched: Touched,
+    /// The part that is touched from the second stroke on.
+    pub touched_later: Touched,
+}
+
+impl Ground {
+    /// That of a trace, with the object's outline where that is known, of a whisker with this undeflected shape.
+    pub fn new(trace: &Trace, outline: Option<&Outline>, rest: &RestShape) -> Self {
+        let truths = &trace.truth.instants;
+        let touch = truths.iter().position(|truth| truth.contact.is_some() && truth.split != Some(true));
+        let second_stroke = touch.and_then(|row| second_stroke(&trace.recording, rest, row));
+        let surfaces = |since: usize| truths[since..].iter().filter_map(|truth| truth.surface);
+        let touched = |since| outline.map_or_else(Touched::default, |outline| Touched::new(outline, surfaces(since)));
+        Self { second_stroke, touched: touched(0), touched_later: second_stroke.map_or_else(Touched::default, touched) }
+    }
 }
 
 /// Why a trial cannot be scored.
@@ -89,11 +115,16 @@ pub struct Scored<'a> {
 }
 
 impl<'a> Scored<'a> {
-    /// Lays estimates, and the outline that they make, beside the truth.
+    /// Lays estimates, what they say of the surface, and the outline that they make, beside the truth.
     ///
     /// # Errors
     /// [`Unscored`] where the trace has no instant of contact.
-    pub fn new(trial: &'a Trial<'a>, replay: &'a Replay, contour: Option<&Contour>) -> Result<Self, Unscored> {
+    pub fn new(
+        trial: &'a Trial<'a>,
+        replay: &'a Replay,
+        said: &[SurfacePoint],
+        contour: Option<&Contour>,
+    ) -> Result<Self, Unscored> {
         let Trace { recording, truth, .. } = trial.trace;
         let estimates = &replay.estimates;
         let touch_s = first_touch_s(trial.trace)?;
@@ -116,17 +147,21 @@ impl<'a> Scored<'a> {
                 nis: estimate.and_then(|estimate| Some(estimate.innovation?.nis)),
             });
         }
-        let touch = contacts.first().map(|contact: &Contact| contact.row);
-        let second_stroke = touch.and_then(|row| second_stroke(recording, &trial.knowledge.rest, row));
-        let compared = |contour: &Contour, since: usize| {
-            let touched: Vec<_> = truth.instants[since..].iter().filter_map(|truth| truth.surface).collect();
-            Some(Comparison::new(contour, trial.outline?, &touched))
+        let Ground { second_stroke, touched, touched_later } = trial.ground;
+        let compared = |contour: &Contour, touched| Some(Comparison::new(contour, trial.outline?, touched));
+        let mut scored = Self {
+            trial,
+            estimates,
+            touch_s,
+            contacts,
+            second_stroke: *second_stroke,
+            contour: None,
+            later_contour: None,
         };
-        let mut scored =
-            Self { trial, estimates, touch_s, contacts, second_stroke, contour: None, later_contour: None };
         if !scored.is_silent() {
-            scored.contour = contour.and_then(|contour| compared(contour, 0));
-            scored.later_contour = second_stroke.and_then(|row| compared(&Contour::found(trial, replay, row)?, row));
+            scored.contour = contour.and_then(|contour| compared(contour, touched));
+            scored.later_contour =
+                second_stroke.and_then(|row| compared(&Contour::found(trial, replay, said, row)?, touched_later));
         }
         Ok(scored)
     }

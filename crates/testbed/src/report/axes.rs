@@ -441,6 +441,12 @@ impl<'a, 'b> Panel<'a, 'b> {
         inside.into_iter().try_for_each(|at| look.mark(self.canvas, at, MARKER_PX, filled))
     }
 
+    /// The outline of a marker on the upper edge of the frame, for each of some values beyond all numbers.
+    pub(super) fn marks_on_top(&self, places: impl IntoIterator<Item = f64>, look: Look) -> Result<()> {
+        let points: Vec<(f64, f64)> = places.into_iter().map(|x| (x, self.y.to)).collect();
+        self.marks(&points, look, false)
+    }
+
     /// A grid line from bottom to top.
     pub(super) fn rule(&self, x: f64) -> Result<()> {
         let across = self.x_at(x);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use trace::SensorFile;
 use whisker::estimators::Kind;
 
 use crate::consistency::{Average, Judged};
@@ -321,16 +322,16 @@ impl RunData {
     ///
     /// # Errors
     /// When the file is damaged.
-    pub(super) fn turn(&self, sensor: &str) -> Result<Option<Vec<TurnRow>>> {
-        self.optional_table(&format!("sensors/{sensor}.turn.csv"))
+    pub(super) fn turn(&self, sensor: &SensorFile) -> Result<Option<Vec<TurnRow>>> {
+        self.optional_table(&format!("sensors/{}.turn.csv", sensor.label()))
     }
 
     /// Counts of a sensor over the rotation of the root, if the run kept them.
     ///
     /// # Errors
     /// When the file is damaged.
-    pub(super) fn transfer(&self, sensor: &str) -> Result<Option<Vec<TransferRow>>> {
-        self.optional_table(&format!("sensors/{sensor}.transfer.csv"))
+    pub(super) fn transfer(&self, sensor: &SensorFile) -> Result<Option<Vec<TransferRow>>> {
+        self.optional_table(&format!("sensors/{}.transfer.csv", sensor.label()))
     }
 
     /// A table of the run; nothing where there is none, or none but its header.

@@ -42,7 +42,7 @@ fn write_run(folder: &Path, whole: bool) {
         "heldout_rms_n_m": 1e-7, "heldout_worst_n_m": 5e-7, "largest_reading_n_m": 1e-4,
     });
     let sensor = json!({
-        "name": "straight", "array": "left", "common_mode": [0.0, 1.0], "noise_sd_n_m": 1e-7,
+        "name": "straight", "array": "left", "common_mode": [0.0, 1.0], "cross_talk": [], "noise_sd_n_m": 1e-7, "offset_sd_n_m": 1e-8, "gain_sd": 1e-3,
         "characteristic": {"coefficients": [2e7], "range_n_m": [-5e-5, 0.0]},
     });
     let run = json!({
@@ -362,7 +362,7 @@ fn write_sensor(folder: &Path) {
         let yaw_rad = if (300..700).contains(&step) { std::f64::consts::PI } else { 0.0 };
         TurnRow { t_s: f64::from(step) * 0.01, yaw_rad, counts: 4.0 * yaw_rad, compensated_counts: 0.1 * yaw_rad }
     });
-    write_table(&folder.join("sensors/straight.turn.csv"), &turn.collect::<Vec<_>>());
+    write_table(&folder.join("sensors/left.straight.turn.csv"), &turn.collect::<Vec<_>>());
     let transfer = [1.0, 16.0].into_iter().flat_map(|amplified| {
         (-20..=20).map(move |step| TransferRow {
             amplified,
@@ -372,7 +372,7 @@ fn write_sensor(folder: &Path) {
             z_counts: 0.0,
         })
     });
-    write_table(&folder.join("sensors/straight.transfer.csv"), &transfer.collect::<Vec<_>>());
+    write_table(&folder.join("sensors/left.straight.transfer.csv"), &transfer.collect::<Vec<_>>());
 }
 
 #[test]

@@ -265,10 +265,11 @@ fn believed(bank: &Bank<4, Imm<4>>, modes: RangeInclusive<usize>) -> Option<Gaus
 /// A belief with nothing known of the radius.
 fn unknown(round: &Round, belief: &Gaussian<4>) -> Gaussian<4> {
     let mut entered = *belief;
-    entered.mean[2] = round.radius_m;
+    let (radius_m, radius_sd_m) = round.expected_radius_m();
+    entered.mean[2] = radius_m;
     entered.covariance.row_mut(2).fill(0.0);
     entered.covariance.column_mut(2).fill(0.0);
-    entered.covariance[(2, 2)] = round.radius_sd_m.powi(2);
+    entered.covariance[(2, 2)] = radius_sd_m.powi(2);
     entered
 }
 
@@ -285,7 +286,7 @@ impl ModeProcess<'_> {
     /// The state that the step is taken from.
     fn from(&self, x: &Vector4<f64>) -> Vector4<f64> {
         let mut from = *x;
-        from[2] = self.thin.map_or(x[2], |thin| thin.radius_m);
+        from[2] = self.thin.map_or(x[2], |thin| thin.expected_radius_m().0);
         from
     }
 }
@@ -307,7 +308,7 @@ impl Process<4> for ModeProcess<'_> {
         let mut noise = self.step.noise(&self.from(x));
         noise[(0, 0)] += self.drift_m2;
         noise[(1, 1)] += self.drift_m2;
-        noise[(2, 2)] += self.thin.map_or(0.0, |thin| thin.radius_sd_m.powi(2));
+        noise[(2, 2)] += self.thin.map_or(0.0, |thin| thin.expected_radius_m().1.powi(2));
         noise
     }
 }

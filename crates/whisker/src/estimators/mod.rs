@@ -6,6 +6,7 @@
 //!
 //! To add an estimator: one file with a `Method`, and one row in [`ESTIMATORS`].
 
+mod base_noise;
 mod batch;
 mod choice;
 mod euler_bernoulli;
@@ -26,6 +27,7 @@ mod start;
 mod testing;
 mod unscented;
 
+pub use base_noise::BaseNoise;
 pub use settings::{Settings, SettingsError, parse, within};
 pub use shares::ModelShares;
 
@@ -95,6 +97,8 @@ pub struct Knowledge {
     pub faces: Vec<Arc<CalibratedFace>>,
     /// Standard deviation of the sensor's measurement noise.
     pub noise_sd_n_m: f64,
+    /// Noise of the base's measured pose.
+    pub base_noise: BaseNoise,
     /// Readings a second, for the filters of the contact detection.
     pub rate_hz: f64,
     /// Where the robot was told that it touches; without it the first touch lies anywhere along the undeflected whisker.
@@ -156,7 +160,12 @@ impl Knowledge {
 
     /// The point of the object's surface that belongs to an estimate: the wire's radius towards the object.
     pub fn surface(&self, estimate: &Estimate, reading_n_m: f64) -> Point<Base> {
-        let tangent = direction(self.tangent_rad(estimate, reading_n_m));
+        self.surface_beside(estimate, self.tangent_rad(estimate, reading_n_m))
+    }
+
+    /// The same where the deflected whisker's tangent at the estimated contact is known.
+    pub fn surface_beside(&self, estimate: &Estimate, tangent_rad: f64) -> Point<Base> {
+        let tangent = direction(tangent_rad);
         let left = Vector2::new(-tangent.y, tangent.x);
         let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(estimate.contact).arc_m);
         estimate.contact.shifted(left * (-estimate.face.away_sign() * radius_m))
@@ -267,15 +276,31 @@ impl Estimator {
     pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
         let mut estimates = Vec::with_capacity(samples.len());
         for sample in samples {
-            let touching = self.detector.step(sample.reading_n_m, sample.dt_s);
-            if !touching {
-                self.look_back(&mut estimates);
-                self.remember(sample);
-            }
-            estimates.push(if touching { self.follow(sample) } else { None });
+            self.push(sample, &mut estimates);
         }
-        self.look_back(&mut estimates);
+        self.end(&mut estimates);
         estimates
+    }
+
+    /// Takes the next sample of a recording and puts its estimate behind those before. Where the method has hindsight those of a touch are revised when it
+    /// ends: as long as the whisker touches ([`Self::is_following`]) they must stay.
+    pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
+        let touching = self.detector.step(sample.reading_n_m, sample.dt_s);
+        if !touching {
+            self.look_back(estimates);
+            self.remember(sample);
+        }
+        estimates.push(if touching { self.follow(sample) } else { None });
+    }
+
+    /// Ends the recording.
+    pub fn end(&mut self, estimates: &mut [Option<Estimate>]) {
+        self.look_back(estimates);
+    }
+
+    /// Whether a touch is being followed.
+    pub fn is_following(&self) -> bool {
+        self.tracker.is_some()
     }
 
     /// The outline of the object that is touched, or was last; see [`Tracker::outline`].

@@ -67,35 +67,47 @@ struct Cartesian<'a, Step> {
 }
 
 impl<Step> Cartesian<'_, Step> {
-    /// The state with its place along and away, and the derivatives of what stands here by what stands there.
-    fn along_and_away<const N: usize>(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
-        let (arc_m, away_m) = self.side.face.along_and_away(Point::new(x[0], x[1]));
+    /// The state with its place along and away.
+    fn along_and_away<const N: usize>(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
         let mut found = *x;
-        (found[0], found[1]) = (arc_m, away_m);
+        (found[0], found[1]) = self.side.face.along_and_away(Point::new(x[0], x[1]));
+        found
+    }
+
+    /// The state that has its place along and away at `x` as it stands here, and its derivatives.
+    fn in_base<const N: usize>(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+        let (contact, of_contact) = self.side.face.contact_with_jacobian(x[0], x[1]);
+        let mut found = *x;
+        (found[0], found[1]) = (contact.x(), contact.y());
         let mut jacobian = SMatrix::<f64, N, N>::identity();
-        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&self.side.face.contact_jacobian(arc_m, away_m));
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&of_contact);
         (found, jacobian)
     }
 }
 
 impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
     fn predict(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut moved = self.step.predict(&self.along_and_away(x).0);
-        let contact = self.side.face.contact_at(moved[0], moved[1]);
-        (moved[0], moved[1]) = (contact.x(), contact.y());
-        moved
+        self.in_base(&self.step.predict(&self.along_and_away(x))).0
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let (before, from) = self.along_and_away(x);
-        let (_, to) = self.along_and_away(&self.predict(x));
-        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
-        to * self.step.jacobian(&before) * from.try_inverse().unwrap_or_else(SMatrix::zeros)
+        self.linearised(x).1
     }
 
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let (before, from) = self.along_and_away(x);
+        let before = self.along_and_away(x);
+        let (_, from) = self.in_base(&before);
         from * self.step.noise(&before) * from.transpose()
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
+        let before = self.along_and_away(x);
+        let (_, from) = self.in_base(&before);
+        let (moved, by_before, noise) = self.step.linearised(&before);
+        let (found, to) = self.in_base(&moved);
+        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
+        let jacobian = to * by_before * from.try_inverse().unwrap_or_else(SMatrix::zeros);
+        (found, jacobian, from * noise * from.transpose())
     }
 }
 

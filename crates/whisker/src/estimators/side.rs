@@ -8,14 +8,13 @@ use std::sync::Arc;
 
 use filters::unscented::{self, Spread};
 use filters::{Gaussian, Innovation, Measurement, Process};
-use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
+use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
 use super::motion::Motion;
-use super::{Estimate, Knowledge, Radius};
+use super::{BaseNoise, Estimate, Knowledge, Radius};
 use crate::Whisker;
-use crate::elastica::Elastica;
 use crate::frames::{Base, Point};
-use crate::sensor::CalibratedFace;
+use crate::sensor::{CalibratedFace, Turn};
 
 /// How far a contact may lie beyond the calibrated region, as a share of the region's extent along the whisker.
 const MARGIN: f64 = 0.1;
@@ -24,30 +23,41 @@ const MARGIN: f64 = 0.1;
 pub(super) struct Side {
     pub(super) face: Arc<CalibratedFace>,
     whisker: Whisker,
-    /// Variance of the measurement noise.
-    noise_n2_m2: f64,
-    turn: Turn,
+    /// Variance of the sensor's measurement noise.
+    sensor_noise_n2_m2: f64,
+    pub(super) base_noise: BaseNoise,
 }
 
 impl Side {
     pub(super) fn new(face: &Arc<CalibratedFace>, knowledge: &Knowledge) -> Self {
-        let noise_n2_m2 = knowledge.noise_sd_n_m * knowledge.noise_sd_n_m;
         let whisker = knowledge.whisker.clone();
-        Self { face: face.clone(), whisker, noise_n2_m2, turn: Turn::fitted(face, knowledge) }
+        // Fitted here, the first time, so that no step has to.
+        face.turn(&whisker);
+        Self {
+            face: face.clone(),
+            whisker,
+            sensor_noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
+            base_noise: knowledge.base_noise,
+        }
+    }
+
+    /// How the whisker turns at a contact.
+    fn turn(&self) -> &Turn {
+        self.face.turn(&self.whisker)
     }
 
     /// Angle from the undeflected whisker's tangent at arc length `s` to that of the deflected whisker at the contact, and its
     /// derivatives along and away. Beyond the calibrated region it stays as it is at the border.
     pub(super) fn turn_rad(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
         let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
-        self.turn.at(arc_m, away_m)
+        self.turn().at(arc_m, away_m)
     }
 
     /// Angle in Base of the deflected whisker's tangent at a contact, and its derivatives along and away. Beyond the calibrated region it is
     /// continued linearly.
     pub(super) fn tangent_rad(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
         let held = self.face.domain.clamp(arc_m, away_m);
-        let (turn_rad, slope) = self.turn.at(held.0, held.1);
+        let (turn_rad, slope) = self.turn().at(held.0, held.1);
         let beyond = slope.dot(&vector![arc_m - held.0, away_m - held.1]);
         let rest_rad = self.face.rest.tangent_rad(arc_m);
         (rest_rad + turn_rad + beyond, slope + vector![self.face.rest.curvature_per_m(arc_m), 0.0])
@@ -57,8 +67,9 @@ impl Side {
     /// calibrated contact, so that a belief that reaches over the border is drawn back; the sensor model itself is never asked there.
     pub(super) fn expect(&self, arc_m: f64, away_m: f64) -> (f64, RowVector2<f64>) {
         let held = self.face.domain.clamp(arc_m, away_m);
-        let expected = self.face.model.predict(self.face.contact_at(held.0, held.1));
-        let gradient = expected.gradient_n.transpose() * self.face.contact_jacobian(held.0, held.1);
+        let (contact, jacobian) = self.face.contact_with_jacobian(held.0, held.1);
+        let expected = self.face.model.predict(contact);
+        let gradient = expected.gradient_n.transpose() * jacobian;
         (expected.reading_n_m + (gradient * vector![arc_m - held.0, away_m - held.1])[0], gradient)
     }
 
@@ -74,17 +85,28 @@ impl Side {
     /// Variance of the sensor model's own error at a contact.
     pub(super) fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
         let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
-        self.face.model_variance_n2_m2(self.face.contact_at(arc_m, away_m))
+        self.face.model_variance_at_n2_m2(arc_m, away_m)
+    }
+
+    /// Variance of the noise of a contact's reading: that of the sensor, and what the noise of the base makes of it.
+    fn noise_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
+        if self.base_noise.is_none() {
+            return self.sensor_noise_n2_m2;
+        }
+        let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
+        let contact = self.face.contact_at(arc_m, away_m);
+        let gradient_n = self.face.model.predict(contact).gradient_n;
+        self.sensor_noise_n2_m2 + self.base_noise.of_reading_n2_m2(contact, &gradient_n)
     }
 
     /// Variance of the reading of a contact: measurement noise and the sensor model's own error.
     pub(super) fn variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
-        self.noise_n2_m2 + self.model_variance_n2_m2(arc_m, away_m)
+        self.noise_n2_m2(arc_m, away_m) + self.model_variance_n2_m2(arc_m, away_m)
     }
 
     /// Variance of the mean of some readings of one contact: their noise averages out, the sensor model's error does not.
     pub(super) fn variance_of_mean_n2_m2(&self, arc_m: f64, away_m: f64, count: f64) -> f64 {
-        self.noise_n2_m2 / count + self.model_variance_n2_m2(arc_m, away_m)
+        self.noise_n2_m2(arc_m, away_m) / count + self.model_variance_n2_m2(arc_m, away_m)
     }
 
     /// Holds a place near the calibrated region. Not within it: objects push the whisker farther than its calibration did, and a belief held back there
@@ -193,87 +215,25 @@ impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
 
     /// The error's own change along and away is left out: it is far smaller than that of the reading.
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
-        let (_, gradient) = self.side.expect(x[0], x[1]);
+        Some(self.linearised(x)?.1)
+    }
+
+    /// The sensor model is asked once.
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
+        let (mut expected_n_m, gradient) = self.side.expect(x[0], x[1]);
         let mut jacobian = SMatrix::<f64, 1, N>::zeros();
         jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
         if let Some(e) = self.model_error {
-            jacobian[e] = self.side.model_variance_n2_m2(x[0], x[1]).sqrt();
+            let sd_n_m = self.side.model_variance_n2_m2(x[0], x[1]).sqrt();
+            expected_n_m += x[e] * sd_n_m;
+            jacobian[e] = sd_n_m;
         }
-        Some(jacobian)
+        Some((Vector1::new(expected_n_m), jacobian))
     }
 
     /// The sensor model's error counts here, too: part of it may change from one sample to the next, as where friction sets in, and the
     /// calibration does not tell how much.
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
         Matrix1::new(self.side.variance_n2_m2(x[0], x[1]))
-    }
-}
-
-/// The turn of the whisker at a contact as a smooth function of its place: `d` times a polynomial in `s` and `d`, fitted to what the sensor
-/// model, or else the exact whisker, says all over the calibrated region.
-struct Turn {
-    centre_m: f64,
-    half_m: f64,
-    away_m: f64,
-    coefficients: [f64; TERMS.len()],
-}
-
-/// Powers of `s` and `d` in the polynomial.
-const TERMS: [(i32, i32); 14] =
-    [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2), (0, 3), (1, 3)]; // fmt: skip
-
-/// Places along and away that are fitted.
-const PLACES: (usize, usize) = (12, 6);
-
-impl Turn {
-    fn fitted(face: &CalibratedFace, knowledge: &Knowledge) -> Self {
-        let (low, high) = face.domain.arc_range_m();
-        let highest = face.domain.upper_m.iter().copied().fold(0.0, f64::max);
-        let mut map = Self {
-            centre_m: 0.5 * (low + high),
-            half_m: 0.5 * (high - low),
-            away_m: highest,
-            coefficients: [0.0; TERMS.len()],
-        };
-        let elastica = Elastica::new(&knowledge.whisker).ok();
-        let places = (0..PLACES.0).flat_map(|i| (1..=PLACES.1).map(move |j| (i, j))).map(|(i, j)| {
-            let arc_m = low + (high - low) * i as f64 / (PLACES.0 - 1) as f64;
-            (arc_m, face.domain.away_range_m(arc_m).1 * j as f64 / PLACES.1 as f64)
-        });
-        let (rows, turns): (Vec<_>, Vec<f64>) = places
-            .filter(|&(_, away_m)| away_m > 0.0)
-            .filter_map(|(arc_m, away_m)| {
-                let contact = face.contact_at(arc_m, away_m);
-                let solved = || Some(elastica.as_ref()?.at_point(contact).ok()?.deflection.tangent_rad);
-                let tangent_rad = face.model.tangent_rad(contact).or_else(solved)?;
-                let (u, v) = map.scaled(arc_m, away_m);
-                Some((TERMS.map(|(i, j)| v * u.powi(i) * v.powi(j)), tangent_rad - face.rest.tangent_rad(arc_m)))
-            })
-            .unzip();
-        let matrix = DMatrix::from_fn(rows.len(), TERMS.len(), |row, term| rows[row][term]);
-        if let Ok(solution) = matrix.svd(true, true).solve(&DVector::from_vec(turns), 1e-9) {
-            map.coefficients.copy_from_slice(solution.as_slice());
-        }
-        map
-    }
-
-    fn scaled(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
-        ((arc_m - self.centre_m) / self.half_m, away_m / self.away_m)
-    }
-
-    fn at(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
-        let (u, v) = self.scaled(arc_m, away_m);
-        let powers = |x: f64| [1.0, x, x * x, x * x * x, x * x * x * x];
-        let (us, vs) = (powers(u), powers(v));
-        let (mut turn, mut by_u, mut by_v) = (0.0, 0.0, 0.0);
-        for (&(i, j), c) in TERMS.iter().zip(&self.coefficients) {
-            let (i, j) = (i as usize, j as usize);
-            turn += c * us[i] * vs[j + 1];
-            by_v += c * us[i] * vs[j] * (j + 1) as f64;
-            if i > 0 {
-                by_u += c * us[i - 1] * vs[j + 1] * i as f64;
-            }
-        }
-        (turn, vector![by_u / self.half_m, by_v / self.away_m])
     }
 }

@@ -44,5 +44,13 @@ pub(super) fn knowledge() -> Knowledge {
     let row = sensor::model("polynomial").unwrap();
     let face = sensor::fit(row, &(row.defaults)(), &material).unwrap().face;
     let rest = whisker.rest_shape();
-    Knowledge { whisker, rest, faces: vec![Arc::new(face)], noise_sd_n_m: 1e-7, rate_hz: 250.0, told: None }
+    Knowledge {
+        whisker,
+        rest,
+        faces: vec![Arc::new(face)],
+        noise_sd_n_m: 1e-7,
+        base_noise: Default::default(),
+        rate_hz: 250.0,
+        told: None,
+    }
 }

@@ -80,6 +80,14 @@ impl ErrorMap {
         Self { along, away, sd_n_m }
     }
 
+    /// The map of this error and another beside it, whose variance is given at shares of the region, along and away.
+    pub(super) fn beside(&self, variance: impl Fn(f64, f64) -> f64) -> Self {
+        let share = |node: usize, nodes: usize| node as f64 / (nodes - 1) as f64;
+        let at = |node: usize| variance(share(node / self.away, self.along), share(node % self.away, self.away));
+        let sd_n_m = self.sd_n_m.iter().enumerate().map(|(node, sd_n_m)| sd_n_m.hypot(at(node).sqrt())).collect();
+        Self { sd_n_m, ..*self }
+    }
+
     /// Whether the lists describe a map.
     pub fn is_valid(&self) -> bool {
         self.along >= 2
@@ -117,6 +125,15 @@ mod tests {
         let map = ErrorMap::new(&residuals(|u, _| u), &vec![0.0; 72], &vec![0.0; 72], 0.0, 1e-9);
         assert!(map.is_valid());
         assert!(map.variance_n2_m2(0.9, 0.5) > 3.0 * map.variance_n2_m2(0.1, 0.5));
+    }
+
+    #[test]
+    fn verif_another_error_beside_it_adds_its_variance_where_it_is() {
+        let flat = ErrorMap { along: 12, away: 6, sd_n_m: vec![3.0; 72] };
+        let both = flat.beside(|along, away| 16.0 * along * away);
+        assert!((both.variance_n2_m2(1.0, 1.0) - 25.0).abs() < 1e-12);
+        assert!((both.variance_n2_m2(1.0, 0.0) - 9.0).abs() < 1e-12);
+        assert!((both.variance_n2_m2(0.0, 1.0) - 9.0).abs() < 1e-12);
     }
 
     #[test]

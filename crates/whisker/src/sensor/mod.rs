@@ -16,8 +16,10 @@ mod polynomial;
 mod regression;
 mod spline;
 mod table;
+mod turn;
 
 use std::fmt::Debug;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,7 @@ use crate::{RestShape, Whisker};
 pub use domain::Domain;
 pub use error_map::ErrorMap;
 pub use fit::{Fit, Material, fit};
+pub(crate) use turn::Turn;
 
 /// The side of the whisker on which the object lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -241,7 +244,7 @@ pub struct CalibratedFace {
     /// Name of the formula among those of the calibration.
     pub label: String,
     /// The formula.
-    pub model: Box<dyn SensorModel>,
+    pub model: Arc<dyn SensorModel>,
     /// The formula's own error over the region.
     pub error: ErrorMap,
     /// Root mean square residual on data that the fit did not see.
@@ -253,9 +256,20 @@ pub struct CalibratedFace {
     /// How far the calibration's contacts lay from the middle of its pin: the radius of pin and wire together, and nothing where the
     /// contacts are themselves the pin's middle, as on a rig that knows no better.
     pub pin_radius_m: f64,
+    /// How the whisker turns at a contact, once that was asked for.
+    pub turn: OnceTurn,
 }
 
+/// The turn of a whisker at its contacts, which is fitted when it is first asked for and then the same for all estimators.
+#[derive(Clone, Debug, Default)]
+pub struct OnceTurn(Arc<OnceLock<Turn>>);
+
 impl CalibratedFace {
+    /// How the whisker, which is the calibrated one, turns at a contact.
+    pub(crate) fn turn(&self, whisker: &Whisker) -> &Turn {
+        self.turn.0.get_or_init(|| Turn::fitted(self, whisker))
+    }
+
     /// Coordinates of a contact along and away from the undeflected whisker: arc length of the nearest point, and distance from it,
     /// positive away from the object.
     pub fn along_and_away(&self, contact: Point<Base>) -> (f64, f64) {
@@ -271,10 +285,15 @@ impl CalibratedFace {
     /// Derivative of [`Self::contact_at`]: its columns are where the contact goes along and away. They are orthogonal; the
     /// first is shorter than one on the inside of a curved whisker and longer outside.
     pub fn contact_jacobian(&self, arc_m: f64, away_m: f64) -> Matrix2<f64> {
+        self.contact_with_jacobian(arc_m, away_m).1
+    }
+
+    /// The contact and that derivative.
+    pub fn contact_with_jacobian(&self, arc_m: f64, away_m: f64) -> (Point<Base>, Matrix2<f64>) {
         let sign = self.face.away_sign();
-        let tangent = self.rest.tangent(arc_m);
+        let (contact, tangent) = self.rest.beside_with_tangent(arc_m, away_m * sign);
         let stretch = 1.0 - self.rest.curvature_per_m(arc_m) * away_m * sign;
-        Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign])
+        (contact, Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign]))
     }
 
     /// Expected reading and gradient, or nothing outside the calibrated region.
@@ -283,11 +302,37 @@ impl CalibratedFace {
         self.domain.contains(arc_m, away_m).then(|| self.model.predict(contact))
     }
 
+    /// The same face, read by a sensor that is itself off by something that stays through a recording: an offset and a share of the reading, both known by their standard
+    /// deviations. That comes back at the same place as the formula's own error does, and is added to it.
+    pub fn read_by(&self, offset_sd_n_m: f64, gain_sd: f64) -> Self {
+        let (first_m, last_m) = self.domain.arc_range_m();
+        let variance_n2_m2 = |along: f64, away: f64| {
+            let arc_m = first_m + along * (last_m - first_m);
+            let (lower_m, upper_m) = self.domain.away_range_m(arc_m);
+            let reading_n_m = self.model.reading_n_m(self.contact_at(arc_m, lower_m + away * (upper_m - lower_m)));
+            offset_sd_n_m.powi(2) + (gain_sd * reading_n_m).powi(2)
+        };
+        Self {
+            error: self.error.beside(variance_n2_m2),
+            rest: self.rest.clone(),
+            domain: self.domain.clone(),
+            label: self.label.clone(),
+            model: self.model.clone(),
+            turn: self.turn.clone(),
+            ..*self
+        }
+    }
+
     /// Variance by which the true reading scatters around the expected one, measurement noise apart: the model's own error, as
     /// held-out data and the number of samples show it. An estimator adds it to the variance of the measurement noise. It is an error
     /// that comes back at the same place, not one that averages out.
     pub fn model_variance_n2_m2(&self, contact: Point<Base>) -> f64 {
         let (arc_m, away_m) = self.along_and_away(contact);
+        self.model_variance_at_n2_m2(arc_m, away_m)
+    }
+
+    /// The same of the contact with these coordinates.
+    pub fn model_variance_at_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
         let (along, away) = self.domain.shares(arc_m, away_m);
         self.error.variance_n2_m2(along, away)
     }

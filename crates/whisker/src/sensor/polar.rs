@@ -76,7 +76,7 @@ impl Frame {
     pub(super) fn polar(&self, contact: Point<Base>) -> Polar {
         let p = contact.vector();
         let (along, left) = (self.ahead.dot(&p), self.ahead.perp(&p));
-        let r_m = along.hypot(left);
+        let r_m = (along * along + left * left).sqrt();
         let outward = p / r_m;
         let around = Vector2::new(-outward.y, outward.x) / r_m;
         let (bent_rad, slope) = self.bent(r_m);

@@ -65,6 +65,7 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
         whisker,
         faces: vec![Arc::new(face("polynomial"))],
         noise_sd_n_m,
+        base_noise: Default::default(),
         rate_hz: RATE_HZ,
         told: None,
     })

@@ -1,5 +1,6 @@
 //! The commands: one file each, and one row in [`COMMANDS`].
 
+mod batch;
 mod bench;
 mod check;
 mod ci;
@@ -31,6 +32,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "physics", about: "Hold the simulator against theory, claim by claim: results/physics/", run: physics::run },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: golden::run },
     Command { name: "bench", about: "Run the benchmarks", run: bench::run },
+    Command { name: "batch", about: "Measure batches and long traces: time and memory", run: batch::run },
     Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: peers::run },
 ];
 

@@ -12,14 +12,16 @@ use crate::statistics::mean;
 const HEADINGS: usize = 24;
 const STILL_S: f64 = 1.0;
 
-/// The influence of the reference's x and y on a sensor.
-pub(super) fn learn(board: &Board, mounting: &Mounting, seed: u64, dt_s: f64) -> [f64; 2] {
-    let mounting = Mounting { recording: "headings".into(), ..mounting.clone() };
-    let mut watch = board.watch(&mounting, seed);
+/// Most probability with which noise alone would look like an influence.
+const MOST_CHANCE: f64 = 1e-3;
+
+/// The influence of the reference's x and y on the sensor of a whisker.
+pub(super) fn learn(board: &Board, mounting: &Mounting, seat: usize, seed: u64, dt_s: f64) -> [f64; 2] {
+    let mut watch = board.watch(&mounting.on("headings"), seed);
     let stops: Vec<Counts> = (0..HEADINGS)
         .map(|heading| {
             let yaw_rad = std::f64::consts::TAU * heading as f64 / HEADINGS as f64;
-            let still = watch.rest(samples_in(STILL_S, dt_s), dt_s, yaw_rad);
+            let still = watch.rest(seat, samples_in(STILL_S, dt_s), dt_s, yaw_rad);
             average(&still)
         })
         .collect();
@@ -34,7 +36,9 @@ fn average(counts: &[Counts]) -> Counts {
     }
 }
 
-/// Least squares of `own = rest + influence . reference`. No influence where the reference sees nothing change.
+/// Least squares of `own = rest + influence . reference`. No influence where that explains no more of the sensor's counts than noise would: where the reference sees
+/// nothing change, least squares fits noise to noise. By the F-test at [`MOST_CHANCE`]: `F = ((S0 - S) / 2) / (S / (n - 3))` with the sums of squares `S0` without
+/// and `S` with the influence; with two degrees of freedom above, `F` is larger by chance with the probability `(1 + 2 F / (n - 3))^-((n - 3) / 2)`, which is `(S / S0)^((n - 3) / 2)`.
 fn fit(stops: &[Counts]) -> [f64; 2] {
     let middle = average(stops);
     let mut normal = Matrix2::zeros();
@@ -44,7 +48,16 @@ fn fit(stops: &[Counts]) -> [f64; 2] {
         normal += reference * reference.transpose();
         right += reference * (stop.own - middle.own);
     }
-    normal.cholesky().map_or([0.0; 2], |normal| normal.solve(&right).into())
+    let Some(influence) = normal.cholesky().map(|normal| normal.solve(&right)) else { return [0.0; 2] };
+    let squares = |influence: Vector2<f64>| -> f64 {
+        let left = |stop: &Counts| {
+            let reference = Vector2::from(stop.reference) - Vector2::from(middle.reference);
+            stop.own - middle.own - influence.dot(&reference)
+        };
+        stops.iter().map(|stop| left(stop).powi(2)).sum()
+    };
+    let chance = (squares(influence) / squares(Vector2::zeros())).powf(0.5 * (stops.len() as f64 - 3.0));
+    if chance < MOST_CHANCE { influence.into() } else { [0.0; 2] }
 }
 
 #[cfg(test)]
@@ -57,5 +70,9 @@ mod tests {
         let [x, y] = fit(&[stop(1.0, 0.0), stop(0.0, 6.0), stop(-5.0, -1.0), stop(2.0, -3.0)]);
         assert!((x - 0.02).abs() < 1e-12 && (y - 1.1).abs() < 1e-12);
         assert_eq!(fit(&[stop(3.0, 3.0); 4]), [0.0, 0.0]);
+        let noise = |i: u32| f64::from((i * 7919) % 13) - 6.0;
+        let unrelated: Vec<Counts> =
+            (0..24).map(|i| Counts { own: noise(i), reference: [noise(i + 31), noise(3 * i + 5)] }).collect();
+        assert_eq!(fit(&unrelated), [0.0, 0.0], "noise is no influence");
     }
 }

@@ -6,12 +6,13 @@
 //! ```
 //!
 //! The magnet sits behind the root and turns and swings with it (`dipole`). The sensor lies behind the magnet, at `-x` of Base, and its y axis is the
-//! one that is read. The reference lies beside it, out of the plane, where of the magnet there is but a weak residue: what it reads is the
-//! earth's field. It sees still less of the magnets of other whiskers, which are left out.
+//! one that is read. The reference lies beside the middle of the board's sensors, out of the plane, where of the magnets there is but a weak residue: what it reads is the
+//! earth's field. Every sensor sees the magnets of all whiskers of its board; those of other boards are left out.
 //!
-//! Whoever uses the sensor knows what can be measured with it. Standing at a ring of headings, the whisker free, they learn how much of the reference's
-//! counts appears in the sensor's (`common_mode`); from the calibration traces, by least squares, the [`Characteristic`] that turns counts into
-//! moments; and from some recordings at rest the noise of the readings. Before each recording the reading is zeroed, the whisker free.
+//! Whoever uses the sensor knows what can be measured with it. Standing at a ring of headings, the whiskers free, they learn how much of the reference's
+//! counts appears in the sensor's (`common_mode`); while each whisker of the board in turn is swept as in the calibration traces and the others are free, by least squares, the
+//! [`Characteristic`] that turns counts into moments and the [`CrossTalk`] of the others; and from some recordings at rest the noise of the counts, and by how much they are off throughout one. Before each recording the reading is
+//! zeroed, the whiskers free.
 
 mod common_mode;
 mod dipole;
@@ -20,17 +21,17 @@ mod sensor;
 mod turn;
 
 use anyhow::Context;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Point3, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use trace::{Characteristic, SensorFile};
+use trace::{Characteristic, CrossTalk, Instant, SensorFile, through_zero};
 use whisker::estimators::{Settings, SettingsError, parse, within};
 
 use super::{Chain, Mounting, Played, derived_seed};
 use crate::results::{TransferRow, csv_bytes};
-use crate::statistics::rms;
+use crate::statistics::{mean, rms};
 use dipole::Magnet;
 use noise::{Forgetting, Noise};
 use sensor::HallSensor;
@@ -39,6 +40,9 @@ pub use turn::shift_counts;
 
 /// Degree of the characteristic: what a dipole at this distance leaves of a lower one lies above the noise.
 const DEGREE: usize = 5;
+
+/// Degree of the cross-talk: of a distant dipole that turns, the sine and, by its square, the cosine.
+const CROSS_TALK_DEGREE: usize = 2;
 
 /// Recordings at rest, and their length, from which the noise is learnt: that of a trial, for slow noise grows with time.
 const RESTS: usize = 20;
@@ -60,7 +64,7 @@ pub struct Config {
     pub lever_m: f64,
     /// From the resting magnet to the sensor.
     pub gap_m: f64,
-    /// From the sensor to the reference sensor, out of the plane.
+    /// From the middle of the board's sensors to the reference sensor, out of the plane.
     pub reference_distance_m: f64,
     /// Gain of every axis.
     pub gain_counts_per_t: f64,
@@ -163,24 +167,34 @@ struct Hall {
     config: Config,
 }
 
-/// A sensor and its reference on their board, as they truly are.
+/// The sensors of an array and their reference on their board, as they truly are. Its axes are those of the Base of its first whisker.
 struct Board<'a> {
     config: &'a Config,
     magnet: Magnet,
-    own: HallSensor,
+    whiskers: Vec<Placed>,
     reference: HallSensor,
+    reference_place: Point3<f64>,
+}
+
+/// A whisker on a board.
+struct Placed {
+    /// Pose of its Base on the board.
+    base: Isometry3<f64>,
+    /// Place of its sensor on the board.
+    place: Point3<f64>,
+    sensor: HallSensor,
 }
 
 /// A board while it is being read: what its noise and its temperature have come to.
 struct Watch<'a> {
     board: &'a Board<'a>,
-    own: Noise,
+    sensors: Vec<Noise>,
     reference: [Noise; 2],
     warmer: Forgetting,
     weather: Pcg64,
 }
 
-/// One reading: the sensor's y axis, and x and y of the reference.
+/// One reading: a sensor's y axis, and x and y of the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Counts {
     own: f64,
@@ -196,37 +210,61 @@ impl Counts {
 
 impl<'a> Board<'a> {
     fn new(config: &'a Config, mounting: &Mounting) -> Self {
-        let copy = |kind: &str, name: &str| HallSensor::new(config, derived_seed(config.seed, &["hall", kind, name]));
+        let Mounting { array, board, .. } = mounting;
+        let copy = |kind: &str, names: &[&str]| {
+            HallSensor::new(config, derived_seed(config.seed, &[&["hall", kind], names].concat()))
+        };
+        let beside_root = Point3::new(-config.lever_m - config.gap_m, 0.0, 0.0);
+        let whiskers: Vec<Placed> = board
+            .iter()
+            .map(|seat| Placed {
+                base: seat.base,
+                place: seat.base * beside_root,
+                sensor: copy("sensor", &[array, &seat.sensor]),
+            })
+            .collect();
+        let middle = whiskers.iter().map(|whisker| whisker.place.coords).sum::<Vector3<f64>>() / whiskers.len() as f64;
         Self {
             config,
             magnet: Magnet { moment_a_m2: config.magnet_moment_a_m2, lever_m: config.lever_m },
-            own: copy("sensor", &mounting.sensor),
-            reference: copy("reference", &mounting.array),
+            whiskers,
+            reference: copy("reference", &[array]),
+            reference_place: Point3::from(middle + Vector3::new(0.0, 0.0, config.reference_distance_m)),
         }
     }
 
-    /// Field of the magnet at a distance out of the plane from the sensor, in Base.
-    fn magnet_t(&self, rotation_rad: f64, distance_m: f64) -> Vector3<f64> {
-        self.magnet.field_t(rotation_rad, Vector3::new(-self.config.lever_m - self.config.gap_m, 0.0, distance_m))
+    /// Field of all magnets at a place, on the board, with their roots turned.
+    fn magnets_t(&self, rotations_rad: &[f64], place: &Point3<f64>) -> Vector3<f64> {
+        let of_one = |(whisker, rotation_rad): (&Placed, &f64)| {
+            let seen_m = whisker.base.inverse_transform_point(place).coords;
+            whisker.base.rotation * self.magnet.field_t(*rotation_rad, seen_m)
+        };
+        self.whiskers.iter().zip(rotations_rad).map(of_one).sum()
     }
 
-    /// The earth's field in Base.
+    /// The earth's field, on the board.
     fn earth_t(&self, yaw_rad: f64) -> Vector3<f64> {
         let (down, level) = self.config.earth_inclination_rad.sin_cos();
         let (sin, cos) = (self.config.north_rad - yaw_rad).sin_cos();
         self.config.earth_t * Vector3::new(level * cos, level * sin, -down)
     }
 
+    /// Heading of the board where a whisker has this one.
+    fn yaw_rad(&self, seat: usize, whisker_yaw_rad: f64) -> f64 {
+        let ahead = self.whiskers[seat].base.rotation * Vector3::x();
+        whisker_yaw_rad - ahead.y.atan2(ahead.x)
+    }
+
     /// Begins to read it on an occasion: the same words, the same noise.
     fn watch(&'a self, mounting: &Mounting, seed: u64) -> Watch<'a> {
-        let Mounting { sensor, array, recording } = mounting;
-        let seed = |kind: &str, name: &str| derived_seed(seed, &["hall", kind, name, recording]);
-        let noise = |seed| Noise::new(self.config.white_counts, self.config.flicker_counts, seed);
-        let mut weather = Pcg64::seed_from_u64(seed("temperature", array));
+        let Mounting { array, recording, board, .. } = mounting;
+        let seed = |words: &[&str]| derived_seed(seed, &[&["hall"], words, &[recording.as_str()]].concat());
+        let noise = |words: &[&str]| Noise::new(self.config.white_counts, self.config.flicker_counts, seed(words));
+        let mut weather = Pcg64::seed_from_u64(seed(&["temperature", array]));
         Watch {
             board: self,
-            own: noise(seed("sensor", sensor)),
-            reference: ["reference x", "reference y"].map(|kind| noise(seed(kind, array))),
+            sensors: board.iter().map(|seat| noise(&["sensor", array, &seat.sensor])).collect(),
+            reference: ["reference x", "reference y"].map(|kind| noise(&[kind, array])),
             warmer: Forgetting::new(self.config.temperature_sd_k, self.config.temperature_time_s, &mut weather),
             weather,
         }
@@ -234,32 +272,27 @@ impl<'a> Board<'a> {
 }
 
 impl Watch<'_> {
-    /// The counts so long after the last, with the root turned and the base at a heading.
-    fn read(&mut self, dt_s: f64, rotation_rad: f64, yaw_rad: f64) -> Counts {
+    /// The counts of every whisker so long after the last, with the roots turned and the board at a heading.
+    fn read(&mut self, dt_s: f64, rotations_rad: &[f64], yaw_rad: f64) -> Vec<Counts> {
         let board = self.board;
         let warmer_k = self.warmer.step(dt_s, &mut self.weather);
         let earth_t = board.earth_t(yaw_rad);
-        let own_t = earth_t + board.magnet_t(rotation_rad, 0.0);
-        let reference_t = earth_t + board.magnet_t(rotation_rad, board.config.reference_distance_m);
-        Counts {
-            own: board.own.counts(Y, own_t, warmer_k, self.own.step(dt_s)),
-            reference: [X, Y].map(|axis| {
-                let noise_counts = self.reference[axis].step(dt_s);
-                board.reference.counts(axis, reference_t, warmer_k, noise_counts)
-            }),
-        }
+        let reference_t = earth_t + board.magnets_t(rotations_rad, &board.reference_place);
+        let reference = [X, Y].map(|axis| {
+            let noise_counts = self.reference[axis].step(dt_s);
+            board.reference.counts(axis, reference_t, warmer_k, noise_counts)
+        });
+        let of_one = |(whisker, noise): (&Placed, &mut Noise)| {
+            let field_t = whisker.base.rotation.inverse() * (earth_t + board.magnets_t(rotations_rad, &whisker.place));
+            Counts { own: whisker.sensor.counts(Y, field_t, warmer_k, noise.step(dt_s)), reference }
+        };
+        board.whiskers.iter().zip(&mut self.sensors).map(of_one).collect()
     }
 
-    /// Reads so often at rest.
-    fn rest(&mut self, samples: usize, dt_s: f64, yaw_rad: f64) -> Vec<Counts> {
-        (0..samples).map(|_| self.read(dt_s, 0.0, yaw_rad)).collect()
-    }
-
-    /// The compensated counts of the next while at rest, which count as zero.
-    fn zero_counts(&mut self, common_mode: [f64; 2], dt_s: f64, yaw_rad: f64) -> f64 {
-        let samples = samples_in(self.board.config.zeroing_s, dt_s);
-        let rest = self.rest(samples, dt_s, yaw_rad);
-        rest.iter().map(|counts| counts.compensated(common_mode)).sum::<f64>() / samples as f64
+    /// Reads one whisker so often, all at rest.
+    fn rest(&mut self, seat: usize, samples: usize, dt_s: f64, yaw_rad: f64) -> Vec<Counts> {
+        let still = vec![0.0; self.board.whiskers.len()];
+        (0..samples).map(|_| self.read(dt_s, &still, yaw_rad)[seat]).collect()
     }
 }
 
@@ -268,48 +301,117 @@ fn samples_in(time_s: f64, dt_s: f64) -> usize {
     (time_s / dt_s).round().max(1.0) as usize
 }
 
+impl Played<'_> {
+    /// Rotation of the root, one an instant.
+    fn rotations_rad(&self) -> Vec<f64> {
+        let stiffness_n_m_rad = self.sidecar.whisker.root_stiffness_n_m_rad;
+        let instants = self.recording.instants.iter().zip(self.noise_n_m());
+        let rotation_rad = |(instant, noise_n_m): (&Instant, f64)| {
+            let rotation_rad = instant.rotation_z_rad.unwrap_or(instant.moment_z_n_m / stiffness_n_m_rad);
+            rotation_rad + noise_n_m / stiffness_n_m_rad
+        };
+        instants.map(rotation_rad).collect()
+    }
+
+    /// What calibration taught of its sensor.
+    fn learnt(&self) -> anyhow::Result<&SensorFile> {
+        self.sensor.context("a Hall sensor reads counts: it must be calibrated")
+    }
+
+    /// Place of its whisker on the board.
+    fn seat(&self) -> usize {
+        self.mounting.seat(&self.mounting.sensor).expect("a whisker sits on its own board")
+    }
+}
+
 impl Hall {
-    /// Counts of a recording, the common mode taken out, from zero.
-    fn counts(&self, played: &Played, common_mode: [f64; 2]) -> Vec<f64> {
+    /// Counts of one whisker of a recording, the common mode taken out, from zero. `rotations_rad` has those of the board's roots, for each whisker one an instant; none where it
+    /// rests throughout.
+    fn counts(&self, played: &Played, rotations_rad: &[Vec<f64>], seat: usize, common_mode: [f64; 2]) -> Vec<f64> {
         let board = Board::new(&self.config, played.mounting);
         let mut watch = board.watch(played.mounting, played.seed);
         let instants = &played.recording.instants;
         let Some(first) = instants.first() else { return Vec::new() };
-        let stiffness_n_m_rad = played.sidecar.whisker.root_stiffness_n_m_rad;
+        let yaw_rad = |instant: &Instant| board.yaw_rad(played.seat(), instant.base.yaw_rad());
         let rest_dt_s = 1.0 / played.sidecar.rate_hz;
+        let zero = self.zero_counts(&mut watch, seat, common_mode, rest_dt_s, yaw_rad(first));
         let mut last_s = first.t_s - rest_dt_s;
-        let zero = watch.zero_counts(common_mode, rest_dt_s, first.base.yaw_rad());
-        let read = instants.iter().zip(played.noise_n_m()).map(|(instant, noise_n_m)| {
-            let rotation_rad = instant.rotation_z_rad.unwrap_or(instant.moment_z_n_m / stiffness_n_m_rad);
-            let turned_rad = rotation_rad + noise_n_m / stiffness_n_m_rad;
-            let counts = watch.read(instant.t_s - last_s, turned_rad, instant.base.yaw_rad());
+        let read = instants.iter().enumerate().map(|(row, instant)| {
+            let now_rad: Vec<f64> =
+                rotations_rad.iter().map(|of_one| of_one.get(row).copied().unwrap_or(0.0)).collect();
+            let counts = watch.read(instant.t_s - last_s, &now_rad, yaw_rad(instant))[seat];
             last_s = instant.t_s;
             counts.compensated(common_mode) - zero
         });
         read.collect()
     }
 
-    /// Root mean square of the readings of some recordings at rest.
-    fn rest_sd_n_m(
+    /// The compensated counts of the next while at rest, which count as zero.
+    fn zero_counts(&self, watch: &mut Watch, seat: usize, common_mode: [f64; 2], dt_s: f64, yaw_rad: f64) -> f64 {
+        let samples = samples_in(self.config.zeroing_s, dt_s);
+        let rest = watch.rest(seat, samples, dt_s, yaw_rad);
+        rest.iter().map(|counts| counts.compensated(common_mode)).sum::<f64>() / samples as f64
+    }
+
+    /// Root mean squares of the counts of some recordings at rest, from zero: of what changes within one, and of the mean of one.
+    fn rest_sd_counts(
         &self,
         mounting: &Mounting,
+        seat: usize,
         seed: u64,
         dt_s: f64,
         common_mode: [f64; 2],
-        characteristic: &Characteristic,
-    ) -> f64 {
+    ) -> (f64, f64) {
         let board = Board::new(&self.config, mounting);
-        let mut readings_n_m = Vec::new();
+        let (mut changing, mut staying) = (Vec::new(), Vec::new());
         for rest in 0..RESTS {
-            let mounting = Mounting { recording: format!("rest {rest}"), ..mounting.clone() };
-            let mut watch = board.watch(&mounting, seed);
-            let zero = watch.zero_counts(common_mode, dt_s, 0.0);
-            let read = watch.rest(samples_in(REST_S, dt_s), dt_s, 0.0);
-            let reading = |counts: &Counts| characteristic.moment_n_m(counts.compensated(common_mode) - zero);
-            readings_n_m.extend(read.iter().map(reading));
+            let mut watch = board.watch(&mounting.on(&format!("rest {rest}")), seed);
+            let zero = self.zero_counts(&mut watch, seat, common_mode, dt_s, 0.0);
+            let still = watch.rest(seat, samples_in(REST_S, dt_s), dt_s, 0.0);
+            let counts = || still.iter().map(|counts| counts.compensated(common_mode) - zero);
+            let mean = mean(counts()).unwrap_or(0.0);
+            changing.extend(counts().map(|counts| counts - mean));
+            staying.push(mean);
         }
-        rms(&readings_n_m).unwrap_or(0.0)
+        (rms(&changing).unwrap_or(0.0), rms(&staying).unwrap_or(0.0))
     }
+
+    /// Moments of a whisker and the counts of a sensor on the same board, while that whisker is swept as in some recordings and all others are free: those of
+    /// each recording.
+    fn swept(
+        &self,
+        mounting: &Mounting,
+        (whisker, sensor): (usize, usize),
+        recordings: &[Played],
+        common_mode: [f64; 2],
+    ) -> Vec<Vec<(f64, f64)>> {
+        let of_one = |played: &Played| {
+            let swept = Mounting { sensor: mounting.board[whisker].sensor.clone(), ..mounting.clone() };
+            // Sweeps of one whisker and of another are occasions of their own.
+            let swept = swept.on(&format!("{} of {}", played.mounting.recording, swept.sensor));
+            let mut rotations_rad = vec![Vec::new(); mounting.board.len()];
+            rotations_rad[whisker] = played.rotations_rad();
+            let played = Played { mounting: &swept, ..*played };
+            let counts = self.counts(&played, &rotations_rad, sensor, common_mode);
+            played.recording.instants.iter().map(|instant| instant.moment_z_n_m).zip(counts).collect()
+        };
+        recordings.iter().map(of_one).collect()
+    }
+}
+
+/// Standard deviation, from recording to recording, of the gain by which its counts best follow a characteristic, relative.
+fn gain_sd(characteristic: &Characteristic, recordings: &[Vec<(f64, f64)>]) -> f64 {
+    let gain = |pairs: &Vec<(f64, f64)>| {
+        let sums = pairs.iter().map(|(moment_n_m, counts)| (characteristic.counts(*moment_n_m), counts));
+        let (both, square) = sums.fold((0.0, 0.0), |(both, square), (expected, counts)| {
+            (both + expected * counts, square + expected * expected)
+        });
+        (square > 0.0).then(|| both / square)
+    };
+    let gains: Vec<f64> = recordings.iter().filter_map(gain).collect();
+    let middle = mean(gains.iter().copied()).unwrap_or(1.0);
+    let squares: f64 = gains.iter().map(|gain| (gain / middle - 1.0).powi(2)).sum();
+    (squares / (gains.len().max(2) - 1) as f64).sqrt()
 }
 
 impl Chain for Hall {
@@ -318,38 +420,61 @@ impl Chain for Hall {
     }
 
     fn calibrate(&self, mounting: &Mounting, recordings: &[Played]) -> anyhow::Result<Option<SensorFile>> {
+        let Mounting { sensor, array, board, .. } = mounting;
         let first = recordings.first().context("no recording to calibrate on")?;
+        let own = mounting.seat(sensor).context("a whisker sits on its own board")?;
         let dt_s = 1.0 / first.sidecar.rate_hz;
         let common_mode = match self.config.compensated {
-            true => common_mode::learn(&Board::new(&self.config, mounting), mounting, first.seed, dt_s),
+            true => common_mode::learn(&Board::new(&self.config, mounting), mounting, own, first.seed, dt_s),
             false => [0.0; 2],
         };
-        let mut pairs = Vec::new();
-        for played in recordings {
-            let mounting = Mounting { recording: played.mounting.recording.clone(), ..mounting.clone() };
-            let counts = self.counts(&Played { mounting: &mounting, ..*played }, common_mode);
-            let moments = played.recording.instants.iter().map(|instant| instant.moment_z_n_m);
-            pairs.extend(moments.zip(counts));
-        }
+        let swept = self.swept(mounting, (own, own), recordings, common_mode);
+        let pairs = swept.concat();
         let characteristic = Characteristic::fit(DEGREE, &pairs).with_context(|| {
             format!(
-                "sensor `{}`: its counts saturate or turn back within the calibration and do not tell moments",
-                mounting.sensor
+                "sensor `{sensor}`: its counts saturate or turn back within the calibration and do not tell moments"
             )
         })?;
-        let noise_sd_n_m = self.rest_sd_n_m(mounting, first.seed, dt_s, common_mode, &characteristic);
+        let others = board.iter().enumerate().filter(|(whisker, _)| *whisker != own);
+        let cross_talk = others.map(|(whisker, seat)| {
+            let pairs = self.swept(mounting, (whisker, own), recordings, common_mode).concat();
+            // Where the sweep tells nothing of it, the characteristic cannot be had either.
+            let coefficients = through_zero(CROSS_TALK_DEGREE, &pairs).unwrap_or_default();
+            CrossTalk { from: seat.sensor.clone(), coefficients }
+        });
+        let cross_talk = cross_talk.collect();
+        let (changing_counts, staying_counts) = self.rest_sd_counts(mounting, own, first.seed, dt_s, common_mode);
+        let per_count: Vec<f64> = pairs.iter().map(|(moment_n_m, _)| 1.0 / characteristic.slope(*moment_n_m)).collect();
+        let per_count_n_m = rms(&per_count).unwrap_or(0.0);
         Ok(Some(SensorFile {
-            name: mounting.sensor.clone(),
-            array: mounting.array.clone(),
+            name: sensor.clone(),
+            array: array.clone(),
             common_mode,
+            cross_talk,
+            noise_sd_n_m: changing_counts * per_count_n_m,
+            offset_sd_n_m: staying_counts * per_count_n_m,
+            gain_sd: gain_sd(&characteristic, &swept),
             characteristic,
-            noise_sd_n_m,
         }))
     }
 
-    fn readings_n_m(&self, played: &Played, sensor: Option<&SensorFile>) -> anyhow::Result<Vec<f64>> {
-        let sensor = sensor.context("a Hall sensor reads counts: it must be calibrated")?;
-        let counts = self.counts(played, sensor.common_mode);
+    /// The cross-talk is taken out by what the others' counts tell of their moments as they are: what in these is cross-talk is a hundredth of a hundredth.
+    fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>> {
+        let together = std::iter::once(played).chain(played.neighbours);
+        let mut rotations_rad = vec![Vec::new(); played.mounting.board.len()];
+        for one in together {
+            rotations_rad[one.seat()] = one.rotations_rad();
+        }
+        let sensor = played.learnt()?;
+        let mut counts = self.counts(played, &rotations_rad, played.seat(), sensor.common_mode);
+        for other in played.neighbours {
+            let Some(talk) = sensor.cross_talk.iter().find(|talk| talk.from == other.mounting.sensor) else { continue };
+            let SensorFile { characteristic, common_mode, .. } = other.learnt()?;
+            let others = self.counts(played, &rotations_rad, other.seat(), *common_mode);
+            for (counts, other) in counts.iter_mut().zip(others) {
+                *counts -= talk.counts(characteristic.moment_n_m(other));
+            }
+        }
         Ok(counts.into_iter().map(|counts| sensor.characteristic.moment_n_m(counts)).collect())
     }
 
@@ -358,7 +483,8 @@ impl Chain for Hall {
     }
 
     fn table_bytes(&self, sensor: &SensorFile) -> anyhow::Result<Vec<Vec<u8>>> {
-        let mounting = Mounting { sensor: sensor.name.clone(), array: sensor.array.clone(), recording: "turn".into() };
+        // What of the neighbours' magnets rests while the board turns is zeroed: the sensor may as well be alone.
+        let mounting = Mounting::single(&sensor.array, &sensor.name).on("turn");
         let board = Board::new(&self.config, &mounting);
         Ok(vec![csv_bytes(&turn::rows(&board, &mounting, sensor))?, csv_bytes(&transfer(&board))?])
     }
@@ -370,10 +496,11 @@ fn transfer(board: &Board) -> Vec<TransferRow> {
     const MOST_DEGREES: i32 = 40;
     let mut rows = Vec::new();
     for amplified in AMPLIFIED {
-        let sensor = board.own.amplified(amplified);
+        let whisker = &board.whiskers[0];
+        let sensor = whisker.sensor.amplified(amplified);
         for half_degrees in -2 * MOST_DEGREES..=2 * MOST_DEGREES {
             let rotation_rad = (0.5 * f64::from(half_degrees)).to_radians();
-            let field_t = board.magnet_t(rotation_rad, 0.0);
+            let field_t = board.magnets_t(&[rotation_rad], &whisker.place);
             let [x_counts, y_counts, z_counts] = [0, 1, 2].map(|axis| sensor.counts(axis, field_t, 0.0, 0.0));
             rows.push(TransferRow { amplified, rotation_rad, x_counts, y_counts, z_counts });
         }

@@ -1,11 +1,11 @@
 use trace::{Recorded, Trace};
 
 use super::*;
-use crate::front_end::{Choice, FrontEnd};
+use crate::front_end::{Choice, FrontEnd, Seat};
 use crate::statistics::quantile;
 
 fn mounting(sensor: &str, array: &str) -> Mounting {
-    Mounting { sensor: sensor.into(), array: array.into(), recording: "test".into() }
+    Mounting::single(array, sensor).on("test")
 }
 
 fn golden(name: &str) -> Trace {
@@ -34,12 +34,16 @@ fn val_counts_are_those_published() {
         let mounting = mounting(&format!("sensor {copy}"), "board");
         let board = Board::new(&config, &mounting);
         // The largest rotation of the standard suite's trials is 21.7 degrees.
-        let counts = |rotation_rad: f64| board.own.counts(Y, board.magnet_t(rotation_rad, 0.0), 0.0, 0.0);
+        let whisker = &board.whiskers[0];
+        let field_t = |rotation_rad: f64| board.magnets_t(&[rotation_rad], &whisker.place);
+        let counts = |rotation_rad: f64| whisker.sensor.counts(Y, field_t(rotation_rad), 0.0, 0.0);
         peaks.push((counts(21.7_f64.to_radians()) - counts(0.0)).abs());
-        let common_mode = common_mode::learn(&board, &mounting, 1, 0.004);
+        let common_mode = common_mode::learn(&board, &mounting, 0, 1, 0.004);
         let mut watch = board.watch(&mounting, 1);
-        let zero = watch.zero_counts(common_mode, 0.004, 0.0);
-        rests.extend(watch.rest(2500, 0.004, 0.0).iter().map(|counts| (counts.compensated(common_mode) - zero).abs()));
+        let zero = hall(config.clone()).zero_counts(&mut watch, 0, common_mode, 0.004, 0.0);
+        rests.extend(
+            watch.rest(0, 2500, 0.004, 0.0).iter().map(|counts| (counts.compensated(common_mode) - zero).abs()),
+        );
     }
     let peak = quantile(&peaks, 0.5).unwrap();
     assert!((1300.0..1420.0).contains(&peak), "peak {peak}");
@@ -90,11 +94,11 @@ fn verif_readings_are_moments_within_the_noise_that_was_learnt() {
     let mut errors_n_m = Vec::new();
     for seed in 1..=20 {
         let played = Played::new(&trace, &mounting, 0.0, seed);
-        let readings = hall.readings_n_m(&played, Some(&sensor)).unwrap();
+        let readings = hall.readings_n_m(&Played { sensor: Some(&sensor), ..played }).unwrap();
         let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m);
         errors_n_m.extend(readings.iter().zip(moments).map(|(reading, moment)| reading - moment));
     }
-    let ratio = rms(&errors_n_m).unwrap() / sensor.noise_sd_n_m;
+    let ratio = rms(&errors_n_m).unwrap() / sensor.noise_sd_n_m.hypot(sensor.offset_sd_n_m);
     assert!((0.9..1.1).contains(&ratio), "error over the noise at rest {ratio}");
 }
 
@@ -103,9 +107,10 @@ fn verif_moment_over_stiffness_stands_for_a_rotation_that_is_not_there() {
     let hall = hall(Config::default());
     let mut trace = golden("golden_pin");
     let mounting = Mounting::alone(&trace.sidecar);
-    let with = hall.counts(&Played::new(&trace, &mounting, 0.0, 1), [0.0; 2]);
+    let counts = |played: Played| hall.counts(&played, &[played.rotations_rad()], 0, [0.0; 2]);
+    let with = counts(Played::new(&trace, &mounting, 0.0, 1));
     trace.recording.instants.iter_mut().for_each(|instant| instant.rotation_z_rad = None);
-    let without = hall.counts(&Played::new(&trace, &mounting, 0.0, 1), [0.0; 2]);
+    let without = counts(Played::new(&trace, &mounting, 0.0, 1));
     // A rotation is written to 1e-10 rad, so that a count may round the other way.
     assert!(with.iter().zip(&without).all(|(a, b)| (a - b).abs() <= 1.0));
 }
@@ -115,7 +120,7 @@ fn verif_whiskers_of_an_array_share_reference_and_temperature() {
     let config = Config::default();
     let [left_1, left_2] = ["left_1", "left_2"].map(|sensor| mounting(sensor, "left"));
     let right = mounting("left_1", "right");
-    let read = |mounting: &Mounting| Board::new(&config, mounting).watch(mounting, 1).rest(200, 0.004, 0.3);
+    let read = |mounting: &Mounting| Board::new(&config, mounting).watch(mounting, 1).rest(0, 200, 0.004, 0.3);
     let reference = |counts: &[Counts]| counts.iter().map(|counts| counts.reference).collect::<Vec<_>>();
     let own = |counts: &[Counts]| counts.iter().map(|counts| counts.own).collect::<Vec<_>>();
     assert_eq!(reference(&read(&left_1)), reference(&read(&left_2)));
@@ -123,12 +128,63 @@ fn verif_whiskers_of_an_array_share_reference_and_temperature() {
     assert_ne!(reference(&read(&left_1)), reference(&read(&right)));
 }
 
+/// Two whiskers on a board, 10 mm apart along it and 8 mm up, the first as in a trace.
+fn beside(trace: &Trace) -> [Mounting; 2] {
+    let seat = |sensor: &str, base| Seat { sensor: sensor.into(), trace: None, base };
+    let (first, second) = (Isometry3::identity(), Isometry3::translation(0.01, 0.0, 0.008));
+    ["one", "other"].map(|sensor| Mounting {
+        board: vec![seat("one", first), seat("other", second)],
+        ..mounting(sensor, "board").on(&trace.sidecar.name)
+    })
+}
+
+#[test]
+fn val_neighbours_add_their_dipoles_and_share_the_reference() {
+    let config = Config::default();
+    let board = Board::new(&config, &beside(&golden("golden_pin"))[0]);
+    let place = board.whiskers[0].place;
+    let alone = |rotation_rad| board.magnet.field_t(rotation_rad, place.coords);
+    let from_second = board.magnet.field_t(0.3, place.coords - Vector3::new(0.01, 0.0, 0.008));
+    assert!((board.magnets_t(&[0.1, 0.3], &place) - alone(0.1) - from_second).norm() < 1e-15);
+    let middle = Vector3::new(0.005 - config.lever_m - config.gap_m, 0.0, 0.004 + config.reference_distance_m);
+    assert!((board.reference_place.coords - middle).norm() < 1e-15);
+}
+
+/// What a neighbour does to readings is taken out to a tenth.
+#[test]
+fn val_cross_talk_is_taken_out() {
+    let quiet = Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() };
+    // Counts so fine that whole ones are no matter.
+    let hall = hall(Config { gain_counts_per_t: 1e3 * quiet.gain_counts_per_t, bits: 32, ..quiet });
+    let trace = golden("golden_pin");
+    let mut still = trace.clone();
+    still
+        .recording
+        .instants
+        .iter_mut()
+        .for_each(|instant| (instant.moment_z_n_m, instant.rotation_z_rad) = (0.0, None));
+    let mountings = beside(&trace);
+    let [one, other] = mountings.each_ref().map(|mounting| calibrated(&hall, mounting).unwrap());
+    let worst_n_m = |sensor: &SensorFile| {
+        let moved = [Played { sensor: Some(&other), ..Played::new(&trace, &mountings[1], 0.0, 1) }];
+        let resting = Played::new(&still, &mountings[0], 0.0, 1);
+        let readings = hall.readings_n_m(&Played { sensor: Some(sensor), neighbours: &moved, ..resting }).unwrap();
+        readings.into_iter().map(f64::abs).fold(0.0, f64::max)
+    };
+    let without = worst_n_m(&SensorFile { cross_talk: Vec::new(), ..one.clone() });
+    let with = worst_n_m(&one);
+    assert!(with < 0.1 * without, "{with} of {without} N m are left");
+}
+
 #[test]
 fn verif_seeds_change_the_noise_and_leave_the_sensor() {
     let hall = hall(Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() });
     let trace = golden("golden_pin");
     let mounting = Mounting::alone(&trace.sidecar);
-    let counts = |hall: &Hall, seed| hall.counts(&Played::new(&trace, &mounting, 0.0, seed), [0.0; 2]);
+    let counts = |hall: &Hall, seed| {
+        let played = Played::new(&trace, &mounting, 0.0, seed);
+        hall.counts(&played, &[played.rotations_rad()], 0, [0.0; 2])
+    };
     assert_eq!(counts(&hall, 1), counts(&hall, 2));
     let noisy = Hall { config: Config::default() };
     assert_eq!(counts(&noisy, 1), counts(&noisy, 1));

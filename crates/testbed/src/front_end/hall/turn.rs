@@ -15,18 +15,18 @@ const TURN_S: f64 = 2.0;
 /// Seed of the noise.
 const SEED: u64 = 1;
 
-/// Counts from zero during the trial, with and without compensation.
+/// Counts from zero during the trial, of the only sensor of a board, with and without compensation.
 pub(super) fn rows(board: &Board, mounting: &Mounting, sensor: &SensorFile) -> Vec<TurnRow> {
     let dt_s = 1.0 / RATE_HZ;
     let mut watch = board.watch(mounting, SEED);
-    let rest = watch.rest(super::samples_in(board.config.zeroing_s, dt_s), dt_s, 0.0);
+    let rest = watch.rest(0, super::samples_in(board.config.zeroing_s, dt_s), dt_s, 0.0);
     let own_zero = mean(rest.iter().map(|counts| counts.own)).unwrap_or(0.0);
     let zero = mean(rest.iter().map(|counts| counts.compensated(sensor.common_mode))).unwrap_or(0.0);
     let samples = ((3.0 * STILL_S + 2.0 * TURN_S) * RATE_HZ) as usize;
     let row = |i: usize| {
         let t_s = i as f64 * dt_s;
         let yaw_rad = yaw_rad(t_s);
-        let counts = watch.read(dt_s, 0.0, yaw_rad);
+        let counts = watch.read(dt_s, &[0.0], yaw_rad)[0];
         TurnRow {
             t_s,
             yaw_rad,

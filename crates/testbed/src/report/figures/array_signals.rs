@@ -32,7 +32,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let mut signals = Vec::new();
     for whisker in &recording.whiskers {
         let rows = data.estimates(&whisker.trace, estimator)?;
-        signals.extend(rows.map(|rows| (plain(&whisker.name), rows)));
+        signals.extend(rows.filter(|rows| !rows.is_empty()).map(|rows| (plain(&whisker.name), rows)));
     }
     if signals.is_empty() {
         return Ok(None);

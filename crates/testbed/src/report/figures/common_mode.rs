@@ -18,8 +18,12 @@ const COMPENSATED: RGBColor = RGBColor(0, 114, 178);
 const FAINT: f64 = 0.28;
 /// Samples of which the means are taken: a fifth of a second.
 const AVERAGED: usize = 50;
-/// Columns, one a sensor.
-const MOST: usize = 3;
+/// Most sensors in a row.
+const COLUMNS: usize = 3;
+/// Height of a row, and of what is between two and about them all.
+const ROW_PX: f64 = 448.0;
+const GAP_PX: f64 = 76.0;
+const MARGINS_PX: f64 = 112.0;
 
 /// The counts of a row.
 type Value = fn(&TurnRow) -> f64;
@@ -27,8 +31,9 @@ type Value = fn(&TurnRow) -> f64;
 /// Lays the figure out.
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let mut turns = Vec::new();
-    for sensor in data.run.front_end.sensors.iter().take(MOST) {
-        turns.extend(data.turn(&sensor.name)?.map(|rows| (sensor.name.clone(), rows)));
+    for sensor in &data.run.front_end.sensors {
+        let rows = data.turn(sensor)?.filter(|rows| !rows.is_empty());
+        turns.extend(rows.map(|rows| (sensor.name.clone(), rows)));
     }
     if turns.is_empty() {
         return Ok(None);
@@ -36,6 +41,9 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let rows = || turns.iter().flat_map(|(_, rows)| rows);
     let counts = Axis::around("counts", rows().flat_map(|row| [row.counts, row.compensated_counts]));
     let yaw = Axis::around("yaw (°)", rows().map(|row| row.yaw_rad.to_degrees()));
+    let columns = turns.len().min(COLUMNS);
+    let lines = turns.len().div_ceil(columns);
+    let height_px = MARGINS_PX + lines as f64 * (ROW_PX + GAP_PX) - GAP_PX;
     let paint = move |canvas: &Canvas| {
         let entries = [
             LegendEntry::line("uncompensated", UNCOMPENSATED, CURVE_PX),
@@ -43,9 +51,10 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
         ];
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
-        for (place, ((sensor, rows), frame)) in turns.iter().zip(plot.columns(&equal(turns.len()), 26.0)).enumerate() {
+        let frames = plot.rows(&equal(lines), GAP_PX).into_iter().flat_map(|line| line.columns(&equal(columns), 26.0));
+        for (place, ((sensor, rows), frame)) in turns.iter().zip(frames).enumerate() {
             let frames = frame.rows(&[1.0, 0.35], 36.0);
-            let axis = |axis: &Axis| if place == 0 { axis.clone() } else { axis.clone().bare() };
+            let axis = |axis: &Axis| if place % columns == 0 { axis.clone() } else { axis.clone().bare() };
             let time = Axis::linear("time (s)", 0.0, rows[rows.len() - 1].t_s);
             let shifts = [|row: &TurnRow| row.counts, |row: &TurnRow| row.compensated_counts]
                 .map(|value: Value| shift_counts(rows, value).map_or("unknown".into(), two_digits));
@@ -65,7 +74,7 @@ pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 560, paint: Box::new(paint) }))
+    Ok(Some(Picture { width_px: 1200, height_px: height_px as u32, paint: Box::new(paint) }))
 }
 
 /// Means over short times, each in the middle of its own.

@@ -128,9 +128,9 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "encoder_noise",
         title: "Imperfect proprioception",
-        caption: "Errors against the noise of the arm's joint encoders. The estimators believe what the encoders say, and are not told how well these know. Left, contact error in \
-                  steady state, median over whiskers and noise seeds; right, the contact points of all whiskers from the nearest true outline, mean. Both in World, where the base is \
-                  where the encoders put it. Dashed: perfect encoders.",
+        caption: "Errors against the error of the arm's joint encoders, of which estimators know the data sheet. Left, contact error in steady state: the median over the whiskers and \
+                  noise seeds of a set, and the mean of that over the sets; right, the contact points of all whiskers from the nearest true outline, mean over the maps. Both in World, \
+                  where the base is where the encoders put it. Dashed: perfect encoders. A hollow marker on the upper edge: too often silent for an error there.",
         draw: encoder_noise::draw,
     },
     Figure {
@@ -162,13 +162,18 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "transfer",
         title: "From the root to counts",
-        caption: "Counts of one sensor over the rotation of the whisker's root, without noise and without the earth's field. Left, its three                   axes: the magnet turns and swings over the sensor, so that no axis is straight. Right, the axis that is read, behind                   amplifiers of several gains: its counts end where their bits do.",
+        caption: "Counts of one sensor over the rotation of the whisker's root, without noise and without the earth's \
+                  field. Left, its three axes: the magnet turns and swings over the sensor, so that no axis is straight. \
+                  Right, the axis that is read, behind amplifiers of several gains: its counts end where their bits do.",
         draw: transfer::draw,
     },
     Figure {
         name: "common_mode",
         title: "The earth's field, and what is left of it",
-        caption: "Counts of resting sensors that are turned by half a circle and back, from zero: each (pale), and means of a fifth of a second.                   Orange, as read: the earth's field turns in the sensor's axes. Blue, with the common mode taken out, as it was learnt from the                   reference sensor at other headings before; of both sensors' noise that leaves the sum.",
+        caption: "Counts of resting sensors that are turned by half a circle and back, from zero: each (pale), and means of \
+                  a fifth of a second. Orange, as read: the earth's field turns in the sensor's axes. Blue, with the common \
+                  mode taken out, as it was learnt from the reference sensor at other headings before; of both sensors' \
+                  noise that leaves the sum.",
         draw: common_mode::draw,
     },
 ];

@@ -25,15 +25,15 @@ type Value = fn(&TransferRow) -> f64;
 /// Lays the figure out.
 pub(super) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let Some(sensor) = data.run.front_end.sensors.first() else { return Ok(None) };
-    let Some(rows) = data.transfer(&sensor.name)? else { return Ok(None) };
+    let Some(rows) = data.transfer(sensor)? else { return Ok(None) };
     let sensor = sensor.name.clone();
     // The table is in the order of the gains.
     let gains: Vec<Vec<TransferRow>> = rows.chunk_by(|a, b| a.amplified == b.amplified).map(<[_]>::to_vec).collect();
+    let Some(own) = gains.first().cloned() else { return Ok(None) };
     let paint = move |canvas: &Canvas| {
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
         let frames = plot.columns(&[1.0, 1.0], 70.0);
         let rotation = Axis::around("rotation of the root (°)", rows.iter().map(degrees));
-        let own = &gains[0];
         let entries = AXES.map(|(name, color, _)| LegendEntry::line(name, color, CURVE_PX));
         legend(canvas, (60.0, 18.0), &entries)?;
         let counts = Axis::around("counts", own.iter().flat_map(|row| AXES.map(|(.., value)| value(row))));

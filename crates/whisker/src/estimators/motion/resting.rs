@@ -62,12 +62,16 @@ impl Process<2> for Rest<'_> {
     }
 
     fn jacobian(&self, x: &Vector2<f64>) -> Matrix2<f64> {
+        self.linearised(x).1
+    }
+
+    fn linearised(&self, x: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
         let face = &self.side.face;
         let moved = self.predict(x);
         let before = face.contact_jacobian(x[0], x[1]);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let after = face.contact_jacobian(moved[0], moved[1]).try_inverse().unwrap_or_default();
-        after * self.motion.rotation() * before
+        (moved, after * self.motion.rotation() * before, self.noise(x))
     }
 
     fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {

@@ -38,6 +38,9 @@ pub(in crate::estimators) struct Round {
     pub wander_m_sqrt_s: f64,
     /// Way over which the sensor model's error becomes another.
     pub error_length_m: f64,
+    /// Radius of the calibration's pin and wire, where that is known.
+    #[serde(skip)]
+    pin_radius_m: f64,
 }
 
 impl Default for Round {
@@ -49,6 +52,7 @@ impl Default for Round {
             radius_wander_m_sqrt_s: 1e-6,
             wander_m_sqrt_s: 3e-6,
             error_length_m: 1e-2,
+            pin_radius_m: 0.0,
         }
     }
 }
@@ -66,10 +70,15 @@ impl Round {
         }
     }
 
-    /// The same with the radius of a calibration's pin and wire, where that is known: from it what is touched differs by about its half.
+    /// The same beyond a calibration's pin and wire.
     pub(in crate::estimators) fn beyond_pin(self, face: &CalibratedFace) -> Self {
-        let radius_sd_m = self.radius_sd_m.hypot(PIN_SHARE_SD * face.pin_radius_m);
-        Self { radius_m: self.radius_m + face.pin_radius_m, radius_sd_m, ..self }
+        Self { pin_radius_m: face.pin_radius_m, ..self }
+    }
+
+    /// What is believed of the radius of object and wire before anything is known, as mean and standard deviation: what the settings say beyond the
+    /// calibration's pin, from which what is touched differs by about its half.
+    pub(in crate::estimators) fn expected_radius_m(&self) -> (f64, f64) {
+        (self.radius_m + self.pin_radius_m, self.radius_sd_m.hypot(PIN_SHARE_SD * self.pin_radius_m))
     }
 
     pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
@@ -86,7 +95,7 @@ impl Round {
 /// Standard deviation of a thin thing's radius, over that of the calibration's pin: it may be a corner, or thicker than the pin.
 const PIN_SHARE_SD: f64 = 0.5;
 
-/// Prior standard deviation of a radius up to which it counts as settled: a thin thing's.
+/// Standard deviation in the settings up to which a radius counts as settled: a thin thing's.
 const SETTLED_SD_M: f64 = 5e-4;
 
 /// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
@@ -116,9 +125,10 @@ impl Motion<4> for Round {
     type Step<'a> = Wandering<'a>;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<4> {
-        let mut covariance = Matrix4::from_diagonal(&vector![0.0, 0.0, self.radius_sd_m.powi(2), 1.0]);
+        let (radius_m, radius_sd_m) = self.expected_radius_m();
+        let mut covariance = Matrix4::from_diagonal(&vector![0.0, 0.0, radius_sd_m.powi(2), 1.0]);
         covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.covariance);
-        Gaussian::new(vector![place.mean[0], place.mean[1], self.radius_m, 0.0], covariance)
+        Gaussian::new(vector![place.mean[0], place.mean[1], radius_m, 0.0], covariance)
     }
 
     /// Equal stretches from nothing to twice the standard deviation beyond the mean.
@@ -126,12 +136,13 @@ impl Motion<4> for Round {
         if self.radius_parts == 1 {
             return vec![(self.belief(place), 0.0)];
         }
-        let stretch_m = (self.radius_m + 2.0 * self.radius_sd_m) / self.radius_parts as f64;
+        let (radius_m, radius_sd_m) = self.expected_radius_m();
+        let stretch_m = (radius_m + 2.0 * radius_sd_m) / self.radius_parts as f64;
         let parts = (0..self.radius_parts).map(|i| {
             let mut part = self.belief(place);
             part.mean[2] = (i as f64 + 0.5) * stretch_m;
             part.covariance[(2, 2)] = (0.5 * stretch_m).powi(2);
-            (part, -0.5 * ((part.mean[2] - self.radius_m) / self.radius_sd_m).powi(2))
+            (part, -0.5 * ((part.mean[2] - radius_m) / radius_sd_m).powi(2))
         });
         parts.collect()
     }
@@ -175,13 +186,13 @@ impl Wandering<'_> {
         // The inward normal turns against the tangent.
         let turning = (ahead * face.face.away_sign() * radius_m)
             * (vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose();
-        let of_contact = face.contact_jacobian(arc_m, away_m);
+        let (contact, of_contact) = face.contact_with_jacobian(arc_m, away_m);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let to_place = of_contact.try_inverse().unwrap_or_default();
         let bent = to_place * turning;
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
         Tangency {
-            middle_m: face.contact_at(arc_m, away_m).vector() + inward * radius_m,
+            middle_m: contact.vector() + inward * radius_m,
             inward,
             // Sherman and Morrison's formula: the second part is of rank one.
             inverse: to_place - bent * to_place / play,
@@ -208,10 +219,23 @@ impl Wandering<'_> {
         (place, before, after)
     }
 
+    /// The noise of a step that keeps so much of the sensor model's error.
+    fn noise_that_keeps(&self, kept: f64) -> Matrix4<f64> {
+        let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
+        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
+    }
+
+    /// Way of the contact in Base by the base's motion. The noise of both measured poses between which that lies, which would make a way out of standing still,
+    /// is taken out of its square.
+    fn way_m(&self, x: &Vector4<f64>) -> f64 {
+        let before = self.side.face.contact_at(x[0], x[1]);
+        let noise_m2 = 2.0 * self.side.base_noise.of_point_m2(before).trace();
+        (self.motion.apply(before).distance(&before).powi(2) - noise_m2).max(0.0).sqrt()
+    }
+
     /// What is left of the sensor model's error after the step.
     fn kept(&self, x: &Vector4<f64>) -> f64 {
-        let before = self.side.face.contact_at(x[0], x[1]);
-        (-self.motion.apply(before).distance(&before) / self.error_length_m).exp()
+        (-self.way_m(x) / self.error_length_m).exp()
     }
 }
 
@@ -222,26 +246,35 @@ impl Process<4> for Wandering<'_> {
     }
 
     fn jacobian(&self, x: &Vector4<f64>) -> Matrix4<f64> {
-        let (_, before, after) = self.moved(x);
-        let turned = self.motion.rotation();
-        let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, self.kept(x)]);
-        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&(after.inverse * turned * before.by_place));
-        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&(after.inverse * (turned * before.inward - after.inward)));
-        jacobian
+        self.linearised(x).1
     }
 
     fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
+        self.noise_that_keeps(self.kept(x))
+    }
+
+    /// The move is solved for once.
+    fn linearised(&self, x: &Vector4<f64>) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>) {
+        let (place, before, after) = self.moved(x);
         let kept = self.kept(x);
-        let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
-        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
+        let turned = self.motion.rotation();
+        let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, kept]);
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&(after.inverse * turned * before.by_place));
+        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&(after.inverse * (turned * before.inward - after.inward)));
+        (vector![place[0], place[1], x[2], x[3] * kept], jacobian, self.noise_that_keeps(kept))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use nalgebra::Matrix3;
+
     use super::*;
     use crate::elastica::{Circle, Elastica};
     use crate::estimators::testing::knowledge;
+    use crate::estimators::{BaseNoise, Knowledge};
     use crate::frames::World;
     use crate::sensor::Face;
 
@@ -293,6 +326,29 @@ mod tests {
         belief.mean[2] = -1e-3;
         let radius = side.estimate(&motion, &belief, None).radius.unwrap();
         assert!(radius.radius_m == 0.0 && radius.sd_m == motion.radius_sd_m, "{radius:?}");
+    }
+
+    #[test]
+    fn verif_a_thin_thing_has_no_radius_to_tell_however_thick_the_pin_was() {
+        let mut knowledge = knowledge();
+        let thick = Arc::get_mut(&mut knowledge.faces[0]).unwrap();
+        thick.pin_radius_m = 5e-3;
+        let thin = Round::default().beyond_pin(thick);
+        assert!(Motion::radius(&thin).is_none() && thin.expected_radius_m().1 > SETTLED_SD_M);
+        let round = Round::of_any_size().beyond_pin(thick);
+        assert_eq!((Motion::radius(&round), round.expected_radius_m().0), (Some(2), 15e-3));
+    }
+
+    #[test]
+    fn verif_noise_of_the_base_is_no_way() {
+        let knowledge = Knowledge { base_noise: BaseNoise(Matrix3::from_diagonal_element(1e-8)), ..knowledge() };
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let way_m = |motion| {
+            let step = Round::default().step(&side, &Sample { motion, dt_s: 0.004, reading_n_m: 0.0 });
+            step.way_m(&vector![0.055, 3e-3, 2e-3, 0.7])
+        };
+        assert_eq!(way_m(Pose::new(1e-4, 1e-4, 0.0)), 0.0);
+        assert!((way_m(Pose::new(0.0, 1e-2, 0.0)) - 1e-2).abs() < 1e-5);
     }
 
     #[test]

@@ -1,0 +1,133 @@
+//! What finished items leave behind, each in a file of its own, until the run is put together.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use serde::{Deserialize, Serialize};
+use trace::{AtomicFile, sha256};
+
+use super::tables::OverTime;
+use crate::results::{ContourTrialRow, FailureRow, MapObjectRow, MapRow, TrialRow};
+
+/// Folder of the shards in that of the run.
+const FOLDER: &str = "shards";
+
+/// What an item yields: one a trial, in the order of the scene's traces, and of each by seed.
+pub(super) type Shard = Vec<Yield>;
+
+/// What a trial yields under one seed.
+#[derive(Default, Serialize, Deserialize)]
+pub(super) struct Yield {
+    /// One an entrant, where the trial can be scored.
+    pub(super) outcomes: Vec<Outcome>,
+    /// One an entrant, where the object has an outline.
+    pub(super) contours: Vec<ContourTrialRow>,
+    /// What went wrong.
+    pub(super) failures: Vec<FailureRow>,
+    /// Maps of the scene under that seed, with its first trace.
+    pub(super) maps: Vec<MapRow>,
+    /// Objects of these maps.
+    pub(super) map_objects: Vec<MapObjectRow>,
+}
+
+/// What one trial yields for one estimator.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Outcome {
+    pub(super) row: TrialRow,
+    /// Mean probabilities of the models that the estimator weighs, over the contact.
+    pub(super) models: Vec<(String, f64)>,
+    pub(super) over_time: OverTime,
+    pub(super) elapsed_ns: u64,
+    pub(super) steps: usize,
+}
+
+/// The folder of the shards. A shard begins with the hash of the rest, so that one which was cut short or damaged is not taken for finished work.
+pub(super) struct Shards(PathBuf);
+
+impl Shards {
+    /// Those in the folder of a run.
+    pub(super) fn in_run(folder: &Path) -> Self {
+        Self(folder.join(FOLDER))
+    }
+
+    fn path(&self, item: usize) -> PathBuf {
+        self.0.join(item.to_string())
+    }
+
+    /// Whether an item is finished.
+    pub(super) fn has(&self, item: usize) -> bool {
+        fs::read(self.path(item)).is_ok_and(|bytes| whole(&bytes).is_some())
+    }
+
+    /// Keeps what an item yields.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub(super) fn write(&self, item: usize, shard: &Shard) -> anyhow::Result<()> {
+        let path = self.path(item);
+        let body = postcard::to_stdvec(shard).with_context(|| path.display().to_string())?;
+        let mut file = AtomicFile::create(&path)?;
+        let written = file.write_all(sha256(&body).as_bytes()).and_then(|()| file.write_all(&body));
+        written.with_context(|| path.display().to_string())?;
+        Ok(file.finish_fast()?)
+    }
+
+    /// What an item yielded.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is damaged.
+    pub(super) fn read(&self, item: usize) -> anyhow::Result<Shard> {
+        let path = self.path(item);
+        let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
+        let Some(body) = whole(&bytes) else { bail!("{}: damaged; evaluate again", path.display()) };
+        postcard::from_bytes(body).with_context(|| path.display().to_string())
+    }
+
+    /// Clears them away.
+    ///
+    /// # Errors
+    /// If that cannot be done.
+    pub(super) fn remove(folder: &Path) -> anyhow::Result<()> {
+        let folder = folder.join(FOLDER);
+        if folder.exists() {
+            fs::remove_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        }
+        Ok(())
+    }
+}
+
+/// What stands behind the hash, where that is right.
+fn whole(bytes: &[u8]) -> Option<&[u8]> {
+    const HASH: usize = 64;
+    let (hash, body) = bytes.split_at_checked(HASH)?;
+    (sha256(body).as_bytes() == hash).then_some(body)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_a_damaged_shard_is_no_finished_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let shards = Shards::in_run(folder.path());
+        assert!(!shards.has(3));
+        let failure = FailureRow { trace: "pin".into(), estimator: None, noise: 0.01, seed: 7, reason: "torn".into() };
+        let done = Yield { failures: vec![failure.clone()], ..Yield::default() };
+        shards.write(3, &vec![done]).unwrap();
+        assert!(shards.has(3));
+        assert_eq!(shards.read(3).unwrap()[0].failures, [failure]);
+        let path = folder.path().join("shards/3");
+        let bytes = fs::read(&path).unwrap();
+        for length in [0, 10, 64, bytes.len() - 1] {
+            fs::write(&path, &bytes[..length]).unwrap();
+            assert!(!shards.has(3), "cut to {length} bytes");
+        }
+        let mut flipped = bytes.clone();
+        flipped[70] ^= 1;
+        fs::write(&path, flipped).unwrap();
+        assert!(!shards.has(3) && shards.read(3).is_err());
+    }
+}

@@ -1,0 +1,342 @@
+//! Reading the rows of a trace, one by one: the file is never whole in memory, however long it is.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use memchr::{memchr, memchr_iter};
+use sha2::{Digest as _, Sha256};
+use whisker::frames::{Point, Pose, Twist, World};
+
+use crate::files::hexadecimal;
+use crate::table::{COLUMNS, Instant, TruthInstant};
+use crate::{Error, Sidecar};
+
+/// Columns of a row.
+const CELLS: usize = COLUMNS.len();
+
+/// Bytes that are read at once. It holds [`MOST_LINE_BYTES`] and more.
+const CHUNK_BYTES: usize = 1 << 18;
+
+/// No row is longer, by far.
+const MOST_LINE_BYTES: usize = 1 << 14;
+
+/// The rows of a trace in the order of time: what the robot knows and what only the simulator knows. Each is checked as it is read; after the last one the
+/// whole is checked against the sidecar, so that a trace is sound only if no row up to the end is an error. After an error there is nothing more.
+#[derive(Debug)]
+pub struct TraceRows {
+    path: PathBuf,
+    lines: Lines,
+    /// What the sidecar says of the table.
+    expected_rows: usize,
+    expected_sha256: String,
+    rows: usize,
+    last_s: Option<f64>,
+    is_over: bool,
+}
+
+impl TraceRows {
+    /// Opens the trace whose CSV or sidecar this is.
+    ///
+    /// # Errors
+    /// [`Error`] names file and place: the sidecar or the header is wrong, or the table cannot be read.
+    pub fn open(path: &Path) -> Result<(Sidecar, Self), Error> {
+        let sidecar = Sidecar::read(path)?;
+        let rows = Self::of(&sidecar, path)?;
+        Ok((sidecar, rows))
+    }
+
+    /// The rows of the trace with this sidecar, whose CSV or sidecar `path` is.
+    ///
+    /// # Errors
+    /// [`Error`] names file and place: the header is wrong, or the table cannot be read.
+    pub fn of(sidecar: &Sidecar, path: &Path) -> Result<Self, Error> {
+        let path = path.with_extension("csv");
+        let mut lines = Lines::open(&path)?;
+        let header = lines.next(&path)?;
+        check_header(&path, header.map(|(start, end)| &lines.buffer[start..end]))?;
+        Ok(Self {
+            path,
+            lines,
+            expected_rows: sidecar.rows,
+            expected_sha256: sidecar.csv_sha256.clone(),
+            rows: 0,
+            last_s: None,
+            is_over: false,
+        })
+    }
+
+    /// Most rows that the file can have, by its length.
+    pub(crate) fn most_rows(&self) -> usize {
+        usize::try_from(self.lines.bytes).unwrap_or(usize::MAX) / CELLS
+    }
+
+    fn read(&mut self) -> Result<Option<(Instant, TruthInstant)>, Error> {
+        let Some((start, end)) = self.lines.next(&self.path)? else {
+            self.check_whole()?;
+            return Ok(None);
+        };
+        let line = Line::split(&self.path, self.lines.number, &self.lines.buffer[start..end])?;
+        let row = line.row(self.last_s)?;
+        self.last_s = Some(row.0.t_s);
+        self.rows += 1;
+        Ok(Some(row))
+    }
+
+    fn check_whole(&mut self) -> Result<(), Error> {
+        let at_end = |found: String, expected: String| Error::Table {
+            path: self.path.clone(),
+            line: self.rows as u64 + 2,
+            place: "row".into(),
+            found,
+            expected,
+        };
+        if self.rows == 0 {
+            return Err(at_end("the end of the file".into(), "at least one row".into()));
+        }
+        if self.rows != self.expected_rows {
+            let expected = format!("{} rows, as its sidecar says", self.expected_rows);
+            return Err(at_end(format!("the end after {} rows", self.rows), expected));
+        }
+        let found = hexadecimal(&std::mem::take(&mut self.lines.digest).finalize());
+        if found != self.expected_sha256 {
+            let expected = format!("{}, as its sidecar says", self.expected_sha256);
+            return Err(Error::value(&self.path, "sha256", found, expected));
+        }
+        Ok(())
+    }
+}
+
+impl Iterator for TraceRows {
+    type Item = Result<(Instant, TruthInstant), Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.is_over {
+            return None;
+        }
+        let row = self.read().transpose();
+        self.is_over = !matches!(row, Some(Ok(_)));
+        row
+    }
+}
+
+/// The lines of a file, of which one chunk is held, and the hash of all that was read.
+#[derive(Debug)]
+struct Lines {
+    file: File,
+    /// Length of the file.
+    bytes: u64,
+    digest: Sha256,
+    buffer: Vec<u8>,
+    /// What of the buffer is still to be given out.
+    start: usize,
+    end: usize,
+    /// Number of the last line, from 1.
+    number: u64,
+}
+
+impl Lines {
+    fn open(path: &Path) -> Result<Self, Error> {
+        let file = File::open(path).map_err(Error::io(path))?;
+        let bytes = file.metadata().map_err(Error::io(path))?.len();
+        Ok(Self { file, bytes, digest: Sha256::new(), buffer: vec![0; CHUNK_BYTES], start: 0, end: 0, number: 0 })
+    }
+
+    /// Where in the buffer the next line lies that is not empty, without its end; nothing after the last.
+    fn next(&mut self, path: &Path) -> Result<Option<(usize, usize)>, Error> {
+        loop {
+            let found = memchr(b'\n', &self.buffer[self.start..self.end]);
+            let is_enough = found.is_some() || self.end - self.start > MOST_LINE_BYTES;
+            if !is_enough && self.fill(path)? {
+                continue;
+            }
+            if found.is_none() && self.start == self.end {
+                return Ok(None);
+            }
+            let start = self.start;
+            let mut end = found.map_or(self.end, |length| start + length);
+            self.start = if found.is_some() { end + 1 } else { end };
+            self.number += 1;
+            if end - start > MOST_LINE_BYTES {
+                return Err(Error::Table {
+                    path: path.into(),
+                    line: self.number,
+                    place: "row".into(),
+                    found: format!("more than {MOST_LINE_BYTES} bytes"),
+                    expected: format!("{CELLS} fields"),
+                });
+            }
+            if end > start && self.buffer[end - 1] == b'\r' {
+                end -= 1;
+            }
+            if end > start {
+                return Ok(Some((start, end)));
+            }
+        }
+    }
+
+    /// Reads more behind what is left; whether there was any.
+    fn fill(&mut self, path: &Path) -> Result<bool, Error> {
+        self.buffer.copy_within(self.start..self.end, 0);
+        (self.start, self.end) = (0, self.end - self.start);
+        let count = loop {
+            match self.file.read(&mut self.buffer[self.end..]) {
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                read => break read.map_err(Error::io(path))?,
+            }
+        };
+        self.digest.update(&self.buffer[self.end..self.end + count]);
+        self.end += count;
+        Ok(count > 0)
+    }
+}
+
+/// Checks that the first line names the columns.
+fn check_header(path: &Path, line: Option<&[u8]>) -> Result<(), Error> {
+    let names = COLUMNS.map(|(name, _)| name);
+    let wrong = |place: String, found: String, expected: String| Error::Table {
+        path: path.into(),
+        line: 1,
+        place,
+        found,
+        expected,
+    };
+    let Some(line) = line else { return Err(wrong("header".into(), "an empty file".into(), names.join(","))) };
+    let cells: Vec<&[u8]> = line.split(|byte| *byte == b',').collect();
+    for i in 0..cells.len().max(CELLS) {
+        let found =
+            cells.get(i).map_or("no more columns".into(), |cell| format!("`{}`", String::from_utf8_lossy(cell)));
+        let expected = names.get(i).map_or("no more columns".into(), |name| format!("`{name}`"));
+        if found != expected {
+            return Err(wrong(format!("header, column {}", i + 1), found, expected));
+        }
+    }
+    Ok(())
+}
+
+/// A line of the table, cut at its commas.
+struct Line<'a> {
+    path: &'a Path,
+    number: u64,
+    text: &'a [u8],
+    /// Where each cell ends.
+    ends: [usize; CELLS],
+}
+
+impl<'a> Line<'a> {
+    #[inline]
+    fn split(path: &'a Path, number: u64, text: &'a [u8]) -> Result<Self, Error> {
+        let mut ends = [text.len(); CELLS];
+        let mut commas = 0;
+        for place in memchr_iter(b',', text) {
+            if let Some(end) = ends.get_mut(commas) {
+                *end = place;
+            }
+            commas += 1;
+        }
+        if commas + 1 != CELLS {
+            return Err(Error::Table {
+                path: path.into(),
+                line: number,
+                place: "row".into(),
+                found: format!("{} fields", commas + 1),
+                expected: format!("{CELLS} fields"),
+            });
+        }
+        Ok(Self { path, number, text, ends })
+    }
+
+    #[inline]
+    fn cell(&self, i: usize) -> &'a [u8] {
+        let start = if i == 0 { 0 } else { self.ends[i - 1] + 1 };
+        &self.text[start..self.ends[i]]
+    }
+
+    #[inline]
+    fn optional(&self, i: usize) -> Result<Option<f64>, Error> {
+        let cell = self.cell(i);
+        if cell.is_empty() {
+            return Ok(None);
+        }
+        match fast_float2::parse::<f64, _>(cell) {
+            Ok(value) if value.is_finite() => Ok(Some(value)),
+            _ => Err(self.wrong(i, "a finite number")),
+        }
+    }
+
+    #[inline]
+    fn required(&self, i: usize) -> Result<f64, Error> {
+        self.optional(i)?.ok_or_else(|| self.wrong(i, "a number"))
+    }
+
+    #[inline]
+    fn flag(&self, i: usize) -> Result<Option<bool>, Error> {
+        match self.optional(i)? {
+            None => Ok(None),
+            Some(0.0) => Ok(Some(false)),
+            Some(1.0) => Ok(Some(true)),
+            Some(_) => Err(self.wrong(i, "0, 1 or an empty field")),
+        }
+    }
+
+    #[inline]
+    fn point(&self, i: usize) -> Result<Option<Point<World>>, Error> {
+        match (self.optional(i)?, self.optional(i + 1)?) {
+            (Some(x), Some(y)) => Ok(Some(Point::new(x, y))),
+            (None, None) => Ok(None),
+            _ => Err(self.wrong(i, "both coordinates or neither")),
+        }
+    }
+
+    /// The row, which comes after the time `last_s`.
+    #[inline]
+    fn row(&self, last_s: Option<f64>) -> Result<(Instant, TruthInstant), Error> {
+        let t_s = self.required(0)?;
+        if let Some(last_s) = last_s
+            && t_s <= last_s
+        {
+            return Err(self.wrong(0, &format!("a time after {last_s} (rows in order of time)")));
+        }
+        let twist = match (self.optional(4)?, self.optional(5)?, self.optional(6)?) {
+            (Some(vx_m_s), Some(vy_m_s), Some(wz_rad_s)) => Some(Twist { vx_m_s, vy_m_s, wz_rad_s }),
+            (None, None, None) => None,
+            _ => return Err(self.wrong(4, "all of the twist or none of it")),
+        };
+        let known = Instant {
+            t_s,
+            base: Pose::new(self.required(1)?, self.required(2)?, self.required(3)?),
+            twist,
+            moment_z_n_m: self.required(7)?,
+            rotation_z_rad: self.optional(8)?,
+        };
+        let touching = self.flag(9)?;
+        if touching == Some(false)
+            && let Some(i) = (10..CELLS).find(|&i| !self.cell(i).is_empty())
+        {
+            return Err(self.wrong(i, "an empty field while truth_touching is 0"));
+        }
+        let truth = TruthInstant {
+            touching,
+            tip: self.flag(10)?,
+            split: self.flag(11)?,
+            contact: self.point(12)?,
+            surface: self.point(14)?,
+            arc_m: self.optional(16)?,
+            force_n: self.optional(17)?,
+            tangent_rad: self.optional(18)?,
+        };
+        Ok((known, truth))
+    }
+
+    #[cold]
+    fn wrong(&self, i: usize, expected: &str) -> Error {
+        let cell = String::from_utf8_lossy(self.cell(i));
+        Error::Table {
+            path: self.path.into(),
+            line: self.number,
+            place: format!("column {}", COLUMNS[i].0),
+            found: if cell.is_empty() { "an empty field".into() } else { format!("`{cell}`") },
+            expected: expected.into(),
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Reading and writing row by row.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use trace::{Error, Trace, TraceRows, TraceWriter};
+
+fn golden() -> Trace {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.csv");
+    Trace::read(&path).unwrap()
+}
+
+/// A golden trace so many times over, with the clock going on.
+fn repeated(folder: &Path, times: usize) -> PathBuf {
+    let Trace { sidecar, recording, truth } = golden();
+    let period_s = recording.instants.len() as f64 / sidecar.rate_hz;
+    let mut writer = TraceWriter::create(folder, sidecar).unwrap();
+    for round in 0..times {
+        for (known, truth) in recording.instants.iter().zip(&truth.instants) {
+            let mut known = *known;
+            known.t_s += round as f64 * period_s;
+            writer.push(&known, truth).unwrap();
+        }
+    }
+    writer.finish().unwrap()
+}
+
+/// What the rows end with.
+fn error(path: &Path) -> String {
+    let (_, rows) = TraceRows::open(path).unwrap();
+    rows.filter_map(Result::err).map(|error: Error| error.to_string()).collect()
+}
+
+#[test]
+fn verif_written_row_by_row_it_has_the_same_bytes() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let once = repeated(folders[0].path(), 1);
+    let whole = golden().write(folders[1].path()).unwrap();
+    for extension in ["csv", "json"] {
+        let read = |path: &Path| fs::read(path.with_extension(extension)).unwrap();
+        assert!(read(&once) == read(&whole), "{extension}");
+    }
+}
+
+#[test]
+fn verif_rows_are_those_of_the_whole_trace() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = repeated(folder.path(), 3);
+    let (_, rows) = TraceRows::open(&path).unwrap();
+    let (known, truth): (Vec<_>, Vec<_>) = rows.map(Result::unwrap).unzip();
+    let whole = Trace::read(&path).unwrap();
+    assert_eq!((known, truth), (whole.recording.instants, whole.truth.instants));
+}
+
+#[test]
+fn verif_memory_does_not_grow_with_the_length() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let most_bytes = |path: PathBuf| {
+        allocation_counter::measure(|| {
+            let (_, rows) = TraceRows::open(&path).unwrap();
+            assert!(rows.map(|row| row.unwrap().0.t_s).sum::<f64>() > 0.0);
+        })
+        .bytes_max
+    };
+    let (short, long) = (most_bytes(repeated(folders[0].path(), 2)), most_bytes(repeated(folders[1].path(), 100)));
+    assert_eq!(short, long);
+}
+
+#[test]
+fn robust_a_damaged_trace_ends_in_one_error_that_names_the_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = repeated(folder.path(), 2);
+    let text = fs::read_to_string(&path).unwrap();
+    let rows: Vec<&str> = text.lines().collect();
+    let with = |line: usize, row: &str| {
+        let mut rows = rows.clone();
+        rows[line - 1] = row;
+        rows.join("\n") + "\n"
+    };
+    let endless = "1".repeat(1 << 20);
+    let (cell, cells) = (rows[39].replacen(',', ",1e999", 1), rows[39].replacen(',', "", 1));
+    for (damaged, expected) in [
+        (with(40, &cell), ".csv:40: column base_x_m: found `1e999"),
+        (with(40, &cells), ".csv:40: row: found 18 fields, expected 19 fields"),
+        (with(40, rows[38]), ".csv:40: column t_s: found"),
+        (with(40, &endless), ".csv:40: row: found more than 16384 bytes"),
+        (with(40, "\"1\""), ".csv:40: row: found 1 fields"),
+        (text[..text.len() / 2].to_owned(), ".csv:"),
+        (with(40, &rows[39].replacen("0.0", "0.1", 1)), "sha256: found"),
+        (rows[..100].join("\n") + "\n", ".csv:101: row: found the end after 99 rows, expected 602 rows"),
+    ] {
+        fs::write(&path, damaged).unwrap();
+        let found = error(&path);
+        assert!(found.contains(expected) && found.lines().count() == 1, "{expected}: {found}");
+    }
+    for (header, expected) in
+        [("", "an empty file"), ("t_s,base_y_m\n", "header, column 2"), (&endless, "more than 16384 bytes")]
+    {
+        fs::write(&path, header).unwrap();
+        let found = TraceRows::open(&path).unwrap_err().to_string();
+        assert!(found.contains(":1: ") && found.contains(expected), "{expected}: {found}");
+    }
+}
+
+/// What a spreadsheet on another system makes of the ends of lines changes no number, but it does change the bytes, and the sidecar tells.
+#[test]
+fn robust_other_line_ends_are_read_and_then_refused_by_the_hash() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = repeated(folder.path(), 1);
+    let text = fs::read_to_string(&path).unwrap().replace('\n', "\r\n");
+    fs::write(&path, text).unwrap();
+    assert!(error(&path).contains("sha256"), "{}", error(&path));
+}

@@ -1,0 +1,69 @@
+//! Robots that know their base with noise only: each pose is off by an error of its own.
+
+mod world;
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+use whisker::estimators::{self, BaseNoise, Knowledge, Sample};
+use whisker::frames::{Base, Pose, World};
+
+use world::{RATE_HZ, base, contact, estimator, knowledge, samples};
+
+const NOISE_N_M: f64 = 1e-7;
+
+/// Standard deviations of x, y and yaw, as encoders with 1e-4 rad give them.
+const BASE_SD: [f64; 3] = [8e-5, 5e-5, 2e-4];
+
+const ESTIMATORS: [&str; 6] = ["ekf", "ukf", "sliding", "imm", "outline", "recommended"];
+
+/// Samples whose motion is that between noisy poses, with the noisy poses themselves.
+fn shaken(knowledge: &Knowledge, duration_s: f64, seed: u64) -> Vec<(Pose<Base, World>, Sample)> {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut normal = || rng.sample::<f64, _>(StandardNormal);
+    let mut last: Option<Pose<Base, World>> = None;
+    let shake = |(t_s, exact): (f64, Sample)| {
+        let error: Pose<Base, Base> = Pose::new(BASE_SD[0] * normal(), BASE_SD[1] * normal(), BASE_SD[2] * normal());
+        let known = error.then(&base(t_s));
+        let before = last.replace(known).unwrap_or(known);
+        let reading_n_m = exact.reading_n_m + NOISE_N_M * normal();
+        (known, Sample { motion: before.then(&known.inverse()), reading_n_m, ..exact })
+    };
+    samples(knowledge, duration_s, |_| true).into_iter().map(shake).collect()
+}
+
+/// Means of NIS and NEES over some trials, after two seconds.
+fn means(name: &str, knowledge: &Arc<Knowledge>) -> (f64, f64) {
+    let row = estimators::estimator(name).unwrap();
+    let (mut nis, mut nees) = (Vec::new(), Vec::new());
+    for seed in 1..=6 {
+        let samples = shaken(knowledge, 6.0, seed);
+        let estimates =
+            estimator(row, knowledge, seed).run(&samples.iter().map(|(_, sample)| *sample).collect::<Vec<_>>());
+        let settled = samples.iter().zip(estimates).skip((2.0 * RATE_HZ) as usize);
+        for ((known, _), estimate) in settled {
+            let estimate = estimate.expect("the contact is followed");
+            let error = estimate.contact.vector() - known.inverse().apply(contact()).vector();
+            nees.push(error.dot(&estimate.covariance_m2.unwrap().cholesky().unwrap().solve(&error)));
+            nis.extend(estimate.innovation.map(|innovation| innovation.nis));
+        }
+    }
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    (mean(&nis), mean(&nees))
+}
+
+/// Told of the noise, estimators err as they say; not told, what they read surprises them.
+#[test]
+fn verif_estimators_that_know_the_noise_of_their_base_are_consistent() {
+    let covariance = Matrix3::from_diagonal(&Vector3::from(BASE_SD).map(|sd| sd * sd));
+    let untold = knowledge(NOISE_N_M);
+    let told = Arc::new(Knowledge { base_noise: BaseNoise(covariance), ..(*untold).clone() });
+    for name in ESTIMATORS {
+        let ((nis, nees), (untold_nis, _)) = (means(name, &told), means(name, &untold));
+        assert!((0.7..1.25).contains(&nis) && nees < 3.0, "{name}: NIS {nis}, NEES {nees}");
+        assert!(untold_nis > 1.25, "{name}: untold, NIS {untold_nis}");
+    }
+}

@@ -1,0 +1,255 @@
+"""Work on a Dask cluster: a scheduler and worker processes on this machine, all bound to 127.0.0.1."""
+
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+Client = pytest.importorskip("distributed", reason="the packages of the extra `cluster` are not installed").Client
+from psutil import Process, wait_procs  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+TRACES = 16
+LONGEST_S = 120.0
+"""Nothing here takes as long, on the slowest machine."""
+
+
+class Cluster:
+    """A Dask scheduler and its workers, each a process."""
+
+    def __init__(self, folder: Path, processes: ExitStack) -> None:
+        self._folder, self._processes = folder, processes
+        address = folder / "scheduler.json"
+        self.scheduler = self._start("dask_scheduler", "--scheduler-file", address)
+        wait_for(address.is_file, self.scheduler)
+        self.address = json.loads(address.read_text())["address"]
+
+    def add_workers(self, count: int, sources: Path = ROOT / "sim") -> list[subprocess.Popen]:
+        """Workers with one thread each, which run these sources and are ready."""
+        options = ["--nthreads", "1", "--no-nanny", "--local-directory", self._folder]
+        workers = [self._start("dask_worker", self.address, *options, sources=sources) for _ in range(count)]
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(count, LONGEST_S)
+        return workers
+
+    def _start(self, module: str, *options: str | Path, sources: Path = ROOT / "sim") -> subprocess.Popen:
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, options), "--host", "127.0.0.1"]
+        # A scheduler takes a worker for dead as early as Dask lets it.
+        environment = environment_with(sources) | {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "1s"}
+        with (self._folder / "log").open("ab") as log:
+            process = subprocess.Popen(
+                [*command, "--port" if module == "dask_scheduler" else "--worker-port", "0", "--dashboard-address", "127.0.0.1:0"],
+                cwd=self._folder,
+                env=environment,
+                stdout=log,
+                stderr=log,
+            )
+        self._processes.callback(end, process)
+        return process
+
+
+def end(process: subprocess.Popen) -> None:
+    """Ends a process, also one that was stopped."""
+    process.kill()
+    process.wait()
+
+
+def environment_with(sources: Path) -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(sources)}
+
+
+def wait_for(condition: Callable[[], object], process: subprocess.Popen) -> None:
+    """Waits until `condition` holds; fails when it takes too long or `process` ends before."""
+    deadline_s = time.monotonic() + LONGEST_S
+    while not condition():
+        assert process.poll() is None, "the process ended before its time"
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A cluster without workers."""
+    with ExitStack() as processes:
+        yield Cluster(tmp_path_factory.mktemp("cluster"), processes)
+
+
+def generator(*arguments: str | Path) -> subprocess.Popen:
+    """The generator at work, from the repository's root."""
+    command = [sys.executable, "-m", "whisker_sim", *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=ROOT, env=environment_with(ROOT / "sim"), text=True, **pipes)
+
+
+def said(process: subprocess.Popen, code: int = 0) -> list[str]:
+    """What the process said on stderr, in lines; it must end with this exit code."""
+    _, error = process.communicate(timeout=LONGEST_S)
+    assert process.returncode == code, error
+    return error.splitlines()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A suite of many short traces."""
+    folder = tmp_path_factory.mktemp("suite")
+    scene = json.loads((ROOT / "scenes/pin_curved.json").read_text()) | {"name": "short", "duration_s": 1.3}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    path = folder / "suite.json"
+    suite = {"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(TRACES))}]}
+    path.write_text(json.dumps(suite))
+    return path
+
+
+@pytest.fixture(scope="module")
+def local(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one machine makes of the suite."""
+    folder = tmp_path_factory.mktemp("local")
+    said(generator("simulate", suite, "--out", folder))
+    return folder
+
+
+def test_verif_traces_are_those_of_one_machine_though_a_worker_is_killed_and_one_is_slow(
+    cluster: Cluster, suite: Path, local: Path, tmp_path: Path
+) -> None:
+    """The slow one is held up for so long that its tasks are given to another; it goes on when that has made them."""
+    killed, slow, _ = cluster.add_workers(3)
+    out = tmp_path / "cluster"
+    client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
+    wait_for(lambda: len(list(out.glob("*.json"))) >= TRACES // 8, client)
+    killed.kill()
+    slow.send_signal(signal.SIGSTOP)
+    lines = said(client)
+    # It hears that nobody waits for it, and ends.
+    slow.send_signal(signal.SIGCONT)
+    slow.wait(LONGEST_S)
+    assert sorted(line.split(":")[0] for line in lines) == [f"short_{seed:02d}" for seed in range(TRACES)]
+    assert contents(out) == contents(local)
+    client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
+    assert {line.split(": ")[1] for line in said(client)} == {"up to date"}
+
+
+@pytest.fixture(scope="module")
+def evaluation() -> list[str]:
+    """Arguments of an evaluation of many trials, on traces that the end-to-end run has simulated and fitted."""
+    if not (ROOT / "datasets/smoke/calibrations/straight.json").is_file():
+        pytest.skip("datasets/smoke is not there: cargo xtask test makes it")
+    return ["scenes/suites/smoke.json", "--estimators", "ekf,ukf", "--noise", "0.01,0.03", "--seeds", "40"]
+
+
+def whisker(*arguments: str | Path) -> None:
+    """The command on this machine, which must succeed."""
+    subprocess.run([ROOT / "target/release/whisker", *arguments], cwd=ROOT, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def evaluated(evaluation: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one machine makes of the evaluation."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    whisker("evaluate", *evaluation, "--results", folder)
+    return folder
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    """What stands in the folder of results, without how long a step took."""
+    files = contents(folder)
+    rows = list(csv.DictReader(io.StringIO(files["smoke/summary.csv"].decode())))
+    return files | {"smoke/summary.csv": repr([row | {"step_ns": None} for row in rows]).encode()}
+
+
+def test_verif_results_are_those_of_one_machine_though_a_worker_is_killed_and_one_is_slow(
+    cluster: Cluster, evaluation: list[str], evaluated: Path, tmp_path: Path
+) -> None:
+    killed, slow, _ = cluster.add_workers(3)
+    out = tmp_path / "cluster"
+    command = ["cluster", "evaluate", "--scheduler", cluster.address, "--shares", "12", *evaluation, "--results", out]
+    client = generator(*command)
+    wait_for(lambda: len(list(out.glob(".smoke.*.part/shards/*"))) >= 4, client)
+    slow.send_signal(signal.SIGSTOP)
+    orphans = Process(killed.pid).children()
+    killed.kill()
+    lines = said(client)
+    assert wait_procs(orphans, LONGEST_S)[1] == []
+    slow.send_signal(signal.SIGCONT)
+    slow.wait(LONGEST_S)
+    assert sorted(lines) == sorted(f"share {number}/12: done" for number in range(1, 13))
+    assert results(out) == results(evaluated)
+
+
+def test_verif_results_of_shares_are_those_of_one_machine(evaluation: list[str], evaluated: Path, tmp_path: Path) -> None:
+    """Of shares that are done at the same time, and one that is lost."""
+    command = [ROOT / "target/release/whisker", "evaluate", *evaluation, "--results", tmp_path / "shares"]
+    jobs = [subprocess.Popen([*command, "--share", f"{number}/4"], cwd=ROOT, stdout=subprocess.PIPE) for number in (4, 1, 3)]
+    assert [job.communicate(timeout=LONGEST_S)[0] for job in jobs] == [
+        b"share 4/4 is done\n",
+        b"share 1/4 is done\n",
+        b"share 3/4 is done\n",
+    ]
+    whisker(*command[1:])
+    assert results(tmp_path / "shares") == results(evaluated)
+
+
+def test_robust_what_a_share_complains_of_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
+    cluster.add_workers(1)
+    command = ["cluster", "evaluate", "--scheduler", cluster.address]
+    (line,) = said(generator(*command, tmp_path / "none.json"), 1)
+    assert line.startswith(f"error: {tmp_path}/none.json: ")
+    (line,) = said(generator(*command, "scenes/suites/smoke.json", "--sedes", "5"), 2)
+    assert line == "error: unexpected argument '--sedes' found"
+    (line,) = said(generator(*command, "--whisker", tmp_path / "none", "scenes/suites/smoke.json"), 2)
+    assert line.startswith("error: --whisker")
+
+
+def test_verif_shares_add_up_to_the_traces_of_one_machine(suite: Path, local: Path, tmp_path: Path) -> None:
+    """What the jobs of an array make together, in any order."""
+    for share in ("2/2", "1/2"):
+        lines = said(generator("simulate", suite, "--out", tmp_path / "shares", "--share", share))
+        assert len(lines) == TRACES // 2
+    assert contents(tmp_path / "shares") == contents(local)
+    assert (
+        "expected K/N with K from 1 to N, such as 3/16, found '4/3'" in said(generator("simulate", suite, "--share", "4/3"), 2)[-1]
+    )
+
+
+def test_robust_a_worker_of_another_version_is_refused(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
+    sources = tmp_path / "sim"
+    shutil.copytree(ROOT / "sim/whisker_sim", sources / "whisker_sim")
+    with (sources / "whisker_sim/model.py").open("a") as file:
+        file.write("# Another model.\n")
+    (worker,) = cluster.add_workers(1, sources)
+    command = ["cluster", "simulate", "--scheduler", cluster.address, suite, "--out", tmp_path / "out"]
+    (line,) = said(generator(*command), 1)
+    assert line.startswith("error: worker tcp://127.0.0.1:")
+    assert line.count("whisker_sim 0.1.0 (commit") == 2
+    end(worker)
+    cluster.add_workers(1, tmp_path / "nothing")
+    (line,) = said(generator(*command), 1)
+    assert "the PYTHONPATH that the client has: ModuleNotFoundError: No module named 'whisker_sim'" in line
+    assert contents(tmp_path / "out") == {}
+
+
+def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
+    """Where there is none, and where it dies in the middle: one line, and what is finished is kept."""
+    out = tmp_path / "out"
+    (line,) = said(generator("cluster", "simulate", "--scheduler", "tcp://127.0.0.1:1", suite, "--out", out), 1)
+    assert line.startswith("error: --scheduler tcp://127.0.0.1:1: expected the address of a Dask scheduler, found none there")
+    cluster.add_workers(1)
+    client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
+    wait_for(lambda: list(out.glob("*.json")), client)
+    cluster.scheduler.kill()
+    *finished, line = said(client, 1)
+    assert line == "error: the scheduler is gone; what is finished is kept"
+    assert {f"{made.split(':')[0]}.json" for made in finished} == {path.name for path in out.glob("*.json")}
