@@ -202,6 +202,7 @@ impl Polynomial {
 
     #[inline(always)]
     fn scaled(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        // In a loop over many contacts the divisions are done once, before it.
         ((x_m - self.center_m[0]) * (1.0 / self.scale_m[0]), (y_m - self.center_m[1]) * (1.0 / self.scale_m[1]))
     }
 
