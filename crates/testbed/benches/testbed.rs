@@ -39,11 +39,12 @@ fn readings(bencher: Bencher, name: &str) {
     let front_end = FrontEnd::new(&Choice { name: name.into(), config: json!({}) }).expect("a registered name");
     let (pin, circle) = (golden("golden_pin"), golden("golden_circle"));
     let mounting = Mounting::alone(&pin.sidecar);
-    let played = [&pin, &circle].map(|trace| Played::new(trace, &mounting, NOISE_N_M, 1));
-    let calibrated = front_end.calibrate(slice::from_ref(&mounting), &played).expect("recordings that say enough");
+    let recordings = [&pin, &circle].map(|trace| Played::new(trace, &mounting, NOISE_N_M, 1));
+    let calibrated = front_end.calibrate(slice::from_ref(&mounting), &recordings).expect("recordings that say enough");
     let sensor = calibrated.as_ref().and_then(|file| file.sensors.first());
+    let played = Played { sensor, ..Played::new(&pin, &mounting, NOISE_N_M, 1) };
     let counter = ItemsCount::new(pin.recording.instants.len());
-    bencher.counter(counter).bench_local(|| front_end.readings_n_m(&played[0], sensor).expect("a calibrated sensor"));
+    bencher.counter(counter).bench_local(|| front_end.readings_n_m(&played).expect("a calibrated sensor"));
 }
 
 /// A set with the golden pin as its only trial, calibrated.
