@@ -40,13 +40,21 @@ report *arguments:
 bench:
     @cargo xtask bench
 
+# Measure batches and long traces: time and memory
+batch:
+    @cargo xtask batch
+
 # Compare the filters with those of others: docs/PERFORMANCE.md
 peers:
     @cargo xtask peers
 
-# Measure batches and long traces: time and memory
-batch:
-    @cargo xtask batch
+# Run parsers on bytes without end: just fuzz [TARGET] [--seconds N]
+fuzz *arguments:
+    @cargo xtask fuzz "$@"
+
+# Check licences, sources and known faults of the libraries
+deny:
+    @cargo xtask deny
 
 # Simulate the golden traces of the tests: datasets/golden/
 golden:

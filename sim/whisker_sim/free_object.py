@@ -11,7 +11,7 @@ from whisker_sim.whisker import Length, Positive
 class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An object that stands free on the table."""
 
-    name: Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
+    name: Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]*\Z", max_length=40)]
     object: AnyShape
     mass_kg: Positive
     height_m: Length

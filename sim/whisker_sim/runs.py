@@ -9,7 +9,8 @@ import msgspec
 from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located, read_document, read_json
 from whisker_sim.errors import InputError
-from whisker_sim.scene import Format, Name, Scene, Seed, Simulation
+from whisker_sim.scene import Format, Scene, Seed, Simulation
+from whisker_sim.whisker import Name
 
 AnyScene = Scene | ArmScene
 

@@ -9,9 +9,8 @@ import numpy as np
 from whisker_sim.motions import AnyMotion, Plan, Stage
 from whisker_sim.shapes import AnyShape
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Positive, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Name, Positive, Whisker, WhiskerOverride, resolve_whisker
 
-Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Format = Literal[1]
 

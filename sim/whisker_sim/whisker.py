@@ -10,6 +10,8 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*\Z", max_length=100)]
+"""Those of files are made of it."""
 Length = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 NotNegativeLength = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Coordinate = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
@@ -190,7 +192,7 @@ class WhiskerOverride(msgspec.Struct, frozen=True, forbid_unknown_fields=True, o
     """A preset with some of its parameters replaced. It needs a name of its own: calibrations are kept by name."""
 
     preset: str
-    name: str
+    name: Name
     length_m: Length | None = None
     root_diameter_m: Length | None = None
     tip_diameter_m: Length | None = None

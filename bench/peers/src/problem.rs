@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use filters::unscented::Spread;
-use filters::{Gaussian, Measurement, Process, States};
+use filters::{Gaussian, Measurement, Process, States, vectorised};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -154,16 +154,25 @@ impl Process<2> for Moving<'_> {
         Matrix2::identity() * self.wander_m2
     }
 
+    fn even_noise(&self) -> Option<Matrix2<f64>> {
+        Some(Matrix2::identity() * self.wander_m2)
+    }
+
     fn jacobian(&self, _: &Vector2<f64>) -> Matrix2<f64> {
         self.step.turn
     }
 
     fn predict_each(&self, states: &mut States<2>) {
-        let [x_m, y_m] = states.columns_mut();
-        let ([[a, b], [c, d]], [dx_m, dy_m]) = (self.step.turn.data.0, self.step.shift_m.data.0[0]);
-        for (x_m, y_m) in x_m.iter_mut().zip(y_m) {
-            (*x_m, *y_m) = (a * *x_m + c * *y_m + dx_m, b * *x_m + d * *y_m + dy_m);
-        }
+        vectorised!(move_each(self.step, states));
+    }
+}
+
+#[inline(always)]
+fn move_each(step: &Step, states: &mut States<2>) {
+    let [x_m, y_m] = states.columns_mut();
+    let ([[a, b], [c, d]], [dx_m, dy_m]) = (step.turn.data.0, step.shift_m.data.0[0]);
+    for (x_m, y_m) in x_m.iter_mut().zip(y_m) {
+        (*x_m, *y_m) = (a * *x_m + c * *y_m + dx_m, b * *x_m + d * *y_m + dy_m);
     }
 }
 

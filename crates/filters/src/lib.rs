@@ -41,6 +41,10 @@
 //! # Ok::<(), filters::Skipped>(())
 //! ```
 
+use std::sync::LazyLock;
+
+use fearless_simd::Level;
+
 pub mod bank;
 pub mod batch;
 pub mod bound;
@@ -67,3 +71,7 @@ pub use states::States;
 /// What [`vectorised!`] expands to.
 #[doc(hidden)]
 pub use fearless_simd;
+
+/// The widest registers here. To ask the processor takes as long as a loop over hundreds of numbers.
+#[doc(hidden)]
+pub static LEVEL: LazyLock<Level> = LazyLock::new(Level::new);

@@ -16,6 +16,11 @@ pub trait Process<const N: usize> {
     /// Covariance `Q` that the step adds.
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N>;
 
+    /// Covariance `Q` where it is the same at every state; nothing unless given.
+    fn even_noise(&self) -> Option<SMatrix<f64, N, N>> {
+        None
+    }
+
     /// `F = df/dx`; by central differences unless given.
     fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         let mut jacobian = SMatrix::<f64, N, N>::zeros();

@@ -8,17 +8,18 @@ use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
 
 use crate::bounded::Noisier;
+use crate::vectorised;
+use crate::wide::{self, Column};
 use crate::{Gaussian, Innovation, Measurement, Process, Skipped, States, extended};
-use crate::{vectorised, wide};
 
 /// A belief made of weighted particles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud<const N: usize> {
     particles: States<N>,
     /// Normalised weights, one a particle.
-    weights: Vec<f64>,
+    weights: Column,
     /// Their logarithms, but for a common summand. They still tell the particles apart whose weights are too small for a number.
-    logs: Vec<f64>,
+    logs: Column,
     scratch: Scratch<N>,
 }
 
@@ -26,12 +27,12 @@ pub struct Cloud<const N: usize> {
 #[derive(Clone, Debug, PartialEq)]
 struct Scratch<const N: usize> {
     particles: States<N>,
-    weights: Vec<f64>,
-    logs: Vec<f64>,
+    weights: Column,
+    logs: Column,
     expected: States<1>,
-    residuals: Vec<f64>,
+    residuals: Column,
     /// Variance of the reading at each particle, where it is not the same at all.
-    variances: Vec<f64>,
+    variances: Column,
     conditioned: Vec<Option<Conditioned<N>>>,
     /// Which particle each new one comes from, and one place more.
     sources: Vec<usize>,
@@ -47,15 +48,15 @@ impl<const N: usize> Cloud<N> {
         let count = particles.len();
         let scratch = Scratch {
             particles: States::zeros(count),
-            weights: vec![0.0; count],
-            logs: vec![0.0; count],
+            weights: wide::column(count, 0.0),
+            logs: wide::column(count, 0.0),
             expected: States::zeros(count),
-            residuals: vec![0.0; count],
-            variances: vec![0.0; count],
+            residuals: wide::column(count, 0.0),
+            variances: wide::column(count, 0.0),
             conditioned: Vec::with_capacity(count),
             sources: vec![0; count + 1],
         };
-        Self { particles, weights: vec![1.0 / count as f64; count], logs: vec![0.0; count], scratch }
+        Self { particles, weights: wide::column(count, 1.0 / count as f64), logs: wide::column(count, 0.0), scratch }
     }
 
     /// The particles.
@@ -100,7 +101,7 @@ impl<const N: usize> Cloud<N> {
 
     /// Carries every particle through the process and draws its noise, which is that at the cloud's mean as in the Gaussian filters.
     pub fn predict(&mut self, process: &impl Process<N>, rng: &mut impl Rng) {
-        let noise = process.noise(&self.mean());
+        let noise = process.even_noise().unwrap_or_else(|| process.noise(&self.mean()));
         process.predict_each(&mut self.particles);
         if let Some(factor) = noise.cholesky() {
             self.scatter(factor.l(), rng);
@@ -152,26 +153,27 @@ impl<const N: usize> Cloud<N> {
     fn expect(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, Skipped> {
         let Scratch { logs, expected, residuals, variances, .. } = &mut self.scratch;
         measurement.predict_each(&self.particles, expected);
-        vectorised!(compare(measurement, z, expected.column(0), residuals));
-        let seen = vectorised!(seen(&self.weights, residuals));
-        logs.copy_from_slice(&self.logs);
-        let variance = if let Some(noise) = measurement.even_noise() {
-            vectorised!(weigh_evenly(logs, residuals, noise[0]));
-            is_positive(noise[0]).then_some(noise[0] * seen.known)
+        let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
+        let expected = expected.column(0);
+        let seen = if let Some(noise) = measurement.even_noise() {
+            vectorised!(weigh_evenly(residual, expected, noise[0], &self.logs, residuals, logs));
+            let seen = vectorised!(seen(&self.weights, residuals));
+            is_positive(noise[0]).then_some(Seen { variance: noise[0] * seen.known, ..seen })
         } else {
-            for ((variance, particle), residual) in variances.iter_mut().zip(self.particles.iter()).zip(&*residuals) {
-                *variance = if residual.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
+            for ((variance, particle), &expected) in variances.iter_mut().zip(self.particles.iter()).zip(expected) {
+                *variance = if expected.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
             }
-            vectorised!(weigh_unevenly(logs, residuals, variances));
-            let total = vectorised!(total_variance(&self.weights, residuals, variances));
-            variances.iter().all(|&variance| is_positive(variance)).then_some(total)
+            vectorised!(weigh_unevenly(residual, expected, variances, &self.logs, residuals, logs));
+            let seen = vectorised!(seen(&self.weights, residuals));
+            let variance = vectorised!(total_variance(&self.weights, residuals, variances));
+            variances.iter().all(|&variance| is_positive(variance)).then_some(Seen { variance, ..seen })
         };
-        let variance = variance.ok_or(Skipped::NotPositiveDefinite)?;
-        if wide::largest(logs) == f64::NEG_INFINITY {
+        let seen = seen.ok_or(Skipped::NotPositiveDefinite)?;
+        if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
             return Err(Skipped::NoPrediction);
         }
         let residual = seen.shift / seen.known;
-        let covariance = (seen.second + variance) / seen.known - residual * residual;
+        let covariance = (seen.second + seen.variance) / seen.known - residual * residual;
         Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(Skipped::NotPositiveDefinite)
     }
 
@@ -202,13 +204,13 @@ impl<const N: usize> Cloud<N> {
         let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
         let Scratch { logs, conditioned, .. } = &mut self.scratch;
         conditioned.clear();
-        for ((particle, old), log) in self.particles.iter().zip(&self.logs).zip(logs.iter_mut()) {
+        for ((particle, old), log) in self.particles.iter().zip(&*self.logs).zip(logs.iter_mut()) {
             let centre = moments.mean + (particle - moments.mean) * shrink;
             let part = Conditioned::new(centre, &kernel, measurement, z);
             *log = part.as_ref().map_or(f64::NEG_INFINITY, |part| old + part.log_evidence);
             conditioned.push(part);
         }
-        if wide::largest(logs) == f64::NEG_INFINITY {
+        if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
             return Err(Skipped::NoPrediction);
         }
         self.weigh();
@@ -356,7 +358,7 @@ fn standardise<const N: usize>(draws: &mut States<N>) {
 fn mean<const N: usize>(particles: &States<N>, weights: &[f64]) -> SVector<f64, N> {
     let mut mean = SVector::zeros();
     for number in 0..N {
-        mean[number] = wide::sum([weights, particles.column(number), weights], |w, x, _| w * x);
+        mean[number] = wide::sum([weights, particles.column(number)], |[w, x]| w * x);
     }
     mean
 }
@@ -368,7 +370,7 @@ fn moments<const N: usize>(particles: &States<N>, weights: &[f64]) -> Gaussian<N
     for i in 0..N {
         for j in 0..=i {
             let columns = [weights, particles.column(i), particles.column(j)];
-            let both = wide::sum(columns, |w, a, b| w * (a - mean[i]) * (b - mean[j]));
+            let both = wide::sum(columns, |[w, a, b]| w * (a - mean[i]) * (b - mean[j]));
             (covariance[(i, j)], covariance[(j, i)]) = (both, both);
         }
     }
@@ -377,7 +379,7 @@ fn moments<const N: usize>(particles: &States<N>, weights: &[f64]) -> Gaussian<N
 
 #[inline(always)]
 fn sum_of_squares(weights: &[f64]) -> f64 {
-    wide::sum([weights; 3], |w, _, _| w * w)
+    wide::sum([weights], |[w]| w * w)
 }
 
 /// Moves the particles away from a centre, or towards it.
@@ -399,56 +401,65 @@ fn add_product<const N: usize>(particles: &mut States<N>, factor: SMatrix<f64, N
     }
 }
 
-/// The residuals of the particles' readings.
-#[inline(always)]
-fn compare<const N: usize, Model: Measurement<N, 1>>(
-    measurement: &Model,
-    z: &Vector1<f64>,
-    expected: &[f64],
-    residuals: &mut [f64],
-) {
-    for (residual, &expected) in residuals.iter_mut().zip(expected) {
-        *residual = measurement.residual(z, &Vector1::new(expected))[0];
-    }
-}
-
 /// Weighted sums over the particles that have a residual.
 struct Seen {
     known: f64,
     shift: f64,
     second: f64,
+    /// Of the reading's variance.
+    variance: f64,
 }
 
 #[inline(always)]
 fn seen(weights: &[f64], residuals: &[f64]) -> Seen {
+    let columns = [weights, residuals];
     Seen {
-        known: wide::sum([weights, residuals, residuals], |w, r, _| if r.is_nan() { 0.0 } else { w }),
-        shift: wide::sum([weights, residuals, residuals], |w, r, _| if r.is_nan() { 0.0 } else { w * r }),
-        second: wide::sum([weights, residuals, residuals], |w, r, _| if r.is_nan() { 0.0 } else { w * (r * r) }),
+        known: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w }),
+        shift: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * r }),
+        second: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * (r * r) }),
+        variance: 0.0,
     }
 }
 
 #[inline(always)]
 fn total_variance(weights: &[f64], residuals: &[f64], variances: &[f64]) -> f64 {
-    wide::sum([weights, residuals, variances], |w, r, variance| if r.is_nan() { 0.0 } else { w * variance })
+    wide::sum([weights, residuals, variances], |[w, r, variance]| if r.is_nan() { 0.0 } else { w * variance })
 }
 
-/// Adds the logarithms of the residuals' densities, but for what is the same for all.
+/// Writes the residuals, and the logarithms of the weights with those of the residuals' densities, but for what is the same for all.
 #[inline(always)]
-fn weigh_evenly(logs: &mut [f64], residuals: &[f64], variance: f64) {
+fn weigh_evenly(
+    residual: impl Fn(f64) -> f64,
+    expected: &[f64],
+    variance: f64,
+    before: &[f64],
+    residuals: &mut [f64],
+    logs: &mut [f64],
+) {
     let factor = -0.5 / variance;
-    for (log, &residual) in logs.iter_mut().zip(residuals) {
-        let density = factor * (residual * residual);
-        *log = if residual.is_nan() { f64::NEG_INFINITY } else { *log + density };
+    for (((log, written), &before), &expected) in logs.iter_mut().zip(residuals).zip(before).zip(expected) {
+        let residual = residual(expected);
+        *written = residual;
+        *log = if residual.is_nan() { f64::NEG_INFINITY } else { before + factor * (residual * residual) };
     }
 }
 
 /// The same with a variance for each.
 #[inline(always)]
-fn weigh_unevenly(logs: &mut [f64], residuals: &[f64], variances: &[f64]) {
-    for ((log, &residual), &variance) in logs.iter_mut().zip(residuals).zip(variances) {
+fn weigh_unevenly(
+    residual: impl Fn(f64) -> f64,
+    expected: &[f64],
+    variances: &[f64],
+    before: &[f64],
+    residuals: &mut [f64],
+    logs: &mut [f64],
+) {
+    let numbers = before.iter().zip(expected).zip(variances);
+    for ((log, written), ((&before, &expected), &variance)) in logs.iter_mut().zip(residuals).zip(numbers) {
+        let residual = residual(expected);
+        *written = residual;
         let density = -0.5 * (residual * residual / variance + wide::ln(variance));
-        *log = if residual.is_nan() { f64::NEG_INFINITY } else { *log + density };
+        *log = if residual.is_nan() { f64::NEG_INFINITY } else { before + density };
     }
 }
 
@@ -460,7 +471,7 @@ fn normalise(weights: &mut [f64], logs: &mut [f64]) {
         *log -= largest;
         *weight = wide::exp(*log);
     }
-    let share = 1.0 / wide::sum([weights; 3], |w, _, _| w);
+    let share = 1.0 / wide::sum([&*weights], |[w]| w);
     weights.iter_mut().for_each(|weight| *weight *= share);
 }
 

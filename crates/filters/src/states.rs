@@ -2,17 +2,22 @@
 
 use nalgebra::SVector;
 
+use crate::wide::{self, Column};
+
 /// States of `N` numbers each: all the first numbers, then all the second ones, so that a loop over one number of every state reads on and on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct States<const N: usize> {
-    values: Vec<f64>,
+    values: Column,
     count: usize,
+    /// From one column to the next: each begins where a cache line does.
+    stride: usize,
 }
 
 impl<const N: usize> States<N> {
     /// So many states of zeros.
     pub fn zeros(count: usize) -> Self {
-        Self { values: vec![0.0; N * count], count }
+        let stride = count.next_multiple_of(wide::LINE);
+        Self { values: wide::column(N * stride, 0.0), count, stride }
     }
 
     /// How many there are.
@@ -27,13 +32,13 @@ impl<const N: usize> States<N> {
 
     /// One state.
     pub fn get(&self, index: usize) -> SVector<f64, N> {
-        SVector::from_fn(|number, _| self.values[number * self.count + index])
+        SVector::from_fn(|number, _| self.values[number * self.stride + index])
     }
 
     /// Changes one state.
     pub fn set(&mut self, index: usize, state: &SVector<f64, N>) {
         for (number, value) in state.iter().enumerate() {
-            self.values[number * self.count + index] = *value;
+            self.values[number * self.stride + index] = *value;
         }
     }
 
@@ -44,16 +49,19 @@ impl<const N: usize> States<N> {
 
     /// The same number of every state.
     pub fn column(&self, number: usize) -> &[f64] {
-        &self.values[number * self.count..][..self.count]
+        &self.values[number * self.stride..][..self.count]
     }
 
     /// Each number of every state.
     pub fn columns_mut(&mut self) -> [&mut [f64]; N] {
         let mut rest = self.values.as_mut_slice();
-        std::array::from_fn(|_| rest.split_off_mut(..self.count).expect("there are N columns"))
+        std::array::from_fn(|_| {
+            let column = rest.split_off_mut(..self.stride).expect("there are N columns");
+            &mut column[..self.count]
+        })
     }
 
-    /// All numbers, column by column.
+    /// All numbers, column by column, and what lies between the columns.
     pub(crate) fn values_mut(&mut self) -> &mut [f64] {
         &mut self.values
     }

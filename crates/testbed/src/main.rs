@@ -3,13 +3,15 @@
 use std::io;
 use std::process::ExitCode;
 
+use trace::one_line;
+
 fn main() -> ExitCode {
     match testbed::cli::run() {
         Ok(code) => code,
         // The reader of stdout has seen enough.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", one_line(&format!("{error:#}")));
             ExitCode::FAILURE
         }
     }

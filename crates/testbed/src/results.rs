@@ -29,6 +29,7 @@
 //! The columns of a table are the fields of its type. Trials and summary have a column for each of [`METRICS`] after those
 //! ([`ScoreRow`]).
 
+use std::fs;
 use std::io::Write;
 use std::marker::PhantomData;
 use std::path::Path;
@@ -37,7 +38,7 @@ use anyhow::{Context, bail};
 use csv::{IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
-use trace::{AtomicFile, FrontEndFile};
+use trace::{AtomicFile, FrontEndFile, is_plain_name, shown};
 use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
@@ -691,7 +692,33 @@ impl Run {
                 return Err(trace::Error::value(path, key, "an empty list", "at least one entry"));
             }
         }
+        for (key, name) in run.names() {
+            if !is_plain_name(name) {
+                return Err(trace::Error::value(path, key, format!("`{name}`"), "a plain file name"));
+            }
+        }
         Ok(run)
+    }
+
+    /// The names of which those of files are made, each with its key.
+    fn names(&self) -> impl Iterator<Item = (&'static str, &str)> {
+        let estimators = self.estimators.iter().map(|estimator| ("estimators.name", &estimator.name));
+        let sets = self.sets.iter().flat_map(|set| {
+            let own = [("sets.group", &set.group), ("sets.whisker", &set.whisker)];
+            own.into_iter().chain(set.traces.iter().map(|trace| ("sets.traces", trace)))
+        });
+        let calibrations = self.calibrations.iter().flat_map(|calibration| {
+            [("calibrations.whisker", &calibration.whisker), ("calibrations.face", &calibration.face)]
+        });
+        let sensors = self.front_end.sensors.iter().flat_map(|sensor| {
+            [("front_end.sensors.name", &sensor.name), ("front_end.sensors.array", &sensor.array)]
+        });
+        let recordings = self.recordings.iter().flat_map(|recording| {
+            let objects = recording.objects.iter().map(|object| ("recordings.objects", object));
+            std::iter::once(("recordings.name", &recording.name)).chain(objects)
+        });
+        let named = estimators.chain(sets).chain(calibrations).chain(sensors).chain(recordings);
+        named.map(|(key, name)| (key, name.as_str()))
     }
 }
 
@@ -888,20 +915,62 @@ fn read_table<T>(
     parse: impl Fn(&StringRecord, &StringRecord) -> Result<T, String>,
 ) -> anyhow::Result<Vec<T>> {
     let at = path.display();
-    let mut reader = ReaderBuilder::new().from_path(path).with_context(|| format!("{at}: cannot be read"))?;
+    let bytes = fs::read(path).with_context(|| format!("{at}: cannot be read"))?;
+    if let Some(line) = stray_quote(&bytes) {
+        bail!("{at}:{line}: found more after the quote that ends a field, expected a comma or the end of the line");
+    }
+    let mut reader = ReaderBuilder::new().from_reader(bytes.as_slice());
     let header = reader.headers().with_context(|| format!("{at}:1: cannot be read"))?.clone();
     let mut rows = Vec::new();
     for (index, record) in reader.records().enumerate() {
         let record = record.with_context(|| format!("{at}: row {}", index + 1))?;
         let line = record.position().map_or(0, csv::Position::line);
-        for (column, field) in header.iter().zip(&record) {
-            if field.parse::<f64>().is_ok_and(|value| !value.is_finite()) {
-                bail!("{at}:{line}: column `{column}`: found {field}, expected a finite number");
+        for (place, (column, field)) in header.iter().zip(&record).enumerate() {
+            if field.parse::<f64>().is_ok_and(|value| !value.is_finite())
+                && !takes_words(place, &record, &header, &parse)
+            {
+                bail!("{at}:{line}: column `{}`: found {field}, expected a finite number", shown(column));
             }
         }
-        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {problem}"))?);
+        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {}", shown(&problem)))?);
     }
     Ok(rows)
+}
+
+/// The line of a quoted field after whose closing quote there is more: the parser would add that to the field, and read `"1"5` as 15.
+fn stray_quote(bytes: &[u8]) -> Option<u64> {
+    let mut line = 1;
+    let mut is_quoted = false;
+    let mut last = b'\n';
+    for (i, &byte) in bytes.iter().enumerate() {
+        let next = bytes.get(i + 1).copied().unwrap_or(b'\n');
+        match byte {
+            // A pair of quotes within a quoted field, which stands for one, closes and opens it.
+            b'"' if is_quoted => {
+                is_quoted = false;
+                if !matches!(next, b'"' | b',' | b'\r' | b'\n') {
+                    return Some(line);
+                }
+            }
+            b'"' => is_quoted = matches!(last, b'"' | b',' | b'\r' | b'\n'),
+            b'\n' => line += 1,
+            _ => {}
+        }
+        last = byte;
+    }
+    None
+}
+
+/// Whether a column holds words, of which `nan` and `inf` may be some: then the row can be read with any other word there.
+fn takes_words<T>(
+    place: usize,
+    record: &StringRecord,
+    header: &StringRecord,
+    parse: impl Fn(&StringRecord, &StringRecord) -> Result<T, String>,
+) -> bool {
+    let other: StringRecord =
+        record.iter().enumerate().map(|(i, field)| if i == place { "a word" } else { field }).collect();
+    parse(&other, header).is_ok()
 }
 
 /// Parses a row of scores, or says in which column what was found.

@@ -4,14 +4,14 @@
 //! objects; the joints' table says what the arm did, and the objects' how far each was disturbed.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::arm::{TILT_RAD, wrapped_rad};
-use crate::sidecar::plain_name;
+use crate::files::read_table;
+use crate::sidecar::{check_rate, plain_name};
 use crate::table::{number, reader};
 use crate::{
     Arm, Contour, Error, FORMAT, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace, read_json, sha256,
@@ -132,7 +132,7 @@ impl ArrayRecording {
         let folder = path.parent().unwrap_or(Path::new("."));
         let part = |key: &str, file: &str, expected: &str| {
             let path = folder.join(file);
-            let bytes = fs::read(&path).map_err(Error::io(&path))?;
+            let bytes = read_table(&path)?;
             let found = sha256(&bytes);
             if found != expected {
                 return Err(Error::value(&path, "sha256", found, format!("{expected}, as `{key}` says")));
@@ -250,9 +250,7 @@ impl ArraySidecar {
         if path.file_stem().is_none_or(|stem| stem != self.name.as_str()) {
             return Err(Error::value(path, "name", format!("`{}`", self.name), "the name of its file"));
         }
-        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
-            return Err(Error::value(path, "rate_hz", self.rate_hz, "a positive number"));
-        }
+        check_rate(path, self.rate_hz)?;
         if self.rows == 0 {
             return Err(Error::value(path, "rows", 0, "at least one row"));
         }

@@ -269,7 +269,10 @@ impl CalibrationFile {
     }
 
     fn check_sensors(&self, path: &Path) -> Result<(), Error> {
-        for sensor in self.front_end.iter().flat_map(|front_end| &front_end.sensors) {
+        for (index, sensor) in self.front_end.iter().flat_map(|front_end| &front_end.sensors).enumerate() {
+            // Tables of the report are named after the sensor.
+            plain_name(path, &format!("front_end.sensors[{index}].name"), &sensor.name)?;
+            plain_name(path, &format!("front_end.sensors[{index}].array"), &sensor.array)?;
             let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.label());
             if !sensor.characteristic.is_valid() {
                 let found = format!("{:?}", sensor.characteristic);

@@ -2,11 +2,36 @@
 
 use std::path::{Path, PathBuf};
 
+/// Longest piece of a file that an error repeats, in characters.
+const LONGEST: usize = 500;
+
+/// A text as one line that is safe to show: what would end the line or speak to the terminal is written out, as `\n` is.
+pub fn one_line(text: &str) -> String {
+    let mut line = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() { line.extend(c.escape_default()) } else { line.push(c) }
+    }
+    line
+}
+
+/// What an error repeats of a file: [`one_line`], and not without end.
+pub fn shown(text: &str) -> String {
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => one_line(&text[..end]) + "...",
+        None => one_line(text),
+    }
+}
+
+/// The path of a file on one line.
+fn at(path: &Path) -> String {
+    one_line(&path.display().to_string())
+}
+
 /// Why a file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The system refused.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {reason}", at(path))]
     Io {
         /// The file.
         path: PathBuf,
@@ -14,7 +39,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// A cell or a line of a table is wrong.
-    #[error("{}:{line}: {place}: found {found}, expected {expected}", path.display())]
+    #[error("{}:{line}: {}: found {}, expected {}", at(path), shown(place), shown(found), shown(expected))]
     Table {
         /// The file.
         path: PathBuf,
@@ -28,7 +53,7 @@ pub enum Error {
         expected: String,
     },
     /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
-    #[error("{}:{line}:{column}: {message}", path.display())]
+    #[error("{}:{line}:{column}: {}", at(path), shown(message))]
     Json {
         /// The file.
         path: PathBuf,
@@ -40,7 +65,7 @@ pub enum Error {
         message: String,
     },
     /// A value that parses is wrong.
-    #[error("{}: {key}: found {found}, expected {expected}", path.display())]
+    #[error("{}: {}: found {}, expected {}", at(path), shown(key), shown(found), shown(expected))]
     Value {
         /// The file.
         path: PathBuf,

@@ -1,7 +1,7 @@
 //! Reading, hashing and writing whole files.
 
-use std::fs;
-use std::io::{self, BufWriter, Write};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -10,6 +10,7 @@ use sha2::{Digest as _, Sha256};
 use tempfile::NamedTempFile;
 
 use crate::Error;
+use crate::keys_once::KeysOnce;
 
 /// Hash over several pieces of data, each kept apart from the next.
 #[derive(Clone, Debug, Default)]
@@ -123,13 +124,47 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     file.finish()
 }
 
+/// Longest JSON file that is read.
+const MOST_JSON_BYTES: u64 = 1 << 26;
+
+/// Longest table that is read whole.
+const MOST_TABLE_BYTES: u64 = 1 << 30;
+
+/// The bytes of a table that is read whole.
+///
+/// # Errors
+/// [`Error`] names the file.
+pub(crate) fn read_table(path: &Path) -> Result<Vec<u8>, Error> {
+    read_at_most(path, MOST_TABLE_BYTES)
+}
+
+/// A whole file. What is longer is refused before memory runs out: a link in a strange folder may lead to a device that never ends.
+fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    let mut read = || File::open(path)?.take(most + 1).read_to_end(&mut bytes);
+    let length = read().map_err(Error::io(path))? as u64;
+    if length > most {
+        return Err(Error::value(path, "size", format!("more than {most} bytes"), "a smaller file"));
+    }
+    Ok(bytes)
+}
+
 /// Reads a JSON file into a typed value.
 ///
 /// # Errors
 /// [`Error::Io`] or [`Error::Json`], with the place.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
-    let bytes = fs::read(path).map_err(Error::io(path))?;
-    serde_json::from_slice(&bytes).map_err(Error::json(path))
+    let bytes = read_at_most(path, MOST_JSON_BYTES)?;
+    parse_json(&bytes).map_err(Error::json(path))
+}
+
+/// Parses JSON into a typed value. An object that has a key twice is refused: which of the two was meant?
+///
+/// # Errors
+/// What is wrong, with line and column.
+pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> serde_json::Result<T> {
+    let value = serde_json::from_slice(bytes)?;
+    serde_json::from_slice(bytes).map(|KeysOnce| value)
 }
 
 /// Writes a value as JSON with two spaces of indentation and a newline at the end, atomically.

@@ -12,6 +12,7 @@ mod characteristic;
 mod error;
 mod files;
 mod import;
+mod keys_once;
 mod outline;
 mod rows;
 mod sidecar;
@@ -25,8 +26,8 @@ pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObj
 pub use calibration::{CalibrationFile, CrossTalk, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::{Characteristic, through_zero};
-pub use error::Error;
-pub use files::{AtomicFile, Digest, is_temporary, read_json, sha256, write_atomically, write_json};
+pub use error::{Error, one_line, shown};
+pub use files::{AtomicFile, Digest, is_temporary, parse_json, read_json, sha256, write_atomically, write_json};
 pub use import::{IMPORTERS, Imported, ImporterRow, importer};
 pub use outline::Outline;
 pub use rows::TraceRows;

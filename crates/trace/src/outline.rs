@@ -1,12 +1,12 @@
 //! Outlines of objects: closed polylines.
 
-use std::fs;
 use std::path::Path;
 
 use nalgebra::Vector2;
 use whisker::frames::{Point, World};
 
 use crate::Error;
+use crate::files::read_table;
 use crate::table::{number, reader};
 
 const COLUMNS: [&str; 2] = ["x_m", "y_m"];
@@ -28,7 +28,7 @@ impl Outline {
     /// # Errors
     /// [`Error`] names file, line and column.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::parse(path, &fs::read(path).map_err(Error::io(path))?)
+        Self::parse(path, &read_table(path)?)
     }
 
     /// Parses the bytes of an outline's file; `path` is for errors.

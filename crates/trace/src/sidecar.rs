@@ -9,6 +9,9 @@ use whisker::sensor::Face;
 
 use crate::{Certificate, Error, FORMAT, read_json};
 
+/// Least and most rows a second.
+const RATES_HZ: [f64; 2] = [1e-3, 1e6];
+
 /// What a trace is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -148,13 +151,14 @@ impl Sidecar {
         if self.kind != "trace" {
             return Err(Error::value(path, "kind", &self.kind, "trace"));
         }
-        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
-            return Err(Error::value(path, "rate_hz", self.rate_hz, "a positive number"));
-        }
+        check_rate(path, self.rate_hz)?;
         if let Some(recorded) = &self.recorded {
             recorded.validate(path)?;
         }
         plain_name(path, "name", &self.name)?;
+        // Pictures are named after the group, and it is shown wherever the trace is.
+        plain_name(path, "group", &self.group)?;
+        plain_name(path, "object", &self.object)?;
         if let Some(recording) = &self.recording {
             plain_name(path, "recording", recording)?;
         }
@@ -191,9 +195,18 @@ impl Recorded {
     }
 }
 
-/// Whether a name stays within the folder when a path is made of it.
+/// Whether a name stays within the folder when a path is made of it, and on its line when it is shown.
 pub fn is_plain_name(name: &str) -> bool {
-    !(name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']))
+    !(name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']) || name.contains(char::is_control))
+}
+
+/// Checks that a rate is one at which something is sampled. Detectors keep as many readings as some time has, so that memory grows with it.
+pub(crate) fn check_rate(path: &Path, rate_hz: f64) -> Result<(), Error> {
+    let [least, most] = RATES_HZ;
+    if !(least..=most).contains(&rate_hz) {
+        return Err(Error::value(path, "rate_hz", rate_hz, format!("{least} to {most}")));
+    }
+    Ok(())
 }
 
 /// Checks that a name from a file stays within the folder when a path is made of it.

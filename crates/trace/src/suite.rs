@@ -61,7 +61,9 @@ impl Suite {
         let folder = path.parent().unwrap_or(Path::new("."));
         let mut names = Vec::new();
         for entry in &self.scenes {
-            let SceneName { name } = read_json(&folder.join(&entry.scene))?;
+            let scene = folder.join(&entry.scene);
+            let SceneName { name } = read_json(&scene)?;
+            plain_name(&scene, "name", &name)?;
             match &entry.seeds {
                 None => names.push(name),
                 Some(seeds) => names.extend(seeds.iter().map(|seed| format!("{name}_{seed:02}"))),

@@ -1,11 +1,11 @@
 //! The table of a trace: columns, rows, reading and writing.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use csv::ByteRecord;
 use whisker::frames::{Base, Point, Pose, Twist, World};
 
+use crate::files::read_table;
 use crate::{Error, Outline, Sidecar, TraceRows, sha256, write_atomically, write_json};
 
 /// Names of the columns and the decimals with which each is written.
@@ -116,7 +116,7 @@ impl Trace {
     pub fn outline(&self, folder: &Path) -> Result<Option<Outline>, Error> {
         let Some(contour) = &self.sidecar.contour else { return Ok(None) };
         let path = folder.join(&contour.file);
-        let bytes = fs::read(&path).map_err(Error::io(&path))?;
+        let bytes = read_table(&path)?;
         let outline = Outline::parse(&path, &bytes)?;
         let found = sha256(&bytes);
         if found != contour.sha256 {
@@ -209,7 +209,13 @@ pub(crate) fn reader<'a>(
         found,
         expected,
     };
-    let mut rows = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(bytes).into_byte_records();
+    let mut rows = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        // Numbers have no quotes, and a quote that is never closed would swallow the rest of the file.
+        .quoting(false)
+        .from_reader(bytes)
+        .into_byte_records();
     let header = match rows.next() {
         None => return Err(table_error(1, "header", "an empty file".into(), names.join(","))),
         Some(row) => row.map_err(|error| table_error(1, "header", error.to_string(), names.join(",")))?,

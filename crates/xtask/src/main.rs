@@ -19,14 +19,14 @@ fn main() -> ExitCode {
         print!("{}", commands::help());
         return ExitCode::SUCCESS;
     }
-    let run = match commands::find(&arguments) {
-        Ok(command) => command.run,
+    let command = match commands::find(&arguments) {
+        Ok(command) => command,
         Err(usage) => {
             eprintln!("error: {usage}\n\n{}", commands::help());
             return ExitCode::from(2);
         }
     };
-    match run() {
+    match command.run(&arguments[1..]) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("error: {failure}");

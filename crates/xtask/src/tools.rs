@@ -25,6 +25,18 @@ pub(crate) fn whisker(arguments: &[&str]) -> Command {
     command
 }
 
+/// The program of a published package of this version, built on its first use.
+pub(crate) fn tool((package, version): (&str, &str)) -> Result<PathBuf, Failure> {
+    let folder = root().join("target/tools").join(format!("{package}-{version}"));
+    let program = folder.join("bin").join(package);
+    if !program.is_file() {
+        let mut command = cargo(&["install", "--quiet", "--locked", package, "--version", version]);
+        command.arg("--root").arg(&folder);
+        run(command)?;
+    }
+    Ok(program)
+}
+
 /// A command of the Python interpreter in the repository's environment, for example `["-m", "pytest"]`.
 pub(crate) fn python(arguments: &[&str]) -> Command {
     in_repository(Command::new(python::interpreter()), arguments)

@@ -9,9 +9,9 @@ from whisker_sim.arm import panda
 from whisker_sim.arm.passage import Passage, joint_trajectory, shaken
 from whisker_sim.arm.tool import HALF_HEIGHT_M, LENGTH_M, MOUNTS
 from whisker_sim.free_object import FreeObject
-from whisker_sim.scene import Format, Name, Seed, Simulation, check_rate, random_stream, resolve_simulation
+from whisker_sim.scene import Format, Seed, Simulation, check_rate, random_stream, resolve_simulation
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Angle, Array, Coordinate, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Angle, Array, Coordinate, Name, Whisker, WhiskerOverride, resolve_whisker
 
 _MOST_STEPS = 2_000_000
 """Longest plan: beyond it a recording, which has some hundred times the numbers of a trace a row, would not fit into memory."""

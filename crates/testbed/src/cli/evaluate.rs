@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::Context;
 use serde::Deserialize;
 use serde_json::Value;
-use trace::read_json;
+use trace::{parse_json, read_json};
 use whisker::events::TouchConfig;
 
 use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
@@ -144,7 +144,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 /// Encoders of an arm's joints.
 fn encoders(text: &str) -> Result<Encoders, String> {
-    serde_json::from_str(text).map_err(|error| error.to_string())
+    parse_json(text.as_bytes()).map_err(|error| error.to_string())
 }
 
 /// A time to wait.

@@ -24,7 +24,7 @@ use std::time::Duration;
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
-use trace::MOST_NOISE;
+use trace::{MOST_NOISE, parse_json};
 
 /// Physics testbed for whisker contact localisation.
 #[derive(Parser)]
@@ -102,5 +102,5 @@ fn noise_fraction(text: &str) -> Result<f64, String> {
 
 /// A JSON value.
 fn json(text: &str) -> Result<Value, String> {
-    serde_json::from_str(text).map_err(|error| format!("not JSON: {error}"))
+    parse_json(text.as_bytes()).map_err(|error| format!("not JSON: {error}"))
 }

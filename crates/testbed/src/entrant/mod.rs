@@ -17,7 +17,7 @@ use crate::replay::Replay;
 use crate::results::RunEstimator;
 
 pub use program::Program;
-pub use protocol::PROTOCOL;
+pub use protocol::{PROTOCOL, estimate};
 pub use registered::Registered;
 
 /// One trial as an entrant meets it.

@@ -8,6 +8,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, s
 use std::time::{Duration, Instant};
 use std::{env, iter, thread};
 
+use trace::one_line;
+
 /// Longest line that is taken.
 const LONGEST_LINE: u64 = 1 << 16;
 
@@ -110,7 +112,7 @@ impl Process {
         let mut bytes = Vec::new();
         (&self.stderr).take(LAST_WORDS).read_to_end(&mut bytes).ok()?;
         let text = String::from_utf8_lossy(&bytes);
-        text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(Into::into)
+        text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(one_line)
     }
 }
 
@@ -141,7 +143,11 @@ fn listen(stdout: ChildStdout, answers: &SyncSender<io::Result<String>>) {
     let mut reader = BufReader::new(stdout);
     loop {
         let mut line = String::new();
-        let read = reader.by_ref().take(LONGEST_LINE).read_line(&mut line);
+        let mut read = reader.by_ref().take(LONGEST_LINE).read_line(&mut line);
+        if matches!(read, Ok(bytes) if bytes as u64 == LONGEST_LINE) && !line.ends_with('\n') {
+            // What it begins with may be an answer; nobody knows what it ends with.
+            read = Err(io::Error::other(format!("a line of more than {LONGEST_LINE} bytes")));
+        }
         let is_over = !matches!(read, Ok(bytes) if bytes > 0);
         if matches!(read, Ok(0)) || answers.send(read.map(|_| line)).is_err() || is_over {
             return;

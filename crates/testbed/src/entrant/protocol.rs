@@ -3,6 +3,7 @@
 use filters::Innovation;
 use nalgebra::{Matrix1, Matrix2, Vector1};
 use serde::{Deserialize, Serialize};
+use trace::{one_line, shown};
 use whisker::Whisker;
 use whisker::estimators::{BaseNoise, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
@@ -235,16 +236,19 @@ struct Answer {
 const EXPECTED: &str = "null or {\"contact_x_m\": number, \"contact_y_m\": number} with, if you like, \
                         cov_xx_m2, cov_xy_m2 and cov_yy_m2, or innovation_n_m and innovation_variance_n2_m2";
 
-/// The estimate in an answer to a row with a contact on `face`; what was found and what was expected where the line is none.
-pub(super) fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
+/// The estimate in a program's answer to a row with a contact on `face`, where it gives one.
+///
+/// # Errors
+/// What was found and what was expected, where the line is no answer.
+pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
     let line = line.trim();
     let found = || {
         let quoted: String = line.chars().take(QUOTED).collect();
         let rest = if quoted.len() < line.len() { "..." } else { "" };
-        format!("found `{quoted}{rest}`")
+        format!("found `{}{rest}`", one_line(&quoted))
     };
-    let answer: Option<Answer> =
-        serde_json::from_str(line).map_err(|error| format!("{}, expected {EXPECTED} ({error})", found()))?;
+    let answer: Option<Answer> = serde_json::from_str(line)
+        .map_err(|error| format!("{}, expected {EXPECTED} ({})", found(), shown(&error.to_string())))?;
     let Some(answer) = answer else { return Ok(None) };
     answer.estimate(face, knowledge).map(Some).map_err(|expected| format!("{}, expected {expected}", found()))
 }

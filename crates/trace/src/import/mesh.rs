@@ -1,10 +1,10 @@
 //! Plane sections of meshes in binary STL.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use crate::Error;
+use crate::files::read_table;
 
 /// Bytes before the triangles: a comment of 80, and their number.
 const HEAD: usize = 84;
@@ -23,7 +23,7 @@ type Point = [f64; 2];
 /// # Errors
 /// If the file cannot be read or is no binary STL.
 pub(super) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
-    let bytes = fs::read(path).map_err(Error::io(path))?;
+    let bytes = read_table(path)?;
     let count = bytes.get(HEAD - 4..HEAD).map(|field| u32::from_le_bytes(field.try_into().expect("four bytes")));
     let expected = count.map_or(HEAD, |count| HEAD + TRIANGLE * count as usize);
     if bytes.len() != expected || count.is_none() {

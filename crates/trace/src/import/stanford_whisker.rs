@@ -28,6 +28,7 @@ use whisker::sensor::Face;
 use super::Imported;
 use super::mesh::section;
 use super::registration::{Mounted, Pressed, Registration, pieces, register};
+use crate::files::read_table;
 use crate::sidecar::{Contour, Recorded};
 use crate::table::{number, reader};
 use crate::{
@@ -281,7 +282,7 @@ struct Table {
 
 impl Table {
     fn read(path: &Path) -> Result<Self, Error> {
-        let bytes = fs::read(path).map_err(Error::io(path))?;
+        let bytes = read_table(path)?;
         let mut rows = Vec::new();
         for row in reader(path, &bytes, &COLUMNS)? {
             let (line, record) = row?;

@@ -44,17 +44,18 @@ pub(super) struct Polynomial {
     coefficients_n_m: Vec<f64>,
 }
 
-/// `T_0` to `T_(N-1)` of an argument, by the recurrence `T_(i+1) = 2 u T_i - T_(i-1)`.
+/// `T_0` to `T_(N-1)` of an argument, by `T_(m+n) = 2 T_m T_n - T_(m-n)` with `m - n` 0 or 1: so a high one waits for few others.
 #[inline(always)]
 fn chebyshev<const N: usize>(u: f64) -> [f64; N] {
     let mut values = [1.0; N];
     for i in 1..N {
-        values[i] = if i == 1 { u } else { 2.0 * u * values[i - 1] - values[i - 2] };
+        let (low, high) = (i / 2, i - i / 2);
+        values[i] = if i == 1 { u } else { 2.0 * values[low] * values[high] - values[high - low] };
     }
     values
 }
 
-/// Their derivatives, by that of the recurrence.
+/// Their derivatives, by that of the recurrence `T_(i+1) = 2 u T_i - T_(i-1)`.
 #[inline(always)]
 fn chebyshev_slopes<const N: usize>(u: f64, values: &[f64; N]) -> [f64; N] {
     let mut slopes = [0.0; N];
@@ -67,14 +68,15 @@ fn chebyshev_slopes<const N: usize>(u: f64, values: &[f64; N]) -> [f64; N] {
 /// `sum a_i c_ij b_j`, `i + j < N`.
 #[inline(always)]
 fn product<const N: usize>(coefficients: &[f64], by_u: &[f64; N], by_v: &[f64; N]) -> f64 {
-    let (mut value, mut start) = (0.0, 0);
-    for (i, by_u) in by_u.iter().enumerate() {
-        let mut row = 0.0;
-        for j in 0..N - i {
+    // From the highest down: what is known first is added first, and the longest row last.
+    let (mut value, mut start) = (0.0, coefficients.len());
+    for i in (0..N).rev() {
+        start -= N - i;
+        let mut row = coefficients[start] * by_v[0];
+        for j in 1..N - i {
             row += coefficients[start + j] * by_v[j];
         }
-        value += by_u * row;
-        start += N - i;
+        value = if i + 1 == N { by_u[i] * row } else { value + by_u[i] * row };
     }
     value
 }
@@ -200,7 +202,8 @@ impl Polynomial {
 
     #[inline(always)]
     fn scaled(&self, x_m: f64, y_m: f64) -> (f64, f64) {
-        ((x_m - self.center_m[0]) / self.scale_m[0], (y_m - self.center_m[1]) / self.scale_m[1])
+        // In a loop over many contacts the divisions are done once, before it.
+        ((x_m - self.center_m[0]) * (1.0 / self.scale_m[0]), (y_m - self.center_m[1]) * (1.0 / self.scale_m[1]))
     }
 
     /// The products `T_i T_j` in the order of the coefficients.

@@ -28,8 +28,8 @@ fn straight() -> Whisker {
     }
 }
 
-/// A calibrated left face: moment of a small deflection on the compliant root.
-pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
+/// A left face calibrated with a registered sensor model: moment of a small deflection on the compliant root.
+pub(crate) fn face(model: &str) -> CalibratedFace {
     let whisker = straight();
     let (stiffness, root) = (whisker.bending_stiffness_n_m2(0.0), whisker.root_stiffness_n_m_rad);
     let traces: Vec<Vec<sensor::Sample>> = [0.0, 0.5]
@@ -45,7 +45,7 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
             .collect()
         })
         .collect();
-    let row = sensor::model("polynomial").unwrap();
+    let row = sensor::model(model).unwrap();
     let material = sensor::Material {
         whisker: &whisker,
         face: Face::Left,
@@ -54,12 +54,16 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
         reference_noise_sd_n_m: 0.0,
         pin_radius_m: 0.0,
     };
-    let fit = sensor::fit(row, &(row.defaults)(), &material).unwrap();
-    let face: CalibratedFace = fit.face;
+    sensor::fit(row, &(row.defaults)(), &material).unwrap().face
+}
+
+/// The whisker with that face, by the polynomial.
+pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
+    let whisker = straight();
     Arc::new(Knowledge {
         rest: whisker.rest_shape(),
         whisker,
-        faces: vec![Arc::new(face)],
+        faces: vec![Arc::new(face("polynomial"))],
         noise_sd_n_m,
         base_noise: Default::default(),
         rate_hz: RATE_HZ,

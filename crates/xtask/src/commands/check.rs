@@ -28,10 +28,10 @@ fn rust_documentation() -> Outcome {
     run_command(command)
 }
 
-/// Ruff over all Python: tests and examples at the root keep to the generator's settings.
+/// Ruff over all Python: what lies at the root keeps to the generator's settings.
 fn ruff(arguments: &[&str]) -> Outcome {
     python::install(Requirements::Development, Progress::Counter)?;
     let run_ruff = |more: &[&str]| run_command(python_command(&[&["-m", "ruff"], arguments, more].concat()));
     run_ruff(&["sim"])?;
-    run_ruff(&["--config", "sim/pyproject.toml", "tests", "examples"])
+    run_ruff(&["--config", "sim/pyproject.toml", "tests", "examples", "bench"])
 }

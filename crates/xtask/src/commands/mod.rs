@@ -5,6 +5,8 @@ mod bench;
 mod check;
 mod ci;
 mod demo;
+mod deny;
+mod fuzz;
 mod golden;
 mod peers;
 mod physics;
@@ -18,30 +20,53 @@ use crate::failure::Outcome;
 pub(crate) struct Command {
     name: &'static str,
     about: &'static str,
-    pub(crate) run: fn() -> Outcome,
+    run: Run,
+}
+
+/// How a command is run.
+enum Run {
+    /// As it is.
+    Plain(fn() -> Outcome),
+    /// With arguments, of which it says itself what they may be.
+    With(fn(&[String]) -> Outcome),
+}
+use Run::{Plain, With};
+
+impl Command {
+    /// Runs the command with what follows its name.
+    pub(crate) fn run(&self, arguments: &[String]) -> Outcome {
+        match self.run {
+            Plain(run) => run(),
+            With(run) => run(arguments),
+        }
+    }
 }
 
 #[rustfmt::skip]
 const COMMANDS: &[Command] = &[
-    Command { name: "setup", about: "Install the Python packages in .venv", run: setup::run },
-    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite: results/standard/", run: demo::run },
-    Command { name: "test", about: "Run every test: Rust, Python, end to end", run: test::run },
-    Command { name: "check", about: "Check format, lints and documentation of Rust and Python", run: check::run },
-    Command { name: "ci", about: "Run check and test", run: ci::run },
-    Command { name: "reproduce", about: "Measure every published figure again: results/reference/claims.csv", run: reproduce::run },
-    Command { name: "physics", about: "Hold the simulator against theory, claim by claim: results/physics/", run: physics::run },
-    Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: golden::run },
-    Command { name: "bench", about: "Run the benchmarks", run: bench::run },
-    Command { name: "batch", about: "Measure batches and long traces: time and memory", run: batch::run },
-    Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: peers::run },
+    Command { name: "setup", about: "Install the Python packages in .venv", run: Plain(setup::run) },
+    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite: results/standard/", run: Plain(demo::run) },
+    Command { name: "test", about: "Run every test: Rust, Python, end to end", run: Plain(test::run) },
+    Command { name: "check", about: "Check format, lints and documentation of Rust and Python", run: Plain(check::run) },
+    Command { name: "ci", about: "Run check and test", run: Plain(ci::run) },
+    Command { name: "reproduce", about: "Measure every published figure again: results/reference/claims.csv", run: Plain(reproduce::run) },
+    Command { name: "physics", about: "Hold the simulator against theory, claim by claim: results/physics/", run: Plain(physics::run) },
+    Command { name: "deny", about: "Check licences, sources and known faults of the libraries", run: Plain(deny::run) },
+    Command { name: "fuzz", about: "Run parsers on bytes without end, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
+    Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
+    Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
+    Command { name: "batch", about: "Measure batches and long traces: time and memory", run: Plain(batch::run) },
+    Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: Plain(peers::run) },
 ];
 
 /// The command that the arguments name, or what is wrong with them.
 pub(crate) fn find(arguments: &[String]) -> Result<&'static Command, String> {
-    match arguments {
-        [] => Err("a command is expected".to_owned()),
-        [name] => COMMANDS.iter().find(|command| command.name == name).ok_or_else(|| format!("`{name}` is no command")),
-        [name, surplus, ..] => Err(format!("`{name}` takes no arguments, found `{surplus}`")),
+    let (name, rest) = arguments.split_first().ok_or("a command is expected")?;
+    let command =
+        COMMANDS.iter().find(|command| command.name == name).ok_or_else(|| format!("`{name}` is no command"))?;
+    match (&command.run, rest) {
+        (Plain(_), [surplus, ..]) => Err(format!("`{name}` takes no arguments, found `{surplus}`")),
+        _ => Ok(command),
     }
 }
 

@@ -1,0 +1,81 @@
+//! Time of the parts of a particle filter's step, with a thousand particles of two numbers and models that cost nothing.
+
+use divan::{Bencher, black_box};
+use filters::{Cloud, Measurement, Process, States};
+use nalgebra::{Matrix1, Matrix2, SVector, Vector1, Vector2};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+
+const PARTICLES: usize = 1000;
+
+fn main() {
+    divan::main();
+}
+
+/// A place that wanders.
+struct Wandering;
+
+impl Process<2> for Wandering {
+    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        *x
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::identity() * 1e-9
+    }
+
+    fn predict_each(&self, _: &mut States<2>) {}
+}
+
+/// One of its numbers, read.
+struct First;
+
+impl Measurement<2, 1> for First {
+    fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
+        Some(Vector1::new(x[0]))
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix1<f64> {
+        Matrix1::new(0.1)
+    }
+
+    fn predict_each(&self, states: &States<2>, expected: &mut States<1>) {
+        expected.columns_mut()[0].copy_from_slice(states.column(0));
+    }
+
+    fn even_noise(&self) -> Option<Matrix1<f64>> {
+        Some(Matrix1::new(0.1))
+    }
+}
+
+fn cloud() -> (Cloud<2>, Pcg64) {
+    let mut rng = Pcg64::seed_from_u64(1);
+    let draw = |_| SVector::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
+    (Cloud::new((0..PARTICLES).map(draw).collect()), rng)
+}
+
+#[divan::bench]
+fn predict(bencher: Bencher) {
+    let (mut cloud, mut rng) = cloud();
+    bencher.bench_local(|| cloud.predict(&Wandering, &mut rng));
+}
+
+#[divan::bench]
+fn update(bencher: Bencher) {
+    let (cloud, _) = cloud();
+    bencher.with_inputs(|| cloud.clone()).bench_local_refs(|cloud| cloud.update(&First, &Vector1::new(0.1)));
+}
+
+#[divan::bench]
+fn moments(bencher: Bencher) {
+    let (cloud, _) = cloud();
+    bencher.bench_local(|| black_box(&cloud).moments());
+}
+
+#[divan::bench]
+fn resample(bencher: Bencher) {
+    let (mut cloud, mut rng) = cloud();
+    cloud.update(&First, &Vector1::new(0.1)).expect("a reading that says something");
+    bencher.with_inputs(|| cloud.clone()).bench_local_refs(|cloud| cloud.resample(0.0, &mut rng));
+}

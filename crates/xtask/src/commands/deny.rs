@@ -1,0 +1,26 @@
+//! Licences, sources and known faults of the libraries that the project is built from, by `deny.toml`.
+
+use std::process::Command;
+
+use crate::failure::Outcome;
+use crate::tools::{root, run as run_command, tool};
+
+const CARGO_DENY: (&str, &str) = ("cargo-deny", "0.20.2");
+
+pub(crate) fn run() -> Outcome {
+    let deny = tool(CARGO_DENY)?;
+    let command = |arguments: &[&str]| {
+        let mut command = Command::new(&deny);
+        command.args(arguments).current_dir(root());
+        command
+    };
+    run_command(command(&["check", "licenses", "bans", "sources"]))?;
+    // Who is offline has no list of known faults; that is no fault.
+    match run_command(command(&["fetch", "db"])) {
+        Ok(()) => run_command(command(&["check", "advisories"])),
+        Err(failure) => {
+            eprintln!("known faults were not checked: {failure}");
+            Ok(())
+        }
+    }
+}
