@@ -52,6 +52,7 @@ pub mod iterated;
 pub mod least_squares;
 mod model;
 pub mod particle;
+mod small;
 pub mod smoother;
 mod states;
 pub mod unscented;
@@ -62,6 +63,7 @@ pub use bounded::Weighed;
 pub use gaussian::{Gaussian, Innovation, Skipped};
 pub use model::{EvenNoise, Measurement, Process};
 pub use particle::Cloud;
+pub use small::{mapped, product};
 pub use states::States;
 
 /// What [`vectorised!`] expands to.
