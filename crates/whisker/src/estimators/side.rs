@@ -26,6 +26,8 @@ pub(super) struct Side {
     /// Variance of the sensor's measurement noise.
     sensor_noise_n2_m2: f64,
     pub(super) base_noise: BaseNoise,
+    /// Whether there is any.
+    base_is_noisy: bool,
 }
 
 impl Side {
@@ -38,6 +40,7 @@ impl Side {
             whisker,
             sensor_noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
             base_noise: knowledge.base_noise,
+            base_is_noisy: !knowledge.base_noise.is_none(),
         }
     }
 
@@ -91,7 +94,7 @@ impl Side {
 
     /// Variance of the noise of a contact's reading: that of the sensor, and what the noise of the base makes of it.
     fn noise_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
-        if self.base_noise.is_none() {
+        if !self.base_is_noisy {
             return self.sensor_noise_n2_m2;
         }
         let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
