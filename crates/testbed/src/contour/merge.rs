@@ -94,7 +94,7 @@ fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
     let mut placed: Vec<(f64, &Placed)> = points.iter().map(|point| (seen_at(point), point)).collect();
     placed.sort_by(|a, b| a.0.total_cmp(&b.0));
     // The row begins behind the widest gap; that before the first point reaches around to the last.
-    let around = placed.first().zip(placed.last()).map(|(first, last)| first.0 - last.0 + 2.0 * PI);
+    let around = placed.first().zip(placed.last()).map(|(first, last)| (first.0 - last.0).rem_euclid(2.0 * PI));
     let gaps = around.into_iter().chain(placed.windows(2).map(|pair| pair[1].0 - pair[0].0));
     let widest = gaps.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(place, _)| place);
     placed.rotate_left(widest);
