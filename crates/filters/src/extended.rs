@@ -4,13 +4,13 @@ use nalgebra::SMatrix;
 use nalgebra::SVector;
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped, mapped, product};
 
 /// `x <- f(x)`, `P <- F P F' + Q`.
 pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) {
     let (mean, jacobian, noise) = process.linearised(&belief.mean);
     belief.mean = mean;
-    belief.covariance = symmetrised(jacobian * belief.covariance * jacobian.transpose() + noise);
+    belief.covariance = symmetrised(mapped(&jacobian, &belief.covariance) + noise);
 }
 
 /// Conditions the belief on a reading; the gain comes from a Cholesky solve and the covariance from Joseph's form
@@ -26,12 +26,12 @@ pub fn update<const N: usize, const M: usize>(
     let (expected, h) = measurement.linearised(&belief.mean).ok_or(Skipped::NoPrediction)?;
     let r = measurement.noise(&belief.mean);
     let residual = measurement.residual(z, &expected);
-    let cross = h * belief.covariance;
-    let covariance = symmetrised(cross * h.transpose() + r);
+    let cross = product(&h, &belief.covariance);
+    let covariance = symmetrised(product(&cross, &h.transpose()) + r);
     let factor = Factor::of(&covariance).ok_or(Skipped::NotPositiveDefinite)?;
     let gain = factor.solve(&cross).transpose();
-    belief.mean += gain * residual;
-    let keep = SMatrix::<f64, N, N>::identity() - gain * h;
-    belief.covariance = symmetrised(keep * belief.covariance * keep.transpose() + gain * r * gain.transpose());
+    belief.mean += product(&gain, &residual);
+    let keep = SMatrix::<f64, N, N>::identity() - product(&gain, &h);
+    belief.covariance = symmetrised(mapped(&keep, &belief.covariance) + mapped(&gain, &r));
     Ok(Innovation::new(residual, covariance, &factor))
 }

@@ -2,6 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::product;
+
 /// A belief about a state: mean and covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaussian<const N: usize> {
@@ -58,14 +60,14 @@ impl<const N: usize> Mixture<N> {
             let apart = part.mean - *self.origin.get_or_insert(part.mean);
             self.weight += weight;
             self.shift += apart * weight;
-            self.second += (part.covariance + apart * apart.transpose()) * weight;
+            self.second += (part.covariance + product(&apart, &apart.transpose())) * weight;
         }
     }
 
     /// Mean and covariance of the whole; nothing where nothing was taken.
     pub(crate) fn moments(&self) -> Option<Gaussian<N>> {
         let shift = self.shift / self.weight;
-        let covariance = self.second / self.weight - shift * shift.transpose();
+        let covariance = self.second / self.weight - product(&shift, &shift.transpose());
         self.origin.map(|origin| Gaussian::new(origin + shift, symmetrised(covariance)))
     }
 }

@@ -56,6 +56,7 @@ pub mod iterated;
 pub mod least_squares;
 mod model;
 pub mod particle;
+mod small;
 pub mod smoother;
 mod states;
 pub mod unscented;
@@ -66,6 +67,7 @@ pub use bounded::Weighed;
 pub use gaussian::{Gaussian, Innovation, Skipped};
 pub use model::{EvenNoise, Measurement, Process};
 pub use particle::Cloud;
+pub use small::{mapped, product};
 pub use states::States;
 
 /// What [`vectorised!`] expands to.

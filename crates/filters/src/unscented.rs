@@ -4,7 +4,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped};
+use crate::{Gaussian, Innovation, Measurement, Process, Skipped, mapped, product};
 
 /// How far sigma points lie from the mean and how they are weighed.
 ///
@@ -66,11 +66,10 @@ pub fn predict<const N: usize>(
     for point in high.iter().chain(&low) {
         mean += point * weights.other;
     }
-    let deviation = centre - mean;
-    let mut covariance = deviation * deviation.transpose() * weights.centre_covariance + noise;
+    let squared = |deviation: SVector<f64, N>| product(&deviation, &deviation.transpose());
+    let mut covariance = squared(centre - mean) * weights.centre_covariance + noise;
     for point in high.iter().chain(&low) {
-        let deviation = point - mean;
-        covariance += deviation * deviation.transpose() * weights.other;
+        covariance += squared(point - mean) * weights.other;
     }
     *belief = Gaussian::new(mean, symmetrised(covariance));
     Ok(())
@@ -102,23 +101,23 @@ pub fn update<const N: usize, const M: usize>(
     for point in high.iter().chain(&low) {
         shift += measurement.residual(point, &centre) * weights.other;
     }
-    let deviation = -shift;
-    let mut covariance =
-        deviation * deviation.transpose() * weights.centre_covariance + measurement.noise(&belief.mean);
+    let squared = |deviation: SVector<f64, M>| product(&deviation, &deviation.transpose());
+    let mut covariance = squared(-shift) * weights.centre_covariance + measurement.noise(&belief.mean);
     let mut cross = SMatrix::<f64, N, M>::zeros();
     for i in 0..N {
         let above = measurement.residual(&high[i], &centre) - shift;
         let below = measurement.residual(&low[i], &centre) - shift;
-        covariance += (above * above.transpose() + below * below.transpose()) * weights.other;
-        cross += offsets.column(i) * (above - below).transpose() * weights.other;
+        covariance += (squared(above) + squared(below)) * weights.other;
+        let offset: SVector<f64, N> = offsets.column(i).into();
+        cross += product(&offset, &(above - below).transpose()) * weights.other;
     }
     let covariance = symmetrised(covariance);
     let factor = Factor::of(&covariance).ok_or(Skipped::NotPositiveDefinite)?;
     let gain = factor.solve(&cross.transpose()).transpose();
     let residual = measurement.residual(z, &centre) - shift;
-    let posterior = symmetrised(belief.covariance - gain * covariance * gain.transpose());
+    let posterior = symmetrised(belief.covariance - mapped(&gain, &covariance));
     // Unlike Joseph's form this difference can lose definiteness; then the reading is not worth the belief.
     Factor::of(&posterior).ok_or(Skipped::NotPositiveDefinite)?;
-    *belief = Gaussian::new(belief.mean + gain * residual, posterior);
+    *belief = Gaussian::new(belief.mean + product(&gain, &residual), posterior);
     Ok(Innovation::new(residual, covariance, &factor))
 }

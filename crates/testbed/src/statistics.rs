@@ -6,9 +6,12 @@ pub(crate) const NORMAL_95: f64 = 1.959_963_984_540_054;
 /// The `q`-quantile of some values, linear between order statistics; nothing of nothing. Values that are missing come in as
 /// infinite and sort last.
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    quantile_of_sorted(&sorted, q)
+    let mut values = values.to_vec();
+    let position = q * values.len().checked_sub(1)? as f64;
+    let (_, low, above) = values.select_nth_unstable_by(position.floor() as usize, f64::total_cmp);
+    let next = || above.iter().copied().min_by(f64::total_cmp);
+    let high = if position.fract() > 0.0 { next() } else { None };
+    Some(between(*low, high.unwrap_or(*low), position.fract()))
 }
 
 /// The same of values that are in order.
@@ -16,8 +19,13 @@ pub(crate) fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let position = q * last as f64;
     let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
+    Some(between(low, high, position.fract()))
+}
+
+/// The value at a share of the way between two.
+fn between(low: f64, high: f64, share: f64) -> f64 {
     // Without the case apart, infinity less infinity would be no number.
-    Some(if low == high { low } else { low + (high - low) * position.fract() })
+    if low == high { low } else { low + (high - low) * share }
 }
 
 /// The middle value, or the mean of the two in the middle; nothing of nothing.
@@ -50,6 +58,10 @@ mod tests {
         assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), Some(2.0));
         assert_eq!(quantile(&[1.0, 2.0], 0.25), Some(1.25));
         assert_eq!(quantile(&[], 0.5), None);
+        let (values, sorted) = ([5.0, 1.0, f64::INFINITY, 2.0, 2.0, -3.0], [-3.0, 1.0, 2.0, 2.0, 5.0, f64::INFINITY]);
+        for q in [0.0, 0.1, 0.5, 0.6, 0.75, 0.95, 1.0] {
+            assert_eq!(quantile(&values, q), quantile_of_sorted(&sorted, q));
+        }
         assert_eq!(rms(&[3.0, -4.0]), Some(12.5f64.sqrt()));
     }
 

@@ -22,6 +22,7 @@
 
 use std::marker::PhantomData;
 
+use filters::{mapped, product};
 use nalgebra::{Matrix2, Rotation2, Vector2};
 
 /// The fixed frame.
@@ -136,22 +137,25 @@ impl<From, To> Pose<From, To> {
 
     /// A point's coordinates in `To`.
     pub fn apply(&self, point: Point<From>) -> Point<To> {
-        Point::from_vector(self.rotation * point.xy + self.translation)
+        Point::from_vector(product(self.rotation.matrix(), &point.xy) + self.translation)
     }
 
     /// A covariance's components in `To`.
     pub fn turn(&self, covariance: Matrix2<f64>) -> Matrix2<f64> {
-        self.rotation * covariance * self.rotation.transpose()
+        mapped(self.rotation.matrix(), &covariance)
     }
 
     /// Where `To` lies in `From`.
     pub fn inverse(&self) -> Pose<To, From> {
-        Pose::from_parts(-(self.rotation.inverse() * self.translation), -self.yaw_rad)
+        let rotation = self.rotation.inverse();
+        let translation = -product(rotation.matrix(), &self.translation);
+        Pose { translation, yaw_rad: -self.yaw_rad, rotation, frames: PhantomData }
     }
 
     /// This pose, then one from `To` onwards.
     pub fn then<Next>(&self, next: &Pose<To, Next>) -> Pose<From, Next> {
-        Pose::from_parts(next.rotation * self.translation + next.translation, self.yaw_rad + next.yaw_rad)
+        let translation = product(next.rotation.matrix(), &self.translation) + next.translation;
+        Pose::from_parts(translation, self.yaw_rad + next.yaw_rad)
     }
 }
 

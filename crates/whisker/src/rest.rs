@@ -60,13 +60,16 @@ impl Piece {
         let along = self.tangent.dot(&offset);
         let left = self.tangent.x * offset.y - self.tangent.y * offset.x;
         let curvature = self.curvature_per_m;
-        // In units of the radius, seen from the centre of curvature; written so that a straight piece is no special case for the distance.
-        let (ahead, inwards) = (curvature * along, 1.0 - curvature * left);
-        let arc_m = if curvature == 0.0 { along } else { ahead.atan2(inwards) / curvature };
-        if (0.0..=self.length_m).contains(&arc_m) {
-            // Near one or a little more, so nothing can overflow.
+        let (arc_m, left_m) = if curvature == 0.0 {
+            (along, left)
+        } else {
+            // In units of the radius, seen from the centre of curvature; near one or a little more, so nothing can overflow.
+            let (ahead, inwards) = (curvature * along, 1.0 - curvature * left);
             let radii = (ahead * ahead + inwards * inwards).sqrt();
             let left_m = (2.0 * left - curvature * (along * along + left * left)) / (1.0 + radii);
+            (ahead.atan2(inwards) / curvature, left_m)
+        };
+        if (0.0..=self.length_m).contains(&arc_m) {
             return Foot { arc_m: self.start_m + arc_m, left_m };
         }
         let end = arc_m.clamp(0.0, self.length_m);

@@ -18,6 +18,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
+use filters::product;
 use nalgebra::{Matrix2, Vector2};
 use whisker::frames::Point;
 
@@ -42,7 +43,7 @@ const BRIDGE_STEP_M: f64 = 1e-3;
 /// The outline through surface points of a convex object; nothing where none says where it is.
 pub(super) fn merged(points: &[SurfacePoint]) -> Option<Contour> {
     let points: Vec<Placed> = points.iter().filter_map(Placed::new).collect();
-    let cells = cells(points);
+    let cells = cells(&points);
     let merged: Vec<Merged> = cells.iter().filter_map(|cell| Merged::new(cell)).collect();
     let kept = 1.0 - mean(merged.iter().map(|merged| merged.scatter)).unwrap_or_default();
     let vertices: Vec<Vertex> = merged.iter().map(|merged| merged.vertex(kept.max(LEAST_KEPT))).collect();
@@ -64,7 +65,7 @@ impl Placed {
     fn new(point: &SurfacePoint) -> Option<Self> {
         let normal = direction(point.normal_rad);
         let (information, variance_m2) = match point.covariance_m2 {
-            Some(covariance) => (covariance.try_inverse()?, normal.dot(&(covariance * normal))),
+            Some(covariance) => (covariance.try_inverse()?, normal.dot(&product(&covariance, &normal))),
             None => (Matrix2::identity(), 1.0),
         };
         let is_stated = point.covariance_m2.is_some();
@@ -84,24 +85,22 @@ impl Placed {
 }
 
 /// The points of each stretch, counter-clockwise around the object.
-fn cells(points: Vec<Placed>) -> Vec<Vec<Placed>> {
+fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
     let middle = points.iter().map(|point| point.at).sum::<Vector2<f64>>() / points.len().max(1) as f64;
     let seen_at = |point: &Placed| {
         let seen = point.pushed() - middle;
         seen.y.atan2(seen.x)
     };
-    let mut placed: Vec<(f64, Placed)> = points.into_iter().map(|point| (seen_at(&point), point)).collect();
+    let mut placed: Vec<(f64, &Placed)> = points.iter().map(|point| (seen_at(point), point)).collect();
     placed.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The row begins behind the widest gap.
-    let gap = |i: usize| {
-        let before = placed[(i + placed.len() - 1) % placed.len()].0;
-        (placed[i].0 - before).rem_euclid(2.0 * PI)
-    };
-    let widest = (0..placed.len()).max_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+    // The row begins behind the widest gap; that before the first point reaches around to the last.
+    let around = placed.first().zip(placed.last()).map(|(first, last)| (first.0 - last.0).rem_euclid(2.0 * PI));
+    let gaps = around.into_iter().chain(placed.windows(2).map(|pair| pair[1].0 - pair[0].0));
+    let widest = gaps.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(place, _)| place);
     placed.rotate_left(widest);
     let mut way_m = 0.0;
     let mut last: Option<(Vector2<f64>, Vector2<f64>)> = None;
-    let mut cells: BTreeMap<i64, Vec<Placed>> = BTreeMap::new();
+    let mut cells: BTreeMap<i64, Vec<&Placed>> = BTreeMap::new();
     for (_, point) in placed {
         let (pushed, normal) = (point.pushed(), point.normal);
         if let Some((before, normal_before)) = last {
@@ -128,14 +127,15 @@ struct Merged {
 
 impl Merged {
     /// Nothing where the points contradict each other.
-    fn new(points: &[Placed]) -> Option<Self> {
+    fn new(points: &[&Placed]) -> Option<Self> {
         let total: f64 = points.iter().map(|point| point.weight).sum();
         let share = |point: &Placed| point.weight / total;
         let normal = points.iter().map(|point| point.normal * share(point)).sum::<Vector2<f64>>();
         let normal = normal.try_normalize(f64::MIN_POSITIVE)?;
         let information: Matrix2<f64> = points.iter().map(|point| point.information * share(point)).sum();
         let covariance = information.try_inverse()?;
-        let weighted: Vector2<f64> = points.iter().map(|point| point.information * point.at * share(point)).sum();
+        let weighted: Vector2<f64> =
+            points.iter().map(|point| product(&point.information, &point.at) * share(point)).sum();
         let at = covariance * weighted;
         let scatter_m2: f64 =
             points.iter().map(|point| share(point) * point.normal.dot(&(point.at - at)).powi(2)).sum();

@@ -1,7 +1,7 @@
 //! From what the items left behind to the tables of a run.
 //!
 //! Tables with a row a trial are written as the shards are read, in the order of trials, noise levels and seeds, whatever the order in which they were
-//! finished. A row over the trials of a set needs one value of each of them at once, for quantiles. Such rows are made some at a time, as many as a fixed number of values
+//! finished. A row over the trials of a set needs one value of each of them at once, for quantiles. Such rows are made some at a time, as many as a fixed memory
 //! allows, and the shards are read again for the next: memory does not grow with the number of trials, unless a single column of one set does not fit.
 
 use std::collections::BTreeMap;
@@ -21,8 +21,8 @@ use crate::results::{
     score_bytes,
 };
 
-/// Values that are held at once: some tens of megabytes.
-const MOST_VALUES: usize = 2_000_000;
+/// Bytes of values that are held at once.
+const MOST_BYTES: usize = 100_000_000;
 
 /// What comes of a run beside its tables.
 pub(super) struct Merged {
@@ -165,10 +165,10 @@ impl InOrder<'_> {
     ) -> anyhow::Result<()> {
         let mut left = columns.as_slice();
         while !left.is_empty() {
-            let mut values = 0;
+            let mut bytes = 0;
             let fits = |(_, count): &&(Column, usize)| {
-                values += count;
-                values <= MOST_VALUES
+                bytes += count * size_of::<T>();
+                bytes <= MOST_BYTES
             };
             let (window, later) = left.split_at(left.iter().take_while(fits).count().max(1));
             left = later;

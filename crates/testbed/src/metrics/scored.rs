@@ -1,5 +1,6 @@
 //! One estimator on one trial, beside the truth.
 
+use filters::Innovation;
 use trace::{Outline, Trace};
 use whisker::RestShape;
 use whisker::estimators::{Estimate, Knowledge};
@@ -142,7 +143,7 @@ impl<'a> Scored<'a> {
                 error_m: estimate.map(|estimate| estimate.contact.distance(&seen)),
                 nees: estimate.and_then(|estimate| {
                     let error = estimate.contact.vector() - seen.vector();
-                    Some(error.dot(&estimate.covariance_m2?.cholesky()?.solve(&error)))
+                    Some(Innovation::of(error, estimate.covariance_m2?)?.nis)
                 }),
                 nis: estimate.and_then(|estimate| Some(estimate.innovation?.nis)),
             });

@@ -34,7 +34,7 @@ pub use shares::ModelShares;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use filters::Innovation;
+use filters::{Innovation, product};
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -139,7 +139,8 @@ impl Knowledge {
             let seen = clamp.inverse().apply(estimate.contact);
             let arc_m = self.rest.arc_at_radius(seen.vector().norm());
             let undeflected = self.rest.point(arc_m);
-            let theta_rad = seen.y().atan2(seen.x()) - undeflected.y().atan2(undeflected.x());
+            let (from, to) = (undeflected.vector(), seen.vector());
+            let theta_rad = from.perp(&to).atan2(from.dot(&to));
             root_rad + self.rest.tangent_rad(arc_m) + 1.5 * theta_rad
         })
     }
@@ -153,7 +154,7 @@ impl Knowledge {
         const SDS: f64 = 3.0;
         let foot = self.rest.foot(estimate.contact);
         let tangent = self.rest.tangent(foot.arc_m);
-        let sd_m = estimate.covariance_m2.map_or(0.0, |p| tangent.dot(&(p * tangent)).max(0.0).sqrt());
+        let sd_m = estimate.covariance_m2.map_or(0.0, |p| tangent.dot(&product(&p, &tangent)).max(0.0).sqrt());
         let arc_m = foot.arc_m + STRETCH * foot.left_m * foot.left_m / foot.arc_m.max(f64::MIN_POSITIVE);
         arc_m + SDS * sd_m >= self.rest.length_m()
     }

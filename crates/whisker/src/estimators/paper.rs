@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use filters::{Cloud, Gaussian, Innovation, Measurement, Process};
+use filters::{Cloud, Gaussian, Innovation, Measurement, Process, mapped, product};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -97,7 +97,7 @@ impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         let before = self.along_and_away(x);
         let (_, from) = self.in_base(&before);
-        from * self.step.noise(&before) * from.transpose()
+        mapped(&from, &self.step.noise(&before))
     }
 
     fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
@@ -106,8 +106,8 @@ impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
         let (moved, by_before, noise) = self.step.linearised(&before);
         let (found, to) = self.in_base(&moved);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
-        let jacobian = to * by_before * from.try_inverse().unwrap_or_else(SMatrix::zeros);
-        (found, jacobian, from * noise * from.transpose())
+        let jacobian = product(&product(&to, &by_before), &from.try_inverse().unwrap_or_else(SMatrix::zeros));
+        (found, jacobian, mapped(&from, &noise))
     }
 }
 
@@ -128,7 +128,7 @@ impl<'a> Reading<'a> {
         let held = self.side.face.nearest_calibrated(contact);
         let expected = self.side.face.model.predict(held);
         let gradient = expected.gradient_n.transpose();
-        (expected.reading_n_m + (gradient * (contact.vector() - held.vector()))[0], gradient)
+        (expected.reading_n_m + gradient.transpose().dot(&(contact.vector() - held.vector())), gradient)
     }
 
     fn model_sd_n_m(&self, contact: Point<Base>) -> f64 {
@@ -145,13 +145,21 @@ impl<const N: usize> Measurement<N, 1> for Reading<'_> {
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
+        Some(self.linearised(x)?.1)
+    }
+
+    /// The sensor model is asked once.
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
         let contact = Point::new(x[0], x[1]);
+        let (mut expected_n_m, gradient) = self.expect(contact);
         let mut jacobian = SMatrix::<f64, 1, N>::zeros();
-        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&self.expect(contact).1);
+        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
         if let Some(e) = self.model_error {
-            jacobian[e] = self.model_sd_n_m(contact);
+            let sd_n_m = self.model_sd_n_m(contact);
+            expected_n_m += x[e] * sd_n_m;
+            jacobian[e] = sd_n_m;
         }
-        Some(jacobian)
+        Some((Vector1::new(expected_n_m), jacobian))
     }
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
@@ -270,7 +278,8 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filte
         let reading = Reading::of::<Model, N>(&self.side);
         let innovation = self.config.filter.update(&mut self.belief, &reading, &z).ok();
         let estimate = estimate(&self.side, &self.motion, &self.belief, innovation);
-        self.belief.mean = held(&self.side, &self.belief.mean);
+        // The estimate's contact is held within the calibrated region.
+        (self.belief.mean[0], self.belief.mean[1]) = (estimate.contact.x(), estimate.contact.y());
         Some(estimate)
     }
 }

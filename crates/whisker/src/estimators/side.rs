@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use filters::unscented::{self, Spread};
-use filters::{Gaussian, Innovation, Measurement, Process};
+use filters::{Gaussian, Innovation, Measurement, Process, product};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
 use super::motion::Motion;
@@ -26,6 +26,8 @@ pub(super) struct Side {
     /// Variance of the sensor's measurement noise.
     sensor_noise_n2_m2: f64,
     pub(super) base_noise: BaseNoise,
+    /// Whether there is any.
+    base_is_noisy: bool,
 }
 
 impl Side {
@@ -38,6 +40,7 @@ impl Side {
             whisker,
             sensor_noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
             base_noise: knowledge.base_noise,
+            base_is_noisy: !knowledge.base_noise.is_none(),
         }
     }
 
@@ -69,8 +72,9 @@ impl Side {
         let held = self.face.domain.clamp(arc_m, away_m);
         let (contact, jacobian) = self.face.contact_with_jacobian(held.0, held.1);
         let expected = self.face.model.predict(contact);
-        let gradient = expected.gradient_n.transpose() * jacobian;
-        (expected.reading_n_m + (gradient * vector![arc_m - held.0, away_m - held.1])[0], gradient)
+        let gradient = product(&expected.gradient_n.transpose(), &jacobian);
+        let beyond_n_m = gradient.transpose().dot(&vector![arc_m - held.0, away_m - held.1]);
+        (expected.reading_n_m + beyond_n_m, gradient)
     }
 
     /// Expected reading alone.
@@ -90,7 +94,7 @@ impl Side {
 
     /// Variance of the noise of a contact's reading: that of the sensor, and what the noise of the base makes of it.
     fn noise_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
-        if self.base_noise.is_none() {
+        if !self.base_is_noisy {
             return self.sensor_noise_n2_m2;
         }
         let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
@@ -160,9 +164,10 @@ impl Side {
         belief: &Gaussian<N>,
         contact: Point<Base>,
     ) -> Option<Radius> {
+        let i = motion.radius()?;
         let wire_m = self.wire_radius_m(self.face.along_and_away(contact).0);
-        let sd_m = |i| belief.covariance[(i, i)].max(0.0).sqrt();
-        motion.radius().map(|i| Radius { radius_m: (belief.mean[i] - wire_m).max(0.0), sd_m: sd_m(i) })
+        let sd_m = belief.covariance[(i, i)].max(0.0).sqrt();
+        Some(Radius { radius_m: (belief.mean[i] - wire_m).max(0.0), sd_m })
     }
 
     /// States a contact with its covariance in Base.

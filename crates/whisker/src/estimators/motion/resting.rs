@@ -1,6 +1,6 @@
 //! A contact at rest in the world.
 
-use filters::{Gaussian, Process};
+use filters::{Gaussian, Process, product};
 use nalgebra::{Matrix2, Vector2, vector};
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use super::Motion;
 use crate::estimators::Sample;
 use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
-use crate::frames::{Base, Pose};
+use crate::frames::{Base, Point, Pose};
 
 /// A contact that rests in the world, seen from the moving base, and wanders a little. The state is its place `(s, d)`.
 ///
@@ -54,11 +54,17 @@ impl Motion<2> for Resting {
     }
 }
 
+impl Rest<'_> {
+    /// Where a contact is along and away one step later.
+    fn moved(&self, contact: Point<Base>) -> Vector2<f64> {
+        let (arc_m, away_m) = self.side.face.along_and_away(self.motion.apply(contact));
+        vector![arc_m, away_m]
+    }
+}
+
 impl Process<2> for Rest<'_> {
     fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
-        let face = &self.side.face;
-        let (arc_m, away_m) = face.along_and_away(self.motion.apply(face.contact_at(x[0], x[1])));
-        vector![arc_m, away_m]
+        self.moved(self.side.face.contact_at(x[0], x[1]))
     }
 
     fn jacobian(&self, x: &Vector2<f64>) -> Matrix2<f64> {
@@ -67,11 +73,11 @@ impl Process<2> for Rest<'_> {
 
     fn linearised(&self, x: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
         let face = &self.side.face;
-        let moved = self.predict(x);
-        let before = face.contact_jacobian(x[0], x[1]);
+        let (contact, before) = face.contact_with_jacobian(x[0], x[1]);
+        let moved = self.moved(contact);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let after = face.contact_jacobian(moved[0], moved[1]).try_inverse().unwrap_or_default();
-        (moved, after * self.motion.rotation() * before, self.noise(x))
+        (moved, product(&product(&after, &self.motion.rotation()), &before), self.noise(x))
     }
 
     fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {

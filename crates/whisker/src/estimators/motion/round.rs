@@ -1,6 +1,6 @@
 //! A contact that wanders over a round object at rest, because the whisker turns on it.
 
-use filters::{Gaussian, Process};
+use filters::{Gaussian, Process, product};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4, vector};
 use serde::{Deserialize, Serialize};
 
@@ -184,18 +184,20 @@ impl Wandering<'_> {
         let ahead = direction(face.rest.tangent_rad(arc_m) + turn_rad);
         let inward = vector![-ahead.y, ahead.x] * -face.face.away_sign();
         // The inward normal turns against the tangent.
-        let turning = (ahead * face.face.away_sign() * radius_m)
-            * (vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose();
+        let turning = product(
+            &(ahead * face.face.away_sign() * radius_m),
+            &(vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose(),
+        );
         let (contact, of_contact) = face.contact_with_jacobian(arc_m, away_m);
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let to_place = of_contact.try_inverse().unwrap_or_default();
-        let bent = to_place * turning;
+        let bent = product(&to_place, &turning);
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
         Tangency {
             middle_m: contact.vector() + inward * radius_m,
             inward,
             // Sherman and Morrison's formula: the second part is of rank one.
-            inverse: to_place - bent * to_place / play,
+            inverse: to_place - product(&bent, &to_place) / play,
             by_place: of_contact + turning,
         }
     }
@@ -209,7 +211,7 @@ impl Wandering<'_> {
         let mut place = vector![arc_m, away_m];
         let mut after = self.tangency(&place, x[2]);
         for _ in 0..NEWTON_STEPS {
-            let step = after.inverse * (middle_m - after.middle_m);
+            let step = product(&after.inverse, &(middle_m - after.middle_m));
             place += step;
             after = self.tangency(&place, x[2]);
             if step.norm() < CLOSE_ENOUGH_M {
@@ -259,8 +261,9 @@ impl Process<4> for Wandering<'_> {
         let kept = self.kept(x);
         let turned = self.motion.rotation();
         let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, kept]);
-        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&(after.inverse * turned * before.by_place));
-        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&(after.inverse * (turned * before.inward - after.inward)));
+        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&product(&product(&after.inverse, &turned), &before.by_place));
+        let inward = product(&turned, &before.inward) - after.inward;
+        jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&product(&after.inverse, &inward));
         (vector![place[0], place[1], x[2], x[3] * kept], jacobian, self.noise_that_keeps(kept))
     }
 }
