@@ -710,9 +710,10 @@ impl Run {
         let calibrations = self.calibrations.iter().flat_map(|calibration| {
             [("calibrations.whisker", &calibration.whisker), ("calibrations.face", &calibration.face)]
         });
-        let sensors = self.front_end.sensors.iter().flat_map(|sensor| {
-            [("front_end.sensors.name", &sensor.name), ("front_end.sensors.array", &sensor.array)]
-        });
+        let sensors =
+            self.front_end.sensors.iter().flat_map(|sensor| {
+                [("front_end.sensors.name", &sensor.name), ("front_end.sensors.array", &sensor.array)]
+            });
         let recordings = self.recordings.iter().flat_map(|recording| {
             let objects = recording.objects.iter().map(|object| ("recordings.objects", object));
             std::iter::once(("recordings.name", &recording.name)).chain(objects)
