@@ -241,6 +241,34 @@ def test_robust_a_worker_of_another_version_is_refused(cluster: Cluster, suite: 
     assert contents(tmp_path / "out") == {}
 
 
+def test_robust_no_sidecar_stands_beside_files_of_another_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few files of a recording were taken in before an end."""
+    from whisker_sim import cluster
+
+    names = ["passage.json", "passage.joints.csv", "passage_left_1.csv", "passage_left_1.json"]
+    move = Path.replace
+    for most in range(len(names)):
+        part, folder = tmp_path / f"part_{most}", tmp_path / f"folder_{most}"
+        for place, text in ((part, "new"), (folder, "old")):
+            place.mkdir()
+            for name in names:
+                (place / name).write_text(text)
+        moved = []
+
+        def replace(path: Path, target: Path, most: int = most, moved: list[Path] = moved) -> None:
+            if len(moved) == most:
+                raise KeyboardInterrupt
+            moved.append(path)
+            move(path, target)
+
+        monkeypatch.setattr(Path, "replace", replace)
+        with pytest.raises(KeyboardInterrupt):
+            cluster._take_in(part, folder, "passage.json")
+        monkeypatch.undo()
+        assert not [path.name for path in folder.glob("*.json") if path.read_text() == "old"]
+        assert not (folder / "passage.json").exists()
+
+
 def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
     """Where there is none, and where it dies in the middle: one line, and what is finished is kept."""
     out = tmp_path / "out"

@@ -64,12 +64,14 @@ def _outcomes(chore: Chore, waiting: list[tuple[Path, Run]], crew: Crew, force: 
 
     for folder, run in waiting:
         remove_leftovers(folder, chore.name(run))
-    if not force:
-        fresh = [(folder, run) for folder, run in waiting if chore.is_up_to_date(folder, run)]
-        yield from (Outcome(GOOD, f"{chore.name(run)}: up to date") for _, run in fresh)
-        waiting = [item for item in waiting if item not in fresh]
-    if waiting:
-        yield from crew(chore, waiting)
+    stale = []
+    for folder, run in waiting:
+        if not force and chore.is_up_to_date(folder, run):
+            yield Outcome(GOOD, f"{chore.name(run)}: up to date")
+        else:
+            stale.append((folder, run))
+    if stale:
+        yield from crew(chore, stale)
 
 
 def processes(jobs: int) -> Crew:

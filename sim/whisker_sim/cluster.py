@@ -88,9 +88,12 @@ def _generator() -> str:
 
 def _take_in(part: Path, folder: Path, last: str) -> None:
     """Moves the files of `part` to `folder`, the one that says that all is there as the last."""
-    # It must not stand beside files that it does not describe.
-    (folder / last).unlink(missing_ok=True)
-    for path in sorted(part.iterdir(), key=lambda path: path.name == last):
+    # Whatever describes files must not stand beside others: a recording has a sidecar a whisker, and one of its own.
+    paths = sorted(part.iterdir(), key=lambda path: (path.name == last, path.suffix == ".json"))
+    for path in paths:
+        if path.suffix == ".json":
+            (folder / path.name).unlink(missing_ok=True)
+    for path in paths:
         path.replace(folder / path.name)
 
 

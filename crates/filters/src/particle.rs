@@ -155,25 +155,30 @@ impl<const N: usize> Cloud<N> {
         measurement.predict_each(&self.particles, expected);
         let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
         let expected = expected.column(0);
-        let seen = if let Some(noise) = measurement.even_noise() {
+        let (seen, variance) = if let Some(noise) = measurement.even_noise() {
+            if !is_positive(noise[0]) {
+                return Err(Skipped::NotPositiveDefinite);
+            }
             vectorised!(weigh_evenly(residual, expected, noise[0], &self.logs, residuals, logs));
             let seen = vectorised!(seen(&self.weights, residuals));
-            is_positive(noise[0]).then_some(Seen { variance: noise[0] * seen.known, ..seen })
+            let variance = noise[0] * seen.known;
+            (seen, variance)
         } else {
             for ((variance, particle), &expected) in variances.iter_mut().zip(self.particles.iter()).zip(expected) {
                 *variance = if expected.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
             }
+            if !variances.iter().all(|&variance| is_positive(variance)) {
+                return Err(Skipped::NotPositiveDefinite);
+            }
             vectorised!(weigh_unevenly(residual, expected, variances, &self.logs, residuals, logs));
             let seen = vectorised!(seen(&self.weights, residuals));
-            let variance = vectorised!(total_variance(&self.weights, residuals, variances));
-            variances.iter().all(|&variance| is_positive(variance)).then_some(Seen { variance, ..seen })
+            (seen, vectorised!(total_variance(&self.weights, residuals, variances)))
         };
-        let seen = seen.ok_or(Skipped::NotPositiveDefinite)?;
         if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
             return Err(Skipped::NoPrediction);
         }
         let residual = seen.shift / seen.known;
-        let covariance = (seen.second + seen.variance) / seen.known - residual * residual;
+        let covariance = (seen.second + variance) / seen.known - residual * residual;
         Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(Skipped::NotPositiveDefinite)
     }
 
@@ -406,8 +411,6 @@ struct Seen {
     known: f64,
     shift: f64,
     second: f64,
-    /// Of the reading's variance.
-    variance: f64,
 }
 
 #[inline(always)]
@@ -417,10 +420,10 @@ fn seen(weights: &[f64], residuals: &[f64]) -> Seen {
         known: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w }),
         shift: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * r }),
         second: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * (r * r) }),
-        variance: 0.0,
     }
 }
 
+/// The same of the reading's variance.
 #[inline(always)]
 fn total_variance(weights: &[f64], residuals: &[f64], variances: &[f64]) -> f64 {
     wide::sum([weights, residuals, variances], |[w, r, variance]| if r.is_nan() { 0.0 } else { w * variance })

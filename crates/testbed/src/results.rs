@@ -526,6 +526,12 @@ pub struct MapVertexRow {
 }
 
 impl MapVertexRow {
+    /// A vertex of the object with this number.
+    pub fn new(object: usize, vertex: VertexRow) -> Self {
+        let VertexRow { x_m, y_m, normal_rad, cov_xx_m2, cov_xy_m2, cov_yy_m2, touched } = vertex;
+        Self { object, x_m, y_m, normal_rad, cov_xx_m2, cov_xy_m2, cov_yy_m2, touched }
+    }
+
     /// The vertex without its object.
     pub fn vertex(&self) -> VertexRow {
         let &Self { x_m, y_m, normal_rad, cov_xx_m2, cov_xy_m2, cov_yy_m2, touched, .. } = self;

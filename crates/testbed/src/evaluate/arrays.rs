@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use trace::{ArrayRecording, Sidecar, Trace, write_atomically};
 use whisker::estimators::BaseNoise;
 
+use super::contours::vertex_rows;
 use super::{EvaluateSettings, check_distinct};
-use crate::contour::Vertex;
 use crate::encoders::Encoders;
 use crate::map::{FoundObject, Judged, MapConfig, SceneMap, Truths, View, judged};
 use crate::metrics::Trial;
@@ -262,20 +262,11 @@ fn write_map(folder: &Path, first: &Sighting, map: &SceneMap, views: &[&View]) -
             cov_yy_m2: seen.point.covariance_m2.map(|covariance| covariance.m22),
         })
         .collect();
-    let vertex_row = |object: usize, vertex: &Vertex| MapVertexRow {
-        object,
-        x_m: vertex.at.x(),
-        y_m: vertex.at.y(),
-        normal_rad: vertex.normal_rad,
-        cov_xx_m2: vertex.covariance_m2.map(|covariance| covariance.m11),
-        cov_xy_m2: vertex.covariance_m2.map(|covariance| covariance.m12),
-        cov_yy_m2: vertex.covariance_m2.map(|covariance| covariance.m22),
-        touched: vertex.touched,
-    };
-    let vertices = map.objects.iter().enumerate();
-    let vertices: Vec<MapVertexRow> = vertices
-        .flat_map(|(place, object)| object.contour.vertices.iter().map(move |vertex| vertex_row(place + 1, vertex)))
-        .collect();
+    let vertices = map.objects.iter().enumerate().flat_map(|(place, object)| {
+        let rows = vertex_rows(Some(&object.contour));
+        rows.into_iter().map(move |vertex| MapVertexRow::new(place + 1, vertex))
+    });
+    let vertices: Vec<MapVertexRow> = vertices.collect();
     let grid: Vec<GridRow> = map
         .grid
         .cells()

@@ -65,9 +65,8 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
     map_objects.finish()?.finish()?;
     write_atomically(&table("failures.csv"), &csv_bytes(&failures)?)?;
 
-    let mut contours = Vec::new();
     let columns = contour_sets.sets.iter().enumerate().map(|(set, of)| ((set, 0), of.trials)).collect();
-    shards.by_column(
+    let contours = shards.by_column(
         columns,
         |done, keep| {
             for contour in &done.contours {
@@ -75,12 +74,10 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
             }
         },
         |(set, _), judged| contours::summarise(&contour_sets.sets[set].place, &judged),
-        &mut contours,
     )?;
     write_atomically(&table("contours.csv"), &csv_bytes(&contours)?)?;
 
-    let mut errors = Vec::new();
-    shards.by_column(
+    let errors = shards.by_column(
         sets.columns(|set| &set.error_bins),
         |done, keep| {
             for outcome in &done.outcomes {
@@ -89,12 +86,10 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
             }
         },
         |(set, bin), errors_m| tables::error_band(&sets.sets[set].place, bin, errors_m),
-        &mut errors,
     )?;
     write_atomically(&table("error_over_time.csv"), &csv_bytes(&errors)?)?;
 
-    let mut consistency = Vec::new();
-    shards.by_column(
+    let consistency = shards.by_column(
         sets.columns(|set| &set.state_bins),
         |done, keep| {
             for outcome in &done.outcomes {
@@ -103,17 +98,15 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
             }
         },
         |(set, bin), states| tables::consistency(&sets.sets[set].place, bin, &states),
-        &mut consistency,
     )?;
     write_atomically(&table("consistency.csv"), &csv_bytes(&consistency)?)?;
 
-    let mut scores = Vec::new();
     let metrics = sets
         .sets
         .iter()
         .enumerate()
         .flat_map(|(set, of)| (0..METRICS.len() as u64).map(move |metric| ((set, metric), of.trials)));
-    shards.by_column(
+    let scores = shards.by_column(
         metrics.collect(),
         |done, keep| {
             for outcome in &done.outcomes {
@@ -122,7 +115,6 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
             }
         },
         |(_, metric), values| Score::of(metric as usize, &values),
-        &mut scores,
     )?;
     let summary: Vec<SummaryRow> =
         sets.sets.iter().zip(scores.chunks(METRICS.len())).map(|(set, scores)| set.summary(scores)).collect();
@@ -161,8 +153,8 @@ impl InOrder<'_> {
         columns: Vec<(Column, usize)>,
         pick: impl Fn(&Yield, &mut dyn FnMut(Column, T)),
         row: impl Fn(Column, Vec<T>) -> Row + Sync,
-        rows: &mut Vec<Row>,
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<Vec<Row>> {
+        let mut rows = Vec::new();
         let mut left = columns.as_slice();
         while !left.is_empty() {
             let mut bytes = 0;
@@ -186,7 +178,7 @@ impl InOrder<'_> {
                 held.into_iter().collect::<Vec<_>>().into_par_iter().map(|(column, values)| row(column, values)),
             );
         }
-        Ok(())
+        Ok(rows)
     }
 }
 

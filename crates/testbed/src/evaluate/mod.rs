@@ -148,9 +148,7 @@ impl BenchTrial {
             |mounted| format!("recording {}", mounted.recording()),
         )
     }
-}
 
-impl BenchTrial {
     /// How well the robot knows its base.
     fn base_noise(&self) -> BaseNoise {
         self.mounted.as_ref().map(Mounted::base_noise).unwrap_or_default()

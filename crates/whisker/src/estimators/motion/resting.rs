@@ -83,4 +83,8 @@ impl Process<2> for Rest<'_> {
     fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
         Matrix2::identity() * self.wander_m2
     }
+
+    fn even_noise(&self) -> Option<Matrix2<f64>> {
+        Some(Matrix2::identity() * self.wander_m2)
+    }
 }
