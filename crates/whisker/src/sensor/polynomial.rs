@@ -87,23 +87,23 @@ fn value<const N: usize>(model: &Polynomial, contact: Point<Base>) -> f64 {
     product::<N>(model.coefficients::<N>(), &chebyshev(u), &chebyshev(v))
 }
 
-/// What [`product`] says of the value, and the slopes from the same sums over `j`.
+/// What [`product`] says of the value, bit by bit, and the slopes from the same sums over `j`.
 fn value_and_slopes<const N: usize>(model: &Polynomial, contact: Point<Base>) -> Prediction {
     let (u, v) = model.scaled(contact.x(), contact.y());
     let coefficients = model.coefficients::<N>();
     let (by_u, by_v) = (chebyshev::<N>(u), chebyshev::<N>(v));
     let (slopes_u, slopes_v) = (chebyshev_slopes(u, &by_u), chebyshev_slopes(v, &by_v));
-    let (mut value, mut slope_u, mut slope_v, mut start) = (0.0, 0.0, 0.0, 0);
-    for i in 0..N {
-        let (mut row, mut row_slope) = (0.0, 0.0);
-        for j in 0..N - i {
+    let (mut value, mut slope_u, mut slope_v, mut start) = (0.0, 0.0, 0.0, coefficients.len());
+    for i in (0..N).rev() {
+        start -= N - i;
+        let (mut row, mut row_slope) = (coefficients[start] * by_v[0], 0.0);
+        for j in 1..N - i {
             row += coefficients[start + j] * by_v[j];
             row_slope += coefficients[start + j] * slopes_v[j];
         }
-        value += by_u[i] * row;
+        value = if i + 1 == N { by_u[i] * row } else { value + by_u[i] * row };
         slope_u += slopes_u[i] * row;
         slope_v += by_u[i] * row_slope;
-        start += N - i;
     }
     Prediction { reading_n_m: value, gradient_n: Vector2::new(slope_u / model.scale_m[0], slope_v / model.scale_m[1]) }
 }
