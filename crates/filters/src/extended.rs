@@ -23,8 +23,7 @@ pub fn update<const N: usize, const M: usize>(
     measurement: &impl Measurement<N, M>,
     z: &SVector<f64, M>,
 ) -> Result<Innovation<M>, Skipped> {
-    let (expected, h) = measurement.linearised(&belief.mean).ok_or(Skipped::NoPrediction)?;
-    let r = measurement.noise(&belief.mean);
+    let (expected, h, r) = measurement.linearised_with_noise(&belief.mean).ok_or(Skipped::NoPrediction)?;
     let residual = measurement.residual(z, &expected);
     let cross = product(&h, &belief.covariance);
     let covariance = symmetrised(product(&cross, &h.transpose()) + r);

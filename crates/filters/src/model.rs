@@ -67,6 +67,15 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some((self.predict(x)?, self.jacobian(x)?))
     }
 
+    /// That with `R`, for filters that ask for all three at one state; one after the other unless given.
+    fn linearised_with_noise(
+        &self,
+        x: &SVector<f64, N>,
+    ) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>, SMatrix<f64, M, M>)> {
+        let (expected, jacobian) = self.linearised(x)?;
+        Some((expected, jacobian, self.noise(x)))
+    }
+
     /// Writes the readings expected at many states, not-a-number where the model does not know; one by one unless given.
     fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
         for (index, state) in states.iter().enumerate() {

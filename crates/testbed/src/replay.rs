@@ -7,10 +7,10 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, SensorFile, Sidecar};
-use whisker::estimators::{BaseNoise, Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Sample};
+use whisker::estimators::{BaseNoise, Estimate, EstimatorRow, Follower, Knowledge, Method, OutlinePoint, Sample};
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
-use whisker::sensor::CalibratedFace;
+use whisker::sensor::{CalibratedFace, Face};
 
 use crate::front_end::derived_seed;
 
@@ -85,17 +85,16 @@ pub fn method(row: &EstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) ->
 ///
 /// # Errors
 /// If its settings are wrong.
-pub fn estimator(
+pub fn follower(
     row: &EstimatorRow,
     config: &Value,
-    touch: TouchConfig,
     knowledge: &Arc<Knowledge>,
     trace_name: &str,
     seed: u64,
-) -> anyhow::Result<Estimator> {
+) -> anyhow::Result<Follower> {
     let method = method(row, config, knowledge)?;
     let own_seed = derived_seed(seed, &[row.name, trace_name]);
-    Ok(Estimator::new(method, knowledge.clone(), touch, own_seed))
+    Ok(Follower::new(method, knowledge.clone(), own_seed))
 }
 
 /// Checks that a calibration is that of a trace's whisker and knows the face that the trace touches with.
@@ -118,9 +117,10 @@ pub fn signals(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) ->
     samples.iter().map(|sample| detector.judge(sample.reading_n_m, sample.dt_s)).collect()
 }
 
-/// Whether the detection of contacts takes the whisker to touch, at each sample.
-pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<bool> {
-    signals(touch, knowledge, samples).iter().map(|signals| signals.touched.is_some()).collect()
+/// The side on which the object lies, at each sample at which the detection of contacts takes the whisker to touch.
+pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<Option<Face>> {
+    let mut detector = ContactDetector::new(touch, &knowledge.sensing());
+    samples.iter().map(|sample| detector.step(sample.reading_n_m, sample.dt_s)).collect()
 }
 
 /// Estimates of a replay, and how long it took.
@@ -143,10 +143,10 @@ impl Replay {
     }
 }
 
-/// Runs an estimator over samples.
-pub fn replay(estimator: &mut Estimator, samples: &[Sample]) -> Replay {
+/// Runs an estimator over samples whose contacts are known.
+pub fn replay(follower: &mut Follower, samples: &[Sample], touched: &[Option<Face>]) -> Replay {
     let start = Clock::now();
-    let estimates = estimator.run(samples);
-    let outline = estimator.outline();
+    let estimates = follower.run(samples, touched);
+    let outline = follower.outline();
     Replay { estimates, outline, elapsed_ns: start.elapsed().as_nanos(), failure: None }
 }

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
 use testbed::entrant::{Entrant, Program, Registered, Task};
-use testbed::replay::Replay;
+use testbed::replay::{Replay, touched};
 use whisker::estimators::{self, BaseNoise, Knowledge, Sample, Told};
 use whisker::events::TouchConfig;
 use whisker::frames::Point;
@@ -40,8 +40,9 @@ fn replay_of(script: &str, timeout: Duration, knowledge: &Arc<Knowledge>) -> Rep
     fs::write(&path, script).unwrap();
     let program = Program::new(&format!("sh {}", path.display()), timeout).unwrap();
     let samples = trial(knowledge);
-    let touch = TouchConfig::default();
-    let replay = program.replay(&Task { knowledge, touch, samples: &samples, trace: "secret", seed: 1 }).unwrap();
+    let touched = touched(TouchConfig::default(), knowledge, &samples);
+    let task = Task { knowledge, samples: &samples, touched: &touched, trace: "secret", seed: 1 };
+    let replay = program.replay(&task).unwrap();
     assert_eq!(replay.estimates.len(), samples.len());
     replay
 }
@@ -228,8 +229,8 @@ fn robust_a_program_that_does_not_start_is_one_error() {
 fn verif_a_registered_entrant_says_what_its_estimator_says() {
     let knowledge = world::knowledge(NOISE_N_M);
     let samples = trial(&knowledge);
-    let touch = TouchConfig::default();
-    let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: "exam", seed: 1 };
+    let touched = touched(TouchConfig::default(), &knowledge, &samples);
+    let task = Task { knowledge: &knowledge, samples: &samples, touched: &touched, trace: "exam", seed: 1 };
     let replay = Registered::new("ekf", &json!({})).unwrap().replay(&task).unwrap();
     let row = estimators::estimator("ekf").unwrap();
     assert_eq!(replay.estimates, world::estimator(row, &knowledge, 1).run(&samples));

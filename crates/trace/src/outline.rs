@@ -75,16 +75,17 @@ impl Outline {
     pub fn distance_m(&self, point: Point<World>) -> f64 {
         self.vertices
             .windows(2)
-            .map(|edge| distance_to_segment(point.vector(), edge[0].vector(), edge[1].vector()))
+            .map(|edge| squared_distance_to_segment(point.vector(), edge[0].vector(), edge[1].vector()))
             .fold(f64::INFINITY, f64::min)
+            .sqrt()
     }
 }
 
-fn distance_to_segment(p: Vector2<f64>, a: Vector2<f64>, b: Vector2<f64>) -> f64 {
+fn squared_distance_to_segment(p: Vector2<f64>, a: Vector2<f64>, b: Vector2<f64>) -> f64 {
     let edge = b - a;
     let length2 = edge.norm_squared();
     let part = if length2 > 0.0 { ((p - a).dot(&edge) / length2).clamp(0.0, 1.0) } else { 0.0 };
-    (p - a - edge * part).norm()
+    (p - a - edge * part).norm_squared()
 }
 
 #[cfg(test)]

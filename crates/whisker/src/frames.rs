@@ -113,11 +113,8 @@ impl<From, To> Copy for Pose<From, To> {}
 impl<From, To> Pose<From, To> {
     /// `From` has its origin at (`x_m`, `y_m`) in `To` and is turned by `yaw_rad`.
     pub fn new(x_m: f64, y_m: f64, yaw_rad: f64) -> Self {
-        Self::from_parts(Vector2::new(x_m, y_m), yaw_rad)
-    }
-
-    fn from_parts(translation: Vector2<f64>, yaw_rad: f64) -> Self {
-        Self { translation, yaw_rad, rotation: Rotation2::new(yaw_rad), frames: PhantomData }
+        let (translation, rotation) = (Vector2::new(x_m, y_m), Rotation2::new(yaw_rad));
+        Self { translation, yaw_rad, rotation, frames: PhantomData }
     }
 
     /// Origin of `From`, in `To`.
@@ -155,7 +152,8 @@ impl<From, To> Pose<From, To> {
     /// This pose, then one from `To` onwards.
     pub fn then<Next>(&self, next: &Pose<To, Next>) -> Pose<From, Next> {
         let translation = product(next.rotation.matrix(), &self.translation) + next.translation;
-        Pose::from_parts(translation, self.yaw_rad + next.yaw_rad)
+        let rotation = Rotation2::from_matrix_unchecked(product(next.rotation.matrix(), self.rotation.matrix()));
+        Pose { translation, yaw_rad: self.yaw_rad + next.yaw_rad, rotation, frames: PhantomData }
     }
 }
 

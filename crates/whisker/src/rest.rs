@@ -20,6 +20,8 @@ struct Piece {
 #[derive(Clone, Debug, PartialEq)]
 pub struct RestShape {
     pieces: Vec<Piece>,
+    /// Distance of the tip from the root.
+    tip_radius_m: f64,
 }
 
 /// The point of the undeflected whisker nearest to a point of the plane, and how far away it is.
@@ -91,7 +93,7 @@ impl RestShape {
             (start_m, origin, angle_rad) = (start_m + length_m, piece.frame(length_m).0, piece.angle_rad(length_m));
             pieces.push(piece);
         }
-        Self { pieces }
+        Self { pieces, tip_radius_m: origin.norm() }
     }
 
     fn piece(&self, arc_m: f64) -> &Piece {
@@ -155,7 +157,7 @@ impl RestShape {
     /// the whisker does not reach so far.
     pub fn arc_at_radius(&self, radius_m: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.length_m());
-        if self.point(high).vector().norm() <= radius_m {
+        if self.tip_radius_m <= radius_m {
             return high;
         }
         // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held between bounds.

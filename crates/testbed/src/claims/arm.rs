@@ -18,6 +18,7 @@ use trace::{
 };
 use whisker::elastica::{Circle, Elastica, Regime};
 use whisker::estimators;
+use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point};
 use whisker::sensor::CalibratedFace;
 
@@ -25,7 +26,7 @@ use super::{Claim, Context, Evaluation, RECOMMENDED, worst};
 use crate::dataset::Dataset;
 use crate::front_end::{FRONT_ENDS, derived_seed};
 use crate::map::true_circle;
-use crate::replay::{estimator, knowledge, replay, samples};
+use crate::replay::{follower, knowledge, replay, samples, touched};
 use crate::results::{MapObjectRow, MapRow};
 use crate::statistics::rms;
 
@@ -353,8 +354,10 @@ fn contact_errors_m(
     let readings_n_m: Vec<f64> = sweep.readings_n_m.iter().map(noisy).collect();
     let row = estimators::estimator(RECOMMENDED).context("a registered estimator")?;
     let knowledge = knowledge(sidecar, faces, noise_sd_n_m);
-    let mut estimator = estimator(row, &(row.defaults)(), Default::default(), &knowledge, &sidecar.name, seed)?;
-    let estimates = replay(&mut estimator, &samples(&window.trace.recording, &readings_n_m)).estimates;
+    let samples = samples(&window.trace.recording, &readings_n_m);
+    let touched = touched(TouchConfig::default(), &knowledge, &samples);
+    let mut follower = follower(row, &(row.defaults)(), &knowledge, &sidecar.name, seed)?;
+    let estimates = replay(&mut follower, &samples, &touched).estimates;
     let error_m = |&row: &usize| Some(estimates[row].as_ref()?.contact.distance(&sweep.contacts[row]?));
     let errors_m: Vec<f64> = scored.iter().filter_map(error_m).collect();
     let most_silent = (MOST_SILENT * scored.len() as f64) as usize;

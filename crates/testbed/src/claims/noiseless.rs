@@ -18,7 +18,7 @@ use whisker::sensor::CalibratedFace;
 
 use super::{Claim, Context, WHISKERS, filters};
 use crate::front_end::FRONT_ENDS;
-use crate::replay::{estimator, knowledge, replay, samples};
+use crate::replay::{follower, knowledge, replay, samples, touched};
 use crate::settings::merged;
 use crate::statistics::quantile;
 
@@ -100,11 +100,11 @@ fn final_offsets(
         .map(|(trace, contact, samples)| {
             let sidecar = &trace.sidecar;
             let knowledge = knowledge(sidecar, &faces, 0.0);
+            let touched = touched(TouchConfig::default(), &knowledge, samples);
             let last_base = trace.recording.instants[samples.len() - 1].base;
             let offset = |seed| {
-                let touch = TouchConfig::default();
-                let mut estimator = estimator(row, &config, touch, &knowledge, &sidecar.name, seed)?;
-                let estimates = replay(&mut estimator, samples).estimates;
+                let mut follower = follower(row, &config, &knowledge, &sidecar.name, seed)?;
+                let estimates = replay(&mut follower, samples, &touched).estimates;
                 let last = estimates.last().copied().flatten().context("an ideal contact is followed to the end")?;
                 Ok(last_base.apply(last.contact).vector() - contact.vector())
             };

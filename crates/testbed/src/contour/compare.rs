@@ -69,13 +69,13 @@ impl Vertex {
 
 /// Distance from a point to the line through some vertices.
 fn distance(line: &[Vector2<f64>], point: Vector2<f64>) -> f64 {
-    let vertices = line.iter().map(|vertex| (vertex - point).norm());
+    let vertices = line.iter().map(|vertex| (vertex - point).norm_squared());
     let edges = line.windows(2).map(|edge| {
         let way = edge[1] - edge[0];
         let part = ((point - edge[0]).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        (edge[0] + way * part - point).norm()
+        (edge[0] + way * part - point).norm_squared()
     });
-    vertices.chain(edges).fold(f64::INFINITY, f64::min)
+    vertices.chain(edges).fold(f64::INFINITY, f64::min).sqrt()
 }
 
 /// The contour's vertices with points between them, each with a band between those of its neighbours.

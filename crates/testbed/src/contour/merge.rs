@@ -41,8 +41,8 @@ const LONGEST_DETOUR: f64 = std::f64::consts::SQRT_2;
 const BRIDGE_STEP_M: f64 = 1e-3;
 
 /// The outline through surface points of a convex object; nothing where none says where it is.
-pub(super) fn merged(points: &[SurfacePoint]) -> Option<Contour> {
-    let points: Vec<Placed> = points.iter().filter_map(Placed::new).collect();
+pub(super) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Contour> {
+    let points: Vec<Placed> = points.into_iter().filter_map(Placed::new).collect();
     let cells = cells(&points);
     let merged: Vec<Merged> = cells.iter().filter_map(|cell| Merged::new(cell)).collect();
     let kept = 1.0 - mean(merged.iter().map(|merged| merged.scatter)).unwrap_or_default();
@@ -63,7 +63,7 @@ struct Placed {
 
 impl Placed {
     fn new(point: &SurfacePoint) -> Option<Self> {
-        let normal = direction(point.normal_rad);
+        let normal = point.normal;
         let (information, variance_m2) = match point.covariance_m2 {
             Some(covariance) => (covariance.try_inverse()?, normal.dot(&product(&covariance, &normal))),
             None => (Matrix2::identity(), 1.0),
@@ -92,7 +92,7 @@ fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
         seen.y.atan2(seen.x)
     };
     let mut placed: Vec<(f64, &Placed)> = points.iter().map(|point| (seen_at(point), point)).collect();
-    placed.sort_by(|a, b| a.0.total_cmp(&b.0));
+    placed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     // The row begins behind the widest gap; that before the first point reaches around to the last.
     let around = placed.first().zip(placed.last()).map(|(first, last)| (first.0 - last.0).rem_euclid(2.0 * PI));
     let gaps = around.into_iter().chain(placed.windows(2).map(|pair| pair[1].0 - pair[0].0));
@@ -199,8 +199,8 @@ mod tests {
 
     const SD_M: f64 = 1e-4;
 
-    fn surface_point(at: Vector2<f64>, normal_rad: f64, covariance_m2: Matrix2<f64>) -> SurfacePoint {
-        SurfacePoint { row: 0, touch: 0, since_touch_s: 0.0, at, normal_rad, covariance_m2: Some(covariance_m2) }
+    fn surface_point(at: Vector2<f64>, normal: Vector2<f64>, covariance_m2: Matrix2<f64>) -> SurfacePoint {
+        SurfacePoint { row: 0, touch: 0, since_touch_s: 0.0, at, normal, covariance_m2: Some(covariance_m2) }
     }
 
     /// A point whose error lies along the outline, as those of whiskers do.
@@ -208,7 +208,7 @@ mod tests {
         let normal_rad = normal_deg.to_radians();
         let (n, t) = (direction(normal_rad), direction(normal_rad + 0.5 * PI));
         let covariance = n * n.transpose() * SD_M.powi(2) + t * t.transpose() * (10.0 * SD_M).powi(2);
-        surface_point(Vector2::new(x_m, y_m), normal_rad, covariance)
+        surface_point(Vector2::new(x_m, y_m), n, covariance)
     }
 
     fn circle(radius_m: f64, from_deg: f64, to_deg: f64, count: usize) -> Vec<SurfacePoint> {
@@ -286,7 +286,7 @@ mod tests {
         let needle = |x_m: f64, tilt_rad: f64| {
             let (n, t) = (direction(tilt_rad), direction(tilt_rad + 0.5 * PI));
             let covariance = n * n.transpose() * 1e-18 + t * t.transpose() * 1e-7;
-            surface_point(Vector2::new(x_m, 0.0), 0.0, covariance)
+            surface_point(Vector2::new(x_m, 0.0), Vector2::x(), covariance)
         };
         assert_eq!(merged(&[needle(0.0, 0.0), needle(2e-4, 1e-5)]), None);
     }

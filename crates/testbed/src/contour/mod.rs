@@ -14,8 +14,7 @@ pub use compare::{Comparison, Touched};
 pub(crate) use stretch::touched_stretch;
 pub use strokes::second_stroke;
 
-use std::f64::consts::{FRAC_PI_2, PI};
-
+use filters::product;
 use nalgebra::{Matrix2, Vector2};
 use whisker::estimators::{Estimate, OutlinePoint};
 use whisker::frames::{Point, World};
@@ -61,13 +60,13 @@ impl Contour {
             Some(outline) => carried(trial, outline),
             None => {
                 let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
-                Self::merged(&said.iter().filter(counts).copied().collect::<Vec<_>>())
+                Self::merged(said.iter().filter(counts))
             }
         }
     }
 
     /// The outline of a convex object through surface points, of one whisker or of several; nothing where none says where it is.
-    pub(crate) fn merged(points: &[SurfacePoint]) -> Option<Self> {
+    pub(crate) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Self> {
         merge::merged(points)
     }
 }
@@ -106,13 +105,18 @@ pub struct SurfacePoint {
     pub(crate) since_touch_s: f64,
     /// Where the surface is, in World.
     pub(crate) at: Vector2<f64>,
-    /// Direction of the outward normal: from the object to the whisker.
-    pub(crate) normal_rad: f64,
+    /// Outward normal in World, a unit vector: from the object to the whisker.
+    pub(crate) normal: Vector2<f64>,
     /// Covariance, where stated.
     pub(crate) covariance_m2: Option<Matrix2<f64>>,
 }
 
 impl SurfacePoint {
+    /// Direction of the outward normal.
+    pub(crate) fn normal_rad(&self) -> f64 {
+        self.normal.y.atan2(self.normal.x)
+    }
+
     /// Whether its place is sure enough to say where the outline is, in every direction; one that states nothing counts as sure.
     pub(crate) fn is_sure(&self) -> bool {
         self.covariance_m2.is_none_or(|covariance| {
@@ -134,7 +138,7 @@ const SETTLING_S: f64 = 1.0;
 /// calibrated region or at the tip, and not farther from the root than the whisker is long, as filters that have run away say.
 pub fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<SurfacePoint> {
     let instants = &trial.trace.recording.instants;
-    let mut points = Vec::new();
+    let mut points = Vec::with_capacity(estimates.len());
     let mut begun = None;
     for (row, ((known, &reading_n_m), estimate)) in instants.iter().zip(trial.readings_n_m).zip(estimates).enumerate() {
         let Some(estimate) = estimate else {
@@ -146,14 +150,14 @@ pub fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<
         if !estimate.calibrated || estimate.at_tip || !is_on_whisker {
             continue;
         }
-        let tangent_rad = trial.knowledge.tangent_rad(estimate, reading_n_m);
-        let outward_rad = if estimate.face.away_sign() > 0.0 { 0.0 } else { PI };
+        let tangent = direction(trial.knowledge.tangent_rad(estimate, reading_n_m));
+        let outward = Vector2::new(-tangent.y, tangent.x) * estimate.face.away_sign();
         points.push(SurfacePoint {
             row,
             touch,
             since_touch_s: known.t_s - instants[touch].t_s,
-            at: known.base.apply(trial.knowledge.surface_beside(estimate, tangent_rad)).vector(),
-            normal_rad: known.base.yaw_rad() + (tangent_rad + FRAC_PI_2) + outward_rad,
+            at: known.base.apply(trial.knowledge.surface_beside(estimate, tangent)).vector(),
+            normal: product(&known.base.rotation(), &outward),
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
         });
     }

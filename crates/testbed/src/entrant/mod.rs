@@ -11,7 +11,7 @@ mod registered;
 use std::sync::Arc;
 
 use whisker::estimators::{Knowledge, Sample};
-use whisker::events::TouchConfig;
+use whisker::sensor::Face;
 
 use crate::replay::Replay;
 use crate::results::RunEstimator;
@@ -25,10 +25,10 @@ pub use registered::Registered;
 pub struct Task<'a> {
     /// What the robot knows before it touches anything.
     pub knowledge: &'a Arc<Knowledge>,
-    /// Settings of the contact detection, the same for all.
-    pub touch: TouchConfig,
     /// What it learns, in the order of time.
     pub samples: &'a [Sample],
+    /// What the detection of contacts, the same for all, says of each sample: the side on which the object lies while the whisker touches.
+    pub touched: &'a [Option<Face>],
     /// Name of the trace, from which and the seed each entrant's own randomness follows.
     pub trace: &'a str,
     /// Seed of the trial.

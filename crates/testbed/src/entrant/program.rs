@@ -17,7 +17,7 @@ use super::process::{Process, Silence};
 use super::protocol::{Greeting, PROTOCOL, Row, estimate};
 use super::{Entrant, Task};
 use crate::front_end::derived_seed;
-use crate::replay::{Replay, signals};
+use crate::replay::Replay;
 use crate::results::RunEstimator;
 
 /// A program that takes part under a name.
@@ -79,15 +79,15 @@ impl Program {
         task: &Task<'_>,
         estimates: &mut Vec<Option<Estimate>>,
     ) -> Result<(), String> {
-        let &Task { knowledge, touch, samples, trace, seed } = task;
+        let &Task { knowledge, samples, touched, trace, seed } = task;
         process.tell(line(&Greeting::new(knowledge, derived_seed(seed, &[&self.name, trace]))));
         // Counted from where the base stood at the first row: no hint at where the world has its origin.
         let mut base: Pose<Base, Start> = Pose::new(0.0, 0.0, 0.0);
         let mut t_s = 0.0;
-        for (index, (sample, signals)) in samples.iter().zip(signals(touch, knowledge, samples)).enumerate() {
+        for (index, (sample, &touched)) in samples.iter().zip(touched).enumerate() {
             base = sample.motion.inverse().then(&base);
             t_s += sample.dt_s;
-            process.tell(line(&Row::new(t_s, &base, sample, signals.touched)));
+            process.tell(line(&Row::new(t_s, &base, sample, touched)));
             let row = format!("row {} of {}", index + 1, samples.len());
             let answer = match process.hear(self.timeout) {
                 Ok(answer) => answer.map_err(|error| format!("answer to {row}: {error}"))?,
@@ -96,7 +96,7 @@ impl Program {
                 }
                 Err(Silence::Closed) => return Err(format!("{} before its answer to {row}", self.end(process))),
             };
-            let face = signals.touched.unwrap_or_else(|| Face::of_reading(sample.reading_n_m));
+            let face = touched.unwrap_or_else(|| Face::of_reading(sample.reading_n_m));
             let estimate =
                 estimate(&answer, face, knowledge).map_err(|problem| format!("answer to {row}: {problem}"))?;
             estimates.push(estimate);

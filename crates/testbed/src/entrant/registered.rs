@@ -52,8 +52,8 @@ impl Entrant for Registered {
     }
 
     fn replay(&self, task: &Task<'_>) -> anyhow::Result<Replay> {
-        let &Task { knowledge, touch, samples, trace, seed } = task;
-        let mut estimator = replay::estimator(self.row, &self.config, touch, knowledge, trace, seed)?;
-        Ok(replay::replay(&mut estimator, samples))
+        let &Task { knowledge, samples, touched, trace, seed } = task;
+        let mut follower = replay::follower(self.row, &self.config, knowledge, trace, seed)?;
+        Ok(replay::replay(&mut follower, samples, touched))
     }
 }

@@ -256,7 +256,7 @@ fn write_map(folder: &Path, first: &Sighting, map: &SceneMap, views: &[&View]) -
             object: numbers.get(&(whisker, seen.point.row)).copied(),
             x_m: seen.point.at.x,
             y_m: seen.point.at.y,
-            normal_rad: seen.point.normal_rad,
+            normal_rad: seen.point.normal_rad(),
             cov_xx_m2: seen.point.covariance_m2.map(|covariance| covariance.m11),
             cov_xy_m2: seen.point.covariance_m2.map(|covariance| covariance.m12),
             cov_yy_m2: seen.point.covariance_m2.map(|covariance| covariance.m22),

@@ -591,8 +591,8 @@ impl Bench {
             let faces = read_by(sensor.as_ref(), &calibration.faces[&entrant.sensor_model()]);
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
             let knowledge = Arc::new(Knowledge { told: *told, base_noise, ..knowledge });
-            let (touch, trace_name) = (settings.touch, sidecar.name.as_str());
-            let task = Task { knowledge: &knowledge, touch, samples: &samples, trace: trace_name, seed };
+            let (samples, touched) = (samples.as_slice(), touched.as_slice());
+            let task = Task { knowledge: &knowledge, samples, touched, trace: &sidecar.name, seed };
             let answer = caught(|| entrant.replay(&task).map_err(|error| format!("{error:#}"))).flatten();
             let replay = answer.unwrap_or_else(|reason| Replay::silent(samples.len(), reason));
             done.failures.extend(replay.failure.iter().map(|reason| failed(Some(name), reason.clone())));

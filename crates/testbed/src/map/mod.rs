@@ -13,7 +13,7 @@ mod view;
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
-use crate::contour::{Circle, Contour, SurfacePoint, Vertex};
+use crate::contour::{Circle, Contour, Vertex};
 
 use grid::Grid;
 pub(crate) use judge::{Judged, Truths, judged, true_circle};
@@ -112,5 +112,5 @@ impl SceneMap {
 }
 
 fn merged<'a>(seen: impl Iterator<Item = &'a Seen>) -> Option<Contour> {
-    Contour::merged(&seen.map(|seen| seen.point).collect::<Vec<SurfacePoint>>())
+    Contour::merged(seen.map(|seen| &seen.point))
 }

@@ -41,8 +41,8 @@ pub(crate) struct Seen {
 impl Seen {
     /// The place with its tangent.
     pub(crate) fn vertex(&self) -> Vertex {
-        let SurfacePoint { at, normal_rad, covariance_m2, .. } = self.point;
-        Vertex { at: Point::from_vector(at), normal_rad, covariance_m2, touched: true }
+        let SurfacePoint { at, covariance_m2, .. } = self.point;
+        Vertex { at: Point::from_vector(at), normal_rad: self.point.normal_rad(), covariance_m2, touched: true }
     }
 }
 

@@ -6,6 +6,7 @@
 //! lies at the tip is told by its estimate, instant by instant.
 
 use trace::Trace;
+use whisker::sensor::Face;
 
 use super::{Metric, Scored, Summary};
 use crate::statistics::{mean, median};
@@ -140,9 +141,9 @@ pub struct Events {
 }
 
 impl Events {
-    /// Contacts of a trace beside those that a detection found, which says of each row whether it saw a touch; nothing where the truth is not known.
-    pub fn of(trace: &Trace, touched: &[bool]) -> Option<Self> {
-        let (actual, found) = (true_contacts(trace)?, spans(trace, touched));
+    /// Contacts of a trace beside those that a detection found, which says of each row on which side it saw a touch; nothing where the truth is not known.
+    pub fn of(trace: &Trace, touched: &[Option<Face>]) -> Option<Self> {
+        let (actual, found) = (true_contacts(trace)?, spans(trace, touched.iter().map(Option::is_some)));
         let ends = |spans: &[Span]| spans.iter().filter_map(|span| span.end_s).collect::<Vec<f64>>();
         let starts = |spans: &[Span]| spans.iter().map(|span| span.start_s).collect::<Vec<f64>>();
         let (lost, touches) =
@@ -170,13 +171,13 @@ struct Span {
 /// The contacts of a trace without chatter; nothing where they are not known.
 fn true_contacts(trace: &Trace) -> Option<Vec<Span>> {
     let touching: Vec<bool> = trace.truth.instants.iter().map(|truth| truth.touching).collect::<Option<_>>()?;
-    Some(without_chatter(spans(trace, &touching)))
+    Some(without_chatter(spans(trace, touching)))
 }
 
-fn spans(trace: &Trace, touching: &[bool]) -> Vec<Span> {
+fn spans(trace: &Trace, touching: impl IntoIterator<Item = bool>) -> Vec<Span> {
     let mut spans: Vec<Span> = Vec::new();
     let mut was = false;
-    for (instant, &is) in trace.recording.instants.iter().zip(touching) {
+    for (instant, is) in trace.recording.instants.iter().zip(touching) {
         match (was, is, spans.last_mut()) {
             (false, true, _) => spans.push(Span { start_s: instant.t_s, end_s: None }),
             (true, false, Some(span)) => span.end_s = Some(instant.t_s),

@@ -161,12 +161,11 @@ impl Knowledge {
 
     /// The point of the object's surface that belongs to an estimate: the wire's radius towards the object.
     pub fn surface(&self, estimate: &Estimate, reading_n_m: f64) -> Point<Base> {
-        self.surface_beside(estimate, self.tangent_rad(estimate, reading_n_m))
+        self.surface_beside(estimate, direction(self.tangent_rad(estimate, reading_n_m)))
     }
 
-    /// The same where the deflected whisker's tangent at the estimated contact is known.
-    pub fn surface_beside(&self, estimate: &Estimate, tangent_rad: f64) -> Point<Base> {
-        let tangent = direction(tangent_rad);
+    /// The same where the deflected whisker's tangent at the estimated contact is known, a unit vector.
+    pub fn surface_beside(&self, estimate: &Estimate, tangent: Vector2<f64>) -> Point<Base> {
         let left = Vector2::new(-tangent.y, tangent.x);
         let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(estimate.contact).arc_m);
         estimate.contact.shifted(left * (-estimate.face.away_sign() * radius_m))
@@ -237,11 +236,10 @@ pub trait Method: Send + Sync {
 /// Samples of the free whisker that are kept for the next touch.
 const HISTORY: usize = 50;
 
-/// Runs a method over a recording: waits for the touch, follows the contact, lets go.
-pub struct Estimator {
+/// Runs a method over a recording whose contacts are known: waits for the touch, follows the contact, lets go.
+pub struct Follower {
     method: Box<dyn Method>,
     knowledge: Arc<Knowledge>,
-    detector: ContactDetector,
     tracker: Option<Box<dyn Tracker>>,
     /// The tracker of the last touch, while the whisker is free.
     released: Option<Box<dyn Tracker>>,
@@ -253,31 +251,30 @@ pub struct Estimator {
     touches: u64,
 }
 
-impl Estimator {
-    /// An estimator that follows contacts by `method`.
-    pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, touch: TouchConfig, seed: u64) -> Self {
-        let detector = ContactDetector::new(touch, &knowledge.sensing());
+impl Follower {
+    /// One that follows contacts by `method`.
+    pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, seed: u64) -> Self {
         let history = VecDeque::with_capacity(HISTORY);
         let base = Pose::new(0.0, 0.0, 0.0);
-        Self { method, knowledge, detector, tracker: None, released: None, history, base, seed, touches: 0 }
+        Self { method, knowledge, tracker: None, released: None, history, base, seed, touches: 0 }
     }
 
-    /// Takes the next sample in the order of time. Nothing while free, or while the method does not know yet, or on a face that was
-    /// not calibrated.
-    pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        if !self.detector.step(sample.reading_n_m, sample.dt_s) {
+    /// Takes the next sample in the order of time, with the side on which the object lies while the whisker touches. Nothing while free, or while the method
+    /// does not know yet, or on a face that was not calibrated.
+    pub fn step(&mut self, sample: &Sample, touched: Option<Face>) -> Option<Estimate> {
+        let Some(face) = touched else {
             self.release();
             self.remember(sample);
             return None;
-        }
-        self.follow(sample)
+        };
+        self.follow(sample, face)
     }
 
     /// Steps through a whole recording, and where the method has hindsight puts what it says in the place of what was said at the time.
-    pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
+    pub fn run(&mut self, samples: &[Sample], touched: &[Option<Face>]) -> Vec<Option<Estimate>> {
         let mut estimates = Vec::with_capacity(samples.len());
-        for sample in samples {
-            self.push(sample, &mut estimates);
+        for (sample, touched) in samples.iter().zip(touched) {
+            self.push(sample, *touched, &mut estimates);
         }
         self.end(&mut estimates);
         estimates
@@ -285,13 +282,11 @@ impl Estimator {
 
     /// Takes the next sample of a recording and puts its estimate behind those before. Where the method has hindsight those of a touch are revised when it
     /// ends: as long as the whisker touches ([`Self::is_following`]) they must stay.
-    pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
-        let touching = self.detector.step(sample.reading_n_m, sample.dt_s);
-        if !touching {
+    pub fn push(&mut self, sample: &Sample, touched: Option<Face>, estimates: &mut Vec<Option<Estimate>>) {
+        if touched.is_none() {
             self.look_back(estimates);
-            self.remember(sample);
         }
-        estimates.push(if touching { self.follow(sample) } else { None });
+        estimates.push(self.step(sample, touched));
     }
 
     /// Ends the recording.
@@ -326,11 +321,11 @@ impl Estimator {
     }
 
     /// Takes a sample of a touch.
-    fn follow(&mut self, sample: &Sample) -> Option<Estimate> {
+    fn follow(&mut self, sample: &Sample, face: Face) -> Option<Estimate> {
         let before = self.base;
         self.base = sample.motion.inverse().then(&before);
         if self.tracker.is_none() {
-            let face = self.knowledge.face(self.detector.face()?)?;
+            let face = self.knowledge.face(face)?;
             let told = self.knowledge.told.filter(|_| self.touches == 0);
             let seed = self.seed.wrapping_add(self.touches);
             let touch = Touch { face, history: self.history.make_contiguous(), before, told, seed };
@@ -339,13 +334,16 @@ impl Estimator {
             self.history.clear();
             self.touches += 1;
         }
-        let estimate = self.tracker.as_mut()?.step(sample)?;
-        Some(self.placed(estimate))
+        let mut estimate = self.tracker.as_mut()?.step(sample);
+        self.place(&mut estimate);
+        estimate
     }
 
-    /// The estimate with what its place says about the tip.
-    fn placed(&self, estimate: Estimate) -> Estimate {
-        Estimate { at_tip: self.knowledge.may_be_tip(&estimate), ..estimate }
+    /// Adds to an estimate what its place says about the tip. In its place, for estimates are long.
+    fn place(&self, estimate: &mut Option<Estimate>) {
+        if let Some(estimate) = estimate {
+            estimate.at_tip = self.knowledge.may_be_tip(estimate);
+        }
     }
 
     /// Ends the present touch, if there is one, and revises its estimates, which are the last.
@@ -355,8 +353,60 @@ impl Estimator {
         let Some(revised) = revised else { return };
         let since = estimates.len() - revised.len();
         for (estimate, revised) in estimates[since..].iter_mut().zip(revised) {
-            *estimate = revised.map(|revised| self.placed(revised));
+            *estimate = revised;
+            self.place(estimate);
         }
+    }
+}
+
+/// Detects the contacts of a recording and runs a method over it.
+pub struct Estimator {
+    detector: ContactDetector,
+    follower: Follower,
+}
+
+impl Estimator {
+    /// An estimator that follows contacts by `method`.
+    pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, touch: TouchConfig, seed: u64) -> Self {
+        let detector = ContactDetector::new(touch, &knowledge.sensing());
+        Self { detector, follower: Follower::new(method, knowledge, seed) }
+    }
+
+    /// See [`Follower::step`].
+    pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
+        self.follower.step(sample, touched)
+    }
+
+    /// See [`Follower::run`].
+    pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
+        let mut estimates = Vec::with_capacity(samples.len());
+        for sample in samples {
+            self.push(sample, &mut estimates);
+        }
+        self.end(&mut estimates);
+        estimates
+    }
+
+    /// See [`Follower::push`].
+    pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
+        let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
+        self.follower.push(sample, touched, estimates);
+    }
+
+    /// See [`Follower::end`].
+    pub fn end(&mut self, estimates: &mut [Option<Estimate>]) {
+        self.follower.end(estimates);
+    }
+
+    /// See [`Follower::is_following`].
+    pub fn is_following(&self) -> bool {
+        self.follower.is_following()
+    }
+
+    /// See [`Follower::outline`].
+    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.follower.outline()
     }
 }
 

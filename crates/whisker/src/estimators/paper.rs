@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use filters::{Cloud, Gaussian, Innovation, Measurement, Process, mapped, product};
+use filters::{Cloud, Gaussian, Innovation, Measurement};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -60,57 +60,6 @@ impl Published {
     }
 }
 
-/// A motion of the contact with its place in Cartesian coordinates of Base instead of along and away from the whisker.
-struct Cartesian<'a, Step> {
-    side: &'a Side,
-    step: Step,
-}
-
-impl<Step> Cartesian<'_, Step> {
-    /// The state with its place along and away.
-    fn along_and_away<const N: usize>(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut found = *x;
-        (found[0], found[1]) = self.side.face.along_and_away(Point::new(x[0], x[1]));
-        found
-    }
-
-    /// The state that has its place along and away at `x` as it stands here, and its derivatives.
-    fn in_base<const N: usize>(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
-        let (contact, of_contact) = self.side.face.contact_with_jacobian(x[0], x[1]);
-        let mut found = *x;
-        (found[0], found[1]) = (contact.x(), contact.y());
-        let mut jacobian = SMatrix::<f64, N, N>::identity();
-        jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&of_contact);
-        (found, jacobian)
-    }
-}
-
-impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
-    fn predict(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
-        self.in_base(&self.step.predict(&self.along_and_away(x))).0
-    }
-
-    fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        self.linearised(x).1
-    }
-
-    fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let before = self.along_and_away(x);
-        let (_, from) = self.in_base(&before);
-        mapped(&from, &self.step.noise(&before))
-    }
-
-    fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
-        let before = self.along_and_away(x);
-        let (_, from) = self.in_base(&before);
-        let (moved, by_before, noise) = self.step.linearised(&before);
-        let (found, to) = self.in_base(&moved);
-        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
-        let jacobian = product(&product(&to, &by_before), &from.try_inverse().unwrap_or_else(SMatrix::zeros));
-        (found, jacobian, mapped(&from, &noise))
-    }
-}
-
 /// The reading of a contact in Cartesian coordinates; beyond the calibrated region continued linearly.
 struct Reading<'a> {
     side: &'a Side,
@@ -124,24 +73,43 @@ impl<'a> Reading<'a> {
         Self { side, model_error: Model::MODEL_ERROR }
     }
 
-    fn expect(&self, contact: Point<Base>) -> (f64, RowVector2<f64>) {
-        let held = self.side.face.nearest_calibrated(contact);
+    /// The contact of a state, and its place along and away.
+    fn place<const N: usize>(&self, x: &SVector<f64, N>) -> (Point<Base>, (f64, f64)) {
+        let contact = Point::new(x[0], x[1]);
+        (contact, self.side.face.along_and_away(contact))
+    }
+
+    fn expect(&self, contact: Point<Base>, place: (f64, f64)) -> (f64, RowVector2<f64>) {
+        let held = self.side.face.nearest_calibrated_at(contact, place);
         let expected = self.side.face.model.predict(held);
         let gradient = expected.gradient_n.transpose();
         (expected.reading_n_m + gradient.transpose().dot(&(contact.vector() - held.vector())), gradient)
     }
 
-    fn model_sd_n_m(&self, contact: Point<Base>) -> f64 {
-        let (arc_m, away_m) = self.side.face.along_and_away(contact);
-        self.side.model_variance_n2_m2(arc_m, away_m).sqrt()
+    fn linearised_at<const N: usize>(
+        &self,
+        x: &SVector<f64, N>,
+        contact: Point<Base>,
+        place: (f64, f64),
+    ) -> (Vector1<f64>, SMatrix<f64, 1, N>) {
+        let (mut expected_n_m, gradient) = self.expect(contact, place);
+        let mut jacobian = SMatrix::<f64, 1, N>::zeros();
+        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
+        if let Some(e) = self.model_error {
+            let sd_n_m = self.side.model_variance_n2_m2(place.0, place.1).sqrt();
+            expected_n_m += x[e] * sd_n_m;
+            jacobian[e] = sd_n_m;
+        }
+        (Vector1::new(expected_n_m), jacobian)
     }
 }
 
 impl<const N: usize> Measurement<N, 1> for Reading<'_> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
-        let contact = Point::new(x[0], x[1]);
-        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * self.model_sd_n_m(contact));
-        Some(Vector1::new(self.expect(contact).0 + error_n_m))
+        let (contact, place) = self.place(x);
+        let error_n_m =
+            self.model_error.map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(place.0, place.1).sqrt());
+        Some(Vector1::new(self.expect(contact, place).0 + error_n_m))
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
@@ -150,21 +118,20 @@ impl<const N: usize> Measurement<N, 1> for Reading<'_> {
 
     /// The sensor model is asked once.
     fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
-        let contact = Point::new(x[0], x[1]);
-        let (mut expected_n_m, gradient) = self.expect(contact);
-        let mut jacobian = SMatrix::<f64, 1, N>::zeros();
-        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
-        if let Some(e) = self.model_error {
-            let sd_n_m = self.model_sd_n_m(contact);
-            expected_n_m += x[e] * sd_n_m;
-            jacobian[e] = sd_n_m;
-        }
-        Some((Vector1::new(expected_n_m), jacobian))
+        let (contact, place) = self.place(x);
+        Some(self.linearised_at(x, contact, place))
     }
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
-        let (arc_m, away_m) = self.side.face.along_and_away(Point::new(x[0], x[1]));
-        Matrix1::new(self.side.variance_n2_m2(arc_m, away_m))
+        let (_, place) = self.place(x);
+        Matrix1::new(self.side.variance_n2_m2(place.0, place.1))
+    }
+
+    /// The place along and away is found once.
+    fn linearised_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>, Matrix1<f64>)> {
+        let (contact, place) = self.place(x);
+        let (expected, jacobian) = self.linearised_at(x, contact, place);
+        Some((expected, jacobian, Matrix1::new(self.side.variance_n2_m2(place.0, place.1))))
     }
 }
 
@@ -269,7 +236,7 @@ struct Follower<Filter, Model, const N: usize> {
 impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !std::mem::take(&mut self.is_first) {
-            let process = Cartesian { side: &self.side, step: self.motion.step(&self.side, sample) };
+            let process = self.motion.cartesian_step(&self.side, sample);
             // A belief whose covariance has lost its definiteness says nothing any more.
             self.config.filter.predict(&mut self.belief, &process).ok()?;
             self.belief.fade(self.config.paper.fading);
@@ -359,7 +326,7 @@ struct CloudFollower<Model, const N: usize> {
 impl<Model: Motion<N>, const N: usize> Tracker for CloudFollower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !std::mem::take(&mut self.is_first) {
-            let process = Cartesian { side: &self.side, step: self.motion.step(&self.side, sample) };
+            let process = self.motion.cartesian_step(&self.side, sample);
             self.cloud.predict(&process, &mut self.rng);
             self.cloud.fade(self.config.paper.fading);
         }

@@ -86,9 +86,8 @@ impl Side {
         }
     }
 
-    /// Variance of the sensor model's own error at a contact.
+    /// Variance of the sensor model's own error at a contact; beyond the calibrated region that at its border.
     pub(super) fn model_variance_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
-        let (arc_m, away_m) = self.face.domain.clamp(arc_m, away_m);
         self.face.model_variance_at_n2_m2(arc_m, away_m)
     }
 

@@ -5,9 +5,9 @@ const WINDOW: usize = 5;
 /// Standard deviation of the median of many normal values over that of their mean, sqrt(pi / 2).
 const MEDIAN_OVER_MEAN: f64 = 1.2533;
 
-/// The lower and the higher of two values.
+/// The lower and the higher of two values, neither of them NaN.
 fn in_order(a: f64, b: f64) -> (f64, f64) {
-    if a.total_cmp(&b).is_le() { (a, b) } else { (b, a) }
+    if a < b { (a, b) } else { (b, a) }
 }
 
 /// The middle one of five values: the lowest and the highest of any four are not, and it is the middle one of the other two and

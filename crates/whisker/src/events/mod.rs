@@ -168,9 +168,10 @@ impl ContactDetector {
         Self { rule: config.rule(sensing), rate_hz: sensing.rate_hz, last: None }
     }
 
-    /// Takes the next reading, `dt_s` after the last, and says whether the whisker touches.
-    pub fn step(&mut self, reading_n_m: f64, dt_s: f64) -> bool {
-        self.judge(reading_n_m, dt_s).touched.is_some()
+    /// Takes the next reading, `dt_s` after the last, and says on which side the object lies while the whisker touches. Ringing can give the reading the
+    /// other sign for a while.
+    pub fn step(&mut self, reading_n_m: f64, dt_s: f64) -> Option<Face> {
+        self.judge(reading_n_m, dt_s).touched
     }
 
     /// The same, with all that was seen.
@@ -192,10 +193,5 @@ impl ContactDetector {
         };
         self.last = Some((reading_n_m, signals));
         signals
-    }
-
-    /// The side on which the object lies, while the whisker touches. Ringing can give the reading the other sign for a while.
-    pub fn face(&self) -> Option<Face> {
-        self.last.and_then(|(_, signals)| signals.touched)
     }
 }

@@ -339,7 +339,11 @@ impl CalibratedFace {
 
     /// The contact itself where it is calibrated, else a near one at the border of the calibrated region.
     pub fn nearest_calibrated(&self, contact: Point<Base>) -> Point<Base> {
-        let (arc_m, away_m) = self.along_and_away(contact);
+        self.nearest_calibrated_at(contact, self.along_and_away(contact))
+    }
+
+    /// The same where its place along and away is known.
+    pub(crate) fn nearest_calibrated_at(&self, contact: Point<Base>, (arc_m, away_m): (f64, f64)) -> Point<Base> {
         if self.domain.contains(arc_m, away_m) {
             return contact;
         }

@@ -2,6 +2,7 @@
 //!
 //! The state begins with the contact's place `(s, d)`; a model may add what it needs to know of the object.
 
+mod cartesian;
 mod resting;
 mod round;
 
@@ -24,6 +25,9 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// One step of it.
     type Step<'a>: Process<N>;
 
+    /// The same of a state whose place stands in Cartesian coordinates of Base, as in the publication.
+    type CartesianStep<'a>: Process<N>;
+
     /// The belief that begins with a belief about the place.
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<N>;
 
@@ -39,6 +43,9 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
 
     /// The step that belongs to a sample.
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
+
+    /// The step that belongs to a sample in Cartesian coordinates.
+    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a>;
 }
 
 /// The registry of motions: which one, and its settings.

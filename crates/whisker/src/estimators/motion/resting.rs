@@ -32,6 +32,11 @@ impl Resting {
         // Without any wander a covariance can lose its last digits; a whisker's length in a second forgets everything at once.
         within("wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)
     }
+
+    /// Variance that a step adds in each direction.
+    fn wander_m2(&self, sample: &Sample) -> f64 {
+        self.wander_m_sqrt_s.powi(2) * sample.dt_s
+    }
 }
 
 /// One step.
@@ -44,13 +49,18 @@ pub(in crate::estimators) struct Rest<'a> {
 
 impl Motion<2> for Resting {
     type Step<'a> = Rest<'a>;
+    type CartesianStep<'a> = CartesianRest;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<2> {
         *place
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Rest<'a> {
-        Rest { side, motion: sample.motion, wander_m2: self.wander_m_sqrt_s.powi(2) * sample.dt_s }
+        Rest { side, motion: sample.motion, wander_m2: self.wander_m2(sample) }
+    }
+
+    fn cartesian_step(&self, _: &Side, sample: &Sample) -> CartesianRest {
+        CartesianRest { motion: sample.motion, wander_m2: self.wander_m2(sample) }
     }
 }
 
@@ -78,6 +88,31 @@ impl Process<2> for Rest<'_> {
         // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
         let after = face.contact_jacobian(moved[0], moved[1]).try_inverse().unwrap_or_default();
         (moved, product(&product(&after, &self.motion.rotation()), &before), self.noise(x))
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::identity() * self.wander_m2
+    }
+
+    fn even_noise(&self) -> Option<Matrix2<f64>> {
+        Some(Matrix2::identity() * self.wander_m2)
+    }
+}
+
+/// One step in Cartesian coordinates: linear, whatever the whisker's shape.
+pub(in crate::estimators) struct CartesianRest {
+    motion: Pose<Base, Base>,
+    /// Variance that it adds in each direction.
+    wander_m2: f64,
+}
+
+impl Process<2> for CartesianRest {
+    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        self.motion.apply(Point::from_vector(*x)).vector()
+    }
+
+    fn jacobian(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        self.motion.rotation()
     }
 
     fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {

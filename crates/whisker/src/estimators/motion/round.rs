@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
+use super::cartesian::Cartesian;
 use crate::estimators::Sample;
 use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
@@ -123,6 +124,7 @@ impl Motion<4> for Round {
     const MODEL_ERROR: Option<usize> = Some(3);
 
     type Step<'a> = Wandering<'a>;
+    type CartesianStep<'a> = Cartesian<'a, Wandering<'a>>;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<4> {
         let (radius_m, radius_sd_m) = self.expected_radius_m();
@@ -160,6 +162,10 @@ impl Motion<4> for Round {
             radius_m2: self.radius_wander_m_sqrt_s.powi(2) * sample.dt_s,
             error_length_m: self.error_length_m,
         }
+    }
+
+    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a> {
+        Cartesian { side, step: self.step(side, sample) }
     }
 }
 
