@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use tempfile::NamedTempFile;
 
-use crate::Error;
 use crate::keys_once::KeysOnce;
+use crate::{Error, shown};
 
 /// Hash over several pieces of data, each kept apart from the next.
 #[derive(Clone, Debug, Default)]
@@ -153,18 +154,42 @@ fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
 ///
 /// # Errors
 /// [`Error::Io`] or [`Error::Json`], with the place.
-pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
+pub fn read_json<T: DeserializeOwned + Serialize>(path: &Path) -> Result<T, Error> {
     let bytes = read_at_most(path, MOST_JSON_BYTES)?;
     parse_json(&bytes).map_err(Error::json(path))
 }
 
-/// Parses JSON into a typed value. An object that has a key twice is refused: which of the two was meant?
+/// Parses JSON into a typed value. An object that has a key twice is refused: which of the two was meant? So is a list in the place of an object, whose values serde
+/// would take in the order of the fields.
 ///
 /// # Errors
-/// What is wrong, with line and column.
-pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> serde_json::Result<T> {
+/// What is wrong, with line and column or the key.
+pub fn parse_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> serde_json::Result<T> {
     let value = serde_json::from_slice(bytes)?;
-    serde_json::from_slice(bytes).map(|KeysOnce| value)
+    let KeysOnce = serde_json::from_slice(bytes)?;
+    match list_for_object(&serde_json::from_slice(bytes)?, &serde_json::to_value(&value)?) {
+        None => Ok(value),
+        Some(place) => {
+            let place = if place.is_empty() { "the whole".into() } else { shown(place.trim_start_matches('.')) };
+            Err(serde::de::Error::custom(format!("{place}: found a list, expected an object")))
+        }
+    }
+}
+
+/// Where a list of the file was read as an object: keys and places.
+fn list_for_object(file: &Value, read: &Value) -> Option<String> {
+    match (file, read) {
+        (Value::Array(_), Value::Object(_)) => Some(String::new()),
+        (Value::Array(file), Value::Array(read)) => {
+            let mut pairs = file.iter().zip(read).enumerate();
+            pairs.find_map(|(place, (file, read))| Some(format!("[{place}]{}", list_for_object(file, read)?)))
+        }
+        (Value::Object(file), Value::Object(read)) => {
+            let mut pairs = file.iter().filter_map(|(key, value)| Some((key, value, read.get(key)?)));
+            pairs.find_map(|(key, file, read)| Some(format!(".{key}{}", list_for_object(file, read)?)))
+        }
+        _ => None,
+    }
 }
 
 /// Writes a value as JSON with two spaces of indentation and a newline at the end, atomically.
@@ -175,4 +200,34 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
     let mut bytes = serde_json::to_vec_pretty(value).map_err(Error::json(path))?;
     bytes.push(b'\n');
     write_atomically(path, &bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize, Serialize, PartialEq)]
+    struct Inner {
+        x_m: f64,
+        y_m: f64,
+    }
+
+    #[derive(Debug, Deserialize, Serialize, PartialEq)]
+    struct Outer {
+        pair: (f64, f64),
+        inner: Vec<Inner>,
+    }
+
+    #[test]
+    fn robust_a_list_is_no_object() {
+        let outer = Outer { pair: (1.0, 2.0), inner: vec![Inner { x_m: 3.0, y_m: 4.0 }] };
+        let sound = r#"{"pair": [1, 2], "inner": [{"x_m": 3, "y_m": 4}]}"#;
+        assert_eq!(parse_json::<Outer>(sound.as_bytes()).unwrap(), outer);
+        for (list, place) in [(r#"{"pair": [1, 2], "inner": [[3, 4]]}"#, "inner[0]"), ("[[1, 2], []]", "the whole")] {
+            let error = parse_json::<Outer>(list.as_bytes()).unwrap_err().to_string();
+            assert_eq!(error, format!("{place}: found a list, expected an object"));
+        }
+    }
 }

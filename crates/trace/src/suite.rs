@@ -31,7 +31,7 @@ pub struct SuiteScene {
 }
 
 /// The part of a scene that names its trace; the rest is the generator's business.
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 struct SceneName {
     name: String,
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use trace::{parse_json, read_json};
 use whisker::events::TouchConfig;
@@ -161,7 +161,7 @@ fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f
 }
 
 /// A file of settings.
-#[derive(Default, Deserialize)]
+#[derive(Default, Deserialize, Serialize)]
 struct Config {
     #[serde(default)]
     touch: TouchConfig,

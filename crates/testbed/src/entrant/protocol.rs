@@ -247,6 +247,10 @@ pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<
         let rest = if quoted.len() < line.len() { "..." } else { "" };
         format!("found `{}{rest}`", one_line(&quoted))
     };
+    // Serde would take a list for the values of an object, in the order of the fields.
+    if line.starts_with('[') {
+        return Err(format!("{}, expected {EXPECTED}", found()));
+    }
     let answer: Option<Answer> = serde_json::from_str(line)
         .map_err(|error| format!("{}, expected {EXPECTED} ({})", found(), shown(&error.to_string())))?;
     let Some(answer) = answer else { return Ok(None) };

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use trace::{FORMAT, read_json};
 
 use super::table::{self, is_header};
@@ -46,7 +46,7 @@ pub enum GatherError {
     Recordings(#[from] Error),
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Manifest {
     format: u32,
@@ -54,7 +54,7 @@ struct Manifest {
     logs: Vec<ManifestLog>,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct ManifestLog {
     file: PathBuf,

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use trace::{Error, FORMAT, read_json};
 
 /// Kind of a log's sidecar.
 pub const SIDECAR_KIND: &str = "platform_log";
 
 /// All presses that begin between two times have this distance.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Span {
     /// Beginning, in the log's time.
     pub start_s: f64,
@@ -27,7 +27,7 @@ pub struct Labels {
 }
 
 /// The part of a sidecar that says where the presses are. Its other keys are the recorder's.
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 struct Sidecar {
     format: u32,
     kind: String,

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::results::read_rows;
 
 /// What made the tables.
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 pub(super) struct Watermark {
     format: u32,
     kind: String,
@@ -22,7 +22,7 @@ pub(super) struct Watermark {
 }
 
 /// The program that simulated.
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 pub(super) struct Generator {
     /// Its name.
     pub(super) name: String,
@@ -37,7 +37,7 @@ pub(super) struct Generator {
 }
 
 /// A claim that was measured.
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 pub(super) struct Claim {
     /// Its name.
     pub(super) id: String,
