@@ -31,7 +31,7 @@ fn session(emulation: &Emulation, routine: &IncrementsBeamTest, folder: &Path, s
     let watermark =
         Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
     let log = Log::create(folder, row.name, settings.rate_hz, watermark).expect("a log");
-    session::run(routine, &mut printer, reader, vec![Box::new(log)], origin)
+    session::run(routine, &mut printer, reader, None, vec![Box::new(log)], origin)
 }
 
 /// Times and y counts of a log's table, unwrapped.
