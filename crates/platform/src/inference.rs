@@ -1,5 +1,6 @@
 //! Live inference on samples of a port, and how long it takes.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::time::{Duration, Instant};
 
@@ -35,30 +36,67 @@ impl<'a> Inference<'a> {
     }
 }
 
-/// How long each sample took.
+/// How long samples took.
 #[derive(Clone, Debug, Default)]
 pub struct Latency {
     /// The computing alone.
-    pub computing: Vec<Duration>,
+    pub computing: Times,
     /// From its arrival until what it told was out.
-    pub all: Vec<Duration>,
+    pub all: Times,
 }
 
 impl fmt::Display for Latency {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [computing, all] = [&self.computing, &self.all].map(|times| summary(times));
-        write!(f, "{} samples, from arrival to told: {all}; computing: {computing}", self.all.len())
+        let Self { computing, all } = self;
+        write!(f, "{} samples, from arrival to told: {all}; computing: {computing}", all.count)
     }
 }
 
-/// Median, 99th percentile and worst.
-fn summary(times: &[Duration]) -> String {
-    let mut times = times.to_vec();
-    times.sort();
-    let Some(last) = times.len().checked_sub(1) else { return "nothing".into() };
-    let [median, most, worst] =
-        [0.5, 0.99, 1.0].map(|share| 1e3 * times[(last as f64 * share).round() as usize].as_secs_f64());
-    format!("median {median:.3} ms, 99 % {most:.3} ms, worst {worst:.3} ms")
+/// Ratio of two neighbouring classes of times.
+const RATIO: f64 = 1.01;
+
+/// Times, of which as many as there may be take no more room than a few: they are counted in classes that are one per cent wide.
+#[derive(Clone, Debug, Default)]
+pub struct Times {
+    classes: BTreeMap<u16, u64>,
+    count: u64,
+    worst: Duration,
+}
+
+impl Times {
+    /// Adds one.
+    pub fn push(&mut self, time: Duration) {
+        // From a nanosecond on; the longest time that there can be lies in class 6541.
+        let class = ((time.as_nanos().max(1) as f64).ln() / RATIO.ln()).round() as u16;
+        *self.classes.entry(class).or_default() += 1;
+        self.count += 1;
+        self.worst = self.worst.max(time);
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The time that this share of all does not exceed, to one per cent; zero where there are none.
+    pub fn quantile(&self, share: f64) -> Duration {
+        let rank = (share * self.count as f64).ceil() as u64;
+        let mut below = 0;
+        let class = self.classes.iter().find(|(_, count)| {
+            below += **count;
+            below >= rank
+        });
+        let time = |(class, _): (&u16, _)| Duration::from_secs_f64(1e-9 * RATIO.powi(i32::from(*class)));
+        class.map_or(Duration::ZERO, time).min(self.worst)
+    }
+}
+
+impl fmt::Display for Times {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [median, most, worst] =
+            [self.quantile(0.5), self.quantile(0.99), self.worst].map(|time| 1e3 * time.as_secs_f64());
+        write!(f, "median {median:.4} ms, 99 % {most:.4} ms, worst {worst:.4} ms")
+    }
 }
 
 #[cfg(test)]
@@ -66,9 +104,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_percentiles_are_those_of_the_sorted_times() {
-        let times: Vec<_> = (0..=100).rev().map(Duration::from_millis).collect();
-        assert_eq!(summary(&times), "median 50.000 ms, 99 % 99.000 ms, worst 100.000 ms");
-        assert_eq!(summary(&[]), "nothing");
+    fn verif_quantiles_are_those_of_the_sorted_times() {
+        let mut times = Times::default();
+        assert_eq!((times.count(), times.quantile(0.99)), (0, Duration::ZERO));
+        (1..=1000).rev().for_each(|k| times.push(Duration::from_micros(k)));
+        for share in [0.001, 0.5, 0.99, 1.0] {
+            let expected_s = 1e-3 * share;
+            assert!((times.quantile(share).as_secs_f64() / expected_s - 1.0).abs() < 0.01, "{share}: {times}");
+        }
+        assert!(times.to_string().ends_with("worst 1.0000 ms"));
+        times.push(Duration::ZERO);
+        times.push(Duration::MAX);
+        assert_eq!(times.count(), 1002);
     }
 }

@@ -124,7 +124,7 @@ fn verif_a_session_teaches_what_the_next_is_told_live() {
     let routine = IncrementsBeamTest { total_y_m: 0.090, increments_y: 3, ..routine };
     let outcome = session_into(&emulation(), &routine, Some(inference), bag, Arc::default());
     assert!(outcome.error.is_none(), "{:?}", outcome.error);
-    assert_eq!(outcome.latency.expect("inferred").all.len() as u64, outcome.report.tally.samples);
+    assert_eq!(outcome.latency.expect("inferred").all.count(), outcome.report.tally.samples);
 
     let records: Vec<_> =
         bag::Reader::open(&recording).expect("a recording").records().collect::<Result<_, _>>().expect("whole");

@@ -1,6 +1,6 @@
 //! `ros2-node run`: the platform, live.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -55,11 +55,8 @@ type Shared = Mutex<Streams<Node>>;
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
-    let live = calibration.as_ref().map(Live::new).transpose()?;
-    let inference = live
-        .map(|live| live.context("found a calibration from a table of presses, expected one from logs of samples"))
-        .transpose()?
-        .map(Inference::new);
+    let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
+    let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let format = platform::sensor::format(&arguments.format)
         .with_context(|| format!("unknown line format `{}`; `whisker platform list` names them", arguments.format))?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -96,6 +93,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         sensor.join().expect("the sensor's thread does not panic")?;
         served
     })
+}
+
+/// What a calibration tells of a stream of samples; the path is for the error.
+fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<Inference<'a>> {
+    let expected =
+        || format!("{}: chain: found null, expected that of a calibration from logs of samples", path.display());
+    Ok(Inference::new(Live::new(calibration)?.with_context(expected)?))
 }
 
 /// The routine that a request asks for.

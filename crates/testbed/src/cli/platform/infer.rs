@@ -12,7 +12,7 @@ use platform::inference::{Inference, Latency};
 use platform::sensor::{Arrival, Reader, ReaderSettings};
 
 use super::events::{Events, Form};
-use super::{format, inference, interrupt, rate_hz};
+use super::{format, inference, interrupt, rate_hz, report};
 
 /// How soon an interrupt is noticed.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     /// How events are printed
     #[arg(long, value_enum, default_value_t = Form::Json)]
     print: Form,
-    /// Say on stderr at the end how long it took from a sample to what it told; keeps two figures a sample
+    /// Say on stderr at the end how long it took from a sample to what it told
     #[arg(long)]
     latency: bool,
 }
@@ -81,8 +81,8 @@ fn from_port(
             reader.end();
         }
     }
-    let (report, error) = reader.finish();
-    eprintln!("{report}");
+    let (read, error) = reader.finish();
+    report(&read, Some(calibration));
     Ok((inference.latency(), error))
 }
 

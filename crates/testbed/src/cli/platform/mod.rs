@@ -15,11 +15,11 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Subcommand;
 use platform::calibration::{Calibration, Live};
 use platform::inference::Inference;
-use platform::sensor::{self, FORMATS, FormatRow};
+use platform::sensor::{self, FORMATS, FormatRow, Report};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer listens
@@ -62,13 +62,22 @@ fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
 
 /// What a calibration tells of a stream of samples; the path is for the error.
 fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<Inference<'a>> {
-    let Some(live) = Live::new(calibration)? else {
-        bail!(
+    let live = Live::new(calibration)?.with_context(|| {
+        format!(
             "{}: chain: found null, expected the chain of a calibration from logs of samples; this one is from a table of presses",
             path.display()
-        );
-    };
+        )
+    })?;
     Ok(Inference::new(live))
+}
+
+/// Says on stderr how a port was read, and whether that suits a calibration, whose low-pass and slopes count samples.
+fn report(report: &Report, calibration: Option<&Calibration>) {
+    eprintln!("{report}");
+    let calibrated_hz = calibration.and_then(Calibration::chain).map(|chain| chain.rate_hz);
+    if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !(0.95..=1.05).contains(&(report.rate_hz / rate_hz))) {
+        eprintln!("warning: the calibration is of {rate_hz:.1} Hz: its distances do not hold at this rate");
+    }
 }
 
 /// A rate that somebody asks for.

@@ -14,7 +14,7 @@ use platform::streams::Bag;
 use trace::FORMAT;
 
 use super::events::{Events, Form};
-use super::{format, inference, interrupt, rate_hz};
+use super::{format, inference, interrupt, rate_hz, report};
 use crate::cli::print;
 use crate::provenance::watermark;
 
@@ -88,7 +88,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let described = format!("{routine:?}");
     let watermark = watermark([described.as_str(), format.name]);
     let log = Log::create(&arguments.out, format.name, settings.rate_hz, watermark.clone())?;
-    let mut sinks: Vec<Box<dyn Sink>> = vec![Box::new(log)];
+    let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
+    if inference.is_some() {
+        // Before all that takes time to keep.
+        sinks.push(Box::new(Events::begin(arguments.print)?));
+    }
+    sinks.push(Box::new(log));
     if let Some(folder) = &arguments.bag {
         let sidecar = LogSidecar {
             format: FORMAT,
@@ -100,11 +105,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         };
         sinks.push(Box::new(Bag::create(folder, sidecar)?));
     }
-    if inference.is_some() {
-        sinks.push(Box::new(Events::begin(arguments.print)?));
-    }
     let outcome = session::run(&routine, &mut printer, reader, inference, sinks, origin);
-    eprintln!("{}", outcome.report);
+    report(&outcome.report, calibration.as_ref());
     if let Some(latency) = &outcome.latency {
         eprintln!("{latency}");
     }
