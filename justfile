@@ -44,6 +44,10 @@ bench:
 batch:
     @cargo xtask batch
 
+# Hold the calibration platform on its emulated rig against its bars: just rig [--soak SECONDS]
+rig *arguments:
+    @cargo xtask rig "$@"
+
 # Compare the filters with those of others: docs/PERFORMANCE.md
 peers:
     @cargo xtask peers

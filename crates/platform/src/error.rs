@@ -133,7 +133,8 @@ impl Error {
         move |reason| Self::File(trace::Error::Io { path: path.into(), reason })
     }
 
-    pub(crate) fn system(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
+    /// What the system said about this.
+    pub fn system(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
         let what = what.into();
         move |reason| Self::System { what, reason }
     }

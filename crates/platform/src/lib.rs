@@ -2,7 +2,7 @@
 //!
 //! [`sensor`] reads the magnetometer, [`printer`] drives the printer, [`routine`] is the way that the ruler goes, and [`session`] puts
 //! them together and feeds what records. [`emulate`] offers the same two devices on pseudo-terminals, for those who have neither.
-//! [`calibration`] learns the radial distance of the contact from what was recorded, and tells it while samples stream in.
+//! [`calibration`] learns the radial distance of the contact from what was recorded; [`inference`] tells it while samples stream in.
 //!
 //! After the OpenWhisker platform ("3D Printer Based Open Source Calibration Platform for Whisker Sensors", TAROS 2024).
 
@@ -10,6 +10,7 @@ pub mod calibration;
 #[cfg(unix)]
 pub mod emulate;
 mod error;
+pub mod inference;
 mod lines;
 mod port;
 pub mod printer;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use trace::{FORMAT, Watermark, write_json};
 
+use crate::calibration::Said;
 use crate::printer::Head;
 use crate::routine::Contact;
 use crate::{Error, Sample};
@@ -27,6 +28,12 @@ pub trait Sink: Send {
     /// # Errors
     /// If they cannot be kept.
     fn samples(&mut self, samples: &[Sample]) -> Result<(), Error>;
+
+    /// What a calibration made of a sample, before that sample.
+    ///
+    /// # Errors
+    /// If it cannot be kept.
+    fn said(&mut self, said: &Said) -> Result<(), Error>;
 
     /// Where the head was.
     ///
@@ -107,6 +114,11 @@ impl Sink for Log {
         samples
             .iter()
             .try_for_each(|Sample { t_s, counts: [x, y, z] }| self.samples.row(format_args!("{t_s:.6},{x},{y},{z}")))
+    }
+
+    fn said(&mut self, _: &Said) -> Result<(), Error> {
+        // The samples say it again to whoever has the calibration.
+        Ok(())
     }
 
     fn head(&mut self, Head { t_s, x_m, y_m, z_m }: Head) -> Result<(), Error> {

@@ -1,4 +1,4 @@
-//! A session: the routine runs, and all that sensor and printer say is recorded.
+//! A session: the routine runs, all that sensor and printer say is recorded, and a calibration tells contacts as they come.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::inference::{Inference, Latency};
 use crate::printer::{Head, Printer};
 use crate::record::{Ending, Sink};
 use crate::routine::{Contact, IncrementsBeamTest, Observer};
@@ -20,6 +21,8 @@ const PATIENCE: Duration = Duration::from_millis(50);
 pub struct Outcome {
     /// How the sensor was read.
     pub report: Report,
+    /// How long the calibration took, where there was one.
+    pub latency: Option<Latency>,
     /// The files that were written.
     pub files: Vec<PathBuf>,
     /// What kept it from its end; files are those of an interrupted recording.
@@ -31,24 +34,25 @@ enum Event {
     Contact(Contact),
 }
 
-/// Runs the routine on a printer while a sensor is recorded into `sinks`. Times are counted from `origin`, which must be that of printer and
+/// Runs the routine on a printer while a sensor is recorded into `sinks`, together with what `inference` makes of it. Times are counted from `origin`, which must be that of printer and
 /// reader. If the sensor or a sink fails, the head stops after the move under way; the other way round, the sensor is read to that instant.
 pub fn run(
     routine: &IncrementsBeamTest,
     printer: &mut Printer,
     reader: Reader,
+    inference: Option<Inference<'_>>,
     sinks: Vec<Box<dyn Sink>>,
     origin: Instant,
 ) -> Outcome {
     let (ends, over) = (AtomicBool::new(false), AtomicBool::new(false));
     let (sender, events) = channel();
     let (moved, recorded) = thread::scope(|scope| {
-        let recorder = scope.spawn(|| record(reader, sinks, events, &over, &ends));
+        let recorder = scope.spawn(|| record(reader, inference, sinks, events, &over, &ends));
         let moved = routine.run(printer, origin, &ends, &mut Forward(sender));
         over.store(true, Ordering::Relaxed);
         (moved, recorder.join().expect("the recorder does not panic"))
     });
-    let Recorded { report, sinks, error } = recorded;
+    let Recorded { report, latency, sinks, error } = recorded;
     let mut error = error.or(moved.err());
     let ending = if error.is_some() { Ending::Interrupted } else { Ending::Complete };
     let mut files = Vec::new();
@@ -58,7 +62,7 @@ pub fn run(
             Err(failure) => error = error.or(Some(failure)),
         }
     }
-    Outcome { report, files, error }
+    Outcome { report, latency, files, error }
 }
 
 /// Hands on what happens to the recorder's thread.
@@ -79,6 +83,7 @@ impl Observer for Forward {
 
 struct Recorded {
     report: Report,
+    latency: Option<Latency>,
     sinks: Vec<Box<dyn Sink>>,
     error: Option<Error>,
 }
@@ -86,31 +91,41 @@ struct Recorded {
 /// Feeds the sinks until the routine is over, or until sensor or sinks fail, upon which the routine is to end.
 fn record(
     reader: Reader,
+    mut inference: Option<Inference<'_>>,
     mut sinks: Vec<Box<dyn Sink>>,
     events: Receiver<Event>,
     over: &AtomicBool,
     ends: &AtomicBool,
 ) -> Recorded {
-    let (mut samples, mut failure) = (Vec::new(), None);
+    let (mut arrivals, mut samples, mut failure) = (Vec::new(), Vec::new(), None);
     let mut comes_more = true;
     while comes_more {
         if over.load(Ordering::Relaxed) {
             reader.end();
         }
-        comes_more = reader.take(&mut samples, PATIENCE);
+        comes_more = reader.take(&mut arrivals, PATIENCE);
         let events: Vec<Event> = events.try_iter().collect();
-        // What is wrong with one sink must not keep the others from what came.
-        for sink in &mut sinks {
-            if let Err(error) = feed(sink.as_mut(), &samples, &events) {
+        samples.extend(arrivals.iter().map(|arrival| arrival.sample));
+        let mut feed_all = |feed: &dyn Fn(&mut dyn Sink) -> Result<(), Error>| {
+            // What is wrong with one sink must not keep the others from what came.
+            for error in sinks.iter_mut().filter_map(|sink| feed(sink.as_mut()).err()) {
                 failure.get_or_insert(error);
                 ends.store(true, Ordering::Relaxed);
             }
+        };
+        // Who waits for a contact is told at once; what is only kept has time.
+        if let Some(inference) = &mut inference {
+            for arrival in &arrivals {
+                inference.step(arrival, |said| feed_all(&|sink| sink.said(said)));
+            }
         }
+        feed_all(&|sink| feed(sink, &samples, &events));
+        arrivals.clear();
         samples.clear();
     }
     ends.store(true, Ordering::Relaxed);
     let (report, error) = reader.finish();
-    Recorded { report, sinks, error: error.or(failure) }
+    Recorded { report, latency: inference.map(Inference::latency), sinks, error: error.or(failure) }
 }
 
 fn feed(sink: &mut dyn Sink, samples: &[Sample], events: &[Event]) -> Result<(), Error> {

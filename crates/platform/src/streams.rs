@@ -11,6 +11,7 @@ use bag::messages::{
 };
 use bag::{Publisher, Writer, topics};
 
+use crate::calibration::Said;
 use crate::printer::Head;
 use crate::record::{Ending, LogSidecar, Sink};
 use crate::routine::Contact;
@@ -104,12 +105,17 @@ impl<P: Publisher> Streams<P> {
         self.contact(PUSHED, contact.end_s, contact.distance_m)
     }
 
-    /// Where a contact was found.
+    /// What a calibration found: a contact, where it has an estimate of it.
     ///
     /// # Errors
     /// What the publisher says.
-    pub fn detected(&mut self, t_s: f64, distance_m: f64) -> Result<(), bag::Error> {
-        self.contact(topics::DETECTED_CONTACT, t_s, distance_m)
+    pub fn said(&mut self, said: &Said) -> Result<(), bag::Error> {
+        match said {
+            Said::Pressed(press, Some(estimate)) => {
+                self.contact(topics::DETECTED_CONTACT, press.t_s, estimate.distance_m)
+            }
+            Said::Pressed(_, None) | Said::Released(_) => Ok(()),
+        }
     }
 
     /// The publisher, once all samples are sent.
@@ -168,6 +174,10 @@ impl Bag {
 impl Sink for Bag {
     fn samples(&mut self, samples: &[Sample]) -> Result<(), Error> {
         Ok(self.streams.samples(samples)?)
+    }
+
+    fn said(&mut self, said: &Said) -> Result<(), Error> {
+        Ok(self.streams.said(said)?)
     }
 
     fn head(&mut self, head: Head) -> Result<(), Error> {

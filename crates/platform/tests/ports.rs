@@ -31,9 +31,9 @@ fn print(number: u64) -> Vec<u8> {
 
 /// Takes samples until there are so many, or no more come.
 fn take(reader: &Reader, count: usize) -> Vec<Sample> {
-    let mut samples = Vec::new();
-    while samples.len() < count && reader.take(&mut samples, Duration::from_secs(10)) {}
-    samples
+    let mut arrivals = Vec::new();
+    while arrivals.len() < count && reader.take(&mut arrivals, Duration::from_secs(10)) {}
+    arrivals.into_iter().map(|arrival| arrival.sample).collect()
 }
 
 #[test]

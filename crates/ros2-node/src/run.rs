@@ -1,5 +1,6 @@
 //! `ros2-node run`: the platform, live.
 
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -8,6 +9,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use anyhow::Context;
 use bag::messages::{MagneticFieldArray, PoseStamped, TfMessage};
 use bag::topics;
+use platform::calibration::{Calibration, Live};
+use platform::inference::Inference;
 use platform::printer::{Head, Printer};
 use platform::routine::{Contact, IncrementsBeamTest, Observer};
 use platform::sensor::{Reader, ReaderSettings};
@@ -29,6 +32,9 @@ pub(crate) struct Arguments {
     /// What the magnetometer prints; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
+    /// Publish contacts, too, by a calibration that `whisker platform fit` wrote
+    #[arg(long)]
+    calibration: Option<PathBuf>,
     /// Time that one message of readings reaches over, in seconds; 0 for a message a reading
     #[arg(long, default_value_t = 0.1, value_parser = batch_s)]
     batch: f64,
@@ -48,6 +54,9 @@ const PATIENCE: Duration = Duration::from_millis(50);
 type Shared = Mutex<Streams<Node>>;
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
+    let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
+    let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let format = platform::sensor::format(&arguments.format)
         .with_context(|| format!("unknown line format `{}`; `whisker platform list` names them", arguments.format))?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -61,6 +70,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     node.announce::<TfMessage>(topics::TF_STATIC)?;
     node.announce::<TfMessage>(topics::TF)?;
     node.announce::<PoseStamped>(PUSHED)?;
+    node.announce::<PoseStamped>(topics::DETECTED_CONTACT)?;
     let service = Service::new(&mut node, arguments.middleware)?;
     let origin = Instant::now();
     let epoch_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
@@ -70,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     println!("ready");
     thread::scope(|scope| {
         let sensor = scope.spawn(|| {
-            let done = stream(reader, &streams, &stop);
+            let done = stream(reader, inference, &streams, &stop);
             // Without a sensor there is nothing to serve.
             stop.store(true, Ordering::Relaxed);
             done
@@ -85,6 +95,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
+/// What a calibration tells of a stream of samples; the path is for the error.
+fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<Inference<'a>> {
+    let expected =
+        || format!("{}: chain: found null, expected that of a calibration from logs of samples", path.display());
+    Ok(Inference::new(Live::new(calibration)?.with_context(expected)?))
+}
+
 /// The routine that a request asks for.
 fn routine(request: Request, speed_m_s: f64) -> IncrementsBeamTest {
     IncrementsBeamTest {
@@ -97,11 +114,24 @@ fn routine(request: Request, speed_m_s: f64) -> IncrementsBeamTest {
     }
 }
 
-/// Publishes what the sensor says until `stop` is set.
-fn stream(reader: Reader, streams: &Shared, stop: &AtomicBool) -> anyhow::Result<()> {
-    let mut samples = Vec::new();
-    while reader.take(&mut samples, PATIENCE) {
-        locked(streams).samples(&samples)?;
+/// Publishes what the sensor says, and what the calibration makes of it, until `stop` is set.
+fn stream(
+    reader: Reader,
+    mut inference: Option<Inference<'_>>,
+    streams: &Shared,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
+    let (mut arrivals, mut samples) = (Vec::new(), Vec::new());
+    while reader.take(&mut arrivals, PATIENCE) {
+        samples.extend(arrivals.iter().map(|arrival| arrival.sample));
+        let mut streams = locked(streams);
+        if let Some(inference) = &mut inference {
+            arrivals
+                .iter()
+                .try_for_each(|arrival| inference.step(arrival, |said| streams.said(said)).unwrap_or(Ok(())))?;
+        }
+        streams.samples(&samples)?;
+        arrivals.clear();
         samples.clear();
         if stop.load(Ordering::Relaxed) {
             reader.end();

@@ -3,6 +3,7 @@
 //! The printer keeps the head's way in time. The sensor asks it where the ruler is, lets the whisker be bent by it, and prints what the
 //! magnetometer would, at its rate.
 
+mod closings;
 mod firmware;
 mod motion;
 mod printer;

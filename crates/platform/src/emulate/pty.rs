@@ -12,12 +12,14 @@ use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
+use super::closings::Closings;
 use crate::Error;
 
 /// A pseudo-terminal that looks like a serial port to whoever opens its path.
 #[derive(Debug)]
 pub(super) struct Pty {
     device: OwnedFd,
+    closings: Closings,
     /// What to open.
     pub(super) path: PathBuf,
 }
@@ -29,7 +31,7 @@ pub(super) enum Heard {
     Bytes(usize),
     /// Nothing, though somebody has the port open.
     Nothing,
-    /// Nobody has the port open.
+    /// Nobody has the port open, or somebody else than before.
     Nobody,
 }
 
@@ -51,7 +53,8 @@ impl Pty {
             fcntl_setfl(&device, fcntl_getfl(&device)? | OFlags::NONBLOCK)?;
             // Until it was closed for the first time, the system does not say that nobody has it open.
             drop(rustix::fs::open(&path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?);
-            Ok(Self { device, path })
+            let closings = Closings::of(&path)?;
+            Ok(Self { device, closings, path })
         };
         open().map_err(io::Error::from).map_err(Error::system("pseudo-terminal"))
     }
@@ -59,6 +62,10 @@ impl Pty {
     /// Reads what there is, after waiting for it.
     pub(super) fn read(&self, bytes: &mut [u8], patience: Duration) -> Result<Heard, Error> {
         let events = self.poll(PollFlags::IN, patience)?;
+        // What waits to be read may be the first words of the next.
+        if self.closings.any().map_err(io::Error::from).map_err(Error::system("pseudo-terminal"))? {
+            return Ok(Heard::Nobody);
+        }
         if !events.contains(PollFlags::IN) {
             return Ok(if events.contains(PollFlags::HUP) { Heard::Nobody } else { Heard::Nothing });
         }
@@ -92,5 +99,26 @@ impl Pty {
             Err(Errno::INTR) => Ok(PollFlags::empty()),
             Err(error) => Err(Error::system("pseudo-terminal")(error.into())),
         }
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_who_opens_it_next_is_somebody_else_however_soon() {
+        let pty = Pty::open().expect("a pseudo-terminal");
+        let open = || rustix::fs::open(&pty.path, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).expect("open");
+        let mut bytes = [0; 16];
+        let mut heard = || pty.read(&mut bytes, Duration::ZERO).expect("read");
+        let first = open();
+        assert_eq!(heard(), Heard::Nothing);
+        drop(first);
+        let next = open();
+        rustix::io::write(&next, b"hello\n").expect("written");
+        assert_eq!(heard(), Heard::Nobody);
+        // The system hands bytes on in its own time.
+        while heard() != Heard::Bytes(6) {}
     }
 }

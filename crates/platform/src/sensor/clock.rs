@@ -41,7 +41,9 @@ impl SampleClock {
     pub fn stamp(&mut self, arrival_s: f64, samples: usize) -> impl Iterator<Item = f64> + '_ {
         // Samples that waited somewhere to be read arrived a period apart from one another before.
         let spacing_s = self.period_s;
-        (0..samples).rev().map(move |behind| self.next(arrival_s - behind as f64 * spacing_s))
+        let stamped = move |behind| self.next(arrival_s - behind as f64 * spacing_s);
+        // Whole microseconds, as logs keep them: what is recorded, in whatever way, and what is told live have the very same times.
+        (0..samples).rev().map(stamped).map(|t_s| (1e6 * t_s).round() / 1e6)
     }
 
     fn next(&mut self, arrival_s: f64) -> f64 {

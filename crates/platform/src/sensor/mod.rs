@@ -13,7 +13,7 @@ mod table;
 
 pub use clock::SampleClock;
 pub use decoder::{Decoder, Tally};
-pub use reader::{Reader, ReaderSettings, Report};
+pub use reader::{Arrival, Reader, ReaderSettings, Report};
 
 /// What a line is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -43,6 +43,15 @@ impl ReaderSettings {
     }
 }
 
+/// A sample, and when its last byte was read from the port. Its own time is that instant without the jitter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// When it was read.
+    pub at: Instant,
+    /// What it says.
+    pub sample: Sample,
+}
+
 /// How reading went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
@@ -91,10 +100,10 @@ impl Reader {
         Ok(Self { ring, ends, thread: Some(thread.map_err(Error::system("thread of the sensor"))?) })
     }
 
-    /// Moves the samples that have come into `samples`, after waiting for the first of them for so long. `false` when no more come: the
+    /// Moves the samples that have come into `arrivals`, after waiting for the first of them for so long. `false` when no more come: the
     /// reason is that of [`Reader::finish`].
-    pub fn take(&self, samples: &mut Vec<Sample>, patience: Duration) -> bool {
-        self.ring.take(samples, patience)
+    pub fn take(&self, arrivals: &mut Vec<Arrival>, patience: Duration) -> bool {
+        self.ring.take(arrivals, patience)
     }
 
     /// Asks the thread to end once it has read what has arrived. What it read can be taken until [`Reader::take`] is `false`.
@@ -139,7 +148,7 @@ impl Source {
     fn read(&mut self, decoder: &mut Decoder, clock: &mut SampleClock) -> Result<(), Error> {
         let opened = Instant::now();
         let (mut last_byte, mut last_sample) = (opened, opened);
-        let (mut bytes, mut readings, mut samples) = (vec![0; CHUNK], Vec::new(), Vec::new());
+        let (mut bytes, mut readings, mut arrivals) = (vec![0; CHUNK], Vec::new(), Vec::new());
         loop {
             // Asked before the read: what has arrived until then is still read.
             let ends = self.ends.load(Ordering::Relaxed);
@@ -153,9 +162,10 @@ impl Source {
                         last_sample = now;
                         let arrival_s = now.duration_since(self.settings.origin).as_secs_f64();
                         let times = clock.stamp(arrival_s, readings.len());
-                        samples.extend(readings.drain(..).zip(times).map(|(counts, t_s)| Sample { t_s, counts }));
-                        self.ring.put(&samples);
-                        samples.clear();
+                        let samples = readings.drain(..).zip(times).map(|(counts, t_s)| Sample { t_s, counts });
+                        arrivals.extend(samples.map(|sample| Arrival { at: now, sample }));
+                        self.ring.put(&arrivals);
+                        arrivals.clear();
                     }
                 }
                 Ok(_) => {}

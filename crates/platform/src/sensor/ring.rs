@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
-use crate::Sample;
+use super::Arrival;
 
 /// A queue with a bound. Where nobody takes samples in time the oldest are overwritten, and counted.
 #[derive(Debug)]
@@ -16,7 +16,7 @@ pub(super) struct Ring {
 
 #[derive(Debug, Default)]
 struct State {
-    samples: VecDeque<Sample>,
+    waiting: VecDeque<Arrival>,
     overwritten: u64,
     closed: bool,
 }
@@ -26,11 +26,11 @@ impl Ring {
         Self { state: Mutex::default(), changed: Condvar::new(), capacity }
     }
 
-    pub(super) fn put(&self, samples: &[Sample]) {
+    pub(super) fn put(&self, arrivals: &[Arrival]) {
         let mut state = self.state();
-        state.samples.extend(samples);
-        let surplus = state.samples.len().saturating_sub(self.capacity);
-        state.samples.drain(..surplus);
+        state.waiting.extend(arrivals);
+        let surplus = state.waiting.len().saturating_sub(self.capacity);
+        state.waiting.drain(..surplus);
         state.overwritten += surplus as u64;
         self.changed.notify_one();
     }
@@ -41,13 +41,13 @@ impl Ring {
         self.changed.notify_one();
     }
 
-    /// Moves all samples there are into `samples`, after waiting for the first of them. `false` once the ring is closed and empty.
-    pub(super) fn take(&self, samples: &mut Vec<Sample>, patience: Duration) -> bool {
-        let waits = |state: &mut State| state.samples.is_empty() && !state.closed;
+    /// Moves all samples there are into `arrivals`, after waiting for the first of them. `false` once the ring is closed and empty.
+    pub(super) fn take(&self, arrivals: &mut Vec<Arrival>, patience: Duration) -> bool {
+        let waits = |state: &mut State| state.waiting.is_empty() && !state.closed;
         let state = self.changed.wait_timeout_while(self.state(), patience, waits);
         let (mut state, _) = state.expect("no holder of the lock panics");
-        samples.extend(state.samples.drain(..));
-        !(samples.is_empty() && state.closed)
+        arrivals.extend(state.waiting.drain(..));
+        !(arrivals.is_empty() && state.closed)
     }
 
     pub(super) fn overwritten(&self) -> u64 {
@@ -61,16 +61,21 @@ impl Ring {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
     use super::*;
+    use crate::Sample;
 
     #[test]
     fn verif_what_nobody_takes_is_counted() {
         let ring = Ring::new(3);
-        let samples: Vec<_> = (0..5).map(|k| Sample { t_s: f64::from(k), counts: [0; 3] }).collect();
-        ring.put(&samples);
+        let at = Instant::now();
+        let arrival = |k| Arrival { at, sample: Sample { t_s: f64::from(k), counts: [0; 3] } };
+        let arrivals: Vec<_> = (0..5).map(arrival).collect();
+        ring.put(&arrivals);
         let mut taken = Vec::new();
         assert!(ring.take(&mut taken, Duration::ZERO));
-        assert_eq!(taken, samples[2..]);
+        assert_eq!(taken, arrivals[2..]);
         assert_eq!(ring.overwritten(), 2);
         ring.close();
         taken.clear();

@@ -11,6 +11,7 @@ mod golden;
 mod peers;
 mod physics;
 mod reproduce;
+mod rig;
 mod setup;
 mod test;
 
@@ -54,6 +55,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "deny", about: "Check licences, sources and known faults of the libraries", run: Plain(deny::run) },
     Command { name: "fuzz", about: "Run parsers on bytes without end, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
+    Command { name: "rig", about: "Hold the calibration platform on its emulated rig against its bars: rig [--soak SECONDS]", run: With(rig::run) },
     Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
     Command { name: "batch", about: "Measure batches and long traces: time and memory", run: Plain(batch::run) },
     Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: Plain(peers::run) },

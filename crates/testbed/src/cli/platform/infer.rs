@@ -3,111 +3,103 @@
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use anyhow::bail;
-use clap::ValueEnum;
+use platform::calibration::Calibration;
 use platform::calibration::logs::LogReader;
-use platform::calibration::{Calibration, Estimate, Live, Press, Said};
-use serde_json::json;
+use platform::inference::{Inference, Latency};
+use platform::sensor::{Arrival, Reader, ReaderSettings};
 
-use super::super::print;
+use super::events::{Events, Form};
+use super::{format, inference, interrupt, rate_hz, report};
 
-/// Tell radial contact distances from samples as they come
+/// How soon an interrupt is noticed.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// Tell radial contact distances from samples as they come, from a log or from a magnetometer
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Calibration that `whisker platform fit` wrote
     #[arg(long)]
     calibration: PathBuf,
     /// Log of samples, or - for stdin
-    log: PathBuf,
+    #[arg(required_unless_present = "port", conflicts_with = "port")]
+    log: Option<PathBuf>,
+    /// Port of the magnetometer, which is listened to until it is unplugged or somebody interrupts
+    #[arg(long)]
+    port: Option<String>,
+    /// What the magnetometer prints; `whisker platform list` names the formats
+    #[arg(long, default_value = "hex", conflicts_with = "log")]
+    format: String,
+    /// Readings a second to expect of the magnetometer [default: the calibration's]
+    #[arg(long, value_parser = rate_hz, conflicts_with = "log")]
+    rate_hz: Option<f64>,
     /// How events are printed
     #[arg(long, value_enum, default_value_t = Form::Json)]
-    format: Form,
+    print: Form,
     /// Say on stderr at the end how long it took from a sample to what it told
     #[arg(long)]
     latency: bool,
 }
 
-#[derive(Clone, Copy, PartialEq, ValueEnum)]
-enum Form {
-    /// One JSON object a line
-    Json,
-    /// Comma-separated values with a header
-    Csv,
-}
-
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let calibration = Calibration::read(&arguments.calibration)?;
-    let Some(mut live) = Live::new(&calibration)? else {
-        let path = arguments.calibration.display();
-        bail!(
-            "{path}: chain: found null, expected the chain of a calibration from logs of samples; this one is from a table of presses"
-        );
+    let inference = inference(&calibration, &arguments.calibration)?;
+    let (latency, error) = match &arguments.port {
+        Some(port) => from_port(port, inference, &calibration, arguments)?,
+        None => {
+            let log = arguments.log.as_deref().expect("the arguments have one of the two");
+            (from_log(log, inference, arguments.print)?, None)
+        }
     };
-    let mut reader = if arguments.log == Path::new("-") {
+    if arguments.latency {
+        eprintln!("{latency}");
+    }
+    error.map_or(Ok(ExitCode::SUCCESS), |error| Err(error.into()))
+}
+
+/// Samples of a port until it fails, which is said, or somebody interrupts.
+fn from_port(
+    port: &str,
+    mut inference: Inference<'_>,
+    calibration: &Calibration,
+    arguments: &Arguments,
+) -> anyhow::Result<(Latency, Option<platform::Error>)> {
+    let mut settings = ReaderSettings::new(format(&arguments.format)?, Instant::now());
+    let chain_hz = calibration.chain().map(|chain| chain.rate_hz);
+    settings.rate_hz = arguments.rate_hz.or(chain_hz).unwrap_or(settings.rate_hz);
+    let stop = interrupt()?;
+    let reader = Reader::open(port, settings)?;
+    let mut events = Events::begin(arguments.print)?;
+    let mut arrivals = Vec::new();
+    while reader.take(&mut arrivals, PATIENCE) {
+        for arrival in arrivals.drain(..) {
+            inference.step(&arrival, |said| events.tell(said)).transpose()?;
+        }
+        if stop.load(Ordering::Relaxed) {
+            reader.end();
+        }
+    }
+    let (read, error) = reader.finish();
+    report(&read, Some(calibration));
+    Ok((inference.latency(), error))
+}
+
+/// Samples of a log, each of which arrives when it is read.
+fn from_log(log: &Path, mut inference: Inference<'_>, form: Form) -> anyhow::Result<Latency> {
+    let mut reader = if log == Path::new("-") {
         LogReader::new(Path::new("stdin"), BufReader::new(io::stdin()))
     } else {
-        LogReader::open(&arguments.log)?
+        LogReader::open(log)?
     };
-    if arguments.format == Form::Csv {
-        print("t_s,event,onset_s,distance_m,low_m,high_m,slope_counts_per_s\n")?;
-    }
-    let mut latencies = Vec::new();
+    let mut events = Events::begin(form)?;
     for sample in reader.by_ref() {
-        let sample = sample?;
-        let begin = Instant::now();
-        if let Some(said) = live.step(&sample) {
-            print(&line(&said, arguments.format))?;
-        }
-        if arguments.latency {
-            latencies.push(begin.elapsed());
-        }
+        let arrival = Arrival { sample: sample?, at: Instant::now() };
+        inference.step(&arrival, |said| events.tell(said)).transpose()?;
     }
     if reader.cut_off() {
-        eprintln!("{}: its last line was cut off and is left out", arguments.log.display());
+        eprintln!("{}: its last line was cut off and is left out", log.display());
     }
-    if arguments.latency {
-        eprintln!("{}", summary(latencies));
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
-fn line(said: &Said, format: Form) -> String {
-    match (said, format) {
-        (Said::Pressed(press, estimate), Form::Json) => {
-            let Press { t_s, onset_s, features, .. } = press;
-            let (distance_m, interval_m) = (estimate.map(|e| e.distance_m), estimate.and_then(|e| e.interval_m));
-            let event = json!({
-                "t_s": t_s, "event": "pressed", "onset_s": onset_s, "distance_m": distance_m, "interval_m": interval_m,
-                "features": features,
-            });
-            format!("{event}\n")
-        }
-        (Said::Pressed(press, estimate), Form::Csv) => {
-            let cell = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:.6}"));
-            let interval_m = estimate.and_then(|Estimate { interval_m, .. }| interval_m);
-            format!(
-                "{:.6},pressed,{:.6},{},{},{},{:.3}\n",
-                press.t_s,
-                press.onset_s,
-                cell(estimate.map(|estimate| estimate.distance_m)),
-                cell(interval_m.map(|[low, _]| low)),
-                cell(interval_m.map(|[_, high]| high)),
-                press.features.slope_counts_per_s,
-            )
-        }
-        (Said::Released(t_s), Form::Json) => format!("{}\n", json!({"t_s": t_s, "event": "released"})),
-        (Said::Released(t_s), Form::Csv) => format!("{t_s:.6},released,,,,,\n"),
-    }
-}
-
-/// Median, 99th percentile and worst, in milliseconds.
-fn summary(mut latencies: Vec<Duration>) -> String {
-    if latencies.is_empty() {
-        return "no samples".into();
-    }
-    latencies.sort();
-    let at = |share: f64| 1e3 * latencies[((latencies.len() - 1) as f64 * share).round() as usize].as_secs_f64();
-    format!("{} samples: median {:.4}, 99 % {:.4}, worst {:.4} ms", latencies.len(), at(0.5), at(0.99), at(1.0))
+    Ok(inference.latency())
 }

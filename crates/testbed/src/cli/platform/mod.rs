@@ -3,19 +3,23 @@
 mod cross_validate;
 #[cfg(unix)]
 mod emulate;
+mod events;
 mod fit;
 mod infer;
 mod list;
 mod logs;
 mod run;
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::Context;
 use clap::Subcommand;
-use platform::sensor::{self, FORMATS, FormatRow};
+use platform::calibration::{Calibration, Live};
+use platform::inference::Inference;
+use platform::sensor::{self, FORMATS, FormatRow, Report};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer listens
@@ -54,6 +58,34 @@ fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
         let known: Vec<_> = FORMATS.iter().map(|row| row.name).collect();
         format!("unknown line format `{name}`, expected one of: {}", known.join(", "))
     })
+}
+
+/// What a calibration tells of a stream of samples; the path is for the error.
+fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<Inference<'a>> {
+    let live = Live::new(calibration)?.with_context(|| {
+        format!(
+            "{}: chain: found null, expected the chain of a calibration from logs of samples; this one is from a table of presses",
+            path.display()
+        )
+    })?;
+    Ok(Inference::new(live))
+}
+
+/// Says on stderr how a port was read, and whether that suits a calibration, whose low-pass and slopes count samples.
+fn report(report: &Report, calibration: Option<&Calibration>) {
+    eprintln!("{report}");
+    let calibrated_hz = calibration.and_then(Calibration::chain).map(|chain| chain.rate_hz);
+    if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !(0.95..=1.05).contains(&(report.rate_hz / rate_hz))) {
+        eprintln!("warning: the calibration is of {rate_hz:.1} Hz: its distances do not hold at this rate");
+    }
+}
+
+/// A rate that somebody asks for.
+fn rate_hz(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),
+        _ => Err("expected readings a second, 1 to 10000, for example 800".into()),
+    }
 }
 
 /// Is set once somebody asks the program to end. Who asks twice ends it the hard way.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use platform::calibration::Calibration;
 use platform::printer::Printer;
 use platform::record::{LOG_KIND, Log, LogSidecar, Sink};
 use platform::routine::IncrementsBeamTest;
@@ -12,7 +13,8 @@ use platform::session;
 use platform::streams::Bag;
 use trace::FORMAT;
 
-use super::{format, interrupt};
+use super::events::{Events, Form};
+use super::{format, inference, interrupt, rate_hz, report};
 use crate::cli::print;
 use crate::provenance::watermark;
 
@@ -55,6 +57,12 @@ pub(super) struct Arguments {
     /// Record into this rosbag2 folder, too
     #[arg(long)]
     bag: Option<PathBuf>,
+    /// Tell contacts as they come, by a calibration that `whisker platform fit` wrote, and how well they were found
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    /// How they are printed
+    #[arg(long, value_enum, default_value_t = Form::Json, requires = "calibration")]
+    print: Form,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -68,6 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         speed_m_s: arguments.speed / 60e3,
     };
     routine.check()?;
+    let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
+    let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
+    let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let stop = interrupt()?;
     let origin = Instant::now();
     let mut settings = ReaderSettings::new(format, origin);
@@ -77,7 +88,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let described = format!("{routine:?}");
     let watermark = watermark([described.as_str(), format.name]);
     let log = Log::create(&arguments.out, format.name, settings.rate_hz, watermark.clone())?;
-    let mut sinks: Vec<Box<dyn Sink>> = vec![Box::new(log)];
+    let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
+    if inference.is_some() {
+        // Before all that takes time to keep.
+        sinks.push(Box::new(Events::begin(arguments.print)?));
+    }
+    sinks.push(Box::new(log));
     if let Some(folder) = &arguments.bag {
         let sidecar = LogSidecar {
             format: FORMAT,
@@ -89,20 +105,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         };
         sinks.push(Box::new(Bag::create(folder, sidecar)?));
     }
-    let outcome = session::run(&routine, &mut printer, reader, sinks, origin);
-    eprintln!("{}", outcome.report);
+    let outcome = session::run(&routine, &mut printer, reader, inference, sinks, origin);
+    report(&outcome.report, calibration.as_ref());
+    if let Some(latency) = &outcome.latency {
+        eprintln!("{latency}");
+    }
     for path in &outcome.files {
-        print(&format!("{}\n", path.display()))?;
+        // Where there are events they have the standard output for themselves.
+        match outcome.latency {
+            None => print(&format!("{}\n", path.display()))?,
+            Some(_) => eprintln!("{}", path.display()),
+        }
     }
     match outcome.error {
         Some(error) => Err(error.into()),
         None => Ok(ExitCode::SUCCESS),
-    }
-}
-
-fn rate_hz(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),
-        _ => Err("expected readings a second, 1 to 10000, for example 800".into()),
     }
 }
