@@ -31,6 +31,7 @@ mod error;
 pub mod messages;
 mod metadata;
 mod reader;
+mod records;
 pub mod topics;
 mod writer;
 
