@@ -91,9 +91,13 @@ impl Publisher for Feed {
             self.announce::<M>(topic)?;
         }
         let (channel, bytes) = (&self.channels[topic], message.encode());
+        if channel.schema().is_none_or(|schema| schema.name != M::TYPE) {
+            let reason = format!("found a {}, expected the type that the topic had before", M::TYPE);
+            return Err(Error::Live { topic: topic.into(), reason });
+        }
         channel.log_with_meta(&bytes, at(time_ns));
         if topic == topics::TF_STATIC {
-            self.standing.keep(channel, time_ns, bytes);
+            self.standing.keep(Kept { channel: channel.clone(), time_ns, bytes });
         }
         Ok(())
     }
@@ -105,18 +109,25 @@ fn at(time_ns: u64) -> PartialMetadata {
 
 /// The last message of the frames that stand, for who comes late.
 #[derive(Default)]
-struct Standing(Mutex<Option<(Arc<RawChannel>, u64, Vec<u8>)>>);
+struct Standing(Mutex<Option<Kept>>);
+
+/// A message that was sent.
+struct Kept {
+    channel: Arc<RawChannel>,
+    time_ns: u64,
+    bytes: Vec<u8>,
+}
 
 impl Standing {
-    fn keep(&self, channel: &Arc<RawChannel>, time_ns: u64, bytes: Vec<u8>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((channel.clone(), time_ns, bytes));
+    fn keep(&self, message: Kept) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
     }
 }
 
 impl ServerListener for Standing {
     fn on_subscribe(&self, client: Client, subscribed: ChannelView) {
         let standing = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((channel, time_ns, bytes)) = &*standing
+        if let Some(Kept { channel, time_ns, bytes }) = &*standing
             && channel.id() == subscribed.id()
         {
             channel.log_with_meta_to_sink(bytes, at(*time_ns), client.sink_id());
@@ -129,7 +140,7 @@ struct Queue(Sender<(service::Request, Responder)>);
 
 impl Handler for Queue {
     fn call(&self, request: service::Request, responder: Responder) {
-        // Whom nobody hears is answered: a responder that is dropped says so.
+        // Where nobody serves any more the responder is dropped, which is an answer too.
         let _ = self.0.send((request, responder));
     }
 }
