@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use anyhow::{anyhow, bail};
 use bag::{Error, Message, Publisher, cdr, topics};
 use foxglove::websocket::service::{self, Handler, Responder, ServiceSchema};
 use foxglove::websocket::{ChannelView, Client, ServerListener};
@@ -62,7 +63,7 @@ impl Feed {
             .supported_encodings([ENCODING])
             .message_backlog_size(DEPTH)
             .start_blocking()
-            .map_err(|error| anyhow::anyhow!("{address}: {error}"))?;
+            .map_err(|error| anyhow!("{address}: {error}"))?;
         println!("ws://{}", SocketAddr::new(address.ip(), server.port()));
         Ok((Self { _server: server, context, channels: HashMap::new(), standing }, Calls(calls)))
     }
@@ -149,14 +150,15 @@ impl Desk for Calls {
     fn serve_next(&self, routine: &mut Routine<'_>) -> anyhow::Result<()> {
         match self.0.recv_timeout(POLL) {
             Ok((request, responder)) => {
-                let request = cdr::decode::<Request>(request.payload()).map_err(anyhow::Error::msg);
+                let request = cdr::decode::<Request>(request.payload())
+                    .map_err(|found| anyhow!("found {found}, expected a {}", Request::TYPE));
                 let done = request.and_then(routine);
                 responder
                     .respond(done.map(|()| cdr::encode(&Response::default())).map_err(|error| format!("{error:#}")));
                 Ok(())
             }
             Err(RecvTimeoutError::Timeout) => Ok(()),
-            Err(RecvTimeoutError::Disconnected) => anyhow::bail!("{}: the WebSocket server is gone", topics::BEAM_TEST),
+            Err(RecvTimeoutError::Disconnected) => bail!("{}: the WebSocket server is gone", topics::BEAM_TEST),
         }
     }
 }
