@@ -1,15 +1,20 @@
-"""Recordings and the live node against programs of others: `rosbags`, `mcap-ros2-support`, `rosless`, `cyclonedds`.
+"""Recordings, the live node and the Foxglove feed against programs of others.
+
+These are `rosbags`, `mcap-ros2-support`, `rosless`, `cyclonedds` and `robo-ws-bridge`.
 
 They are installed only where `WHISKER_FOREIGN=1` asks for it, into a virtual environment of their own. The node runs in a network
-namespace that has nothing but its loopback, so nobody else hears it.
+namespace that has nothing but its loopback, so nobody else hears it; the feed is bound to the loopback.
 """
 
 import csv
 import math
 import os
 import shutil
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOREIGN = ROOT / "tests/foreign"
 VENV = ROOT / "target/foreign/ros"
 PYTHON = VENV / "bin/python"
-PACKAGES = ["rosbags==0.11.9", "mcap-ros2-support==0.6.0", "rosless==0.5.0", "cyclonedds==11.0.1"]
+PACKAGES = ["rosbags==0.11.9", "mcap-ros2-support==0.6.0", "rosless==0.5.0", "cyclonedds==11.0.1", "robo-ws-bridge==0.11.0"]
 TRACE = ROOT / "datasets/golden/golden_circle.csv"
 
 COLUMNS = {
@@ -52,16 +57,18 @@ pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason
 @pytest.fixture(scope="module")
 def python() -> Path:
     """A Python that has the programs of others."""
-    if not (VENV / "complete").exists():
+    complete, packages = VENV / "complete", "\n".join(PACKAGES)
+    if not complete.exists() or complete.read_text() != packages:
         subprocess.run([sys.executable, "-m", "venv", VENV], check=True)
         subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
-        (VENV / "complete").touch()
+        complete.write_text(packages)
     return PYTHON
 
 
-def built(package: str, program: str) -> Path:
+def built(package: str, program: str, *options: str) -> Path:
     """A program of this project."""
-    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", package, "--bin", program], cwd=ROOT, check=True)
+    command = ["cargo", "build", "--quiet", "--release", "--package", package, "--bin", program, *options]
+    subprocess.run(command, cwd=ROOT, check=True)
     return ROOT / "target/release" / program
 
 
@@ -73,8 +80,8 @@ def whisker() -> Path:
 
 @pytest.fixture(scope="module")
 def node() -> Path:
-    """The node."""
-    return built("ros2-node", "ros2-node")
+    """The node, with the feed."""
+    return built("ros2-node", "ros2-node", "--features", "foxglove")
 
 
 def output(*command: str | Path) -> str:
@@ -84,18 +91,27 @@ def output(*command: str | Path) -> str:
     return done.stdout
 
 
+Totals = dict[str, tuple[int, float]]
+"""Number of messages of a topic, and the sum of their numbers."""
+
+
+def totals(lines: str) -> Totals:
+    """What `read_bag.py` prints."""
+    return {topic: (int(count), float(total)) for topic, count, total in map(str.split, lines.splitlines())}
+
+
+def totals_of_trace() -> Totals:
+    """What stands in the trace."""
+    rows = list(csv.DictReader(TRACE.open()))
+    numbers = {topic: [float(row[column]) for row in rows if row[column]] for topic, column in COLUMNS.items()}
+    return {topic: (len(of_topic), math.fsum(of_topic)) for topic, of_topic in numbers.items()}
+
+
 @pytest.mark.parametrize("reader", ["rosbags", "mcap_ros2"])
 def test_others_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
-    lines = [line.split() for line in output(python, FOREIGN / "read_bag.py", folder, reader).splitlines()]
-    found = {topic: (int(count), float(total)) for topic, count, total in lines}
-    rows = list(csv.DictReader(TRACE.open()))
-    expected = {}
-    for topic, column in COLUMNS.items():
-        numbers = [float(row[column]) for row in rows if row[column]]
-        expected[topic] = (len(numbers), math.fsum(numbers))
-    assert found == expected
+    assert totals(output(python, FOREIGN / "read_bag.py", folder, reader)) == totals_of_trace()
 
 
 def test_a_recording_of_others_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
@@ -137,3 +153,39 @@ def test_a_call_of_others_runs_the_routine(python: Path, whisker: Path, node: Pa
         exit $called
     """
     assert output("unshare", "--net", "bash", "-c", script).split() == ["0.1450", "0.1350", "0.1250"]
+
+
+@contextmanager
+def fed(node: Path, *arguments: str | Path) -> Iterator[str]:
+    """The address of a feed, while the node runs."""
+    process = subprocess.Popen([node, *arguments, "--foxglove=127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
+    try:
+        yield process.stdout.readline().strip()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+
+
+def test_a_listener_of_others_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "circle"
+    output(whisker, "bag", "export", TRACE, "--out", folder)
+    with fed(node, "play", folder, "--wait-for", "/moment") as url:
+        assert totals(output(python, FOREIGN / "read_bag.py", url, "foxglove")) == totals_of_trace()
+
+
+def test_a_listener_of_others_receives_every_message_of_a_minute(python: Path, node: Path, tmp_path: Path) -> None:
+    folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
+    output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
+    with fed(node, "play", folder, "--wait-for", "/field") as url:
+        heard = totals(output(python, FOREIGN / "read_bag.py", url, "foxglove"))
+    assert heard == {"/field": (expected, expected * (expected - 1) / 2)}
+
+
+def test_a_listener_of_others_runs_the_routine(python: Path, whisker: Path, node: Path) -> None:
+    with subprocess.Popen([whisker, "platform", "emulate"], stdout=subprocess.PIPE, text=True) as rig:
+        ports = dict(rig.stdout.readline().split() for _ in range(2))
+        run = ["run", "--printer", ports["printer"], "--sensor", ports["sensor"], "--speed", "15000"]
+        with fed(node, *run) as url:
+            pushed = output(python, FOREIGN / "call_foxglove.py", url, "6", "20", "0", "2", "0")
+        rig.send_signal(signal.SIGINT)
+    assert pushed.split() == ["0.1450", "0.1350", "0.1250"]

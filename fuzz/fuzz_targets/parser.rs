@@ -9,7 +9,10 @@ use strangers::{TARGETS, Target};
 
 static TARGET: LazyLock<&Target> = LazyLock::new(|| {
     let name = std::env::var("WHISKER_FUZZ").unwrap_or_default();
-    TARGETS.iter().find(|target| target.name == name).unwrap_or_else(|| panic!("WHISKER_FUZZ: found `{name}`, expected a target"))
+    TARGETS
+        .iter()
+        .find(|target| target.name == name)
+        .unwrap_or_else(|| panic!("WHISKER_FUZZ: found `{name}`, expected a target"))
 });
 
 fuzz_target!(|bytes: &[u8]| (TARGET.run)(bytes));

@@ -1,12 +1,16 @@
-"""Reads a recording with a reader of others, `rosbags` or `mcap_ros2`, and prints each topic's messages and what they sum up to."""
+"""Reads a recording with a reader of others, `rosbags` or `mcap_ros2`, or listens to one that is played to `foxglove`.
 
+Prints each topic's messages and what they sum up to.
+"""
+
+import asyncio
 import math
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-folder, reader = Path(sys.argv[1]), sys.argv[2]
+source, reader = sys.argv[1], sys.argv[2]
 
 
 def messages() -> Iterator[tuple[str, object]]:
@@ -14,15 +18,26 @@ def messages() -> Iterator[tuple[str, object]]:
     if reader == "rosbags":
         from rosbags.highlevel import AnyReader
 
-        with AnyReader([folder]) as bag:
+        with AnyReader([Path(source)]) as bag:
             for connection, _, data in bag.messages():
                 yield connection.topic, bag.deserialize(data, connection.msgtype)
+    elif reader == "foxglove":
+        yield from asyncio.run(heard())
     else:
         from mcap_ros2.reader import read_ros2_messages
 
-        for file in sorted(folder.glob("*.mcap")):
+        for file in sorted(Path(source).glob("*.mcap")):
             for message in read_ros2_messages(str(file)):
                 yield message.channel.topic, message.ros_msg
+
+
+async def heard() -> list[tuple[str, object]]:
+    """Topic and content of each message of the feed at this address."""
+    from foxglove_feed import Feed
+
+    async with Feed(source) as feed:
+        await feed.silence(60.0, 5.0)
+        return feed.messages()
 
 
 def number(topic: str, message: object) -> float:
@@ -31,6 +46,8 @@ def number(topic: str, message: object) -> float:
         return message.wrench.torque.z
     if topic == "/tf":
         return message.transforms[0].transform.translation.x
+    if topic == "/field":
+        return message.magnetic_field.x
     if topic in ("/truth/contact", "/truth/surface"):
         return message.point.x
     if topic == "/joint_states":

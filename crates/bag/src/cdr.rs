@@ -12,13 +12,19 @@ const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 const MOST_PADDING: usize = 3;
 
 /// The bytes of a value.
-pub(crate) fn encode(value: &impl Serialize) -> Vec<u8> {
+///
+/// # Panics
+/// If it is made of anything else than numbers, texts and sequences, as no message is.
+pub fn encode(value: &impl Serialize) -> Vec<u8> {
     let body = to_vec::<_, LittleEndian>(value).expect("messages are made of numbers, texts and sequences");
     [&LITTLE_ENDIAN, body.as_slice()].concat()
 }
 
-/// The value of some bytes, which must be all of them; else what is wrong with them.
-pub(crate) fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
+/// The value of some bytes, which must be all of them.
+///
+/// # Errors
+/// What is wrong with them.
+pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     let Some((head, body)) = bytes.split_at_checked(LITTLE_ENDIAN.len()) else {
         return Err(format!("{} bytes", bytes.len()));
     };

@@ -2,6 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
+/// Longest piece of a recording that an error repeats, in characters.
+const LONGEST: usize = 500;
+
+/// A text as one line that is safe to show: what would end the line or speak to the terminal is written out, as `\n` is.
+fn shown(text: &str) -> String {
+    let mut line = String::new();
+    for (i, c) in text.chars().enumerate() {
+        match c {
+            _ if i == LONGEST => return line + "...",
+            c if c.is_control() => line.extend(c.escape_default()),
+            c => line.push(c),
+        }
+    }
+    line
+}
+
 /// Why a recording could not be read or written, or a message not sent.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -14,7 +30,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// What a file holds is not what it should.
-    #[error("{}: {place}: found {found}, expected {expected}", path.display())]
+    #[error("{}: {}: found {}, expected {}", path.display(), shown(place), shown(found), shown(expected))]
     Content {
         /// The file.
         path: PathBuf,
@@ -26,7 +42,7 @@ pub enum Error {
         expected: String,
     },
     /// A message that could not be sent.
-    #[error("{topic}: {reason}")]
+    #[error("{}: {}", shown(topic), shown(reason))]
     Live {
         /// The topic.
         topic: String,

@@ -2,7 +2,7 @@
 //!
 //! [`messages`] holds the standard messages that whiskers need, each with the text that ROS 2 defines it by. [`Writer`] records them into a
 //! rosbag2 folder, a `metadata.yaml` beside an MCAP file; [`Reader`] reads such folders, and bare MCAP files, whoever wrote them. [`Publisher`]
-//! is what a recording and a node have in common: something that takes messages. [`topics`] names topics and frames.
+//! is what a recording and a node have in common: something that takes messages. [`topics`] names topics and frames; [`cdr`] is how values become bytes.
 //!
 //! ```
 //! use bag::messages::{Header, MagneticField, Time, Vector3};
@@ -26,11 +26,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod cdr;
+pub mod cdr;
 mod error;
 pub mod messages;
 mod metadata;
 mod reader;
+mod records;
 pub mod topics;
 mod writer;
 

@@ -1,20 +1,16 @@
 //! Reading rosbag2 folders and MCAP files.
 
-use std::fs::{self, File};
-use std::io::BufReader;
+use std::collections::HashMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mcap::McapError;
-use mcap::io::MessageReader;
-use mcap::records::Record as McapRecord;
-use mcap::sans_io::LinearReaderOptions;
+use mcap::records::{Channel, MessageHeader, Record as McapRecord};
 
 use crate::messages::AnyMessage;
+use crate::records::Records;
 use crate::{Error, Message, metadata};
-
-/// The longest record that is believed in: more than any message of a whisker, less than a damaged length may claim.
-const LONGEST_RECORD: usize = 1 << 28;
 
 /// A recording: a rosbag2 folder, finished or cut off, or a bare MCAP file.
 #[derive(Clone, Debug)]
@@ -115,15 +111,21 @@ impl Reader {
     pub fn attachments(&self) -> Result<Vec<Attachment>, Error> {
         let mut attachments = Vec::new();
         for file in &self.files {
-            let bytes = fs::read(file).map_err(Error::io(file))?;
-            let broken = |error| Error::content(file, "attachments", error, "an MCAP recording to its end");
-            for record in mcap::read::LinearReader::new(&bytes).map_err(broken)? {
-                if let McapRecord::Attachment { header, data, .. } = record.map_err(broken)? {
-                    attachments.push(Attachment { name: header.name, data: data.into_owned() });
-                }
+            let mut records = Records::open(file, true).map_err(Error::io(file))?;
+            while let Some(attachment) = records.next(attachment) {
+                let attachment = attachment
+                    .map_err(|error| Error::content(file, "attachments", error, "an MCAP recording to its end"))?;
+                attachments.extend(attachment);
             }
         }
         Ok(attachments)
+    }
+}
+
+fn attachment(record: McapRecord<'_>) -> Option<Attachment> {
+    match record {
+        McapRecord::Attachment { header, data, .. } => Some(Attachment { name: header.name, data: data.into_owned() }),
+        _ => None,
     }
 }
 
@@ -173,29 +175,79 @@ struct Broken {
 }
 
 /// The messages of one file, not numbered yet.
-fn records_of(path: &Path) -> Box<dyn Iterator<Item = Result<Record, Broken>>> {
-    let shared: Arc<Path> = path.into();
-    let stream = match File::open(path) {
-        Ok(file) => BufReader::new(file),
-        Err(reason) => {
-            return Box::new(std::iter::once(Err(Broken { file: path.into(), reason: McapError::Io(reason) })));
-        }
+fn records_of(path: &Path) -> impl Iterator<Item = Result<Record, Broken>> + use<> {
+    let file: Arc<Path> = path.into();
+    let (mut records, mut failure) = match Records::open(path, false) {
+        Ok(records) => (Some(records), None),
+        Err(reason) => (None, Some(McapError::Io(reason))),
     };
-    // A chunk is checked whole before any of its messages is believed.
-    let options =
-        LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_prevalidate_chunk_crcs(true);
-    Box::new(MessageReader::new_with_options(stream, options).map(move |message| match message {
-        Ok(message) => Ok(Record {
-            file: shared.clone(),
+    let mut topics = Topics::default();
+    std::iter::from_fn(move || {
+        let broken = |reason| Broken { file: file.to_path_buf(), reason };
+        if let Some(reason) = failure.take() {
+            return Some(Err(broken(reason)));
+        }
+        loop {
+            match records.as_mut()?.next(|record| topics.take(record, &file))? {
+                Ok(Ok(None)) => {}
+                Ok(Ok(Some(record))) => return Some(Ok(record)),
+                Ok(Err(reason)) | Err(reason) => return Some(Err(broken(reason))),
+            }
+        }
+    })
+}
+
+/// The topics of a file so far.
+#[derive(Default)]
+struct Topics {
+    /// Names of types by the number of their schema.
+    types: HashMap<u16, String>,
+    channels: HashMap<u16, Channel>,
+    /// What comes now repeats what was there.
+    is_over: bool,
+}
+
+impl Topics {
+    /// The message that a record is, if it is one.
+    fn take(&mut self, record: McapRecord<'_>, file: &Arc<Path>) -> Result<Option<Record>, McapError> {
+        match record {
+            McapRecord::DataEnd(_) => self.is_over = true,
+            McapRecord::Schema { header, .. } => {
+                let known = self.types.entry(header.id).or_insert_with(|| header.name.clone());
+                if *known != header.name {
+                    return Err(McapError::ConflictingSchemas(header.name));
+                }
+            }
+            McapRecord::Channel(channel) => {
+                let known = self.channels.entry(channel.id).or_insert_with(|| channel.clone());
+                if *known != channel {
+                    return Err(McapError::ConflictingChannels(channel.topic));
+                }
+            }
+            McapRecord::Message { header, data } => return self.message(&header, &data, file).map(Some),
+            _ => {}
+        }
+        Ok(None)
+    }
+
+    fn message(&self, header: &MessageHeader, data: &[u8], file: &Arc<Path>) -> Result<Record, McapError> {
+        let unknown = McapError::UnknownChannel(header.sequence, header.channel_id);
+        let channel = self.channels.get(&header.channel_id).filter(|_| !self.is_over).ok_or(unknown)?;
+        let type_name = match channel.schema_id {
+            // So a channel says that it has none.
+            0 => "",
+            id => self.types.get(&id).ok_or_else(|| McapError::UnknownSchema(channel.topic.clone(), id))?,
+        };
+        Ok(Record {
+            file: file.clone(),
             number: 0,
-            topic: message.channel.topic.clone(),
-            type_name: message.channel.schema.as_ref().map(|schema| schema.name.clone()).unwrap_or_default(),
-            encoding: message.channel.message_encoding.clone(),
-            time_ns: message.log_time,
-            data: message.data.into_owned(),
-        }),
-        Err(reason) => Err(Broken { file: shared.to_path_buf(), reason }),
-    }))
+            topic: channel.topic.clone(),
+            type_name: type_name.into(),
+            encoding: channel.message_encoding.clone(),
+            time_ns: header.log_time,
+            data: data.to_owned(),
+        })
+    }
 }
 
 fn only_mcap(folder: &Path) -> Result<PathBuf, Error> {

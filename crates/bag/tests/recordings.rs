@@ -100,6 +100,56 @@ fn robust_a_recording_that_is_cut_off_is_read_up_to_there() {
     assert!(message.contains("run.part"), "{message}");
 }
 
+/// An MCAP file of these records, without chunks: opcode and body of each.
+fn mcap_of_records(records: &[(u8, Vec<u8>)]) -> Vec<u8> {
+    let mut bytes = mcap::MAGIC.to_vec();
+    for (opcode, body) in records {
+        bytes.push(*opcode);
+        bytes.extend((body.len() as u64).to_le_bytes());
+        bytes.extend(body);
+    }
+    bytes.extend(mcap::MAGIC);
+    bytes
+}
+
+/// A text behind its length, as MCAP has it.
+fn text(text: &str) -> Vec<u8> {
+    [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat()
+}
+
+#[test]
+fn robust_claims_of_lengths_and_numbers_are_not_believed() {
+    let home = tempfile::tempdir().unwrap();
+    let claimed = u32::MAX.to_le_bytes().to_vec();
+    let schema = |id: u16, name: &str| (3, [&id.to_le_bytes()[..], &text(name), &text("ros2msg"), &text("")].concat());
+    let channel = |id: u16, schema: u16, topic: &str| {
+        (4, [&id.to_le_bytes()[..], &schema.to_le_bytes(), &text(topic), &text("cdr"), &text("")].concat())
+    };
+    let message = |channel: u16| (5, [&channel.to_le_bytes()[..], &[0; 20]].concat());
+    let end = (15, vec![0; 4]);
+    let unfit = "found MCAP file ended in the middle of a record";
+    let cases = [
+        (vec![(3, [&[1, 0][..], &claimed].concat())], unfit),
+        (vec![(4, [&[1, 0, 0, 0][..], &text("/a"), &claimed].concat())], unfit),
+        (vec![(4, [&[1, 0, 0, 0][..], &text("/a"), &text("cdr"), &[4, 0, 0, 0], &claimed].concat())], unfit),
+        (vec![schema(1, "a/msg/A"), schema(1, "a/msg/B")], "a/msg/B"),
+        (vec![channel(1, 0, "/a"), channel(1, 0, "/b")], "/b"),
+        (vec![channel(1, 7, "/a"), message(1)], "/a"),
+        (vec![message(1)], "channel"),
+        (vec![channel(1, 0, "/a"), end, message(1)], "channel"),
+    ];
+    for (i, (records, words)) in cases.into_iter().enumerate() {
+        let file = home.path().join(format!("{i}.mcap"));
+        fs::write(&file, mcap_of_records(&records)).unwrap();
+        let message = read_all(&file).1.expect("an error").to_string();
+        assert!(message.contains(words), "{i}: {message}");
+    }
+    let file = home.path().join("attachment.mcap");
+    fs::write(&file, mcap_of_records(&[(9, [&[0; 16][..], &claimed].concat()), (9, vec![0; 3])])).unwrap();
+    let message = Reader::open(&file).unwrap().attachments().unwrap_err().to_string();
+    assert!(message.contains(unfit), "{message}");
+}
+
 #[test]
 fn robust_metadata_and_recording_must_agree() {
     let home = tempfile::tempdir().unwrap();

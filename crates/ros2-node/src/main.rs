@@ -1,9 +1,12 @@
 //! The calibration platform as a ROS 2 node, without a ROS installation.
 //!
 //! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` sends a recording at its
-//! own pace. Topics, types and frames are the same as in recordings ([`bag::topics`]).
+//! own pace. Topics, types and frames are the same as in recordings ([`bag::topics`]). With the feature `foxglove` both can go to Foxglove instead.
 
+#[cfg(feature = "foxglove")]
+mod feed;
 mod node;
+mod outlet;
 mod play;
 mod run;
 mod service;

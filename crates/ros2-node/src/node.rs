@@ -3,13 +3,14 @@
 use std::any::Any;
 use std::collections::HashMap;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use anyhow::bail;
 use bag::{Error, Message, Publisher, topics};
 use futures::executor::block_on;
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
 use ros2_client::{Context, ContextOptions, MessageTypeName, Name, NodeName, NodeOptions};
+
+use crate::outlet::Outlet;
 
 /// Messages that are kept for a subscriber who is slow: more than a second of the sensor.
 const DEPTH: usize = 1000;
@@ -44,9 +45,10 @@ impl Node {
     pub(crate) fn ros(&mut self) -> &mut ros2_client::Node {
         &mut self.node
     }
+}
 
-    /// Announces a topic, so that subscribers find it before its first message.
-    pub(crate) fn announce<M: Message>(&mut self, topic: &str) -> Result<(), Error> {
+impl Outlet for Node {
+    fn announce<M: Message>(&mut self, topic: &str) -> Result<(), Error> {
         let failed = |reason: String| Error::Live { topic: topic.into(), reason };
         let (package, kind) = M::TYPE.split_once("/msg/").expect("types are named package/msg/Type");
         let name = Name::parse(topic).map_err(|error| failed(format!("{error:?}")))?;
@@ -58,16 +60,8 @@ impl Node {
         Ok(())
     }
 
-    /// Waits until somebody has subscribed to a topic.
-    pub(crate) fn wait_for_subscriber(&self, topic: &str, patience: Duration) -> anyhow::Result<()> {
-        let begin = Instant::now();
-        while self.node.subscription_count(topic) == 0 {
-            if begin.elapsed() > patience {
-                bail!("{topic}: no subscriber within {} s", patience.as_secs());
-            }
-            thread::sleep(Duration::from_millis(50));
-        }
-        Ok(())
+    fn is_heard(&self, topic: &str) -> bool {
+        self.node.subscription_count(topic) > 0
     }
 }
 

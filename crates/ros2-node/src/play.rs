@@ -1,13 +1,18 @@
 //! `ros2-node play`: a recording, at its own pace.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
-use bag::{Message, Publisher, Reader};
+use anyhow::ensure;
+use bag::messages::AnyMessage;
+use bag::{Message, Publisher, Reader, Record};
 
+#[cfg(feature = "foxglove")]
+use crate::feed::{Feed, Foxglove};
 use crate::node::{Network, Node};
+use crate::outlet::Outlet;
 
 /// Publish the messages of a recording at its own pace
 #[derive(clap::Args)]
@@ -19,6 +24,9 @@ pub(crate) struct Arguments {
     wait_for: Option<String>,
     #[command(flatten)]
     network: Network,
+    #[cfg(feature = "foxglove")]
+    #[command(flatten)]
+    foxglove: Foxglove,
 }
 
 /// How long a subscriber is waited for.
@@ -37,26 +45,37 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             None => unknown += 1,
         }
     }
-    let first_ns = messages.first().map(|(record, _)| record.time_ns).context("no message of a known type")?;
+    ensure!(!messages.is_empty(), "{}: found no message of a known type, expected some", arguments.recording.display());
     if unknown > 0 {
         eprintln!("warning: {unknown} messages of unknown types are left out");
     }
-    let mut node = Node::new(&arguments.network)?;
-    if let Some(topic) = &arguments.wait_for {
-        let (_, message) = messages
-            .iter()
-            .find(|(record, _)| record.topic == *topic)
-            .with_context(|| format!("{topic}: not in it"))?;
-        message.write(&mut Announcer(&mut node), topic, 0)?;
-        node.wait_for_subscriber(topic, PATIENCE)?;
-        // The other side may know a little later than this one.
+    #[cfg(feature = "foxglove")]
+    if let Some(address) = arguments.foxglove.address {
+        return send(&messages, Feed::open(address)?.0, arguments.wait_for.as_deref());
+    }
+    send(&messages, Node::new(&arguments.network)?, arguments.wait_for.as_deref())
+}
+
+/// Sends the messages at their own pace, once somebody listens to the topic to wait for.
+fn send(messages: &[(Record, AnyMessage)], mut outlet: impl Outlet, wait_for: Option<&str>) -> anyhow::Result<()> {
+    let mut announced = HashSet::new();
+    for (record, message) in messages {
+        if announced.insert(record.topic.as_str()) {
+            message.write(&mut Announcer(&mut outlet), &record.topic, 0)?;
+        }
+    }
+    if let Some(topic) = wait_for {
+        ensure!(announced.contains(topic), "{topic}: not in it");
+        outlet.wait_for_listener(topic, PATIENCE)?;
+        // The other side may know a little later than this one, and of other topics.
         thread::sleep(LINGER);
     }
+    let first_ns = messages.first().map_or(0, |(record, _)| record.time_ns);
     let begin = Instant::now();
-    for (record, message) in &messages {
+    for (record, message) in messages {
         let due = Duration::from_nanos(record.time_ns.saturating_sub(first_ns));
         thread::sleep(due.saturating_sub(begin.elapsed()));
-        message.write(&mut node, &record.topic, record.time_ns)?;
+        message.write(&mut outlet, &record.topic, record.time_ns)?;
     }
     thread::sleep(LINGER);
     println!("{} messages", messages.len());
@@ -64,9 +83,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Announces the topic of a message instead of sending it.
-struct Announcer<'a>(&'a mut Node);
+struct Announcer<'a, O>(&'a mut O);
 
-impl Publisher for Announcer<'_> {
+impl<O: Outlet> Publisher for Announcer<'_, O> {
     fn write<M: Message>(&mut self, topic: &str, _time_ns: u64, _message: &M) -> Result<(), bag::Error> {
         self.0.announce::<M>(topic)
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -17,7 +17,10 @@ use platform::sensor::{Reader, ReaderSettings};
 use platform::streams::{PUSHED, Streams};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+#[cfg(feature = "foxglove")]
+use crate::feed::{Feed, Foxglove};
 use crate::node::{Network, Node};
+use crate::outlet::{Desk, Outlet};
 use crate::service::{Middleware, Request, Service};
 
 /// Stream the magnetometer and offer the service increments_beam_test, which runs the routine on the printer
@@ -46,14 +49,29 @@ pub(crate) struct Arguments {
     middleware: Middleware,
     #[command(flatten)]
     network: Network,
+    #[cfg(feature = "foxglove")]
+    #[command(flatten)]
+    foxglove: Foxglove,
 }
 
 /// How long samples are waited for.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-type Shared = Mutex<Streams<Node>>;
+type Shared<O> = Mutex<Streams<O>>;
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    #[cfg(feature = "foxglove")]
+    if let Some(address) = arguments.foxglove.address {
+        let (feed, calls) = Feed::open(address)?;
+        return serve(arguments, feed, &calls);
+    }
+    let mut node = Node::new(&arguments.network)?;
+    let service = Service::new(&mut node, arguments.middleware)?;
+    serve(arguments, node, &service)
+}
+
+/// Streams to an outlet and runs the routine for each call, one after the other, until it is interrupted.
+fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> anyhow::Result<()> {
     let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
     let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
@@ -64,19 +82,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         signal_hook::flag::register_conditional_default(signal, stop.clone())?;
         signal_hook::flag::register(signal, stop.clone())?;
     }
-    let mut node = Node::new(&arguments.network)?;
     // So that who listens has found them before the first push.
-    node.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
-    node.announce::<TfMessage>(topics::TF_STATIC)?;
-    node.announce::<TfMessage>(topics::TF)?;
-    node.announce::<PoseStamped>(PUSHED)?;
-    node.announce::<PoseStamped>(topics::DETECTED_CONTACT)?;
-    let service = Service::new(&mut node, arguments.middleware)?;
+    outlet.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
+    outlet.announce::<TfMessage>(topics::TF_STATIC)?;
+    outlet.announce::<TfMessage>(topics::TF)?;
+    outlet.announce::<PoseStamped>(PUSHED)?;
+    outlet.announce::<PoseStamped>(topics::DETECTED_CONTACT)?;
     let origin = Instant::now();
     let epoch_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
     let mut printer = Printer::open(&arguments.printer, origin, stop.clone())?;
     let reader = Reader::open(&arguments.sensor, ReaderSettings::new(format, origin))?;
-    let streams = Mutex::new(Streams::new(node, epoch_ns, arguments.batch));
+    let streams = Mutex::new(Streams::new(outlet, epoch_ns, arguments.batch));
     println!("ready");
     thread::scope(|scope| {
         let sensor = scope.spawn(|| {
@@ -85,10 +101,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             stop.store(true, Ordering::Relaxed);
             done
         });
-        let served = service.serve(&stop, |request| {
+        let mut routine = |request| {
             let routine = routine(request, arguments.speed / 60e3);
             Ok(routine.run(&mut printer, origin, &stop, &mut Told(&streams))?)
-        });
+        };
+        let mut served = Ok(());
+        while served.is_ok() && !stop.load(Ordering::Relaxed) {
+            served = desk.serve_next(&mut routine);
+        }
         stop.store(true, Ordering::Relaxed);
         sensor.join().expect("the sensor's thread does not panic")?;
         served
@@ -115,10 +135,10 @@ fn routine(request: Request, speed_m_s: f64) -> IncrementsBeamTest {
 }
 
 /// Publishes what the sensor says, and what the calibration makes of it, until `stop` is set.
-fn stream(
+fn stream<O: Outlet>(
     reader: Reader,
     mut inference: Option<Inference<'_>>,
-    streams: &Shared,
+    streams: &Shared<O>,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
     let (mut arrivals, mut samples) = (Vec::new(), Vec::new());
@@ -143,9 +163,9 @@ fn stream(
 }
 
 /// Publishes where the head is and where it pushed.
-struct Told<'a>(&'a Shared);
+struct Told<'a, O>(&'a Shared<O>);
 
-impl Observer for Told<'_> {
+impl<O: Outlet> Observer for Told<'_, O> {
     fn head(&mut self, head: Head) -> Result<(), platform::Error> {
         Ok(locked(self.0).head(head)?)
     }
@@ -155,7 +175,7 @@ impl Observer for Told<'_> {
     }
 }
 
-fn locked(streams: &Shared) -> std::sync::MutexGuard<'_, Streams<Node>> {
+fn locked<O>(streams: &Shared<O>) -> MutexGuard<'_, Streams<O>> {
     streams.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -1,6 +1,5 @@
 //! The service `increments_beam_test`.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bag::topics;
@@ -9,6 +8,7 @@ use ros2_client::{Message, Name, ServiceMapping, ServiceTypeName};
 use serde::{Deserialize, Serialize};
 
 use crate::node::Node;
+use crate::outlet::{Desk, Routine};
 
 /// How long a request may lie before it is seen.
 const POLL: Duration = Duration::from_millis(20);
@@ -33,6 +33,24 @@ pub(crate) struct Request {
 pub(crate) struct Response {
     /// ROS 2 gives what has no fields this one.
     structure_needs_at_least_one_member: u8,
+}
+
+#[cfg(feature = "foxglove")]
+impl Request {
+    /// Name of the service's type.
+    pub(crate) const SERVICE: &str = "whisker_interfaces/srv/IncrementsBeamTest";
+    /// Name of the request's own.
+    pub(crate) const TYPE: &str = "whisker_interfaces/srv/IncrementsBeamTest_Request";
+    /// Its fields.
+    pub(crate) const DEFINITION: &str = "float32 total_x_distance\nfloat32 total_y_distance\nuint32 increments_x\nuint32 increments_y\nuint32 pause_sec\n";
+}
+
+#[cfg(feature = "foxglove")]
+impl Response {
+    /// Name of its type.
+    pub(crate) const TYPE: &str = "whisker_interfaces/srv/IncrementsBeamTest_Response";
+    /// Its fields.
+    pub(crate) const DEFINITION: &str = "uint8 structure_needs_at_least_one_member\n";
 }
 
 impl Message for Request {}
@@ -71,25 +89,20 @@ impl Service {
         )?;
         Ok(Self { server })
     }
+}
 
-    /// Runs the routine for each request, one after the other, until `stop` is set. A routine that fails is answered too, since the answer has no word
-    /// for it; what was wrong goes to stderr.
-    pub(crate) fn serve(
-        self,
-        stop: &AtomicBool,
-        mut routine: impl FnMut(Request) -> anyhow::Result<()>,
-    ) -> anyhow::Result<()> {
-        while !stop.load(Ordering::Relaxed) {
-            match self.server.receive_request() {
-                Ok(Some((id, request))) => {
-                    if let Err(error) = routine(request) {
-                        eprintln!("error: {}: {error:#}", topics::BEAM_TEST);
-                    }
-                    self.server.send_response(id, Response::default())?;
+impl Desk for Service {
+    /// A routine that fails is answered too, since the answer has no word for it; what was wrong goes to stderr.
+    fn serve_next(&self, routine: &mut Routine<'_>) -> anyhow::Result<()> {
+        match self.server.receive_request() {
+            Ok(Some((id, request))) => {
+                if let Err(error) = routine(request) {
+                    eprintln!("error: {}: {error:#}", topics::BEAM_TEST);
                 }
-                Ok(None) => std::thread::sleep(POLL),
-                Err(error) => eprintln!("error: {}: {error}", topics::BEAM_TEST),
+                self.server.send_response(id, Response::default())?;
             }
+            Ok(None) => std::thread::sleep(POLL),
+            Err(error) => eprintln!("error: {}: {error}", topics::BEAM_TEST),
         }
         Ok(())
     }

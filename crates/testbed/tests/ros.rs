@@ -1,10 +1,11 @@
 //! Traces and logs as ROS 2 recordings and back.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use bag::messages::{Header, MagneticField, MagneticFieldArray, Time, Vector3};
-use bag::{Publisher, Writer, topics};
+use bag::{Publisher, Reader, Writer, topics};
+use serde_json::{Value, json};
 use testbed::ros::{export_trace, import};
 
 fn golden() -> &'static Path {
@@ -89,4 +90,70 @@ fn robust_a_recording_that_was_cut_off_is_taken_only_if_asked() {
     assert!(import(&folder, false, &log).is_err());
     let files = import(&folder, true, &log).unwrap();
     assert!(fs::read_to_string(&files[1]).unwrap().lines().count() > 1000);
+}
+
+/// What lies in a folder and its folders, in order.
+fn tree(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(tree(&path));
+        }
+        found.push(path);
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn robust_a_recording_of_strangers_writes_into_its_folder_alone() {
+    let home = tempfile::tempdir().unwrap();
+    let (sound, out) = (home.path().join("sound"), home.path().join("deep/out"));
+    export_trace(&golden().join("golden_pin.csv"), None, &sound).unwrap();
+    let reader = Reader::open(&sound).unwrap();
+    let sidecar: Value = serde_json::from_slice(&reader.attachments().unwrap()[0].data).unwrap();
+    let absolute = home.path().join("escaped").display().to_string();
+    for (i, name) in ["../escaped", &absolute, "deeper/escaped", "..", ".", "", "a\\b", "a\0b"].into_iter().enumerate()
+    {
+        for key in ["name", "contour"] {
+            let mut hostile = sidecar.clone();
+            match key {
+                "name" => hostile["name"] = json!(name),
+                _ => hostile["contour"]["file"] = json!(name),
+            }
+            let folder = home.path().join(format!("{key}_{i}"));
+            let mut writer = Writer::create(&folder).unwrap();
+            for record in reader.records().map(Result::unwrap) {
+                let message = record.decode_any().unwrap().unwrap();
+                message.write(&mut writer, &record.topic, record.time_ns).unwrap();
+            }
+            writer.attach("hostile.json", "application/json", hostile.to_string().as_bytes()).unwrap();
+            writer.attach(name, "text/csv", &reader.attachments().unwrap()[1].data).unwrap();
+            writer.finish().unwrap();
+            let before = tree(home.path());
+            let message = import(&folder, false, &out).unwrap_err().to_string();
+            assert!(message.contains(key) && message.contains("expected a plain file name"), "{message}");
+            assert_eq!(tree(home.path()), before);
+        }
+    }
+}
+
+#[test]
+fn robust_attachments_that_nobody_asked_for_stay_where_they_are() {
+    let home = tempfile::tempdir().unwrap();
+    let (folder, out) = (home.path().join("theirs"), home.path().join("deep/out"));
+    let mut writer = Writer::create(&folder).unwrap();
+    let readings = MagneticFieldArray { magnetic_field_array: vec![field(0, 1.0)] };
+    writer.write(topics::MAGNETOMETER, 0, &readings).unwrap();
+    for name in ["../escaped", &home.path().join("escaped").display().to_string(), "../log.json", "escaped"] {
+        writer.attach(name, "text/plain", b"hostile").unwrap();
+    }
+    writer.finish().unwrap();
+    let files = import(&folder, false, &out).unwrap();
+    assert_eq!(files, [out.join("log.json"), out.join("log.csv")]);
+    let mut expected = tree(&folder);
+    expected.extend([folder, out.clone(), home.path().join("deep"), out.join("log.csv"), out.join("log.json")]);
+    expected.sort();
+    assert_eq!(tree(home.path()), expected);
 }

@@ -2,7 +2,7 @@
 
 /// What a line of a printer says.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Answer {
+pub enum Answer {
     /// The last command was taken; some printers put a position behind.
     Ok(Option<Position>),
     /// The line of this number is to be sent again.
@@ -23,16 +23,16 @@ pub(super) enum Answer {
 
 /// A position as a printer states it, in millimetres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Position {
+pub struct Position {
     /// Where the head goes: x, y, z.
-    pub(super) goal: [f64; 3],
+    pub goal: [f64; 3],
     /// Where it is by its motors: x, y; in millimetres, or in steps.
-    pub(super) count: Option<[f64; 2]>,
+    pub count: Option<[f64; 2]>,
 }
 
 impl Answer {
     /// What a line says, without its end.
-    pub(super) fn parse(line: &str) -> Self {
+    pub fn parse(line: &str) -> Self {
         let line = line.trim();
         let lower = line.to_ascii_lowercase();
         if let Some(rest) = lower.strip_prefix("ok")
@@ -63,7 +63,7 @@ impl Answer {
 
 /// The position in a line like `X:1.00 Y:2.00 Z:3.00 E:0.00 Count X:1.00 Y: 2.00 Z:3.00`.
 fn position(line: &str) -> Option<Position> {
-    let (goal, count) = line.split_once("Count").unwrap_or((line, ""));
+    let (goal, count) = line.split_once(" Count").unwrap_or((line, ""));
     let goal = [coordinate(goal, "X:")?, coordinate(goal, "Y:")?, coordinate(goal, "Z:")?];
     let count = coordinate(count, "X:").zip(coordinate(count, "Y:")).map(|(x, y)| [x, y]);
     Some(Position { goal, count })
@@ -97,6 +97,8 @@ mod tests {
             ("okay", Answer::Remark),
             ("", Answer::Remark),
             ("X:nan Y:1 Z:1", Answer::Remark),
+            // What stood between was lost.
+            ("X:127.00 Y:96.75 Z:0Count X: 126.50 Y:96.00", Answer::Remark),
         ];
         for (line, answer) in known {
             assert_eq!(Answer::parse(line), answer, "{line}");

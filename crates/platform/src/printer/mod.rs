@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use answer::Position;
+pub use answer::{Answer, Position};
 use gcode::millimetres;
 use link::{Link, PROMPT};
 

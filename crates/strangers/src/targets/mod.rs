@@ -1,12 +1,17 @@
 //! The targets: one file each, and one row in [`TARGETS`].
 
 mod answer;
+mod bag;
 mod calibration;
 mod import;
+mod log;
 mod outline;
+mod platform_calibration;
+mod printer;
 mod recording;
 mod results;
 mod run;
+mod sensor;
 mod settings;
 mod sidecar;
 mod suite;
@@ -36,4 +41,9 @@ pub const TARGETS: &[Target] = &[
     Target { name: "results", about: "tables of a run", run: results::run },
     Target { name: "settings", about: "settings of estimators, front ends, detection and maps", run: settings::run },
     Target { name: "answer", about: "answer of a program that takes part", run: answer::run },
+    Target { name: "bag", about: "recording of messages: metadata and MCAP file, which becomes a trace or a log", run: bag::run },
+    Target { name: "sensor", about: "what comes over a magnetometer's port", run: sensor::run },
+    Target { name: "printer", about: "what a printer answers", run: printer::run },
+    Target { name: "platform_calibration", about: "calibration of the platform", run: platform_calibration::run },
+    Target { name: "log", about: "recorded log: table, sidecar and manifest", run: log::run },
 ];

@@ -8,6 +8,7 @@ use crate::tools::{cargo, python as python_command, run as run_command};
 #[rustfmt::skip]
 pub(super) const PARTS: &[Part] = &[
     Part { name: "rust format", run: || run_command(cargo(&["fmt", "--all", "--check"])) },
+    Part { name: "rust format of the fuzz targets", run: || run_command(cargo(&["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])) },
     Part { name: "rust lints", run: rust_lints },
     Part { name: "rust documentation", run: rust_documentation },
     Part { name: "python format", run: || ruff(&["format", "--check"]) },

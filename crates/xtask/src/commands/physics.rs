@@ -13,7 +13,7 @@ const SUITE: &str = "standard";
 /// Tables, figures and page.
 const RESULTS: &str = "results/physics";
 /// What `docs/PHYSICS.md` shows, and the folder in which it is kept.
-const KEPT: [&str; 9] = [
+const KEPT: [&str; 10] = [
     "claims.csv",
     "figures/convergence.svg",
     "figures/sweeps.svg",
@@ -23,6 +23,7 @@ const KEPT: [&str; 9] = [
     "figures/disturbance_sideways.svg",
     "figures/disturbance_head_on.svg",
     "figures/disturbance_speed.svg",
+    "figures/rig.svg",
 ];
 const REFERENCE: &str = "results/reference/physics";
 

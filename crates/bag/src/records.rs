@@ -1,0 +1,91 @@
+//! The records of an MCAP file, one after the other. No length that stands in one is believed before it is checked.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use mcap::McapError;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+/// The longest record that is believed in: more than any message of a whisker, less than a damaged length may claim.
+const LONGEST_RECORD: usize = 1 << 28;
+
+/// What is not among these says nothing that a reader here needs.
+const NEEDED: [u8; 5] = [op::SCHEMA, op::CHANNEL, op::MESSAGE, op::ATTACHMENT, op::DATA_END];
+
+/// An MCAP file that is read from its begin to its end.
+pub(crate) struct Records {
+    stream: BufReader<File>,
+    reader: LinearReader,
+}
+
+impl Records {
+    /// Opens a file; the chunks in it are passed over, or what they hold is handed on.
+    pub(crate) fn open(path: &Path, pass_over_chunks: bool) -> io::Result<Self> {
+        // A chunk is checked whole before any of its messages is believed.
+        let options = LinearReaderOptions::default()
+            .with_record_length_limit(LONGEST_RECORD)
+            .with_prevalidate_chunk_crcs(true)
+            .with_emit_chunks(pass_over_chunks);
+        Ok(Self { stream: BufReader::new(File::open(path)?), reader: LinearReader::new_with_options(options) })
+    }
+
+    /// What is made of the next record; none at the end of the file.
+    pub(crate) fn next<T>(&mut self, take: impl FnOnce(Record<'_>) -> T) -> Option<Result<T, McapError>> {
+        loop {
+            match self.reader.next_event()? {
+                Ok(LinearReadEvent::ReadRequest(need)) => match self.stream.read(self.reader.insert(need)) {
+                    Ok(read) => self.reader.notify_read(read),
+                    Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                    Err(error) => return Some(Err(error.into())),
+                },
+                Ok(LinearReadEvent::Record { opcode, data }) if NEEDED.contains(&opcode) => {
+                    return Some(parsed(opcode, data).map(take));
+                }
+                Ok(LinearReadEvent::Record { .. }) => {}
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+}
+
+fn parsed(opcode: u8, body: &[u8]) -> Result<Record<'_>, McapError> {
+    // The library makes room for what a length claims before it looks whether so much is there.
+    lengths_fit(opcode, body).ok_or(McapError::UnexpectedEof)?;
+    mcap::parse_record(opcode, body)
+}
+
+/// Nothing where a length in a record reaches beyond it.
+fn lengths_fit(opcode: u8, body: &[u8]) -> Option<()> {
+    match opcode {
+        op::SCHEMA => {
+            let (_name, rest) = text(body.get(2..)?)?;
+            let (_encoding, rest) = text(rest)?;
+            text(rest)?;
+        }
+        op::CHANNEL => {
+            let (_topic, rest) = text(body.get(4..)?)?;
+            let (_encoding, rest) = text(rest)?;
+            let (mut notes, _) = text(rest)?;
+            while !notes.is_empty() {
+                let (_key, rest) = text(notes)?;
+                (_, notes) = text(rest)?;
+            }
+        }
+        op::ATTACHMENT => {
+            let (_name, rest) = text(body.get(16..)?)?;
+            let (_media_type, rest) = text(rest)?;
+            // The length of its bytes, and their checksum.
+            rest.get(8 + 4..)?;
+        }
+        _ => {}
+    }
+    Some(())
+}
+
+/// A text behind its length, and what follows.
+fn text(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk()?;
+    rest.split_at_checked(u32::from_le_bytes(*length) as usize)
+}

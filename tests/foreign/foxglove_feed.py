@@ -1,0 +1,59 @@
+"""A listener of the Foxglove feed, with robo-ws-bridge.
+
+Messages are decoded with mcap-ros2-support, by the definitions that the feed states.
+"""
+
+import asyncio
+import time
+from typing import Self
+
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+from robo_ws_bridge import WebSocketBridgeClient
+
+
+class Feed:
+    """A connection that listens to every topic there is."""
+
+    def __init__(self, url: str) -> None:
+        """Prepares for the feed at this address."""
+        self.client = WebSocketBridgeClient(url, min_retry_delay=0.2, max_retry_delay=0.2)
+        self.client.on_advertised_channel(self._subscribe)
+        self.client.on_message(self._take)
+        self._come: list[tuple[dict, bytes]] = []
+        self._last_s = time.monotonic()
+
+    async def __aenter__(self) -> Self:
+        """Connects, once the feed is there."""
+        await self.client.connect()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Ends the connection."""
+        await self.client.disconnect()
+
+    async def _subscribe(self, channel: dict) -> None:
+        await self.client.subscribe(channel["topic"])
+
+    def _take(self, channel: dict, _time_ns: int, payload: bytes) -> None:
+        self._come.append((channel, payload))
+        self._last_s = time.monotonic()
+
+    async def silence(self, first_s: float, silence_s: float) -> None:
+        """Waits until nothing has come for so long; the first message may take longer."""
+        while time.monotonic() < self._last_s + (silence_s if self._come else first_s):
+            await asyncio.sleep(0.1)
+
+    def messages(self) -> list[tuple[str, object]]:
+        """Topic and content of each message that has come."""
+        return [(channel["topic"], decoded(channel, payload)) for channel, payload in self._come]
+
+
+_decoders = DecoderFactory()
+
+
+def decoded(channel: dict, payload: bytes) -> object:
+    """A message of a channel."""
+    definition = channel["schema"].encode()
+    schema = Schema(id=channel["id"], name=channel["schemaName"], encoding=channel["schemaEncoding"], data=definition)
+    return _decoders.decoder_for(channel["encoding"], schema)(payload)
