@@ -9,7 +9,10 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// The longest record that is believed in: more than any message of a whisker, less than a damaged length may claim.
-const LONGEST_RECORD: usize = 1 << 28;
+const LONGEST_RECORD: u64 = 1 << 28;
+
+/// How many times as long as its file a record may be: chunks are compressed, but not that far.
+const MOST_COMPRESSION: u64 = 1000;
 
 /// What is not among these says nothing that a reader here needs.
 const NEEDED: [u8; 5] = [op::SCHEMA, op::CHANNEL, op::MESSAGE, op::ATTACHMENT, op::DATA_END];
@@ -23,12 +26,14 @@ pub(crate) struct Records {
 impl Records {
     /// Opens a file; the chunks in it are passed over, or what they hold is handed on.
     pub(crate) fn open(path: &Path, pass_over_chunks: bool) -> io::Result<Self> {
+        let file = File::open(path)?;
+        let longest = LONGEST_RECORD.min(file.metadata()?.len().saturating_mul(MOST_COMPRESSION));
         // A chunk is checked whole before any of its messages is believed.
         let options = LinearReaderOptions::default()
-            .with_record_length_limit(LONGEST_RECORD)
+            .with_record_length_limit(longest as usize)
             .with_prevalidate_chunk_crcs(true)
             .with_emit_chunks(pass_over_chunks);
-        Ok(Self { stream: BufReader::new(File::open(path)?), reader: LinearReader::new_with_options(options) })
+        Ok(Self { stream: BufReader::new(file), reader: LinearReader::new_with_options(options) })
     }
 
     /// What is made of the next record; none at the end of the file.
