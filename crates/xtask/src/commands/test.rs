@@ -25,12 +25,12 @@ pub(crate) fn run() -> Outcome {
     parts::run_all(PARTS)
 }
 
+/// All packages but the node, which is long to build: it is tested by readers of others, `tests/test_ros_foreign.py`.
+const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
+
 fn rust_tests() -> Outcome {
-    if has_nextest() {
-        run_command(cargo(&["nextest", "run", "--workspace", "--no-fail-fast"]))
-    } else {
-        run_command(cargo(&["test", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"]))
-    }
+    let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--lib", "--bins", "--tests"] };
+    run_command(cargo(&[run, &TESTED, &["--no-fail-fast"]].concat()))
 }
 
 fn has_nextest() -> bool {
