@@ -7,7 +7,9 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, SensorFile, Sidecar};
-use whisker::estimators::{BaseNoise, Estimate, EstimatorRow, Follower, Knowledge, Method, OutlinePoint, Sample};
+use whisker::estimators::{
+    BaseNoise, Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Runner, Sample,
+};
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::{CalibratedFace, Face};
@@ -85,16 +87,31 @@ pub fn method(row: &EstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) ->
 ///
 /// # Errors
 /// If its settings are wrong.
-pub fn follower(
+pub fn runner(
     row: &EstimatorRow,
     config: &Value,
     knowledge: &Arc<Knowledge>,
     trace_name: &str,
     seed: u64,
-) -> anyhow::Result<Follower> {
+) -> anyhow::Result<Runner> {
     let method = method(row, config, knowledge)?;
     let own_seed = derived_seed(seed, &[row.name, trace_name]);
-    Ok(Follower::new(method, knowledge.clone(), own_seed))
+    Ok(Runner::new(method, knowledge.clone(), own_seed))
+}
+
+/// The same with a detection of contacts of its own, for samples that come one by one.
+///
+/// # Errors
+/// If its settings are wrong.
+pub fn estimator(
+    row: &EstimatorRow,
+    config: &Value,
+    touch: TouchConfig,
+    knowledge: &Arc<Knowledge>,
+    trace_name: &str,
+    seed: u64,
+) -> anyhow::Result<Estimator> {
+    Ok(Estimator::new(runner(row, config, knowledge, trace_name, seed)?, touch))
 }
 
 /// Checks that a calibration is that of a trace's whisker and knows the face that the trace touches with.
@@ -144,9 +161,9 @@ impl Replay {
 }
 
 /// Runs an estimator over samples whose contacts are known.
-pub fn replay(follower: &mut Follower, samples: &[Sample], touched: &[Option<Face>]) -> Replay {
+pub fn replay(runner: &mut Runner, samples: &[Sample], touched: &[Option<Face>]) -> Replay {
     let start = Clock::now();
-    let estimates = follower.run(samples, touched);
-    let outline = follower.outline();
+    let estimates = runner.run(samples, touched);
+    let outline = runner.outline();
     Replay { estimates, outline, elapsed_ns: start.elapsed().as_nanos(), failure: None }
 }

@@ -343,6 +343,18 @@ fn robust_gaps_are_lived_with_and_damaged_rows_named() {
         };
         refused(&trial(&bench, damage), &["pin.csv:61", "moment_z_n_m", wrong, "a finite number"]);
     }
+    for (column, wrong, name, most) in
+        [(7, "1e300", "moment_z_n_m", "1000"), (1, "-1e9", "base_x_m", "1000"), (3, "1e7", "base_yaw_rad", "1000000")]
+    {
+        let bench = Bench::new();
+        bench.good(FIT);
+        let damage = |lines: &mut Vec<String>| {
+            let mut cells: Vec<&str> = lines[60].split(',').collect();
+            cells[column] = wrong;
+            lines[60] = cells.join(",");
+        };
+        refused(&trial(&bench, damage), &["pin.csv:61", name, wrong, &format!("a number of at most {most}")]);
+    }
     let bench = Bench::new();
     bench.good(FIT);
     // A second and more without rows, in the middle of the contact, and single rows lost.
@@ -351,4 +363,29 @@ fn robust_gaps_are_lived_with_and_damaged_rows_named() {
         lines.remove(120);
     });
     assert!(gap.status.success(), "{}", String::from_utf8_lossy(&gap.stderr));
+}
+
+#[test]
+fn robust_no_room_is_made_for_what_a_file_only_claims() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    // A file with a hole of a terabyte, and a sidecar that says how many rows that may be.
+    let (csv, sidecar) = (bench.path("traces/pin.csv"), bench.path("traces/pin.json"));
+    fs::OpenOptions::new().append(true).open(&csv).unwrap().set_len(1 << 40).unwrap();
+    let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&sidecar).unwrap()).unwrap();
+    value["rows"] = 1_000_000_000_000_000_u64.into();
+    fs::write(&sidecar, value.to_string()).unwrap();
+    refused(&bench.run("evaluate traces --estimators ekf"), &["pin.csv", "more than", "bytes"]);
+}
+
+#[test]
+fn robust_results_are_as_private_as_the_mode_mask_says() {
+    for (mask, mode) in [("077", 0o600), ("002", 0o664)] {
+        let bench = Bench::new();
+        let mut command = Command::new("sh");
+        command.args(["-c", &format!("umask {mask}; exec \"$0\" {FIT}"), env!("CARGO_BIN_EXE_whisker")]);
+        assert!(command.current_dir(bench.folder.path()).output().unwrap().status.success());
+        let calibration = fs::read_dir(bench.path("traces/calibrations")).unwrap().next().unwrap().unwrap();
+        assert_eq!(calibration.metadata().unwrap().permissions().mode() & 0o777, mode, "{mask}");
+    }
 }

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use tempfile::NamedTempFile;
+use whisker::list_for_object;
 
 use crate::keys_once::KeysOnce;
 use crate::{Error, shown};
@@ -58,7 +58,12 @@ impl AtomicFile {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let create = || {
             fs::create_dir_all(folder)?;
-            tempfile::Builder::new().prefix(TEMPORARY.0).suffix(TEMPORARY.1).tempfile_in(folder)
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(TEMPORARY.0).suffix(TEMPORARY.1);
+            // Temporary files are private; results are to be read by others, as far as the file mode mask allows.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            builder.tempfile_in(folder)
         };
         let file = create().map_err(Error::io(path))?;
         Ok(Self { file: BufWriter::new(file), path: path.into() })
@@ -86,9 +91,6 @@ impl AtomicFile {
             if waits {
                 file.as_file().sync_all()?;
             }
-            // Temporary files are private; results are to be read by others, as far as the file mode mask allows in other folders too.
-            #[cfg(unix)]
-            fs::set_permissions(file.path(), std::os::unix::fs::PermissionsExt::from_mode(0o644))?;
             file.persist(&self.path)?;
             Ok(())
         };
@@ -169,26 +171,7 @@ pub fn parse_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> serde_json::
     let KeysOnce = serde_json::from_slice(bytes)?;
     match list_for_object(&serde_json::from_slice(bytes)?, &serde_json::to_value(&value)?) {
         None => Ok(value),
-        Some(place) => {
-            let place = if place.is_empty() { "the whole".into() } else { shown(place.trim_start_matches('.')) };
-            Err(serde::de::Error::custom(format!("{place}: found a list, expected an object")))
-        }
-    }
-}
-
-/// Where a list of the file was read as an object: keys and places.
-fn list_for_object(file: &Value, read: &Value) -> Option<String> {
-    match (file, read) {
-        (Value::Array(_), Value::Object(_)) => Some(String::new()),
-        (Value::Array(file), Value::Array(read)) => {
-            let mut pairs = file.iter().zip(read).enumerate();
-            pairs.find_map(|(place, (file, read))| Some(format!("[{place}]{}", list_for_object(file, read)?)))
-        }
-        (Value::Object(file), Value::Object(read)) => {
-            let mut pairs = file.iter().filter_map(|(key, value)| Some((key, value, read.get(key)?)));
-            pairs.find_map(|(key, file, read)| Some(format!(".{key}{}", list_for_object(file, read)?)))
-        }
-        _ => None,
+        Some(place) => Err(serde::de::Error::custom(format!("{}: found a list, expected an object", shown(&place)))),
     }
 }
 

@@ -7,7 +7,7 @@ use whisker::frames::{Point, World};
 
 use crate::Error;
 use crate::files::read_table;
-use crate::table::{number, reader};
+use crate::table::{FARTHEST_M, cell_error, number, reader};
 
 const COLUMNS: [&str; 2] = ["x_m", "y_m"];
 
@@ -41,6 +41,16 @@ impl Outline {
             let (line, record) = row?;
             let x = number(path, line, &record, &COLUMNS, 0)?;
             let y = number(path, line, &record, &COLUMNS, 1)?;
+            if let Some(column) = [x, y].iter().position(|place| place.abs() > FARTHEST_M) {
+                return Err(cell_error(
+                    path,
+                    line,
+                    &record,
+                    &COLUMNS,
+                    column,
+                    &format!("a place within {FARTHEST_M} m"),
+                ));
+            }
             vertices.push(Point::new(x, y));
         }
         let found = vertices.len();

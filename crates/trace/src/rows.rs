@@ -9,11 +9,27 @@ use sha2::{Digest as _, Sha256};
 use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::files::hexadecimal;
-use crate::table::{COLUMNS, Instant, TruthInstant};
+use crate::table::{COLUMNS, FARTHEST_M, Instant, TruthInstant};
 use crate::{Error, Sidecar};
 
 /// Columns of a row.
 const CELLS: usize = COLUMNS.len();
+
+/// What the numbers of each column are at most: places are within [`FARTHEST_M`], and nothing else of a whisker is anywhere near a million. So what is made of them
+/// stays finite, and outlines between them have an end. Times may count from whenever a clock does.
+const MOST: [f64; CELLS] = {
+    let mut most = [1e6; CELLS];
+    most[0] = 1e12;
+    let mut i = 1;
+    while i < CELLS {
+        let name = COLUMNS[i].0.as_bytes();
+        if let [.., b'_', b'm'] = name {
+            most[i] = FARTHEST_M;
+        }
+        i += 1;
+    }
+    most
+};
 
 /// Bytes that are read at once. It holds [`MOST_LINE_BYTES`] and more.
 const CHUNK_BYTES: usize = 1 << 18;
@@ -64,11 +80,6 @@ impl TraceRows {
             last_s: None,
             is_over: false,
         })
-    }
-
-    /// Most rows that the file can have, by its length.
-    pub(crate) fn most_rows(&self) -> usize {
-        usize::try_from(self.lines.bytes).unwrap_or(usize::MAX) / CELLS
     }
 
     fn read(&mut self) -> Result<Option<(Instant, TruthInstant)>, Error> {
@@ -124,8 +135,6 @@ impl Iterator for TraceRows {
 #[derive(Debug)]
 struct Lines {
     file: File,
-    /// Length of the file.
-    bytes: u64,
     digest: Sha256,
     buffer: Vec<u8>,
     /// What of the buffer is still to be given out.
@@ -138,8 +147,7 @@ struct Lines {
 impl Lines {
     fn open(path: &Path) -> Result<Self, Error> {
         let file = File::open(path).map_err(Error::io(path))?;
-        let bytes = file.metadata().map_err(Error::io(path))?.len();
-        Ok(Self { file, bytes, digest: Sha256::new(), buffer: vec![0; CHUNK_BYTES], start: 0, end: 0, number: 0 })
+        Ok(Self { file, digest: Sha256::new(), buffer: vec![0; CHUNK_BYTES], start: 0, end: 0, number: 0 })
     }
 
     /// Where in the buffer the next line lies that is not empty, without its end; nothing after the last.
@@ -259,7 +267,8 @@ impl<'a> Line<'a> {
             return Ok(None);
         }
         match fast_float2::parse::<f64, _>(cell) {
-            Ok(value) if value.is_finite() => Ok(Some(value)),
+            Ok(value) if value.abs() <= MOST[i] => Ok(Some(value)),
+            Ok(value) if value.is_finite() => Err(self.wrong(i, &format!("a number of at most {}", MOST[i]))),
             _ => Err(self.wrong(i, "a finite number")),
         }
     }

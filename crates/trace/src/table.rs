@@ -31,6 +31,12 @@ pub const COLUMNS: [(&str, usize); 19] = [
     ("truth_tangent_rad", 10),
 ];
 
+/// Places farther than this from the world's origin, in each direction, are an error of the file.
+pub(crate) const FARTHEST_M: f64 = 1e3;
+
+/// Rows for which room is made before they are read: a sidecar may claim any number.
+const MOST_ROWS_AT_FIRST: usize = 1 << 16;
+
 /// What the robot knows at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instant {
@@ -99,7 +105,7 @@ impl Trace {
     /// [`Error`] names file, line and column, what was found and what was expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let (sidecar, rows) = TraceRows::open(path)?;
-        let most = sidecar.rows.min(rows.most_rows());
+        let most = sidecar.rows.min(MOST_ROWS_AT_FIRST);
         let (mut instants, mut truth) = (Vec::with_capacity(most), Vec::with_capacity(most));
         for row in rows {
             let (known, of_truth) = row?;
@@ -259,7 +265,14 @@ fn optional(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usiz
         .ok_or_else(|| cell_error(path, line, record, names, i, "a finite number"))
 }
 
-fn cell_error(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize, expected: &str) -> Error {
+pub(crate) fn cell_error(
+    path: &Path,
+    line: u64,
+    record: &ByteRecord,
+    names: &[&str],
+    i: usize,
+    expected: &str,
+) -> Error {
     let cell = String::from_utf8_lossy(&record[i]);
     Error::Table {
         path: path.into(),

@@ -8,7 +8,7 @@ use testbed::front_end::{Choice, FRONT_ENDS, FrontEnd};
 use testbed::map::MapConfig;
 use testbed::settings::merged;
 use trace::{one_line, parse_json};
-use whisker::estimators::{ESTIMATORS, Estimator};
+use whisker::estimators::{ESTIMATORS, Runner};
 use whisker::events::{ContactDetector, TouchConfig};
 
 use crate::claims::one_error;
@@ -25,7 +25,7 @@ pub(super) fn run(bytes: &[u8]) {
         let settings = file.get(row.name).map(|settings| merged((row.defaults)(), settings));
         let Some(settings) = settings.and_then(one_line_of) else { continue };
         if let Some(method) = one_line_of((row.build)(&settings, &KNOWLEDGE)) {
-            Estimator::new(method, KNOWLEDGE.clone(), TouchConfig::default(), 1);
+            Runner::new(method, KNOWLEDGE.clone(), 1);
         }
     }
     if let Some(touch) = file.get("touch").and_then(|touch| serde_json::from_value::<TouchConfig>(touch.clone()).ok())

@@ -26,7 +26,7 @@ use super::{Claim, Context, Evaluation, RECOMMENDED, worst};
 use crate::dataset::Dataset;
 use crate::front_end::{FRONT_ENDS, derived_seed};
 use crate::map::true_circle;
-use crate::replay::{follower, knowledge, replay, samples, touched};
+use crate::replay::{knowledge, replay, runner, samples, touched};
 use crate::results::{MapObjectRow, MapRow};
 use crate::statistics::rms;
 
@@ -356,8 +356,8 @@ fn contact_errors_m(
     let knowledge = knowledge(sidecar, faces, noise_sd_n_m);
     let samples = samples(&window.trace.recording, &readings_n_m);
     let touched = touched(TouchConfig::default(), &knowledge, &samples);
-    let mut follower = follower(row, &(row.defaults)(), &knowledge, &sidecar.name, seed)?;
-    let estimates = replay(&mut follower, &samples, &touched).estimates;
+    let mut runner = runner(row, &(row.defaults)(), &knowledge, &sidecar.name, seed)?;
+    let estimates = replay(&mut runner, &samples, &touched).estimates;
     let error_m = |&row: &usize| Some(estimates[row].as_ref()?.contact.distance(&sweep.contacts[row]?));
     let errors_m: Vec<f64> = scored.iter().filter_map(error_m).collect();
     let most_silent = (MOST_SILENT * scored.len() as f64) as usize;

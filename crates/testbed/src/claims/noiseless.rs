@@ -18,7 +18,7 @@ use whisker::sensor::CalibratedFace;
 
 use super::{Claim, Context, WHISKERS, filters};
 use crate::front_end::FRONT_ENDS;
-use crate::replay::{follower, knowledge, replay, samples, touched};
+use crate::replay::{knowledge, replay, runner, samples, touched};
 use crate::settings::merged;
 use crate::statistics::quantile;
 
@@ -103,8 +103,8 @@ fn final_offsets(
             let touched = touched(TouchConfig::default(), &knowledge, samples);
             let last_base = trace.recording.instants[samples.len() - 1].base;
             let offset = |seed| {
-                let mut follower = follower(row, &config, &knowledge, &sidecar.name, seed)?;
-                let estimates = replay(&mut follower, samples, &touched).estimates;
+                let mut runner = runner(row, &config, &knowledge, &sidecar.name, seed)?;
+                let estimates = replay(&mut runner, samples, &touched).estimates;
                 let last = estimates.last().copied().flatten().context("an ideal contact is followed to the end")?;
                 Ok(last_base.apply(last.contact).vector() - contact.vector())
             };

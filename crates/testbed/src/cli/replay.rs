@@ -7,14 +7,14 @@ use std::process::ExitCode;
 use anyhow::Context;
 use serde_json::Value;
 use trace::{AtomicFile, CalibrationFile, Instant, Trace, TraceRows, TruthInstant};
-use whisker::estimators::{self, Estimate, Follower, Kind, Knowledge};
-use whisker::events::{ContactDetector, TouchConfig};
+use whisker::estimators::{self, Estimate, Estimator, Kind, Knowledge};
+use whisker::events::TouchConfig;
 
 use super::{front_end, json, noise_fraction};
 use crate::dataset::calibrations;
 use crate::evaluate::estimate_row;
 use crate::front_end::{FrontEnd, Mounting, Played, Reader};
-use crate::replay::{Steps, check_calibration, follower, knowledge, noise_sd_n_m, read_by};
+use crate::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use crate::results::{EstimateRow, RECOMMENDED, Table};
 use crate::settings::merged;
 
@@ -99,8 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let replay = Streamed {
         rows: TraceRows::of(&sidecar, &arguments.trace)?,
         reader,
-        detector: ContactDetector::new(TouchConfig::default(), &knowledge.sensing()),
-        follower: follower(row, &config, &knowledge, &sidecar.name, arguments.seed)?,
+        estimator: estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?,
         looks_back: row.kind == Kind::Hindsight,
         knowledge: &knowledge,
     };
@@ -115,8 +114,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 struct Streamed<'a> {
     rows: TraceRows,
     reader: Reader,
-    detector: ContactDetector,
-    follower: Follower,
+    estimator: Estimator,
     looks_back: bool,
     knowledge: &'a Knowledge,
 }
@@ -135,15 +133,13 @@ impl Streamed<'_> {
         for row in self.rows {
             let (known, truth) = row?;
             let reading_n_m = (self.reader)(&known);
-            let sample = steps.sample(&known, reading_n_m);
-            let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
-            self.follower.push(&sample, touched, &mut estimates);
+            self.estimator.push(&steps.sample(&known, reading_n_m), &mut estimates);
             seen.push((known, truth, reading_n_m));
-            if !(self.looks_back && self.follower.is_following()) {
+            if !(self.looks_back && self.estimator.is_following()) {
                 state(&mut seen, &mut estimates)?;
             }
         }
-        self.follower.end(&mut estimates);
+        self.estimator.end(&mut estimates);
         state(&mut seen, &mut estimates)?;
         table.finish()
     }

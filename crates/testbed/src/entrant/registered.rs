@@ -53,7 +53,7 @@ impl Entrant for Registered {
 
     fn replay(&self, task: &Task<'_>) -> anyhow::Result<Replay> {
         let &Task { knowledge, samples, touched, trace, seed } = task;
-        let mut follower = replay::follower(self.row, &self.config, knowledge, trace, seed)?;
-        Ok(replay::replay(&mut follower, samples, touched))
+        let mut runner = replay::runner(self.row, &self.config, knowledge, trace, seed)?;
+        Ok(replay::replay(&mut runner, samples, touched))
     }
 }

@@ -1,6 +1,6 @@
 //! What there is to do in a batch, cut into items.
 //!
-//! An item is some seeds of one scene at one noise level. It is done by one thread, kept when it is done, and found again by the next evaluation from the
+//! An item is some seeds of one scene at one noise level. It is begun by one thread, which others may help, kept when it is done, and found again by the next evaluation from the
 //! same inputs. The cut depends on the settings alone, so every process and any number of threads cut alike.
 
 use std::collections::BTreeMap;

@@ -39,6 +39,9 @@ pub(super) struct Member<'a> {
 impl<'a> Member<'a> {
     fn read(trial: &'a BenchTrial, levels: usize) -> Result<Self, String> {
         let trace = Trace::read(&trial.path).map_err(|error| error.to_string())?;
+        if trace.sidecar.csv_sha256 != trial.sidecar.csv_sha256 {
+            return Err(format!("{}: has changed since the evaluation began", trial.path.display()));
+        }
         let trace = Trace { sidecar: trial.sidecar.clone(), ..trace };
         let motions = motions(&trace.recording);
         let ground = Ground::new(&trace, trial.outline.as_ref(), &trace.sidecar.whisker.rest_shape());
@@ -148,7 +151,8 @@ impl Bench {
         let slot = in_work.slot(item.scene);
         let members = &plan.scenes[item.scene];
         let levels = settings.noise.len();
-        let read = || members.iter().map(|&trial| Member::read(&self.trials[trial], levels)).collect();
+        let read =
+            || caught(|| members.iter().map(|&trial| Member::read(&self.trials[trial], levels)).collect()).flatten();
         let scene = slot.get_or_init(read);
         let jobs: Vec<(usize, usize)> =
             (0..members.len()).flat_map(|member| item.seeds.clone().map(move |seed| (member, seed))).collect();

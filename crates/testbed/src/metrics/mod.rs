@@ -118,7 +118,8 @@ impl Scores {
 
     /// The metrics of one trial.
     pub fn of(scored: &Scored<'_>) -> Self {
-        Self::from_fn(|metric| (metric.measure)(scored))
+        // Readings of a strange scale make numbers that no table holds.
+        Self::from_fn(|metric| (metric.measure)(scored).filter(|value| value.is_finite()))
     }
 
     /// The value of one metric.

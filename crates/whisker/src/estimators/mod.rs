@@ -237,7 +237,7 @@ pub trait Method: Send + Sync {
 const HISTORY: usize = 50;
 
 /// Runs a method over a recording whose contacts are known: waits for the touch, follows the contact, lets go.
-pub struct Follower {
+pub struct Runner {
     method: Box<dyn Method>,
     knowledge: Arc<Knowledge>,
     tracker: Option<Box<dyn Tracker>>,
@@ -251,7 +251,7 @@ pub struct Follower {
     touches: u64,
 }
 
-impl Follower {
+impl Runner {
     /// One that follows contacts by `method`.
     pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, seed: u64) -> Self {
         let history = VecDeque::with_capacity(HISTORY);
@@ -362,23 +362,22 @@ impl Follower {
 /// Detects the contacts of a recording and runs a method over it.
 pub struct Estimator {
     detector: ContactDetector,
-    follower: Follower,
+    runner: Runner,
 }
 
 impl Estimator {
-    /// An estimator that follows contacts by `method`.
-    pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, touch: TouchConfig, seed: u64) -> Self {
-        let detector = ContactDetector::new(touch, &knowledge.sensing());
-        Self { detector, follower: Follower::new(method, knowledge, seed) }
+    /// One that detects contacts with these settings.
+    pub fn new(runner: Runner, touch: TouchConfig) -> Self {
+        Self { detector: ContactDetector::new(touch, &runner.knowledge.sensing()), runner }
     }
 
-    /// See [`Follower::step`].
+    /// See [`Runner::step`].
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
-        self.follower.step(sample, touched)
+        self.runner.step(sample, touched)
     }
 
-    /// See [`Follower::run`].
+    /// See [`Runner::run`].
     pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
         let mut estimates = Vec::with_capacity(samples.len());
         for sample in samples {
@@ -388,25 +387,25 @@ impl Estimator {
         estimates
     }
 
-    /// See [`Follower::push`].
+    /// See [`Runner::push`].
     pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
         let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
-        self.follower.push(sample, touched, estimates);
+        self.runner.push(sample, touched, estimates);
     }
 
-    /// See [`Follower::end`].
+    /// See [`Runner::end`].
     pub fn end(&mut self, estimates: &mut [Option<Estimate>]) {
-        self.follower.end(estimates);
+        self.runner.end(estimates);
     }
 
-    /// See [`Follower::is_following`].
+    /// See [`Runner::is_following`].
     pub fn is_following(&self) -> bool {
-        self.follower.is_following()
+        self.runner.is_following()
     }
 
-    /// See [`Follower::outline`].
+    /// See [`Runner::outline`].
     pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        self.follower.outline()
+        self.runner.outline()
     }
 }
 

@@ -2,8 +2,11 @@
 
 use std::ops::RangeInclusive;
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+
+use crate::lists::list_for_object;
 
 /// Why settings cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -24,7 +27,7 @@ pub enum SettingsError {
 }
 
 /// Settings that know what they may be.
-pub trait Settings: DeserializeOwned {
+pub trait Settings: DeserializeOwned + Serialize {
     /// Checks every value.
     ///
     /// # Errors
@@ -37,7 +40,11 @@ pub trait Settings: DeserializeOwned {
 /// # Errors
 /// [`SettingsError`], if they do not parse or a value is out of range.
 pub fn parse<T: Settings>(value: &Value) -> Result<T, SettingsError> {
-    let settings = T::deserialize(value).map_err(|error| SettingsError::Parse(error.to_string()))?;
+    let not_parsed = |error: serde_json::Error| SettingsError::Parse(error.to_string());
+    let settings = T::deserialize(value).map_err(not_parsed)?;
+    if let Some(place) = list_for_object(value, &serde_json::to_value(&settings).map_err(not_parsed)?) {
+        return Err(SettingsError::Parse(format!("`{place}`: found a list, expected an object")));
+    }
     settings.validate()?;
     Ok(settings)
 }

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use serde_json::Value;
-use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Sample};
+use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Runner, Sample};
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::{self, CalibratedFace, Face};
@@ -107,5 +107,5 @@ pub(crate) fn estimator(row: &EstimatorRow, knowledge: &Arc<Knowledge>, seed: u6
 /// A registered estimator.
 pub(crate) fn configured(row: &EstimatorRow, settings: &Value, knowledge: &Arc<Knowledge>, seed: u64) -> Estimator {
     let method = (row.build)(settings, knowledge).unwrap_or_else(|error| panic!("{}: {error}", row.name));
-    Estimator::new(method, knowledge.clone(), TouchConfig::default(), seed)
+    Estimator::new(Runner::new(method, knowledge.clone(), seed), TouchConfig::default())
 }

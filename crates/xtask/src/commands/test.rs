@@ -26,7 +26,7 @@ pub(crate) fn run() -> Outcome {
 }
 
 /// All packages but the node, which is long to build: it is tested by readers of others, `tests/test_ros_foreign.py`.
-const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
+pub(super) const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
 
 fn rust_tests() -> Outcome {
     let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--lib", "--bins", "--tests"] };
