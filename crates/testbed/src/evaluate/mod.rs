@@ -190,10 +190,12 @@ pub fn evaluate(
     let bench = Bench::open(datasets, settings)?;
     let run = bench.run(settings)?;
     let (unscored, skipped) = (bench.unscored(), bench.skipped.clone());
-    if bench.is_up_to_date(&folder, &run) {
+    let read = || anyhow::Ok((read_scores(&folder.join("summary.csv"))?, read_rows(&folder.join("failures.csv"))?));
+    // What cannot be read is made anew.
+    if bench.is_up_to_date(&folder, &run)
+        && let Ok((summary, failures)) = read()
+    {
         tidy(&folder)?;
-        let summary = read_scores(&folder.join("summary.csv"))?;
-        let failures = read_rows(&folder.join("failures.csv"))?;
         return Ok(Evaluated { folder, summary, is_new: false, failures, skipped, unscored });
     }
 
@@ -555,7 +557,17 @@ impl Bench {
         let neighbours: Vec<Played> =
             scene.iter().filter(|other| other.is_beside(member)).map(|other| self.played(other, noise, seed)).collect();
         let played = Played { neighbours: &neighbours, ..self.played(member, noise, seed) };
-        let readings_n_m = self.front_end.readings_n_m(&played)?;
+        let failed = |estimator: Option<&str>, reason: String| {
+            let (trace, estimator) = (sidecar.name.clone(), estimator.map(Into::into));
+            FailureRow { trace, estimator, noise, seed, reason }
+        };
+        let readings_n_m = match self.front_end.readings_n_m(&played) {
+            Ok(readings_n_m) => readings_n_m,
+            Err(error) => {
+                let failures = vec![failed(None, format!("{error:#}"))];
+                return Ok((Yield { failures, ..Yield::default() }, Vec::new()));
+            }
+        };
         let (samples, ground) = match &known {
             Cow::Borrowed(_) => (with_readings(as_is, &readings_n_m), Cow::Borrowed(ground)),
             Cow::Owned(measured) => {
@@ -578,10 +590,6 @@ impl Bench {
                 write_atomically(&folder.join("events").join(event_file(sidecar, row)), &csv_bytes(&rows)?)?;
             }
         }
-        let failed = |estimator: Option<&str>, reason: String| {
-            let (trace, estimator) = (sidecar.name.clone(), estimator.map(Into::into));
-            FailureRow { trace, estimator, noise, seed, reason }
-        };
         let events = Events::of(trace, &touched);
         let mut done = Yield::default();
         let mut sightings = Vec::new();
@@ -601,7 +609,10 @@ impl Bench {
             let (knowledge, readings_n_m, ground) = (&*knowledge, readings_n_m.as_slice(), ground.as_ref());
             let trial = Trial { trace, outline, knowledge, readings_n_m, events, bound, ground };
             if let Some(mounted) = mounted {
-                sightings.push(mounted.sighting((&trial, &replay), (name, noise, seed), &settings.map)?);
+                match mounted.sighting((&trial, &replay), (name, noise, seed), &settings.map) {
+                    Ok(sighting) => sightings.push(sighting),
+                    Err(error) => done.failures.push(failed(Some(name), format!("{error:#}"))),
+                }
             }
             let said = surface_points(&trial, &replay.estimates);
             let contour = Contour::found(&trial, &replay, &said, 0).filter(|_| mounted.is_none());
