@@ -1,4 +1,4 @@
-//! How long batches and long traces take, and how much memory: the figures of `docs/PERFORMANCE.md` under "Batch".
+//! How long batches, a report and long traces take, and how much memory: the figures of `docs/PERFORMANCE.md` under "Batch".
 
 use std::fs;
 use std::path::Path;
@@ -28,6 +28,8 @@ pub(crate) fn run() -> Outcome {
     pipeline::fit(SUITE)?;
     step("reading and writing of traces", || run_command(cargo(&["bench", "--package", "trace"])))?;
     step("a Monte-Carlo of 10,000 trials", monte_carlo)?;
+    pipeline::evaluate(SUITE)?;
+    step("the report of the standard suite", report)?;
     step("a trace of 10 million rows", long_trace)
 }
 
@@ -41,6 +43,7 @@ fn monte_carlo() -> Outcome {
             }
         }
         for estimator in ESTIMATORS {
+            let mut elapsed_s = Vec::new();
             for threads in ["1", "2"] {
                 let name = format!("{whisker}-{estimator}-{threads}");
                 let results = format!("{FOLDER}/results");
@@ -51,9 +54,20 @@ fn monte_carlo() -> Outcome {
                 let work = ["--estimators", estimator, "--seeds", SEEDS, "--threads", threads];
                 let cost = Cost::of(&[&["evaluate", &traces], &places[..], &work].concat())?;
                 println!("{whisker:8} {estimator:9} {threads} threads: {cost}");
+                elapsed_s.push(cost.elapsed.as_secs_f64());
             }
+            println!(
+                "{whisker:8} {estimator:9} one thread takes {:.2} times as long as two",
+                elapsed_s[0] / elapsed_s[1]
+            );
         }
     }
+    Ok(())
+}
+
+/// Contours are put together by the evaluation; the report draws them.
+fn report() -> Outcome {
+    println!("{}", Cost::of(&["report", &format!("results/{SUITE}")])?);
     Ok(())
 }
 
