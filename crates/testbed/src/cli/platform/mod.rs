@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::Context;
 use clap::Subcommand;
-use platform::calibration::{Calibration, Live};
+use platform::calibration::{Calibration, Live, is_same_rate};
 use platform::inference::Inference;
 use platform::sensor::{self, FORMATS, FormatRow, Report};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -71,12 +71,21 @@ fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<In
     Ok(Inference::new(live))
 }
 
-/// Says on stderr how a port was read, and whether that suits a calibration, whose low-pass and slopes count samples.
+/// Says on stderr how a port was read, and whether that suits a calibration.
 fn report(report: &Report, calibration: Option<&Calibration>) {
     eprintln!("{report}");
-    let calibrated_hz = calibration.and_then(Calibration::chain).map(|chain| chain.rate_hz);
-    if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !(0.95..=1.05).contains(&(report.rate_hz / rate_hz))) {
-        eprintln!("warning: the calibration is of {rate_hz:.1} Hz: its distances do not hold at this rate");
+    if let Some(calibration) = calibration {
+        warn_of_rate(report.rate_hz, calibration);
+    }
+}
+
+/// Says on stderr where samples came at another rate than those of a calibration, whose low-pass and slopes count samples.
+fn warn_of_rate(found_hz: f64, calibration: &Calibration) {
+    let calibrated_hz = calibration.chain().map(|chain| chain.rate_hz);
+    if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !is_same_rate(found_hz, *rate_hz)) {
+        eprintln!(
+            "warning: found {found_hz:.1} samples a second, expected {rate_hz:.1} as in the calibration: its distances do not hold"
+        );
     }
 }
 
