@@ -60,6 +60,23 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
     done(&["fit", text(&log.join("log.csv")), "--out", text(&calibration)]);
     let calibrated = ["--calibration", text(&calibration)];
 
+    // A session that is there is not written over, and the printer does not move for it.
+    let again = whisker(&ports).output().unwrap();
+    let said = String::from_utf8(again.stderr).unwrap();
+    assert!(
+        again.status.code() == Some(1) && said.contains("log.csv: path: found a log, expected nothing yet"),
+        "{said}"
+    );
+
+    // Distances of samples at another rate are not told without a warning.
+    let rows = fs::read_to_string(log.join("log.csv")).unwrap();
+    let half = folder.path().join("half.csv");
+    fs::write(&half, rows.split_inclusive('\n').step_by(2).collect::<String>()).unwrap();
+    for (log, is_warned) in [(log.join("log.csv"), false), (half, true)] {
+        let said = String::from_utf8(done(&[&["infer", text(&log)], &calibrated[..]].concat()).stderr).unwrap();
+        assert_eq!(said.contains("warning: found 4"), is_warned, "{said}");
+    }
+
     // A session tells contacts, and how well, and leaves the standard output to them.
     let out = folder.path().join("second");
     let ports = ["run", "--printer", printer, "--sensor", sensor, "--out", text(&out)];
