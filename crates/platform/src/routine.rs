@@ -109,7 +109,7 @@ impl IncrementsBeamTest {
         range::check_speed("speed", self.speed_m_s, rig::SPEEDS_M_S)
     }
 
-    /// Homes the printer and goes the way. Times are counted from `origin`. Between two moves it ends early, without an error, once `ends` is set.
+    /// Homes the printer and goes the way. Times are counted from `origin`. Between two pushes it ends early, without an error, once `ends` is set.
     ///
     /// # Errors
     /// If the way is not allowed, or the printer fails.
