@@ -115,6 +115,29 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
 }
 
 #[test]
+fn robust_two_signals_at_once_are_one_request_to_stop_the_printer() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulated = Emulated { rig: Arc::new(RigTable::built_in()), format: format("hex").unwrap(), seed: 1 };
+    let emulation = Emulation::start(&emulated).unwrap();
+    let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
+    let mut run = whisker(&["run", "--printer", printer, "--sensor", sensor, "--out", text(folder.path())]);
+    let run = run.stderr(Stdio::piped()).spawn().unwrap();
+    let begun = Instant::now();
+    while !folder.path().join("log.csv.part").exists() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "no log is begun");
+        thread::sleep(START / 10);
+    }
+    let pid = rustix::process::Pid::from_child(&run);
+    for _ in 0..2 {
+        rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    }
+    let output = run.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && said.contains("the printer was stopped at once"), "{said}");
+    assert!(folder.path().join("log.interrupted.csv").exists());
+}
+
+#[test]
 fn robust_a_source_is_a_log_or_a_port() {
     for (arguments, words) in [
         (&["infer", "--calibration", "none.json"][..], "required"),

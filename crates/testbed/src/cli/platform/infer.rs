@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 use platform::calibration::logs::LogReader;
 use platform::calibration::{Calibration, Rate};
 use platform::inference::{Inference, Latency};
+use platform::interrupt;
 use platform::sensor::{Arrival, Reader, ReaderSettings};
 
 use super::events::{Events, Form};
-use super::{format, inference, interrupt, rate_hz, report, warn_of_rate};
+use super::{format, inference, rate_hz, report, warn_of_rate};
 
 /// How soon an interrupt is noticed.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -69,7 +70,7 @@ fn from_port(
     let mut settings = ReaderSettings::new(format(&arguments.format)?, Instant::now());
     let chain_hz = calibration.chain().map(|chain| chain.rate_hz);
     settings.rate_hz = arguments.rate_hz.or(chain_hz).unwrap_or(settings.rate_hz);
-    let stop = interrupt()?;
+    let stop = interrupt::asked()?;
     let reader = Reader::open(port, settings)?;
     let mut events = Events::begin(arguments.print)?;
     let mut arrivals = Vec::new();

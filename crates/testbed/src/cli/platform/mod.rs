@@ -12,15 +12,12 @@ mod run;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use anyhow::Context;
 use clap::Subcommand;
 use platform::calibration::{Calibration, Live, is_same_rate};
 use platform::inference::Inference;
 use platform::sensor::{self, FORMATS, FormatRow, Report};
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer listens
 #[derive(clap::Args)]
@@ -95,14 +92,4 @@ fn rate_hz(text: &str) -> Result<f64, String> {
         Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),
         _ => Err("expected readings a second, 1 to 10000, for example 800".into()),
     }
-}
-
-/// Is set once somebody asks the program to end. Who asks twice ends it the hard way.
-fn interrupt() -> anyhow::Result<Arc<AtomicBool>> {
-    let asked = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register_conditional_default(signal, asked.clone())?;
-        signal_hook::flag::register(signal, asked.clone())?;
-    }
-    Ok(asked)
 }

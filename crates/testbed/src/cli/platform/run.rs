@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use platform::calibration::Calibration;
+use platform::interrupt;
 use platform::printer::Printer;
 use platform::record::{Log, LogSidecar, Sink};
 use platform::routine::IncrementsBeamTest;
@@ -13,7 +14,7 @@ use platform::session;
 use platform::streams::Bag;
 
 use super::events::{Events, Form};
-use super::{format, inference, interrupt, rate_hz, report};
+use super::{format, inference, rate_hz, report};
 use crate::cli::print;
 use crate::provenance::watermark;
 
@@ -79,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
     let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
-    let stop = interrupt()?;
+    let stop = interrupt::asked()?;
     let origin = Instant::now();
     let mut settings = ReaderSettings::new(format, origin);
     settings.rate_hz = arguments.rate_hz.unwrap_or(format.rate_hz);
