@@ -11,6 +11,7 @@ pub mod calibration;
 pub mod emulate;
 mod error;
 pub mod inference;
+pub mod interrupt;
 mod lines;
 mod port;
 pub mod printer;

@@ -54,6 +54,11 @@ pub trait Sink: Send {
     fn finish(self: Box<Self>, ending: Ending) -> Result<Vec<PathBuf>, Error>;
 }
 
+/// Name of a log's table by its ending, and while it grows.
+const COMPLETE: &str = "log.csv";
+const INTERRUPTED: &str = "log.interrupted.csv";
+const PART: &str = "log.csv.part";
+
 /// What stands beside the table of a log; `datasets/FORMAT.md` specifies it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -75,6 +80,14 @@ pub struct LogSidecar {
 /// Kind of a log.
 pub const LOG_KIND: &str = "platform_log";
 
+impl LogSidecar {
+    /// That of a log of this sensor, a name of the registry of line formats, without pushes yet.
+    pub fn new(sensor: &str, rate_hz: f64, watermark: Watermark) -> Self {
+        let (kind, sensor) = (LOG_KIND.into(), sensor.into());
+        Self { format: FORMAT, kind, rate_hz, sensor, contacts: Vec::new(), watermark }
+    }
+}
+
 /// Writes the project's log: `log.csv`, `log.json` and, where the head was, `head.csv`. What is not complete has `.part` behind its name
 /// while it is written, or `interrupted` in it.
 #[derive(Debug)]
@@ -89,22 +102,27 @@ impl Log {
     /// Begins a log in a folder, which is made where missing.
     ///
     /// # Errors
-    /// If a file cannot be made.
-    pub fn create(folder: &Path, sensor: &str, rate_hz: f64, watermark: Watermark) -> Result<Self, Error> {
+    /// If a log is there already, or a file cannot be made.
+    pub fn create(folder: &Path, sidecar: LogSidecar) -> Result<Self, Error> {
+        Self::check_is_free(folder)?;
         fs::create_dir_all(folder).map_err(Error::file(folder))?;
-        let sidecar = LogSidecar {
-            format: FORMAT,
-            kind: LOG_KIND.into(),
-            rate_hz,
-            sensor: sensor.into(),
-            contacts: Vec::new(),
-            watermark,
-        };
         Ok(Self {
             folder: folder.into(),
-            samples: Table::create(folder.join("log.csv.part"), "t_s,x_counts,y_counts,z_counts")?,
+            samples: Table::create(folder.join(PART), "t_s,x_counts,y_counts,z_counts")?,
             heads: Table::create(folder.join("head.csv.part"), "t_s,x_m,y_m,z_m")?,
             sidecar,
+        })
+    }
+
+    /// Checks that a folder holds no log yet, complete or not: what was recorded once cannot be recorded again.
+    ///
+    /// # Errors
+    /// [`Error::File`] names what is there.
+    pub fn check_is_free(folder: &Path) -> Result<(), Error> {
+        let taken = [COMPLETE, INTERRUPTED, PART].map(|file| folder.join(file)).into_iter().find(|path| path.exists());
+        taken.map_or(Ok(()), |path| {
+            let expected = "nothing yet: rename or remove it, or choose another folder";
+            Err(trace::Error::value(&path, "path", "a log", expected).into())
         })
     }
 }
@@ -178,7 +196,7 @@ mod tests {
     fn log(folder: &Path) -> Box<Log> {
         let watermark =
             Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
-        let mut log = Box::new(Log::create(folder, "hex", 800.0, watermark).expect("a log"));
+        let mut log = Box::new(Log::create(folder, LogSidecar::new("hex", 800.0, watermark)).expect("a log"));
         log.samples(&[Sample { t_s: 0.5, counts: [1, 2, 65535] }]).expect("kept");
         log.head(Head { t_s: 0.25, x_m: 0.127, y_m: 0.09675, z_m: 0.0 }).expect("kept");
         log.contact(Contact { start_s: 0.1, end_s: 0.4, distance_m: 0.145, push_m: 0.006 }).expect("kept");
@@ -212,5 +230,22 @@ mod tests {
             folder.path().join("log.interrupted.csv").exists() && folder.path().join("log.interrupted.json").exists()
         );
         assert!(!folder.path().join("log.csv").exists());
+    }
+
+    #[test]
+    fn robust_a_log_is_not_written_over() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let sidecar = log(&folder.path().join("another")).sidecar;
+        for (ending, name) in
+            [(None, PART), (Some(Ending::Interrupted), INTERRUPTED), (Some(Ending::Complete), COMPLETE)]
+        {
+            let folder = folder.path().join(name);
+            let begun = log(&folder);
+            if let Some(ending) = ending {
+                begun.finish(ending).expect("written");
+            }
+            let error = Log::create(&folder, sidecar.clone()).expect_err("refused").to_string();
+            assert!(error.contains(&format!("{name}: path: found a log, expected nothing yet")), "{error}");
+        }
     }
 }

@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::printer::{Head, Printer};
 use crate::{Error, range, rig};
 
+/// Most stops on the way of a push, and most steps between places: far more than millimetres need.
+const MOST_INCREMENTS: u32 = 1000;
+
 /// Rest before a push: the whisker's ringing of the last one is over, and the recording shows what rest looks like.
 const REST: Duration = Duration::from_secs(1);
 
@@ -94,13 +97,19 @@ impl IncrementsBeamTest {
     /// # Errors
     /// [`Error::Range`] names what is out of its range.
     pub fn check(&self) -> Result<(), Error> {
+        for (what, increments) in [("increments_x", self.increments_x), ("increments_y", self.increments_y)] {
+            if increments > MOST_INCREMENTS {
+                let (found, expected) = (increments.to_string(), format!("0 to {MOST_INCREMENTS}"));
+                return Err(Error::Range { what: what.into(), found, expected });
+            }
+        }
         let first_y_m = rig::nozzle_y_m(rig::WHISKER_LENGTH_M - rig::FIRST_TOUCH_M);
         range::check_length("total_x_distance", self.total_x_m, [0.0, rig::BED_X_M[1] - rig::nozzle_x_m(0.0)])?;
         range::check_length("total_y_distance", self.total_y_m, [0.0, rig::BED_Y_M[1] - first_y_m])?;
         range::check_speed("speed", self.speed_m_s, rig::SPEEDS_M_S)
     }
 
-    /// Homes the printer and goes the way. Times are counted from `origin`. Between two moves it ends early, without an error, once `ends` is set.
+    /// Homes the printer and goes the way. Times are counted from `origin`. Between two pushes it ends early, without an error, once `ends` is set.
     ///
     /// # Errors
     /// If the way is not allowed, or the printer fails.
@@ -178,6 +187,11 @@ mod tests {
             (IncrementsBeamTest { total_x_m: f64::NAN, ..Default::default() }, "total_x_distance"),
             (IncrementsBeamTest { total_x_m: -0.001, ..Default::default() }, "total_x_distance"),
             (IncrementsBeamTest { speed_m_s: 0.0, ..Default::default() }, "speed"),
+            (IncrementsBeamTest { increments_x: u32::MAX, ..Default::default() }, "increments_x: found 4294967295"),
+            (
+                IncrementsBeamTest { increments_y: 1001, ..Default::default() },
+                "increments_y: found 1001, expected 0 to 1000",
+            ),
         ] {
             assert!(test.check().expect_err("refused").to_string().starts_with(what));
         }

@@ -35,7 +35,7 @@ enum Event {
 }
 
 /// Runs the routine on a printer while a sensor is recorded into `sinks`, together with what `inference` makes of it. Times are counted from `origin`, which must be that of printer and
-/// reader. If the sensor or a sink fails, the head stops after the move under way; the other way round, the sensor is read to that instant.
+/// reader. If the sensor or a sink fails, the head stops once it is back from the push under way; the other way round, the sensor is read to that instant.
 pub fn run(
     routine: &IncrementsBeamTest,
     printer: &mut Printer,

@@ -208,22 +208,14 @@ impl Sink for Bag {
 #[cfg(test)]
 mod tests {
     use bag::Reader;
-    use trace::{FORMAT, Watermark};
+    use trace::Watermark;
 
     use super::*;
-    use crate::record::LOG_KIND;
 
     fn sidecar() -> LogSidecar {
         let watermark =
             Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
-        LogSidecar {
-            format: FORMAT,
-            kind: LOG_KIND.into(),
-            rate_hz: 800.0,
-            sensor: "hex".into(),
-            contacts: Vec::new(),
-            watermark,
-        }
+        LogSidecar::new("hex", 800.0, watermark)
     }
 
     fn record(folder: &Path, ending: Ending) -> PathBuf {

@@ -16,13 +16,13 @@ use platform::calibration::{Calibration, HoldOut, Live, Settings};
 use platform::emulate::{Emulated, Emulation, RigTable};
 use platform::inference::Inference;
 use platform::printer::Printer;
-use platform::record::{LOG_KIND, Log, LogSidecar, Sink};
+use platform::record::{Log, LogSidecar, Sink};
 use platform::routine::IncrementsBeamTest;
 use platform::sensor::{Reader, ReaderSettings, format};
 use platform::session::{self, Outcome};
 use platform::streams::{Bag, PUSHED};
 use platform::{Error, rig};
-use trace::{FORMAT, Watermark};
+use trace::Watermark;
 
 fn emulation() -> Emulation {
     let rig = Arc::new(RigTable::built_in());
@@ -34,7 +34,7 @@ fn watermark() -> Watermark {
 }
 
 fn session(emulation: &Emulation, routine: &IncrementsBeamTest, folder: &Path, stop: Arc<AtomicBool>) -> Outcome {
-    let log = Log::create(folder, "hex", 800.0, watermark()).expect("a log");
+    let log = Log::create(folder, LogSidecar::new("hex", 800.0, watermark())).expect("a log");
     session_into(emulation, routine, None, Box::new(log), stop)
 }
 
@@ -112,14 +112,7 @@ fn verif_a_session_teaches_what_the_next_is_told_live() {
 
     let inference = Inference::new(Live::new(&calibration).expect("a low-pass").expect("a chain"));
     let recording = folder.path().join("recording");
-    let sidecar = LogSidecar {
-        format: FORMAT,
-        kind: LOG_KIND.into(),
-        rate_hz: 800.0,
-        sensor: "hex".into(),
-        contacts: Vec::new(),
-        watermark: watermark(),
-    };
+    let sidecar = LogSidecar::new("hex", 800.0, watermark());
     let bag = Box::new(Bag::create(&recording, sidecar).expect("a recording"));
     let routine = IncrementsBeamTest { total_y_m: 0.090, increments_y: 3, ..routine };
     let outcome = session_into(&emulation(), &routine, Some(inference), bag, Arc::default());

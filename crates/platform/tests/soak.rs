@@ -15,10 +15,10 @@ use platform::calibration::regression::regression;
 use platform::calibration::{Calibration, HoldOut, LabelledPress, Live, Presses, Said, Settings, learn};
 use platform::emulate::RigTable;
 use platform::inference::Inference;
-use platform::record::{Ending, LOG_KIND, LogSidecar, Sink};
+use platform::record::{Ending, LogSidecar, Sink};
 use platform::sensor::{Reader, ReaderSettings, format};
 use platform::streams::Bag;
-use trace::{FORMAT, Watermark};
+use trace::Watermark;
 
 const RATE_HZ: f64 = 800.0;
 /// The bars: share of one core, and from the device's write to what a sample told, 99 of 100 times.
@@ -109,14 +109,7 @@ fn verif_no_sample_is_lost_and_none_is_late() {
     });
     let writer = writer.expect("a thread");
     let folder = tempfile::tempdir().expect("a folder");
-    let sidecar = LogSidecar {
-        format: FORMAT,
-        kind: LOG_KIND.into(),
-        rate_hz: RATE_HZ,
-        sensor: row.name.into(),
-        contacts: Vec::new(),
-        watermark: watermark(),
-    };
+    let sidecar = LogSidecar::new(row.name, RATE_HZ, watermark());
     let mut bag = Box::new(Bag::create(&folder.path().join("soak"), sidecar).expect("a recording"));
     let (mut told, mut arrivals, mut errors_m) = (Vec::with_capacity(all.len()), Vec::new(), Vec::new());
     let before_s = processor_s("writer");

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -11,11 +11,11 @@ use bag::messages::{MagneticFieldArray, PoseStamped, TfMessage};
 use bag::topics;
 use platform::calibration::{Calibration, Live};
 use platform::inference::Inference;
+use platform::interrupt;
 use platform::printer::{Head, Printer};
 use platform::routine::{Contact, IncrementsBeamTest, Observer};
 use platform::sensor::{Reader, ReaderSettings};
 use platform::streams::{PUSHED, Streams};
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 #[cfg(feature = "foxglove")]
 use crate::feed::{Feed, Foxglove};
@@ -77,11 +77,7 @@ fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> an
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let format = platform::sensor::format(&arguments.format)
         .with_context(|| format!("unknown line format `{}`; `whisker platform list` names them", arguments.format))?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register_conditional_default(signal, stop.clone())?;
-        signal_hook::flag::register(signal, stop.clone())?;
-    }
+    let stop = interrupt::asked()?;
     // So that who listens has found them before the first push.
     outlet.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
     outlet.announce::<TfMessage>(topics::TF_STATIC)?;

@@ -14,11 +14,13 @@ use bag::messages::{
     TwistStamped, Vector3, Wrench, WrenchStamped,
 };
 use bag::{Attachment, Message, Publisher, Reader, Record, Writer, topics};
-use platform::record::{LOG_KIND, LogSidecar};
+use platform::record::LogSidecar;
 use platform::streams::SIDECAR;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 use trace::{
-    FORMAT, Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name, sha256, write_atomically,
+    Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name, parse_json, sha256, write_atomically,
     write_json,
 };
 use whisker::frames::{Point, Pose, Twist, World};
@@ -51,23 +53,32 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
     for estimate in &estimates {
         of_time.insert(time_ns(estimate.t_s, path)?, estimate);
     }
+    let mut unknown = of_time.clone();
+    for known in &trace.recording.instants {
+        unknown.remove(&time_ns(known.t_s, path)?);
+    }
+    if let Some(time_ns) = unknown.keys().next() {
+        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
+    }
+    let sidecar = read(&path.with_extension("json"))?;
+    let outline = match &trace.sidecar.contour {
+        Some(contour) => Some((&contour.file, read(&path.with_file_name(&contour.file))?)),
+        None => None,
+    };
+    // All that can be wrong is known by now: nothing half-written is left.
     let mut writer = Writer::create(folder)?;
     for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
         let time_ns = time_ns(known.t_s, path)?;
         let mut row = Row { writer: &mut writer, time_ns };
         row.known(known)?;
         row.truth(truth)?;
-        if let Some(estimate) = of_time.remove(&time_ns) {
+        if let Some(estimate) = of_time.get(&time_ns) {
             row.detected(known, estimate)?;
         }
     }
-    if let Some(time_ns) = of_time.keys().next() {
-        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
-    }
-    let sidecar = path.with_extension("json");
-    writer.attach(&format!("{}.json", trace.sidecar.name), "application/json", &read(&sidecar)?)?;
-    if let Some(contour) = &trace.sidecar.contour {
-        writer.attach(&contour.file, "text/csv", &read(&path.with_file_name(&contour.file))?)?;
+    writer.attach(&format!("{}.json", trace.sidecar.name), "application/json", &sidecar)?;
+    if let Some((file, outline)) = outline {
+        writer.attach(file, "text/csv", &outline)?;
     }
     Ok(writer.finish()?)
 }
@@ -90,6 +101,9 @@ pub fn import(path: &Path, salvage: bool, folder: &Path) -> anyhow::Result<Vec<P
         }
     }
     let sidecar = attachments.iter().find(|attachment| attachment.name == SIDECAR);
+    if let Some(attachment) = sidecar {
+        parsed::<LogSidecar>(path, attachment)?;
+    }
     import_readings(path, &reader, sidecar, salvage, folder)
 }
 
@@ -178,8 +192,8 @@ fn import_trace(
     attachments: &[Attachment],
     folder: &Path,
 ) -> anyhow::Result<Vec<PathBuf>> {
-    let place = || format!("{}: attachment {}", path.display(), attachment.name);
-    let sidecar: Sidecar = serde_json::from_slice(&attachment.data).with_context(place)?;
+    let place = || place_of(path, attachment).display().to_string();
+    let sidecar: Sidecar = parsed(path, attachment)?;
     ensure!(is_plain_name(&sidecar.name), "{}: name: found `{}`, expected a plain file name", place(), sidecar.name);
     let (recording, truth) = rows(reader)?;
     let trace = Trace { sidecar, recording, truth };
@@ -205,6 +219,16 @@ fn import_trace(
         written.push(file);
     }
     Ok(written)
+}
+
+/// What an attachment of a recording says.
+fn parsed<T: DeserializeOwned + Serialize>(path: &Path, attachment: &Attachment) -> Result<T, trace::Error> {
+    parse_json(&attachment.data).map_err(trace::Error::json(&place_of(path, attachment)))
+}
+
+/// How errors call an attachment.
+fn place_of(path: &Path, attachment: &Attachment) -> PathBuf {
+    format!("{}: attachment {}", path.display(), attachment.name).into()
 }
 
 /// The rows of a trace: a frame of the base begins each, and what has its time belongs to it.
@@ -339,15 +363,8 @@ fn import_readings(
         None => {
             // What OpenWhisker's driver reads and at which rate; it does not say so itself.
             let format = platform::sensor::format("hex").expect("the platform's own format is registered");
-            let sidecar = LogSidecar {
-                format: FORMAT,
-                kind: LOG_KIND.into(),
-                rate_hz: format.rate_hz,
-                sensor: format.name.into(),
-                contacts: Vec::new(),
-                watermark: watermark([sha256(&table).as_str()]),
-            };
-            write_json(&files[0], &sidecar)?;
+            let mark = watermark([sha256(&table).as_str()]);
+            write_json(&files[0], &LogSidecar::new(format.name, format.rate_hz, mark))?;
         }
     }
     // The table comes last: where it is, all of the log is.

@@ -60,6 +60,23 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
     done(&["fit", text(&log.join("log.csv")), "--out", text(&calibration)]);
     let calibrated = ["--calibration", text(&calibration)];
 
+    // A session that is there is not written over, and the printer does not move for it.
+    let again = whisker(&ports).output().unwrap();
+    let said = String::from_utf8(again.stderr).unwrap();
+    assert!(
+        again.status.code() == Some(1) && said.contains("log.csv: path: found a log, expected nothing yet"),
+        "{said}"
+    );
+
+    // Distances of samples at another rate are not told without a warning.
+    let rows = fs::read_to_string(log.join("log.csv")).unwrap();
+    let half = folder.path().join("half.csv");
+    fs::write(&half, rows.split_inclusive('\n').step_by(2).collect::<String>()).unwrap();
+    for (log, is_warned) in [(log.join("log.csv"), false), (half, true)] {
+        let said = String::from_utf8(done(&[&["infer", text(&log)], &calibrated[..]].concat()).stderr).unwrap();
+        assert_eq!(said.contains("warning: found 4"), is_warned, "{said}");
+    }
+
     // A session tells contacts, and how well, and leaves the standard output to them.
     let out = folder.path().join("second");
     let ports = ["run", "--printer", printer, "--sensor", sensor, "--out", text(&out)];
@@ -95,6 +112,29 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
     assert_eq!(found_m.len(), 2, "{events}");
     assert!(found_m.iter().zip([0.145, 0.045]).all(|(found_m, true_m)| (found_m - true_m).abs() < 2e-3), "{events}");
     assert!(fs::exists(out.join("log.csv")).unwrap());
+}
+
+#[test]
+fn robust_two_signals_at_once_are_one_request_to_stop_the_printer() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulated = Emulated { rig: Arc::new(RigTable::built_in()), format: format("hex").unwrap(), seed: 1 };
+    let emulation = Emulation::start(&emulated).unwrap();
+    let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
+    let mut run = whisker(&["run", "--printer", printer, "--sensor", sensor, "--out", text(folder.path())]);
+    let run = run.stderr(Stdio::piped()).spawn().unwrap();
+    let begun = Instant::now();
+    while !folder.path().join("log.csv.part").exists() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "no log is begun");
+        thread::sleep(START / 10);
+    }
+    let pid = rustix::process::Pid::from_child(&run);
+    for _ in 0..2 {
+        rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    }
+    let output = run.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && said.contains("the printer was stopped at once"), "{said}");
+    assert!(folder.path().join("log.interrupted.csv").exists());
 }
 
 #[test]

@@ -74,6 +74,29 @@ fn robust_what_is_no_reading_is_an_error() {
 }
 
 #[test]
+fn robust_what_only_looks_like_the_sidecar_of_a_log_is_an_error() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("theirs");
+    let mut writer = Writer::create(&folder).unwrap();
+    writer.attach("log.json", "application/json", b"{\"kind\": \"diary\"}").unwrap();
+    writer.finish().unwrap();
+    let message = import(&folder, false, &home.path().join("log")).unwrap_err().to_string();
+    assert!(message.contains("attachment log.json:1:17: missing field"), "{message}");
+}
+
+#[test]
+fn robust_estimates_of_another_trace_leave_no_recording_behind() {
+    let home = tempfile::tempdir().unwrap();
+    let (estimates, folder) = (home.path().join("estimates.csv"), home.path().join("recording"));
+    let known = "t_s,base_x_m,base_y_m,base_yaw_rad,reading_n_m";
+    let found = "contact_x_m,contact_y_m,surface_x_m,surface_y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,calibrated,at_tip,radius_m,radius_sd_m,models,truth_contact_x_m,truth_contact_y_m,truth_surface_x_m,truth_surface_y_m";
+    fs::write(&estimates, format!("{known},{found}\n12345,0,0,0,0{}\n", ",".repeat(16))).unwrap();
+    let message = export_trace(&golden().join("golden_pin.csv"), Some(&estimates), &folder).unwrap_err().to_string();
+    assert!(message.contains("the estimates have 12345 s, expected times of the trace alone"), "{message}");
+    assert_eq!(tree(home.path()), [estimates]);
+}
+
+#[test]
 fn robust_a_recording_that_was_cut_off_is_taken_only_if_asked() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("run");

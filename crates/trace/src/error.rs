@@ -83,7 +83,8 @@ impl Error {
         move |reason| Self::Io { path: path.into(), reason }
     }
 
-    pub(crate) fn json(path: &Path) -> impl FnOnce(serde_json::Error) -> Self + '_ {
+    /// What a file holds is no JSON, or not that which it should be.
+    pub fn json(path: &Path) -> impl FnOnce(serde_json::Error) -> Self + '_ {
         move |error| {
             // serde_json appends the place, which stands in front here.
             let text = error.to_string();

@@ -3,7 +3,8 @@
 //! The file holds the labelled presses themselves, not coefficients that nobody can check: reading it fits the regression again, to the same
 //! bits. The prediction interval is that of the jackknife+ (Barber, Candes, Ramdas and Tibshirani, "Predictive inference with the jackknife+",
 //! *Annals of Statistics* 49, 2021): it contains the distance of a new press with a probability of about `coverage`, and of at least
-//! `2 coverage - 1` whatever the distribution, as long as new presses come from where the old ones came.
+//! `2 coverage - 1` whatever the distribution, as long as new presses come from where the old ones came. Where whole logs are held out it is the
+//! paper's CV+ with the logs for folds, and holds for new presses of such logs only as far as one log is like another.
 
 use std::path::Path;
 

@@ -78,6 +78,18 @@ pub(super) struct Moved {
     pub(super) axes: [Motion; 3],
 }
 
+/// The Butterworth low-pass.
+///
+/// # Errors
+/// [`Error::Setting`] where it does not fit the rate.
+pub(super) fn filter(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Cascade, Error> {
+    low_pass(order, cutoff_hz, rate_hz).map(Cascade::new).map_err(|_| Error::Setting {
+        key: "cutoff_hz",
+        found: cutoff_hz,
+        expected: format!("above 0 and below {}, half the sampling rate", 0.5 * rate_hz),
+    })
+}
+
 /// Unwraps and low-passes the three axes, sample by sample.
 #[derive(Clone, Debug)]
 pub(super) struct Front {
@@ -91,12 +103,7 @@ impl Front {
     /// # Errors
     /// [`Error::Setting`] where the low-pass does not fit the rate.
     pub(super) fn new(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, Error> {
-        let sections = low_pass(order, cutoff_hz, rate_hz).map_err(|_| Error::Setting {
-            key: "cutoff_hz",
-            found: cutoff_hz,
-            expected: format!("above 0 and below {}, half the sampling rate", 0.5 * rate_hz),
-        })?;
-        let filter = Cascade::new(sections);
+        let filter = filter(order, cutoff_hz, rate_hz)?;
         let axes = std::array::from_fn(|_| (Unwrapped::default(), filter.clone(), 0.0));
         Ok(Self { rate_hz, filter, axes, last_s: None })
     }

@@ -1,14 +1,11 @@
 //! What a calibration learns of the rig before any label: its rate, the axes that move, the noise at rest and what is a press.
 
 use super::front::{Front, MOST_ORDER};
-use super::{Chain, Error};
+use super::{Chain, Error, Rate, is_same_rate};
 use crate::Sample;
 
 /// Standard deviation of a normal variable over its median absolute deviation.
 pub(super) const SD_OVER_MAD: f64 = 1.4826;
-
-/// Rates of recordings may differ from their median by this share.
-const RATE_SHARE: f64 = 0.05;
 
 /// Share of the slopes below that by which axes are compared: presses take up more than the rest.
 const STEEP_QUANTILE: f64 = 0.999;
@@ -111,21 +108,17 @@ fn common_rate_hz(logs: &[(&str, &[Sample])]) -> Result<f64, Error> {
     if let Some((name, log)) = logs.iter().find(|(_, log)| log.len() < FEWEST) {
         return Err(Error::Short { log: (*name).into(), found: log.len(), expected: FEWEST });
     }
+    let rate_hz = |log: &[Sample]| {
+        let mut rate = Rate::default();
+        log.iter().for_each(|sample| rate.step(sample.t_s));
+        rate.hz()
+    };
     let rates: Vec<f64> = logs.iter().map(|(_, log)| rate_hz(log)).collect();
     let median = quantile(rates.clone(), 0.5);
-    match rates.iter().position(|rate| !(1.0 - RATE_SHARE..=1.0 + RATE_SHARE).contains(&(rate / median))) {
+    match rates.iter().position(|rate| !is_same_rate(*rate, median)) {
         Some(i) => Err(Error::Rate { log: logs[i].0.into(), found_hz: rates[i], expected_hz: median }),
         None => Ok(median),
     }
-}
-
-/// Samples a second of a recording, its gaps left out.
-fn rate_hz(samples: &[Sample]) -> f64 {
-    let steps = samples.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
-    let (count, time_s) = steps
-        .filter(|step_s| (0.0..=whisker::events::LONGEST_GAP_S).contains(step_s))
-        .fold((0, 0.0), |(count, time_s), step_s| (count + 1, time_s + step_s));
-    f64::from(count) / time_s
 }
 
 /// The steepest slope of each burst of movement: what lies between two quiet whiles.

@@ -18,6 +18,7 @@ mod live;
 pub mod logs;
 mod press;
 pub mod published;
+mod rate;
 pub mod regression;
 mod unwrap;
 
@@ -29,4 +30,5 @@ pub use front::Chain;
 pub use learn::{Settings, learn};
 pub use live::{Live, Said};
 pub use press::{Event, Press, Presses};
+pub use rate::{Rate, is_same_rate};
 pub use unwrap::Unwrapped;

@@ -6,8 +6,8 @@
 //! samples suit one rig, one speed and one rate.
 
 use nalgebra::{DMatrix, DVector};
-use whisker::events::{Cascade, low_pass};
 
+use super::front::filter;
 use super::least_squares::solve;
 use super::regression::LeakingRegressor;
 use super::{Error, LabelledPress, Unwrapped};
@@ -30,18 +30,14 @@ const DEGREE: usize = 3;
 /// [`Error::Setting`] where the low-pass does not fit the rate.
 pub fn zero_phase(signal: &[f64], order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Vec<f64>, Error> {
     let (Some(&first), Some(&last)) = (signal.first(), signal.last()) else { return Ok(Vec::new()) };
-    let sections = low_pass(order, cutoff_hz, rate_hz).map_err(|_| Error::Setting {
-        key: "cutoff_hz",
-        found: cutoff_hz,
-        expected: format!("above 0 and below {}, half the sampling rate", 0.5 * rate_hz),
-    })?;
+    let at_rest = filter(order, cutoff_hz, rate_hz)?;
     // As many coefficients as a filter of that order has: an odd one has a section with one of them zero.
     let margin = (3 * (order + 1)).min(signal.len() - 1);
     let before = signal[1..=margin].iter().rev().map(|value| 2.0 * first - value);
     let after = signal[signal.len() - 1 - margin..signal.len() - 1].iter().rev().map(|value| 2.0 * last - value);
     let mut values: Vec<f64> = before.chain(signal.iter().copied()).chain(after).collect();
     for _ in 0..2 {
-        let mut filter = Cascade::new(sections.clone());
+        let mut filter = at_rest.clone();
         filter.settle(values[0]);
         values.iter_mut().for_each(|value| *value = filter.step(*value));
         values.reverse();

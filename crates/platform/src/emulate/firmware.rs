@@ -93,12 +93,16 @@ impl Firmware {
         match self.checked(line) {
             Ok(command) => self.commands.push_back(command.into()),
             Err(wrong) => {
-                let last = self.last_line;
-                self.say(&format!("Error:{wrong}, Last Line: {last}"));
-                self.say(&format!("Resend: {}", last + 1));
+                self.say(&format!("Error:{wrong}, Last Line: {}", self.last_line));
+                self.say(&format!("Resend: {}", self.next_line()));
                 self.say("ok");
             }
         }
+    }
+
+    /// Number of the line that it takes next; beyond the last number there is none.
+    fn next_line(&self) -> i64 {
+        self.last_line.saturating_add(1)
     }
 
     /// The command in a line whose number and checksum are right, where it has them.
@@ -117,7 +121,7 @@ impl Firmware {
         let end = numbered.find(|c: char| !c.is_ascii_digit() && c != '-').unwrap_or(numbered.len());
         let (number, command) = numbered.split_at(end);
         let (number, command) = (number.parse().map_err(|_| "checksum mismatch")?, command.trim());
-        if number != self.last_line + 1 && !command.starts_with("M110") {
+        if number != self.next_line() && !command.starts_with("M110") {
             return Err("Line Number is not Last Line Number+1");
         }
         self.last_line = number;
@@ -150,7 +154,7 @@ impl Firmware {
                 Begun::Waits(until) => self.pending = Some(Pending { until, busy_s: now_s + BUSY_S }),
             }
         }
-        words.extend(self.words.drain(..).map(|c| c as u8));
+        words.extend(std::mem::take(&mut self.words).into_bytes());
     }
 
     fn begin(&mut self, command: &str, now_s: f64, motion: &mut Motion) -> Begun {
@@ -293,6 +297,9 @@ mod tests {
     fn robust_what_it_does_not_know_it_says() {
         let mut bench = Bench::new();
         assert_eq!(bench.at(0.0, "M999 S1"), "echo:Unknown command: \"M999 S1\"\nok\n");
+        assert_eq!(bench.at(0.0, "M999 \u{10a}"), "echo:Unknown command: \"M999 \u{10a}\"\nok\n");
+        assert_eq!(bench.at(0.0, "M110 N9223372036854775807"), "ok\n");
+        assert!(bench.at(0.0, numbered(1, "G21").trim()).ends_with("Resend: 9223372036854775807\nok\n"));
         assert_eq!(bench.at(0.0, "M105"), "ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0\n");
     }
 }

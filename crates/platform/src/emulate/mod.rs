@@ -54,7 +54,8 @@ pub struct Emulation {
     pub sensor: PathBuf,
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<Result<(), Error>>>,
-    links: Vec<PathBuf>,
+    /// Links that were made, and the port that each leads to.
+    links: Vec<(PathBuf, PathBuf)>,
 }
 
 /// What the two threads share.
@@ -121,7 +122,7 @@ impl Emulation {
             std::fs::remove_file(link).map_err(Error::file(link))?;
         }
         std::os::unix::fs::symlink(port, link).map_err(Error::file(link))?;
-        self.links.push(link.into());
+        self.links.push((link.into(), port.into()));
         Ok(())
     }
 
@@ -161,9 +162,12 @@ impl Drop for Emulation {
             // What a device failed of is for those who ask.
             let _ = thread.join();
         }
-        for link in &self.links {
-            // One that is gone need not go.
-            let _ = std::fs::remove_file(link);
+        for (link, port) in &self.links {
+            // One that leads elsewhere by now is another's.
+            if std::fs::read_link(link).is_ok_and(|target| target == *port) {
+                // One that is gone need not go.
+                let _ = std::fs::remove_file(link);
+            }
         }
     }
 }

@@ -49,10 +49,7 @@ impl RigTable {
     /// # Errors
     /// [`Error::File`] names file, line and column.
     pub fn parse(csv: &Path, rows: &str, json: &Path, sidecar: &str) -> Result<Self, Error> {
-        let Sidecar { ring_hz, decay_s, field } = serde_json::from_str(sidecar).map_err(|error| {
-            let (path, line, column) = (json.into(), error.line(), error.column());
-            trace::Error::Json { path, line, column, message: error.to_string() }
-        })?;
+        let Sidecar { ring_hz, decay_s, field } = serde_json::from_str(sidecar).map_err(trace::Error::json(json))?;
         for (key, value) in [("ring_hz", ring_hz), ("decay_s", decay_s)] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(trace::Error::value(json, key, value, "more than zero").into());

@@ -20,7 +20,7 @@ use crate::{Error, range, rig};
 pub const BAUD: u32 = 115_200;
 /// A printer that works on something says so every two seconds.
 const BUSY: Duration = Duration::from_secs(20);
-/// How far from where it was sent a head may say it is: half of the last digit that printers print.
+/// How far from where it was sent a head may say it is: one in the last digit that printers print.
 const TOLERANCE_M: f64 = 0.01e-3;
 /// Time between two questions where the moving head is.
 const POLL: Duration = Duration::from_millis(50);

@@ -46,6 +46,8 @@ pub struct FormatRow {
     pub about: &'static str,
     /// Readings a second of the sensor that prints it, as documented.
     pub rate_hz: f64,
+    /// Whether a line that lost its beginning cannot be taken for a whole one.
+    pub shows_pieces: bool,
     /// Makes one.
     pub build: fn() -> Box<dyn LineFormat>,
 }
@@ -59,6 +61,7 @@ pub const FORMATS: &[FormatRow] = &[
         name: "hex",
         about: "two decimal digits, then x, y and z as four lower-case hexadecimal digits each, `01a1b2c3d4e5f6`",
         rate_hz: 800.0,
+        shows_pieces: true,
         build: || Box::new(hex::Hex),
     },
     FormatRow {
@@ -66,6 +69,8 @@ pub const FORMATS: &[FormatRow] = &[
         about: "x, y and z in decimal microtesla and the rate, two tabulators apart, `12.30\\t\\t-4.50\\t\\t6.70\\t\\tFreq: 800Hz`",
         // The sketch prints every fifth sample.
         rate_hz: 160.0,
+        // `12.30` without its first digit is another number.
+        shows_pieces: false,
         build: || Box::new(table::Table),
     },
     FormatRow {
@@ -73,6 +78,7 @@ pub const FORMATS: &[FormatRow] = &[
         about: "three lines in decimal microtesla, `>X: 12.30`, `>Y: -4.50`, `>Z: 6.70`",
         // What 115200 baud leave to three lines of a dozen characters.
         rate_hz: 200.0,
+        shows_pieces: true,
         build: || Box::new(labelled::Labelled::default()),
     },
 ];

@@ -5,8 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use trace::{Error, FORMAT, read_json};
 
-/// Kind of a log's sidecar.
-pub const SIDECAR_KIND: &str = "platform_log";
+use crate::record::LOG_KIND;
 
 /// All presses that begin between two times have this distance.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
@@ -49,8 +48,8 @@ impl Labels {
         if format != FORMAT {
             return Err(Error::value(path, "format", format, FORMAT));
         }
-        if kind != SIDECAR_KIND {
-            return Err(Error::value(path, "kind", &kind, SIDECAR_KIND));
+        if kind != LOG_KIND {
+            return Err(Error::value(path, "kind", &kind, LOG_KIND));
         }
         let mut last_s = f64::NEG_INFINITY;
         for (i, span) in spans.iter().enumerate() {

@@ -11,7 +11,7 @@ mod static_grid;
 mod table;
 
 pub use gather::{GatherError, Gathered, Source, gather};
-pub use labels::{Labels, SIDECAR_KIND, Span};
+pub use labels::{Labels, Span};
 pub use reader::LogReader;
 
 use crate::Sample;

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use platform::calibration::regression::REGRESSIONS;
+use platform::calibration::regression::{Fit, REGRESSIONS};
 use platform::calibration::{CrossValidation, LabelledPress, cross_validate};
 
 use super::super::table::{millimetres, render};
@@ -25,11 +25,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     } else {
         arguments.regression.iter().map(|name| row(name)).collect::<Result<Vec<_>, _>>()?
     };
-    let mut failed = false;
+    let (mut failed, mut gathered) = (false, [None, None]);
     for row in rows {
-        let gathered = arguments.logs.gather(row)?;
-        match cross_validate(row, &gathered.presses, arguments.logs.hold_out) {
-            Ok(validation) => print(&format!("{}\n{}\n", row.name, scores(&gathered.presses, &validation)))?,
+        // What leaks finds presses in its own way, all others in theirs.
+        let of_its_way = &mut gathered[usize::from(matches!(row.fit, Fit::Leaking(_)))];
+        let presses = match of_its_way {
+            Some(presses) => presses,
+            None => of_its_way.insert(arguments.logs.gather(row)?.presses),
+        };
+        match cross_validate(row, presses, arguments.logs.hold_out) {
+            Ok(validation) => print(&format!("{}\n{}\n", row.name, scores(presses, &validation)))?,
             Err(error) => {
                 eprintln!("error: {error}");
                 failed = true;

@@ -8,8 +8,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use platform::emulate::{Emulated, Emulation, RigTable};
+use platform::interrupt;
 
-use super::{format, interrupt};
+use super::format;
 use crate::cli::print;
 
 /// How soon an interrupt is noticed.
@@ -37,7 +38,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let format = format(&arguments.format)?;
-    let stop = interrupt()?;
+    let stop = interrupt::asked()?;
     let rig = Arc::new(RigTable::built_in());
     let mut emulation = Emulation::start(&Emulated { rig, format, seed: arguments.seed })?;
     let (printer, sensor) = (emulation.printer.clone(), emulation.sensor.clone());

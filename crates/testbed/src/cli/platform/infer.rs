@@ -6,13 +6,14 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use platform::calibration::Calibration;
 use platform::calibration::logs::LogReader;
+use platform::calibration::{Calibration, Rate};
 use platform::inference::{Inference, Latency};
+use platform::interrupt;
 use platform::sensor::{Arrival, Reader, ReaderSettings};
 
 use super::events::{Events, Form};
-use super::{format, inference, interrupt, rate_hz, report};
+use super::{format, inference, rate_hz, report, warn_of_rate};
 
 /// How soon an interrupt is noticed.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -50,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(port) => from_port(port, inference, &calibration, arguments)?,
         None => {
             let log = arguments.log.as_deref().expect("the arguments have one of the two");
-            (from_log(log, inference, arguments.print)?, None)
+            (from_log(log, inference, &calibration, arguments.print)?, None)
         }
     };
     if arguments.latency {
@@ -69,7 +70,7 @@ fn from_port(
     let mut settings = ReaderSettings::new(format(&arguments.format)?, Instant::now());
     let chain_hz = calibration.chain().map(|chain| chain.rate_hz);
     settings.rate_hz = arguments.rate_hz.or(chain_hz).unwrap_or(settings.rate_hz);
-    let stop = interrupt()?;
+    let stop = interrupt::asked()?;
     let reader = Reader::open(port, settings)?;
     let mut events = Events::begin(arguments.print)?;
     let mut arrivals = Vec::new();
@@ -87,19 +88,28 @@ fn from_port(
 }
 
 /// Samples of a log, each of which arrives when it is read.
-fn from_log(log: &Path, mut inference: Inference<'_>, form: Form) -> anyhow::Result<Latency> {
+fn from_log(
+    log: &Path,
+    mut inference: Inference<'_>,
+    calibration: &Calibration,
+    form: Form,
+) -> anyhow::Result<Latency> {
     let mut reader = if log == Path::new("-") {
         LogReader::new(Path::new("stdin"), BufReader::new(io::stdin()))
     } else {
         LogReader::open(log)?
     };
-    let mut events = Events::begin(form)?;
+    let (mut events, mut rate) = (Events::begin(form)?, Rate::default());
     for sample in reader.by_ref() {
         let arrival = Arrival { sample: sample?, at: Instant::now() };
+        rate.step(arrival.sample.t_s);
         inference.step(&arrival, |said| events.tell(said)).transpose()?;
     }
     if reader.cut_off() {
         eprintln!("{}: its last line was cut off and is left out", log.display());
+    }
+    if rate.hz().is_finite() {
+        warn_of_rate(rate.hz(), calibration);
     }
     Ok(inference.latency())
 }

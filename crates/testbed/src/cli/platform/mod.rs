@@ -12,15 +12,12 @@ mod run;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use anyhow::Context;
 use clap::Subcommand;
-use platform::calibration::{Calibration, Live};
+use platform::calibration::{Calibration, Live, is_same_rate};
 use platform::inference::Inference;
 use platform::sensor::{self, FORMATS, FormatRow, Report};
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer listens
 #[derive(clap::Args)]
@@ -71,12 +68,21 @@ fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<In
     Ok(Inference::new(live))
 }
 
-/// Says on stderr how a port was read, and whether that suits a calibration, whose low-pass and slopes count samples.
+/// Says on stderr how a port was read, and whether that suits a calibration.
 fn report(report: &Report, calibration: Option<&Calibration>) {
     eprintln!("{report}");
-    let calibrated_hz = calibration.and_then(Calibration::chain).map(|chain| chain.rate_hz);
-    if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !(0.95..=1.05).contains(&(report.rate_hz / rate_hz))) {
-        eprintln!("warning: the calibration is of {rate_hz:.1} Hz: its distances do not hold at this rate");
+    if let Some(calibration) = calibration {
+        warn_of_rate(report.rate_hz, calibration);
+    }
+}
+
+/// Says on stderr where samples came at another rate than those of a calibration, whose low-pass and slopes count samples.
+fn warn_of_rate(found_hz: f64, calibration: &Calibration) {
+    let calibrated_hz = calibration.chain().map(|chain| chain.rate_hz);
+    if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !is_same_rate(found_hz, *rate_hz)) {
+        eprintln!(
+            "warning: found {found_hz:.1} samples a second, expected {rate_hz:.1} as in the calibration: its distances do not hold"
+        );
     }
 }
 
@@ -86,14 +92,4 @@ fn rate_hz(text: &str) -> Result<f64, String> {
         Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),
         _ => Err("expected readings a second, 1 to 10000, for example 800".into()),
     }
-}
-
-/// Is set once somebody asks the program to end. Who asks twice ends it the hard way.
-fn interrupt() -> anyhow::Result<Arc<AtomicBool>> {
-    let asked = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register_conditional_default(signal, asked.clone())?;
-        signal_hook::flag::register(signal, asked.clone())?;
-    }
-    Ok(asked)
 }

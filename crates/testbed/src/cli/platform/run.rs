@@ -5,16 +5,16 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use platform::calibration::Calibration;
+use platform::interrupt;
 use platform::printer::Printer;
-use platform::record::{LOG_KIND, Log, LogSidecar, Sink};
+use platform::record::{Log, LogSidecar, Sink};
 use platform::routine::IncrementsBeamTest;
 use platform::sensor::{Reader, ReaderSettings};
 use platform::session;
 use platform::streams::Bag;
-use trace::FORMAT;
 
 use super::events::{Events, Form};
-use super::{format, inference, interrupt, rate_hz, report};
+use super::{format, inference, rate_hz, report};
 use crate::cli::print;
 use crate::provenance::watermark;
 
@@ -40,10 +40,10 @@ pub(super) struct Arguments {
     #[arg(long, default_value_t = 100.0)]
     y: f64,
     /// Stops on the way of a push
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1000))]
+    #[arg(long, default_value_t = 0)]
     increments_x: u32,
     /// Steps between the first place and the last
-    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(..=1000))]
+    #[arg(long, default_value_t = 15)]
     increments_y: u32,
     /// How long to rest at each stop, in seconds
     #[arg(long, default_value_t = 0)]
@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     /// Speed of the head, in millimetres a minute
     #[arg(long, default_value_t = 2000.0)]
     speed: f64,
-    /// Folder for log.csv, log.json and head.csv
+    /// Folder for log.csv, log.json and head.csv; it must not hold a log yet
     #[arg(long)]
     out: PathBuf,
     /// Record into this rosbag2 folder, too
@@ -76,34 +76,27 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         speed_m_s: arguments.speed / 60e3,
     };
     routine.check()?;
+    Log::check_is_free(&arguments.out)?;
     let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
     let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
-    let stop = interrupt()?;
+    let stop = interrupt::asked()?;
     let origin = Instant::now();
     let mut settings = ReaderSettings::new(format, origin);
     settings.rate_hz = arguments.rate_hz.unwrap_or(format.rate_hz);
     let mut printer = Printer::open(&arguments.printer, origin, stop)?;
     let reader = Reader::open(&arguments.sensor, settings)?;
     let described = format!("{routine:?}");
-    let watermark = watermark([described.as_str(), format.name]);
-    let log = Log::create(&arguments.out, format.name, settings.rate_hz, watermark.clone())?;
+    let sidecar = LogSidecar::new(format.name, settings.rate_hz, watermark([described.as_str(), format.name]));
+    let bag = arguments.bag.as_deref().map(|folder| Bag::create(folder, sidecar.clone())).transpose()?;
     let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
     if inference.is_some() {
         // Before all that takes time to keep.
         sinks.push(Box::new(Events::begin(arguments.print)?));
     }
-    sinks.push(Box::new(log));
-    if let Some(folder) = &arguments.bag {
-        let sidecar = LogSidecar {
-            format: FORMAT,
-            kind: LOG_KIND.into(),
-            rate_hz: settings.rate_hz,
-            sensor: format.name.into(),
-            contacts: Vec::new(),
-            watermark,
-        };
-        sinks.push(Box::new(Bag::create(folder, sidecar)?));
+    sinks.push(Box::new(Log::create(&arguments.out, sidecar)?));
+    if let Some(bag) = bag {
+        sinks.push(Box::new(bag));
     }
     let outcome = session::run(&routine, &mut printer, reader, inference, sinks, origin);
     report(&outcome.report, calibration.as_ref());
