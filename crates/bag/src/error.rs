@@ -18,11 +18,16 @@ fn shown(text: &str) -> String {
     line
 }
 
+/// The path of a file on one line: a recording names its files itself.
+fn at(path: &Path) -> String {
+    shown(&path.display().to_string())
+}
+
 /// Why a recording could not be read or written, or a message not sent.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The system refused.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {reason}", at(path))]
     Io {
         /// The file.
         path: PathBuf,
@@ -30,7 +35,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// What a file holds is not what it should.
-    #[error("{}: {}: found {}, expected {}", path.display(), shown(place), shown(found), shown(expected))]
+    #[error("{}: {}: found {}, expected {}", at(path), shown(place), shown(found), shown(expected))]
     Content {
         /// The file.
         path: PathBuf,
