@@ -2,7 +2,7 @@
 
 set positional-arguments
 
-whisker := "cargo run --release --package testbed --bin whisker --"
+whisker := "cargo run --release --package whisker-cli --bin whisker --"
 
 # List the recipes
 _default:

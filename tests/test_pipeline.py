@@ -15,7 +15,7 @@ TRACE = "datasets/smoke/smoke_pin.csv"
 
 def whisker(*arguments: str | Path, code: int = 0) -> str:
     """Standard output of the command, which must end with this exit code."""
-    command = ["cargo", "run", "--quiet", "--release", "--package", "testbed", "--bin", "whisker", "--"]
+    command = ["cargo", "run", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker", "--"]
     done = subprocess.run([*command, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == code, done.stderr
     return done.stdout

@@ -39,7 +39,7 @@ def python() -> Path:
 @pytest.fixture(scope="module")
 def whisker() -> Path:
     """The command."""
-    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", "testbed", "--bin", "whisker"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker"], cwd=ROOT, check=True)
     return ROOT / "target/release/whisker"
 
 

@@ -75,7 +75,7 @@ def built(package: str, program: str, *options: str) -> Path:
 @pytest.fixture(scope="module")
 def whisker() -> Path:
     """The command."""
-    return built("testbed", "whisker")
+    return built("whisker-cli", "whisker")
 
 
 @pytest.fixture(scope="module")

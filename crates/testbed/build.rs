@@ -7,15 +7,16 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// What determines the program, from this crate's folder.
-const SOURCES: [&str; 8] = [
+const SOURCES: [&str; 9] = [
     "src",
-    "../bag/src",
+    "../files/src",
     "../filters/src",
-    "../whisker/src",
+    "../signal/src",
+    "../strict-json/src",
     "../trace/src",
-    "../platform/src",
-    "../platform/data",
+    "../whisker/src",
     "../../Cargo.lock",
+    "Cargo.toml",
 ];
 
 fn main() {

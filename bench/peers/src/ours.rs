@@ -1,6 +1,6 @@
 //! The filters of this project.
 
-use filters::{Cloud, Gaussian, extended, unscented};
+use filters::{ParticleSet, Gaussian, extended, unscented};
 use nalgebra::{Vector1, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -36,7 +36,7 @@ pub(crate) fn particle(problem: &Problem, seed: u64) -> Estimates {
     let mut rng = Pcg64::seed_from_u64(seed);
     let start_sd_m = problem.start_m2.sqrt();
     let draw = |_| problem.start_m + Vector2::from_fn(|_, _| start_sd_m * rng.sample::<f64, _>(StandardNormal));
-    let mut cloud = Cloud::new((0..problem.particles).map(draw).collect());
+    let mut cloud = ParticleSet::new((0..problem.particles).map(draw).collect());
     let fewest = problem.resample_share * problem.particles as f64;
     let steps = problem.steps.iter().map(|step| {
         cloud.predict(&Moving { step, wander_m2: problem.wander_m2 }, &mut rng);

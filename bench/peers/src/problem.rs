@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use filters::unscented::Spread;
-use filters::{Gaussian, Measurement, Process, States, vectorised};
+use filters::{Gaussian, Measurement, Process, StateArray, vectorised};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -162,13 +162,13 @@ impl Process<2> for Moving<'_> {
         self.step.turn
     }
 
-    fn predict_each(&self, states: &mut States<2>) {
+    fn predict_each(&self, states: &mut StateArray<2>) {
         vectorised!(move_each(self.step, states));
     }
 }
 
 #[inline(always)]
-fn move_each(step: &Step, states: &mut States<2>) {
+fn move_each(step: &Step, states: &mut StateArray<2>) {
     let [x_m, y_m] = states.columns_mut();
     let ([[a, b], [c, d]], [dx_m, dy_m]) = (step.turn.data.0, step.shift_m.data.0[0]);
     for (x_m, y_m) in x_m.iter_mut().zip(y_m) {
@@ -195,7 +195,7 @@ impl Measurement<2, 1> for &Problem {
         Some((Vector1::new(expected.reading_n_m), expected.gradient_n.transpose()))
     }
 
-    fn predict_each(&self, states: &States<2>, expected: &mut States<1>) {
+    fn predict_each(&self, states: &StateArray<2>, expected: &mut StateArray<1>) {
         let [readings_n_m] = expected.columns_mut();
         self.face.model.readings_n_m(states.column(0), states.column(1), readings_n_m);
     }

@@ -1,7 +1,7 @@
 //! Time of the parts of a particle filter's step, with a thousand particles of two numbers and models that cost nothing.
 
 use divan::{Bencher, black_box};
-use filters::{Cloud, Measurement, Process, States};
+use filters::{Measurement, ParticleSet, Process, StateArray};
 use nalgebra::{Matrix1, Matrix2, SVector, Vector1, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -25,7 +25,7 @@ impl Process<2> for Wandering {
         Matrix2::identity() * 1e-9
     }
 
-    fn predict_each(&self, _: &mut States<2>) {}
+    fn predict_each(&self, _: &mut StateArray<2>) {}
 }
 
 /// One of its numbers, read.
@@ -40,7 +40,7 @@ impl Measurement<2, 1> for First {
         Matrix1::new(0.1)
     }
 
-    fn predict_each(&self, states: &States<2>, expected: &mut States<1>) {
+    fn predict_each(&self, states: &StateArray<2>, expected: &mut StateArray<1>) {
         expected.columns_mut()[0].copy_from_slice(states.column(0));
     }
 
@@ -49,10 +49,10 @@ impl Measurement<2, 1> for First {
     }
 }
 
-fn cloud() -> (Cloud<2>, Pcg64) {
+fn cloud() -> (ParticleSet<2>, Pcg64) {
     let mut rng = Pcg64::seed_from_u64(1);
     let draw = |_| SVector::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
-    (Cloud::new((0..PARTICLES).map(draw).collect()), rng)
+    (ParticleSet::new((0..PARTICLES).map(draw).collect()), rng)
 }
 
 #[divan::bench]

@@ -4,7 +4,7 @@
 //! mixture reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
 
 use crate::gaussian::{Mixture, log_determinant};
-use crate::{Gaussian, Innovation, Skipped, Weighed};
+use crate::{Gaussian, Innovation, UpdateError, Weighed};
 
 /// What a hypothesis may believe: something with a mean and a covariance.
 pub trait Belief<const N: usize>: Clone {
@@ -75,7 +75,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
 
     /// Carries every hypothesis through the process by a filter's `predict`. Those that cannot be carried, or not to
     /// finite numbers, are dropped.
-    pub fn predict(&mut self, mut predict: impl FnMut(&mut Part) -> Result<(), Skipped>) {
+    pub fn predict(&mut self, mut predict: impl FnMut(&mut Part) -> Result<(), UpdateError>) {
         let before = self.hypotheses.len();
         self.hypotheses.retain_mut(|hypothesis| {
             predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.moments().is_finite()
@@ -89,12 +89,12 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// is that of the whole mixture. A hypothesis that cannot be updated is dropped if another can.
     ///
     /// # Errors
-    /// [`Skipped`] leaves the bank as it was: no hypothesis could be updated.
+    /// [`UpdateError`] leaves the bank as it was: no hypothesis could be updated.
     pub fn update<const M: usize>(
         &mut self,
-        mut update: impl FnMut(&mut Part) -> Result<Weighed<M>, Skipped>,
-    ) -> Result<Innovation<M>, Skipped> {
-        let mut why = Skipped::NoPrediction;
+        mut update: impl FnMut(&mut Part) -> Result<Weighed<M>, UpdateError>,
+    ) -> Result<Innovation<M>, UpdateError> {
+        let mut why = UpdateError::NoPrediction;
         let mut found = Mixture::empty();
         for hypothesis in &mut self.hypotheses {
             let (weight, before) = (hypothesis.weight(), hypothesis.belief.clone());

@@ -8,7 +8,7 @@ use nalgebra::{SMatrix, SVector};
 use crate::gaussian::symmetrised;
 use crate::iterated::Search;
 use crate::smoother::{Step, smooth};
-use crate::{Gaussian, Measurement, Process, Skipped};
+use crate::{Gaussian, Measurement, Process, UpdateError};
 
 /// Halvings of a step before it counts as no step at all.
 const HALVINGS: usize = 8;
@@ -27,13 +27,13 @@ pub struct Instant<Motion, Model, const M: usize> {
 /// The most probable trajectory with its covariances, from a prior and a guess of it (which [`Search`] improves).
 ///
 /// # Errors
-/// [`Skipped`] where a model has no prediction along the guess, or a covariance has lost its definiteness.
+/// [`UpdateError`] where a model has no prediction along the guess, or a covariance has lost its definiteness.
 pub fn solve<const N: usize, const M: usize, Motion: Process<N>, Model: Measurement<N, M>>(
     prior: &Gaussian<N>,
     instants: &[Instant<Motion, Model, M>],
     guess: Vec<SVector<f64, N>>,
     search: &Search,
-) -> Result<Vec<Gaussian<N>>, Skipped> {
+) -> Result<Vec<Gaussian<N>>, UpdateError> {
     let mut trajectory = guess;
     let mut least = cost(prior, instants, &trajectory)?;
     let mut found = linearised(prior, instants, &trajectory)?;
@@ -63,17 +63,17 @@ fn cost<const N: usize, const M: usize, Motion: Process<N>, Model: Measurement<N
     prior: &Gaussian<N>,
     instants: &[Instant<Motion, Model, M>],
     trajectory: &[SVector<f64, N>],
-) -> Result<f64, Skipped> {
+) -> Result<f64, UpdateError> {
     let mut total = 0.0;
     for (k, (instant, x)) in instants.iter().zip(trajectory).enumerate() {
         let (from, spread) = match k.checked_sub(1) {
             None => transition(&instant.process, &prior.mean, &prior.covariance),
             Some(last) => (instant.process.predict(&trajectory[last]), instant.process.noise(&trajectory[last])),
         };
-        let expected = instant.measurement.predict(x).ok_or(Skipped::NoPrediction)?;
+        let expected = instant.measurement.predict(x).ok_or(UpdateError::NoPrediction)?;
         let residual = instant.measurement.residual(&instant.reading, &expected);
-        let noise = instant.measurement.noise(x).cholesky().ok_or(Skipped::NotPositiveDefinite)?;
-        let spread = spread.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+        let noise = instant.measurement.noise(x).cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
+        let spread = spread.cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
         total += residual.dot(&noise.solve(&residual)) + (x - from).dot(&spread.solve(&(x - from)));
     }
     Ok(total)
@@ -94,7 +94,7 @@ fn linearised<const N: usize, const M: usize, Motion: Process<N>, Model: Measure
     prior: &Gaussian<N>,
     instants: &[Instant<Motion, Model, M>],
     along: &[SVector<f64, N>],
-) -> Result<Vec<Gaussian<N>>, Skipped> {
+) -> Result<Vec<Gaussian<N>>, UpdateError> {
     let mut steps: Vec<Step<N>> = Vec::with_capacity(instants.len());
     for (k, (Instant { process, measurement, reading }, x)) in instants.iter().zip(along).enumerate() {
         let (last, at) = match k.checked_sub(1) {
@@ -106,12 +106,12 @@ fn linearised<const N: usize, const M: usize, Motion: Process<N>, Model: Measure
         let covariance = symmetrised(f * last.covariance * f.transpose() + process.noise(&at));
         let predicted = Gaussian::new(mean, covariance);
 
-        let h = measurement.jacobian(x).ok_or(Skipped::NoPrediction)?;
-        let expected = measurement.predict(x).ok_or(Skipped::NoPrediction)?;
+        let h = measurement.jacobian(x).ok_or(UpdateError::NoPrediction)?;
+        let expected = measurement.predict(x).ok_or(UpdateError::NoPrediction)?;
         let residual = measurement.residual(reading, &expected) - h * (mean - x);
         let r = measurement.noise(x);
         let cross = h * covariance;
-        let factor = symmetrised(cross * h.transpose() + r).cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+        let factor = symmetrised(cross * h.transpose() + r).cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
         let gain = factor.solve(&cross).transpose();
         let keep = SMatrix::<f64, N, N>::identity() - gain * h;
         let posterior = symmetrised(keep * covariance * keep.transpose() + gain * r * gain.transpose());

@@ -43,7 +43,7 @@
 //! }
 //! let covariance = bound.covariance().expect("nothing is known for certain");
 //! assert!((covariance - belief.covariance).norm() < 1e-12);
-//! # Ok::<(), filters::Skipped>(())
+//! # Ok::<(), filters::UpdateError>(())
 //! ```
 
 use nalgebra::SMatrix;

@@ -6,7 +6,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector1};
 
-use crate::{Gaussian, Innovation, Measurement, Skipped, States};
+use crate::{Gaussian, Innovation, Measurement, StateArray, UpdateError};
 
 /// What an update learnt, and how well the belief had foretold it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +55,7 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.linearised(x)
     }
 
-    fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
+    fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         self.model.predict_each(states, expected);
     }
 
@@ -72,14 +72,14 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
 /// Conditions the belief on a reading of one number by a filter's `update`, with the influence bounded by `gate_sds`.
 ///
 /// # Errors
-/// [`Skipped`] of that update, which leaves the belief as it was.
+/// [`UpdateError`] of that update, which leaves the belief as it was.
 pub fn update<const N: usize, Model: Measurement<N, 1>>(
     belief: &mut Gaussian<N>,
     measurement: &Model,
     gate_sds: f64,
     z: &Vector1<f64>,
-    update: impl Fn(&mut Gaussian<N>, &Noisier<'_, Model>, &Vector1<f64>) -> Result<Innovation<1>, Skipped>,
-) -> Result<Weighed<1>, Skipped> {
+    update: impl Fn(&mut Gaussian<N>, &Noisier<'_, Model>, &Vector1<f64>) -> Result<Innovation<1>, UpdateError>,
+) -> Result<Weighed<1>, UpdateError> {
     let prior = *belief;
     let innovation = update(belief, &Noisier { model: measurement, factor: 1.0 }, z)?;
     if innovation.nis <= gate_sds * gate_sds {

@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 use nalgebra::SVector;
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped, mapped, product};
+use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, mapped, product};
 
 /// `x <- f(x)`, `P <- F P F' + Q`.
 pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) {
@@ -17,17 +17,17 @@ pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<
 /// `(I - K H) P (I - K H)' + K R K'`, which stays positive definite (Bucy and Joseph 1968).
 ///
 /// # Errors
-/// [`Skipped`] leaves the belief as it was: no prediction at the mean, or a degenerate covariance.
+/// [`UpdateError`] leaves the belief as it was: no prediction at the mean, or a degenerate covariance.
 pub fn update<const N: usize, const M: usize>(
     belief: &mut Gaussian<N>,
     measurement: &impl Measurement<N, M>,
     z: &SVector<f64, M>,
-) -> Result<Innovation<M>, Skipped> {
-    let (expected, h, r) = measurement.linearised_with_noise(&belief.mean).ok_or(Skipped::NoPrediction)?;
+) -> Result<Innovation<M>, UpdateError> {
+    let (expected, h, r) = measurement.linearised_with_noise(&belief.mean).ok_or(UpdateError::NoPrediction)?;
     let residual = measurement.residual(z, &expected);
     let cross = product(&h, &belief.covariance);
     let covariance = symmetrised(product(&cross, &h.transpose()) + r);
-    let factor = Factor::of(&covariance).ok_or(Skipped::NotPositiveDefinite)?;
+    let factor = Factor::of(&covariance).ok_or(UpdateError::NotPositiveDefinite)?;
     let gain = factor.solve(&cross).transpose();
     belief.mean += product(&gain, &residual);
     let keep = SMatrix::<f64, N, N>::identity() - product(&gain, &h);

@@ -113,7 +113,7 @@ impl<const M: usize> Innovation<M> {
 
 /// Why an update left the belief as it was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Skipped {
+pub enum UpdateError {
     /// The measurement model has no prediction at the belief.
     #[error("the measurement model has no prediction at the belief")]
     NoPrediction,

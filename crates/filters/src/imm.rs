@@ -15,7 +15,7 @@
 use nalgebra::DMatrix;
 
 use crate::bank::Belief;
-use crate::{Gaussian, Innovation, Skipped, Weighed};
+use crate::{Gaussian, Innovation, UpdateError, Weighed};
 
 /// How the modes follow on one another in one step.
 #[derive(Clone, Debug, PartialEq)]
@@ -162,8 +162,8 @@ impl<const N: usize> Imm<N> {
     /// The first that a mode met; the beliefs before it are carried already.
     pub fn predict(
         &mut self,
-        mut predict: impl FnMut(usize, &mut Gaussian<N>) -> Result<(), Skipped>,
-    ) -> Result<(), Skipped> {
+        mut predict: impl FnMut(usize, &mut Gaussian<N>) -> Result<(), UpdateError>,
+    ) -> Result<(), UpdateError> {
         self.beliefs.iter_mut().enumerate().try_for_each(|(mode, belief)| predict(mode, belief))
     }
 
@@ -171,12 +171,12 @@ impl<const N: usize> Imm<N> {
     /// those of all modes together. A mode that cannot be updated is ruled out if another can.
     ///
     /// # Errors
-    /// [`Skipped`] leaves everything as it was: no mode could be updated.
+    /// [`UpdateError`] leaves everything as it was: no mode could be updated.
     pub fn update<const M: usize>(
         &mut self,
-        mut update: impl FnMut(usize, &mut Gaussian<N>) -> Result<Weighed<M>, Skipped>,
-    ) -> Result<Weighed<M>, Skipped> {
-        let mut why = Skipped::NoPrediction;
+        mut update: impl FnMut(usize, &mut Gaussian<N>) -> Result<Weighed<M>, UpdateError>,
+    ) -> Result<Weighed<M>, UpdateError> {
+        let mut why = UpdateError::NoPrediction;
         let mut updated = self.beliefs.clone();
         let mut found = Vec::with_capacity(updated.len());
         for (mode, belief) in updated.iter_mut().enumerate() {

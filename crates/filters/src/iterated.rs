@@ -5,7 +5,7 @@
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Skipped};
+use crate::{Gaussian, Innovation, Measurement, UpdateError};
 
 pub use crate::extended::predict;
 
@@ -24,19 +24,19 @@ const HALVINGS: usize = 6;
 /// Conditions the belief on a reading. The innovation is that of the extended filter: its residual is taken at the prior mean.
 ///
 /// # Errors
-/// [`Skipped`] leaves the belief as it was: no prediction on the way, or a degenerate covariance.
+/// [`UpdateError`] leaves the belief as it was: no prediction on the way, or a degenerate covariance.
 pub fn update<const N: usize, const M: usize>(
     belief: &mut Gaussian<N>,
     measurement: &impl Measurement<N, M>,
     search: &Search,
     z: &SVector<f64, M>,
-) -> Result<Innovation<M>, Skipped> {
+) -> Result<Innovation<M>, UpdateError> {
     let prior = *belief;
-    let spread = prior.covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let spread = prior.covariance.cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
     let r = measurement.noise(&prior.mean);
-    let noise = r.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+    let noise = r.cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
     let cost = |x: &SVector<f64, N>| {
-        let residual = measurement.residual(z, &measurement.predict(x).ok_or(Skipped::NoPrediction)?);
+        let residual = measurement.residual(z, &measurement.predict(x).ok_or(UpdateError::NoPrediction)?);
         Ok(squared(&noise, &residual) + squared(&spread, &(x - prior.mean)))
     };
 
@@ -61,7 +61,7 @@ pub fn update<const N: usize, const M: usize>(
     let keep = SMatrix::<f64, N, N>::identity() - last.gain * last.h;
     let covariance = symmetrised(keep * prior.covariance * keep.transpose() + last.gain * r * last.gain.transpose());
     *belief = Gaussian::new(x, covariance);
-    let factor = Factor::of(&first.covariance).ok_or(Skipped::NotPositiveDefinite)?;
+    let factor = Factor::of(&first.covariance).ok_or(UpdateError::NotPositiveDefinite)?;
     Ok(Innovation::new(first.residual, first.covariance, &factor))
 }
 
@@ -84,12 +84,12 @@ fn linearised<const N: usize, const M: usize>(
     r: &SMatrix<f64, M, M>,
     x: &SVector<f64, N>,
     z: &SVector<f64, M>,
-) -> Result<Linearised<N, M>, Skipped> {
-    let (expected, h) = measurement.linearised(x).ok_or(Skipped::NoPrediction)?;
+) -> Result<Linearised<N, M>, UpdateError> {
+    let (expected, h) = measurement.linearised(x).ok_or(UpdateError::NoPrediction)?;
     let residual = measurement.residual(z, &expected) - h * (prior.mean - x);
     let cross = h * prior.covariance;
     let covariance = symmetrised(cross * h.transpose() + r);
-    let gain = covariance.cholesky().ok_or(Skipped::NotPositiveDefinite)?.solve(&cross).transpose();
+    let gain = covariance.cholesky().ok_or(UpdateError::NotPositiveDefinite)?.solve(&cross).transpose();
     Ok(Linearised { mean: prior.mean + gain * residual, gain, h, residual, covariance })
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A filter here is two verbs on a belief: *predict* carries it through a [`Process`], *update* conditions it on a
 //! reading through a [`Measurement`] and returns the [`Innovation`]. The belief is a [`Gaussian`] for the extended
-//! ([`extended`]) and unscented ([`unscented`]) Kalman filters and a [`Cloud`] of particles for the particle filter. The same
+//! ([`extended`]) and unscented ([`unscented`]) Kalman filters and a [`ParticleSet`] of particles for the particle filter. The same
 //! model serves them all, in any number of states `N` and readings `M`.
 //!
 //! Notation, after Thrun, Burgard, Fox, *Probabilistic Robotics* (2005), chapters 3 and 4: state `x` with covariance `P`; process
@@ -38,7 +38,7 @@
 //! let innovation = extended::update(&mut belief, &Range, &Vector1::new(5.5))?;
 //! assert!((innovation.residual[0] - 0.5).abs() < 1e-12);
 //! assert!((belief.mean.norm() - 5.5).abs() < 0.01);
-//! # Ok::<(), filters::Skipped>(())
+//! # Ok::<(), filters::UpdateError>(())
 //! ```
 
 use std::sync::LazyLock;
@@ -58,17 +58,17 @@ mod model;
 pub mod particle;
 mod small;
 pub mod smoother;
-mod states;
+mod state_array;
 pub mod unscented;
 mod wide;
 
 pub use bank::Bank;
 pub use bounded::Weighed;
-pub use gaussian::{Gaussian, Innovation, Skipped};
-pub use model::{EvenNoise, Measurement, Process};
-pub use particle::Cloud;
+pub use gaussian::{Gaussian, Innovation, UpdateError};
+pub use model::{ConstantNoise, Measurement, Process};
+pub use particle::ParticleSet;
 pub use small::{mapped, product};
-pub use states::States;
+pub use state_array::StateArray;
 
 /// What [`vectorised!`] expands to.
 #[doc(hidden)]

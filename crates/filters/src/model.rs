@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::States;
+use crate::StateArray;
 
 /// Step of the central differences, relative to the larger of 1 and the component: the cube root of the machine's
 /// precision balances truncation against rounding.
@@ -37,7 +37,7 @@ pub trait Process<const N: usize> {
     }
 
     /// Moves many states one step on; one by one unless given.
-    fn predict_each(&self, states: &mut States<N>) {
+    fn predict_each(&self, states: &mut StateArray<N>) {
         for index in 0..states.len() {
             states.set(index, &self.predict(&states.get(index)));
         }
@@ -77,7 +77,7 @@ pub trait Measurement<const N: usize, const M: usize> {
     }
 
     /// Writes the readings expected at many states, not-a-number where the model does not know; one by one unless given.
-    fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
+    fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         for (index, state) in states.iter().enumerate() {
             expected.set(index, &self.predict(&state).unwrap_or_else(|| SVector::repeat(f64::NAN)));
         }
@@ -97,12 +97,12 @@ pub trait Measurement<const N: usize, const M: usize> {
 
 /// A measurement whose noise is everywhere what it is at one state, as a Gaussian filter takes it.
 #[derive(Clone, Copy, Debug)]
-pub struct EvenNoise<Model, const M: usize> {
+pub struct ConstantNoise<Model, const M: usize> {
     model: Model,
     noise: SMatrix<f64, M, M>,
 }
 
-impl<Model, const M: usize> EvenNoise<Model, M> {
+impl<Model, const M: usize> ConstantNoise<Model, M> {
     /// The measurement with its noise at a state.
     pub fn new<const N: usize>(model: Model, state: &SVector<f64, N>) -> Self
     where
@@ -113,7 +113,7 @@ impl<Model, const M: usize> EvenNoise<Model, M> {
     }
 }
 
-impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M> for EvenNoise<Model, M> {
+impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M> for ConstantNoise<Model, M> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<SVector<f64, M>> {
         self.model.predict(x)
     }
@@ -130,7 +130,7 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.linearised(x)
     }
 
-    fn predict_each(&self, states: &States<N>, expected: &mut States<M>) {
+    fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         self.model.predict_each(states, expected);
     }
 

@@ -10,12 +10,12 @@ use rand::{Rng, RngExt};
 use crate::bounded::Noisier;
 use crate::vectorised;
 use crate::wide::{self, Column};
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped, States, extended};
+use crate::{Gaussian, Innovation, Measurement, Process, StateArray, UpdateError, extended};
 
 /// A belief made of weighted particles.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Cloud<const N: usize> {
-    particles: States<N>,
+pub struct ParticleSet<const N: usize> {
+    particles: StateArray<N>,
     /// Normalised weights, one a particle.
     weights: Column,
     /// Their logarithms, but for a common summand. They still tell the particles apart whose weights are too small for a number.
@@ -26,10 +26,10 @@ pub struct Cloud<const N: usize> {
 /// What the steps write to, kept between them.
 #[derive(Clone, Debug, PartialEq)]
 struct Scratch<const N: usize> {
-    particles: States<N>,
+    particles: StateArray<N>,
     weights: Column,
     logs: Column,
-    expected: States<1>,
+    expected: StateArray<1>,
     residuals: Column,
     /// Variance of the reading at each particle, where it is not the same at all.
     variances: Column,
@@ -38,19 +38,19 @@ struct Scratch<const N: usize> {
     sources: Vec<usize>,
 }
 
-impl<const N: usize> Cloud<N> {
+impl<const N: usize> ParticleSet<N> {
     /// Equally weighted particles.
     ///
     /// # Panics
     /// If there are none.
-    pub fn new(particles: States<N>) -> Self {
+    pub fn new(particles: StateArray<N>) -> Self {
         assert!(!particles.is_empty(), "a cloud needs at least one particle");
         let count = particles.len();
         let scratch = Scratch {
-            particles: States::zeros(count),
+            particles: StateArray::zeros(count),
             weights: wide::column(count, 0.0),
             logs: wide::column(count, 0.0),
-            expected: States::zeros(count),
+            expected: StateArray::zeros(count),
             residuals: wide::column(count, 0.0),
             variances: wide::column(count, 0.0),
             conditioned: Vec::with_capacity(count),
@@ -60,7 +60,7 @@ impl<const N: usize> Cloud<N> {
     }
 
     /// The particles.
-    pub fn particles(&self) -> &States<N> {
+    pub fn particles(&self) -> &StateArray<N> {
         &self.particles
     }
 
@@ -111,8 +111,12 @@ impl<const N: usize> Cloud<N> {
     /// Weighs the particles by the likelihood of the reading. The innovation is that of the cloud's mean prediction.
     ///
     /// # Errors
-    /// [`Skipped`] leaves the cloud as it was: no particle has a prediction, or a variance is not positive.
-    pub fn update(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, Skipped> {
+    /// [`UpdateError`] leaves the cloud as it was: no particle has a prediction, or a variance is not positive.
+    pub fn update(
+        &mut self,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
+    ) -> Result<Innovation<1>, UpdateError> {
         let innovation = self.expect(measurement, z)?;
         self.weigh();
         Ok(innovation)
@@ -127,14 +131,14 @@ impl<const N: usize> Cloud<N> {
     /// proposal of Doucet, Godsill and Andrieu 2000). The weights correct for what the linearisation misses.
     ///
     /// # Errors
-    /// [`Skipped`] leaves the cloud as it was.
+    /// [`UpdateError`] leaves the cloud as it was.
     pub fn update_or_renew(
         &mut self,
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
         renewal: &Renewal,
         rng: &mut impl Rng,
-    ) -> Result<Innovation<1>, Skipped> {
+    ) -> Result<Innovation<1>, UpdateError> {
         let innovation = self.expect(measurement, z)?;
         let mut measurement = Noisier { model: measurement, factor: 1.0 };
         if innovation.nis > renewal.gate_sds * renewal.gate_sds {
@@ -150,14 +154,14 @@ impl<const N: usize> Cloud<N> {
     }
 
     /// Writes to the scratch's logarithms what those of the weights would be with the reading; the innovation of the cloud's mean prediction.
-    fn expect(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, Skipped> {
+    fn expect(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, UpdateError> {
         let Scratch { logs, expected, residuals, variances, .. } = &mut self.scratch;
         measurement.predict_each(&self.particles, expected);
         let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
         let expected = expected.column(0);
         let (seen, variance) = if let Some(noise) = measurement.even_noise() {
             if !is_positive(noise[0]) {
-                return Err(Skipped::NotPositiveDefinite);
+                return Err(UpdateError::NotPositiveDefinite);
             }
             vectorised!(weigh_evenly(residual, expected, noise[0], &self.logs, residuals, logs));
             let seen = vectorised!(seen(&self.weights, residuals));
@@ -168,18 +172,18 @@ impl<const N: usize> Cloud<N> {
                 *variance = if expected.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
             }
             if !variances.iter().all(|&variance| is_positive(variance)) {
-                return Err(Skipped::NotPositiveDefinite);
+                return Err(UpdateError::NotPositiveDefinite);
             }
             vectorised!(weigh_unevenly(residual, expected, variances, &self.logs, residuals, logs));
             let seen = vectorised!(seen(&self.weights, residuals));
             (seen, vectorised!(total_variance(&self.weights, residuals, variances)))
         };
         if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
-            return Err(Skipped::NoPrediction);
+            return Err(UpdateError::NoPrediction);
         }
         let residual = seen.shift / seen.known;
         let covariance = (seen.second + variance) / seen.known - residual * residual;
-        Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(Skipped::NotPositiveDefinite)
+        Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(UpdateError::NotPositiveDefinite)
     }
 
     /// Takes the weights from the scratch's logarithms, and puts the old ones there.
@@ -202,10 +206,10 @@ impl<const N: usize> Cloud<N> {
         z: &Vector1<f64>,
         bandwidth: f64,
         rng: &mut impl Rng,
-    ) -> Result<(), Skipped> {
+    ) -> Result<(), UpdateError> {
         let moments = self.moments();
         let kernel = moments.covariance * (bandwidth * bandwidth);
-        let spread = kernel.cholesky().ok_or(Skipped::NotPositiveDefinite)?;
+        let spread = kernel.cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
         let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
         let Scratch { logs, conditioned, .. } = &mut self.scratch;
         conditioned.clear();
@@ -216,7 +220,7 @@ impl<const N: usize> Cloud<N> {
             conditioned.push(part);
         }
         if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
-            return Err(Skipped::NoPrediction);
+            return Err(UpdateError::NoPrediction);
         }
         self.weigh();
         self.draw_sources(rng);
@@ -268,7 +272,7 @@ impl<const N: usize> Cloud<N> {
     }
 }
 
-/// How [`Cloud::update_or_renew`] weighs a reading, and when and how it draws the cloud anew.
+/// How [`ParticleSet::update_or_renew`] weighs a reading, and when and how it draws the cloud anew.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Renewal {
     /// Least effective sample size, as a share of the particles.
@@ -346,7 +350,7 @@ fn is_positive(variance: f64) -> bool {
 
 /// Moves and scales numbers drawn from the standard normal distribution so that their mean is zero and their covariance the identity: of what
 /// chance does to the moments of a small cloud this leaves little. Too few for a covariance stay as they are.
-fn standardise<const N: usize>(draws: &mut States<N>) {
+fn standardise<const N: usize>(draws: &mut StateArray<N>) {
     let count = draws.len() as f64;
     let mean = draws.iter().sum::<SVector<f64, N>>() / count;
     let covariance =
@@ -360,7 +364,7 @@ fn standardise<const N: usize>(draws: &mut States<N>) {
 }
 
 #[inline(always)]
-fn mean<const N: usize>(particles: &States<N>, weights: &[f64]) -> SVector<f64, N> {
+fn mean<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> SVector<f64, N> {
     let mut mean = SVector::zeros();
     for number in 0..N {
         mean[number] = wide::sum([weights, particles.column(number)], |[w, x]| w * x);
@@ -369,7 +373,7 @@ fn mean<const N: usize>(particles: &States<N>, weights: &[f64]) -> SVector<f64, 
 }
 
 #[inline(always)]
-fn moments<const N: usize>(particles: &States<N>, weights: &[f64]) -> Gaussian<N> {
+fn moments<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> Gaussian<N> {
     let mean = mean(particles, weights);
     let mut covariance = SMatrix::zeros();
     for i in 0..N {
@@ -389,7 +393,7 @@ fn sum_of_squares(weights: &[f64]) -> f64 {
 
 /// Moves the particles away from a centre, or towards it.
 #[inline(always)]
-fn scale<const N: usize>(particles: &mut States<N>, centre: SVector<f64, N>, factor: f64) {
+fn scale<const N: usize>(particles: &mut StateArray<N>, centre: SVector<f64, N>, factor: f64) {
     for (column, centre) in particles.columns_mut().into_iter().zip(&centre) {
         column.iter_mut().for_each(|value| *value = centre + (*value - centre) * factor);
     }
@@ -397,7 +401,7 @@ fn scale<const N: usize>(particles: &mut States<N>, centre: SVector<f64, N>, fac
 
 /// Adds a lower triangular matrix times other states.
 #[inline(always)]
-fn add_product<const N: usize>(particles: &mut States<N>, factor: SMatrix<f64, N, N>, others: &States<N>) {
+fn add_product<const N: usize>(particles: &mut StateArray<N>, factor: SMatrix<f64, N, N>, others: &StateArray<N>) {
     for (i, column) in particles.columns_mut().into_iter().enumerate() {
         for j in (0..=i).filter(|&j| factor[(i, j)] != 0.0) {
             let part = factor[(i, j)];

@@ -4,7 +4,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Process, Skipped, mapped, product};
+use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, mapped, product};
 
 /// How far sigma points lie from the mean and how they are weighed.
 ///
@@ -42,19 +42,19 @@ impl Spread {
 }
 
 /// Columns of `sqrt((N + lambda) P)`: the sigma points are the mean and the mean plus and minus each.
-fn offsets<const N: usize>(belief: &Gaussian<N>, reach: f64) -> Result<SMatrix<f64, N, N>, Skipped> {
-    Ok(Factor::of(&belief.covariance).ok_or(Skipped::NotPositiveDefinite)?.lower() * reach)
+fn offsets<const N: usize>(belief: &Gaussian<N>, reach: f64) -> Result<SMatrix<f64, N, N>, UpdateError> {
+    Ok(Factor::of(&belief.covariance).ok_or(UpdateError::NotPositiveDefinite)?.lower() * reach)
 }
 
 /// Carries the sigma points through the process.
 ///
 /// # Errors
-/// [`Skipped::NotPositiveDefinite`] leaves the belief as it was.
+/// [`UpdateError::NotPositiveDefinite`] leaves the belief as it was.
 pub fn predict<const N: usize>(
     belief: &mut Gaussian<N>,
     process: &impl Process<N>,
     spread: &Spread,
-) -> Result<(), Skipped> {
+) -> Result<(), UpdateError> {
     let weights = spread.weights::<N>();
     let offsets = offsets(belief, weights.reach)?;
     let noise = process.noise(&belief.mean);
@@ -78,16 +78,16 @@ pub fn predict<const N: usize>(
 /// Conditions the belief on a reading, with sigma points drawn anew from the belief.
 ///
 /// # Errors
-/// [`Skipped`] leaves the belief as it was: a sigma point without prediction, or a degenerate covariance.
+/// [`UpdateError`] leaves the belief as it was: a sigma point without prediction, or a degenerate covariance.
 pub fn update<const N: usize, const M: usize>(
     belief: &mut Gaussian<N>,
     measurement: &impl Measurement<N, M>,
     spread: &Spread,
     z: &SVector<f64, M>,
-) -> Result<Innovation<M>, Skipped> {
+) -> Result<Innovation<M>, UpdateError> {
     let weights = spread.weights::<N>();
     let offsets = offsets(belief, weights.reach)?;
-    let expect = |x: SVector<f64, N>| measurement.predict(&x).ok_or(Skipped::NoPrediction);
+    let expect = |x: SVector<f64, N>| measurement.predict(&x).ok_or(UpdateError::NoPrediction);
     let centre = expect(belief.mean)?;
     let mut high = [SVector::zeros(); N];
     let mut low = [SVector::zeros(); N];
@@ -112,12 +112,12 @@ pub fn update<const N: usize, const M: usize>(
         cross += product(&offset, &(above - below).transpose()) * weights.other;
     }
     let covariance = symmetrised(covariance);
-    let factor = Factor::of(&covariance).ok_or(Skipped::NotPositiveDefinite)?;
+    let factor = Factor::of(&covariance).ok_or(UpdateError::NotPositiveDefinite)?;
     let gain = factor.solve(&cross.transpose()).transpose();
     let residual = measurement.residual(z, &centre) - shift;
     let posterior = symmetrised(belief.covariance - mapped(&gain, &covariance));
     // Unlike Joseph's form this difference can lose definiteness; then the reading is not worth the belief.
-    Factor::of(&posterior).ok_or(Skipped::NotPositiveDefinite)?;
+    Factor::of(&posterior).ok_or(UpdateError::NotPositiveDefinite)?;
     *belief = Gaussian::new(belief.mean + product(&gain, &residual), posterior);
     Ok(Innovation::new(residual, covariance, &factor))
 }

@@ -1,7 +1,7 @@
 //! A nonlinear model: Jacobians, convergence without noise, and what a filter does when it cannot update.
 
 use filters::unscented::Spread;
-use filters::{Gaussian, Measurement, Process, Skipped, extended, unscented};
+use filters::{Gaussian, Measurement, Process, UpdateError, extended, unscented};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, vector};
 use std::f64::consts::{PI, TAU};
 
@@ -73,7 +73,7 @@ fn robust_no_prediction_leaves_the_belief() {
     let mut belief = Gaussian::new(vector![1.0, 1.0], Matrix2::identity());
     let before = belief;
     let z = Vector1::new(0.0);
-    assert_eq!(extended::update(&mut belief, &model, &z), Err(Skipped::NoPrediction));
-    assert_eq!(unscented::update(&mut belief, &model, &SPREAD, &z), Err(Skipped::NoPrediction));
+    assert_eq!(extended::update(&mut belief, &model, &z), Err(UpdateError::NoPrediction));
+    assert_eq!(unscented::update(&mut belief, &model, &SPREAD, &z), Err(UpdateError::NoPrediction));
     assert_eq!(belief, before);
 }

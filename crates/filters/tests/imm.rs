@@ -2,7 +2,7 @@
 
 use filters::bank::Belief;
 use filters::imm::{Imm, Modes, Transition};
-use filters::{Bank, Gaussian, Measurement, Process, Skipped, Weighed, extended};
+use filters::{Bank, Gaussian, Measurement, Process, UpdateError, Weighed, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, matrix, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -36,7 +36,7 @@ fn weighed<const N: usize>(
     belief: &mut Gaussian<N>,
     model: &impl Measurement<N, 1>,
     z: f64,
-) -> Result<Weighed<1>, Skipped> {
+) -> Result<Weighed<1>, UpdateError> {
     let innovation = extended::update(belief, model, &Vector1::new(z))?;
     Ok(Weighed { innovation, log_evidence: innovation.log_likelihood() })
 }

@@ -2,7 +2,7 @@
 
 use filters::bound::{self, Bound};
 use filters::unscented::Spread;
-use filters::{Cloud, Gaussian, Measurement, Process, extended, unscented};
+use filters::{Gaussian, Measurement, ParticleSet, Process, extended, unscented};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SVector, Vector1, Vector2, matrix, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -84,7 +84,7 @@ fn val_particles_meet_the_kalman_filter_within_their_own_error() {
     let mut rng = Pcg64::seed_from_u64(3);
     let count = 20_000;
     let normal = |rng: &mut Pcg64| SVector::<f64, 2>::from_fn(|_, _| rng.sample(StandardNormal));
-    let mut cloud = Cloud::new((0..count).map(|_| normal(&mut rng)).collect());
+    let mut cloud = ParticleSet::new((0..count).map(|_| normal(&mut rng)).collect());
     for z in readings(100) {
         kalman(&mut x, &mut p, z);
         cloud.predict(&Cart, &mut rng);
@@ -125,7 +125,7 @@ fn verif_fading_scales_the_covariance_of_every_belief() {
     let mut gaussian = start();
     gaussian.fade(1.5);
     assert_eq!(gaussian.covariance, Matrix2::identity() * 1.5);
-    let mut cloud = Cloud::new((0..500).map(|_| vector![rng.random::<f64>(), rng.random::<f64>()]).collect());
+    let mut cloud = ParticleSet::new((0..500).map(|_| vector![rng.random::<f64>(), rng.random::<f64>()]).collect());
     let before = cloud.moments();
     cloud.fade(1.5);
     let after = cloud.moments();
@@ -136,7 +136,7 @@ fn verif_fading_scales_the_covariance_of_every_belief() {
 #[test]
 fn verif_resampling_keeps_mean_and_covariance() {
     let mut rng = Pcg64::seed_from_u64(9);
-    let mut cloud = Cloud::new((0..50_000).map(|i| vector![i as f64 / 5e4, rng.random::<f64>()]).collect());
+    let mut cloud = ParticleSet::new((0..50_000).map(|i| vector![i as f64 / 5e4, rng.random::<f64>()]).collect());
     cloud.update(&Cart, &Vector1::new(0.3)).unwrap();
     let before = cloud.moments();
     cloud.resample(0.3, &mut rng);

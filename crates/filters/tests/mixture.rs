@@ -2,7 +2,7 @@
 
 use filters::bounded::{self, Noisier};
 use filters::iterated::{self, Search};
-use filters::{Bank, Gaussian, Innovation, Measurement, Skipped, Weighed, extended};
+use filters::{Bank, Gaussian, Innovation, Measurement, UpdateError, Weighed, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, vector};
 
 const SEARCH: Search = Search { iterations: 20, tolerance_sds: 1e-9 };
@@ -113,17 +113,17 @@ fn robust_a_hypothesis_without_prediction_goes_and_the_last_one_stays() {
     let share = Share { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
     let known = |belief: &mut Gaussian<2>| {
         if belief.mean[0] > 1.5 {
-            return Err(Skipped::NoPrediction);
+            return Err(UpdateError::NoPrediction);
         }
         extended::update(belief, &share, &Vector1::new(0.0)).map(weighed)
     };
     bank.update(known).unwrap();
     assert_eq!(bank.hypotheses().len(), 1);
     let before = bank.clone();
-    let refused = bank.update(|_| Err::<Weighed<1>, _>(Skipped::NoPrediction));
-    assert_eq!(refused, Err(Skipped::NoPrediction));
+    let refused = bank.update(|_| Err::<Weighed<1>, _>(UpdateError::NoPrediction));
+    assert_eq!(refused, Err(UpdateError::NoPrediction));
     assert_eq!(bank.moments(), before.moments());
-    bank.predict(|_| Err(Skipped::NotPositiveDefinite));
+    bank.predict(|_| Err(UpdateError::NotPositiveDefinite));
     assert_eq!(bank.moments(), None);
 }
 

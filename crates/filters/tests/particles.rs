@@ -1,7 +1,7 @@
 //! The particle filter where readings are far more precise than the cloud is dense.
 
 use filters::particle::Renewal;
-use filters::{Cloud, Gaussian, Measurement, extended};
+use filters::{Gaussian, Measurement, ParticleSet, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SVector, Vector1, Vector2, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -21,8 +21,8 @@ impl Measurement<2, 1> for Share {
     }
 }
 
-fn cloud(rng: &mut Pcg64) -> Cloud<2> {
-    Cloud::new((0..2000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect())
+fn cloud(rng: &mut Pcg64) -> ParticleSet<2> {
+    ParticleSet::new((0..2000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect())
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn val_cloud_is_drawn_to_quiet_places_as_far_as_the_exact_posterior() {
 
     let mut rng = Pcg64::seed_from_u64(5);
     let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 1e3 };
-    let mut cloud = Cloud::new((0..4000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect());
+    let mut cloud = ParticleSet::new((0..4000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect());
     for _ in 0..READINGS {
         cloud.update_or_renew(&Louder, &Vector1::new(0.0), &renewal, &mut rng).unwrap();
     }

@@ -125,12 +125,12 @@ pub enum Error {
     },
     /// A file is wrong.
     #[error(transparent)]
-    File(#[from] trace::Error),
+    File(#[from] files::Error),
 }
 
 impl Error {
     pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
-        move |reason| Self::File(trace::Error::Io { path: path.into(), reason })
+        move |reason| Self::File(files::Error::Io { path: path.into(), reason })
     }
 
     /// What the system said about this.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use crate::calibration::{Live, Said};
+use crate::calibration::{Detection, Live};
 use crate::sensor::Arrival;
 
 /// A calibration at work on one stream, on the clock.
@@ -21,7 +21,7 @@ impl<'a> Inference<'a> {
     }
 
     /// Takes the next sample, and hands on what it tells. Gives what `tell` gives.
-    pub fn step<T>(&mut self, arrival: &Arrival, tell: impl FnOnce(&Said) -> T) -> Option<T> {
+    pub fn step<T>(&mut self, arrival: &Arrival, tell: impl FnOnce(&Detection) -> T) -> Option<T> {
         let begun = Instant::now();
         let said = self.live.step(&arrival.sample);
         self.latency.computing.push(begun.elapsed());

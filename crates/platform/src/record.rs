@@ -4,10 +4,10 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use files::{FORMAT, Watermark, write_json};
 use serde::{Deserialize, Serialize};
-use trace::{FORMAT, Watermark, write_json};
 
-use crate::calibration::Said;
+use crate::calibration::Detection;
 use crate::printer::Head;
 use crate::routine::Contact;
 use crate::{Error, Sample};
@@ -33,7 +33,7 @@ pub trait Sink: Send {
     ///
     /// # Errors
     /// If it cannot be kept.
-    fn said(&mut self, said: &Said) -> Result<(), Error>;
+    fn said(&mut self, said: &Detection) -> Result<(), Error>;
 
     /// Where the head was.
     ///
@@ -122,7 +122,7 @@ impl Log {
         let taken = [COMPLETE, INTERRUPTED, PART].map(|file| folder.join(file)).into_iter().find(|path| path.exists());
         taken.map_or(Ok(()), |path| {
             let expected = "nothing yet: rename or remove it, or choose another folder";
-            Err(trace::Error::value(&path, "path", "a log", expected).into())
+            Err(files::Error::value(&path, "path", "a log", expected).into())
         })
     }
 }
@@ -134,7 +134,7 @@ impl Sink for Log {
             .try_for_each(|Sample { t_s, counts: [x, y, z] }| self.samples.row(format_args!("{t_s:.6},{x},{y},{z}")))
     }
 
-    fn said(&mut self, _: &Said) -> Result<(), Error> {
+    fn said(&mut self, _: &Detection) -> Result<(), Error> {
         // The samples say it again to whoever has the calibration.
         Ok(())
     }
@@ -217,7 +217,7 @@ mod tests {
         );
         let table = "t_s,x_counts,y_counts,z_counts\n0.500000,1,2,65535\n";
         assert_eq!(fs::read_to_string(&files[2]).expect("text"), table);
-        let sidecar: LogSidecar = trace::read_json(&files[1]).expect("a sidecar");
+        let sidecar: LogSidecar = files::read_json(&files[1]).expect("a sidecar");
         assert_eq!((sidecar.kind.as_str(), sidecar.contacts.len()), (LOG_KIND, 1));
         assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 3);
     }

@@ -11,7 +11,7 @@ use bag::messages::{
 };
 use bag::{Publisher, Writer, topics};
 
-use crate::calibration::Said;
+use crate::calibration::Detection;
 use crate::printer::Head;
 use crate::record::{Ending, LogSidecar, Sink};
 use crate::routine::Contact;
@@ -109,12 +109,12 @@ impl<P: Publisher> Streams<P> {
     ///
     /// # Errors
     /// What the publisher says.
-    pub fn said(&mut self, said: &Said) -> Result<(), bag::Error> {
+    pub fn said(&mut self, said: &Detection) -> Result<(), bag::Error> {
         match said {
-            Said::Pressed(press, Some(estimate)) => {
+            Detection::Pressed(press, Some(estimate)) => {
                 self.contact(topics::DETECTED_CONTACT, press.t_s, estimate.distance_m)
             }
-            Said::Pressed(_, None) | Said::Released(_) => Ok(()),
+            Detection::Pressed(_, None) | Detection::Released(_) => Ok(()),
         }
     }
 
@@ -176,7 +176,7 @@ impl Sink for Bag {
         Ok(self.streams.samples(samples)?)
     }
 
-    fn said(&mut self, said: &Said) -> Result<(), Error> {
+    fn said(&mut self, said: &Detection) -> Result<(), Error> {
         Ok(self.streams.said(said)?)
     }
 
@@ -208,7 +208,7 @@ impl Sink for Bag {
 #[cfg(test)]
 mod tests {
     use bag::Reader;
-    use trace::Watermark;
+    use files::Watermark;
 
     use super::*;
 

@@ -3,17 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use files::Watermark;
 use platform::Sample;
 use platform::calibration::logs::{GatherError, LogReader, Source, gather};
 use platform::calibration::published::zero_phase;
 use platform::calibration::regression::{REGRESSIONS, regression};
 use platform::calibration::{
-    Calibration, Error, Features, HoldOut, LabelledPress, Live, Presses, Said, Settings, cross_validate,
+    Calibration, Detection, Error, Features, HoldOut, LabelledPress, Live, Presses, Settings, cross_validate,
 };
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
-use trace::Watermark;
 
 const RATE_HZ: f64 = 888.0;
 const NOISE_COUNTS: f64 = 20.0;
@@ -109,7 +109,7 @@ fn val_a_calibrated_rig_tells_presses_that_it_has_not_seen_live() {
     let mut live = Live::new(&read).unwrap().unwrap();
     let mut errors_m = Vec::new();
     for sample in &samples {
-        if let Some(Said::Pressed(press, estimate)) = live.step(sample) {
+        if let Some(Detection::Pressed(press, estimate)) = live.step(sample) {
             let (start_s, _, distance_m) = spans[errors_m.len()];
             // The contact begins a second after its cycle.
             assert!((press.onset_s - start_s - 1.0).abs() < 0.03, "{}", press.onset_s - start_s);

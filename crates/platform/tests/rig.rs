@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use bag::messages::PoseStamped;
 use bag::topics;
+use files::Watermark;
 use platform::calibration::logs::{Source, gather};
 use platform::calibration::regression::regression;
 use platform::calibration::{Calibration, HoldOut, Live, Settings};
@@ -22,7 +23,6 @@ use platform::sensor::{Reader, ReaderSettings, format};
 use platform::session::{self, Outcome};
 use platform::streams::{Bag, PUSHED};
 use platform::{Error, rig};
-use trace::Watermark;
 
 fn emulation() -> Emulation {
     let rig = Arc::new(RigTable::built_in());
@@ -75,7 +75,7 @@ fn verif_two_places_are_pushed_and_recorded() {
     let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: rig::SPEEDS_M_S[1], ..Default::default() };
     let outcome = session(&emulation, &routine, folder.path(), Arc::default());
     assert!(outcome.error.is_none(), "{:?}", outcome.error);
-    let sidecar: LogSidecar = trace::read_json(&folder.path().join("log.json")).expect("a sidecar");
+    let sidecar: LogSidecar = files::read_json(&folder.path().join("log.json")).expect("a sidecar");
     assert_eq!(sidecar.contacts.len(), 2);
     let rows = readings(&folder.path().join("log.csv"));
     assert_eq!(rows.len() as u64, outcome.report.tally.samples);

@@ -10,15 +10,15 @@ use std::time::{Duration, Instant};
 
 use bag::messages::MagneticFieldArray;
 use bag::topics;
+use files::Watermark;
 use platform::Sample;
 use platform::calibration::regression::regression;
-use platform::calibration::{Calibration, HoldOut, LabelledPress, Live, Presses, Said, Settings, learn};
+use platform::calibration::{Calibration, Detection, HoldOut, LabelledPress, Live, Presses, Settings, learn};
 use platform::emulate::RigTable;
 use platform::inference::Inference;
 use platform::record::{Ending, LogSidecar, Sink};
 use platform::sensor::{Reader, ReaderSettings, format};
 use platform::streams::Bag;
-use trace::Watermark;
 
 const RATE_HZ: f64 = 800.0;
 /// The bars: share of one core, and from the device's write to what a sample told, 99 of 100 times.
@@ -117,7 +117,7 @@ fn verif_no_sample_is_lost_and_none_is_late() {
         for arrival in &arrivals {
             assert_eq!(arrival.sample.counts, all[told.len()]);
             inference.step(arrival, |said| {
-                if let Said::Pressed(_, estimate) = said {
+                if let Detection::Pressed(_, estimate) = said {
                     let found_m = estimate.expect("like those of the calibration").distance_m;
                     errors_m.push(found_m - distance_m(told.len() as u64));
                 }

@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use trace::{ArrayRecording, ArraySidecar, Role, Sidecar, Suite, Trace, read_json};
+use files::read_json;
+use trace::{ArrayRecording, ArraySidecar, Role, Sidecar, Suite, Trace};
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
 

@@ -4,11 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use files::{Digest, read_json, write_atomically, write_json};
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{
-    CalibrationFile, Digest, FaceFile, Role, Sidecar, Trace, TruthInstant, read_json, write_atomically, write_json,
-};
+use trace::{CalibrationFile, FaceFile, Role, Sidecar, Trace, TruthInstant};
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Face, Fit, Material, ModelError, Sample};
 

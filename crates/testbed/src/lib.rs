@@ -1,30 +1,25 @@
-//! Replay, evaluation and report of whisker traces.
+//! Replay and evaluation of whisker traces against the truth.
 //!
 //! ```text
-//! traces, calibration -> replay -> estimates x truth -> metrics -> results/<run>/ -> report
+//! traces, calibration -> replay -> estimates x truth -> metrics -> results/<run>/
 //! ```
 //!
-//! [`fit`] learns sensor models from calibration traces, [`evaluate`] runs every estimator over every trial and writes a run, and
-//! [`report`] draws it. [`claims`] checks what the documentation promises. The command `whisker` ([`cli`]) is a face to these.
+//! [`fit`] fits sensor models to calibration traces; [`evaluate`] runs every estimator over every trial and writes a run.
 
 pub mod baseline;
 pub mod bound;
-pub mod claims;
-pub mod cli;
 pub mod consistency;
 pub mod contour;
 pub mod dataset;
 pub mod encoders;
-pub mod entrant;
 pub mod evaluate;
 pub mod fit;
 pub mod front_end;
 pub mod map;
 pub mod metrics;
+pub mod participant;
 pub mod provenance;
 pub mod replay;
-pub mod report;
 pub mod results;
-pub mod ros;
 pub mod settings;
-mod statistics;
+pub mod statistics;

@@ -1,6 +1,6 @@
 //! Watermarks of what this program writes.
 
-use trace::{Digest, Watermark};
+use files::{Digest, Watermark};
 
 /// The watermark of a file that these pieces of input determine, together with this program's sources.
 pub fn watermark<'a>(inputs: impl IntoIterator<Item = &'a str>) -> Watermark {

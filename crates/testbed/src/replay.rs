@@ -71,7 +71,7 @@ pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m:
         noise_sd_n_m,
         base_noise: BaseNoise::default(),
         rate_hz: sidecar.rate_hz,
-        told: None,
+        contact_prior: None,
     })
 }
 

@@ -36,9 +36,11 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use csv::{IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
+use files::AtomicFile;
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
-use trace::{AtomicFile, FrontEndFile, is_plain_name, shown};
+use strict_json::shown;
+use trace::{FrontEndFile, is_plain_name};
 use whisker::Whisker;
 use whisker::estimators::Kind;
 use whisker::events::TouchConfig;
@@ -628,7 +630,7 @@ pub struct Run {
     /// Name of the run.
     pub name: String,
     /// What wrote the run.
-    pub watermark: trace::Watermark,
+    pub watermark: files::Watermark,
     /// Noise levels, as fractions of each set's largest reading.
     pub noise: Vec<f64>,
     /// Seeds of the measurement noise.
@@ -685,22 +687,22 @@ impl Run {
     ///
     /// # Errors
     /// If it is missing, does not parse, or is not the description of a run.
-    pub fn read(path: &Path) -> Result<Self, trace::Error> {
-        let run: Self = trace::read_json(path)?;
-        if run.format != trace::FORMAT {
-            return Err(trace::Error::value(path, "format", run.format, trace::FORMAT));
+    pub fn read(path: &Path) -> Result<Self, files::Error> {
+        let run: Self = files::read_json(path)?;
+        if run.format != files::FORMAT {
+            return Err(files::Error::value(path, "format", run.format, files::FORMAT));
         }
         if run.kind != "run" {
-            return Err(trace::Error::value(path, "kind", &run.kind, "run"));
+            return Err(files::Error::value(path, "kind", &run.kind, "run"));
         }
         for (key, is_empty) in [("noise", run.noise.is_empty()), ("estimators", run.estimators.is_empty())] {
             if is_empty {
-                return Err(trace::Error::value(path, key, "an empty list", "at least one entry"));
+                return Err(files::Error::value(path, key, "an empty list", "at least one entry"));
             }
         }
         for (key, name) in run.names() {
             if !is_plain_name(name) {
-                return Err(trace::Error::value(path, key, format!("`{name}`"), "a plain file name"));
+                return Err(files::Error::value(path, key, format!("`{name}`"), "a plain file name"));
             }
         }
         Ok(run)

@@ -1,11 +1,11 @@
 //! Order statistics.
 
 /// Standard deviations within which a Gaussian has 95 % of its probability.
-pub(crate) const NORMAL_95: f64 = 1.959_963_984_540_054;
+pub const NORMAL_95: f64 = 1.959_963_984_540_054;
 
 /// The `q`-quantile of some values, linear between order statistics; nothing of nothing. Values that are missing come in as
 /// infinite and sort last.
-pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
+pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let mut values = values.to_vec();
     let position = q * values.len().checked_sub(1)? as f64;
     let (_, low, above) = values.select_nth_unstable_by(position.floor() as usize, f64::total_cmp);
@@ -15,7 +15,7 @@ pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
 }
 
 /// The same of values that are in order.
-pub(crate) fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
+pub fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let position = q * last as f64;
     let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
@@ -29,23 +29,23 @@ fn between(low: f64, high: f64, share: f64) -> f64 {
 }
 
 /// The middle value, or the mean of the two in the middle; nothing of nothing.
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     quantile(&values.into_iter().collect::<Vec<_>>(), 0.5)
 }
 
 /// The median over trials of a score that some lack: lacking counts as worse than any, and where the median itself is lacking there is none.
-pub(crate) fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+pub fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     median(scores.map(|score| score.unwrap_or(f64::INFINITY))).filter(|median| median.is_finite())
 }
 
 /// Mean, nothing of nothing.
-pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let (count, sum) = values.into_iter().fold((0, 0.0), |(count, sum), value| (count + 1, sum + value));
     (count > 0).then(|| sum / f64::from(count))
 }
 
 /// Root mean square, nothing of nothing.
-pub(crate) fn rms(values: &[f64]) -> Option<f64> {
+pub fn rms(values: &[f64]) -> Option<f64> {
     mean(values.iter().map(|value| value * value)).map(f64::sqrt)
 }
 

@@ -6,16 +6,17 @@ use std::path::Path;
 use std::slice;
 use std::time::Duration;
 
+use files::sha256;
 use indicatif::ProgressBar;
 use nalgebra::Matrix3;
 use serde_json::json;
 use testbed::bound::TraceBound;
 use testbed::dataset::Dataset;
-use testbed::entrant::Program;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::Choice;
-use trace::{CalibrationFile, Role, Trace, TruthInstant, sha256};
+use testbed::participant::Program;
+use trace::{CalibrationFile, Role, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
 
 /// The golden pin, as a trial and as a calibration, and without its pin: nothing is touched.

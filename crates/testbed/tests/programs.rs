@@ -1,4 +1,4 @@
-//! Programs of other people: what they are told, what they may answer, and every way in which they can fail.
+//! Programs of other people: what they are contact_prior, what they may answer, and every way in which they can fail.
 #![cfg(unix)]
 
 #[path = "../../whisker/tests/world/mod.rs"]
@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
-use testbed::entrant::{Entrant, Program, Registered, Task};
+use testbed::participant::{Participant, Program, Registered, Task};
 use testbed::replay::{Replay, touched};
-use whisker::estimators::{self, BaseNoise, Knowledge, Sample, Told};
+use whisker::estimators::{self, BaseNoise, ContactPrior, Knowledge, Sample};
 use whisker::events::TouchConfig;
 use whisker::frames::Point;
 use whisker::sensor::Face;
@@ -26,7 +26,7 @@ const MIDDLING: Duration = Duration::from_secs(3);
 /// Perhaps over before a program has started.
 const SHORT: Duration = Duration::from_millis(300);
 
-/// Noise that the robot is told of.
+/// Noise that the robot is contact_prior of.
 const NOISE_N_M: f64 = 3e-7;
 
 fn trial(knowledge: &Knowledge) -> Vec<Sample> {
@@ -99,9 +99,10 @@ fn verif_no_estimate_is_null_and_a_bare_contact_is_enough() {
 fn verif_a_program_is_told_what_the_robot_knows_and_no_more() {
     let folder = tempfile::tempdir().unwrap();
     let heard = folder.path().join("heard");
-    let told = Some(Told { contact: Point::new(0.04, 0.001), sd_m: 3e-3 });
+    let contact_prior = Some(ContactPrior { contact: Point::new(0.04, 0.001), sd_m: 3e-3 });
     let base_noise = BaseNoise(Matrix3::new(1e-8, 2e-9, 3e-9, 2e-9, 4e-8, 5e-9, 3e-9, 5e-9, 6e-8));
-    let knowledge = Arc::new(Knowledge { told, base_noise, ..Arc::unwrap_or_clone(world::knowledge(NOISE_N_M)) });
+    let knowledge =
+        Arc::new(Knowledge { contact_prior, base_noise, ..Arc::unwrap_or_clone(world::knowledge(NOISE_N_M)) });
     let listen = format!(
         "while read -r line; do printf '%s\\n' \"$line\" >> {}; [ \"$first\" ] && echo null; first=1; done",
         heard.display()

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
+use files::sha256;
 use tempfile::TempDir;
-use trace::{Trace, TraceRows, sha256};
+use trace::{Trace, TraceRows};
 
 /// Rows of the trace: some ten megabytes.
 const ROWS: usize = 60_000;

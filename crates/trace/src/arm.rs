@@ -7,11 +7,10 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
+use files::Error;
 use nalgebra::{Isometry3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use whisker::frames::{Base, Pose, Twist, World};
-
-use crate::Error;
 
 /// Number of joints.
 pub const JOINTS: usize = 7;

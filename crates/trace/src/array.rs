@@ -6,16 +6,15 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use files::read_table;
+use files::table::{number, reader};
+use files::{Error, FORMAT, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::arm::{TILT_RAD, wrapped_rad};
-use crate::files::read_table;
 use crate::sidecar::{check_rate, plain_name};
-use crate::table::{number, reader};
-use crate::{
-    Arm, Contour, Error, FORMAT, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace, read_json, sha256,
-};
+use crate::{Arm, Contour, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace};
 
 /// How far a trace's base may lie from where joints and mount put it.
 const BASE_M: f64 = 1e-6;

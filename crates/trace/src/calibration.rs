@@ -3,14 +3,15 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use files::{Error, FORMAT, Watermark, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
 
+use crate::Characteristic;
 use crate::characteristic::polynomial;
 use crate::sidecar::plain_name;
-use crate::{Characteristic, Error, FORMAT, Watermark, read_json, sha256};
 
 /// The only column that stands for a reading in format 1.
 const READING: &str = "moment_z_n_m";

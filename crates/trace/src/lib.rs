@@ -9,16 +9,11 @@ mod array;
 mod calibration;
 mod certificate;
 mod characteristic;
-mod error;
-mod files;
-mod import;
-mod keys_once;
 mod outline;
 mod rows;
 mod sidecar;
 mod suite;
 mod table;
-mod watermark;
 mod writer;
 
 pub use arm::{Arm, JOINTS, JointInstant, Link, PoseMatrix};
@@ -26,16 +21,9 @@ pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObj
 pub use calibration::{CalibrationFile, CrossTalk, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::{Characteristic, through_zero};
-pub use error::{Error, one_line, shown};
-pub use files::{AtomicFile, Digest, is_temporary, parse_json, read_json, sha256, write_atomically, write_json};
-pub use import::{IMPORTERS, Imported, ImporterRow, importer};
 pub use outline::Outline;
 pub use rows::TraceRows;
 pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, is_plain_name};
 pub use suite::{Suite, SuiteScene};
 pub use table::{COLUMNS, Instant, Recording, Trace, Truth, TruthInstant};
-pub use watermark::Watermark;
 pub use writer::TraceWriter;
-
-/// Version of every format that this crate reads and writes.
-pub const FORMAT: u32 = 1;

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
+use files::Error;
+use files::read_table;
+use files::table::{cell_error, number, reader};
 use nalgebra::Vector2;
 use whisker::frames::{Point, World};
 
-use crate::Error;
-use crate::files::read_table;
-use crate::table::{FARTHEST_M, cell_error, number, reader};
+use crate::table::FARTHEST_M;
 
 const COLUMNS: [&str; 2] = ["x_m", "y_m"];
 

@@ -4,13 +4,14 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use files::Error;
+use files::hexadecimal;
 use memchr::{memchr, memchr_iter};
 use sha2::{Digest as _, Sha256};
 use whisker::frames::{Point, Pose, Twist, World};
 
-use crate::files::hexadecimal;
+use crate::Sidecar;
 use crate::table::{COLUMNS, FARTHEST_M, Instant, TruthInstant};
-use crate::{Error, Sidecar};
 
 /// Columns of a row.
 const CELLS: usize = COLUMNS.len();

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
+use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
-use crate::{Certificate, Error, FORMAT, read_json};
+use crate::Certificate;
 
 /// Least and most rows a second.
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];

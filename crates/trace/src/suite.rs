@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 
 use crate::sidecar::plain_name;
-use crate::{Error, FORMAT, read_json};
 
 /// A suite's file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

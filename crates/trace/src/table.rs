@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use csv::ByteRecord;
+use files::read_table;
+use files::{Error, sha256, write_atomically, write_json};
 use whisker::frames::{Base, Point, Pose, Twist, World};
 
-use crate::files::read_table;
-use crate::{Error, Outline, Sidecar, TraceRows, sha256, write_atomically, write_json};
+use crate::{Outline, Sidecar, TraceRows};
 
 /// Names of the columns and the decimals with which each is written.
 pub const COLUMNS: [(&str, usize); 19] = [
@@ -199,86 +199,5 @@ fn fixed(value: f64, decimals: usize) -> String {
     match text.strip_prefix('-') {
         Some(digits) if digits.bytes().all(|byte| byte == b'0' || byte == b'.') => digits.to_owned(),
         _ => text,
-    }
-}
-
-/// Rows of a CSV with exactly these columns, each with its line.
-pub(crate) fn reader<'a>(
-    path: &'a Path,
-    bytes: &'a [u8],
-    names: &'a [&'a str],
-) -> Result<impl Iterator<Item = Result<(u64, ByteRecord), Error>> + 'a, Error> {
-    let table_error = move |line, place: &str, found: String, expected: String| Error::Table {
-        path: path.into(),
-        line,
-        place: place.into(),
-        found,
-        expected,
-    };
-    let mut rows = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        // Numbers have no quotes, and a quote that is never closed would swallow the rest of the file.
-        .quoting(false)
-        .from_reader(bytes)
-        .into_byte_records();
-    let header = match rows.next() {
-        None => return Err(table_error(1, "header", "an empty file".into(), names.join(","))),
-        Some(row) => row.map_err(|error| table_error(1, "header", error.to_string(), names.join(",")))?,
-    };
-    for i in 0..header.len().max(names.len()) {
-        let found =
-            header.get(i).map_or("no more columns".into(), |cell| format!("`{}`", String::from_utf8_lossy(cell)));
-        let expected = names.get(i).map_or("no more columns".into(), |name| format!("`{name}`"));
-        if found != expected {
-            return Err(table_error(1, &format!("header, column {}", i + 1), found, expected));
-        }
-    }
-    Ok(rows.enumerate().map(move |(i, row)| {
-        let fallback = i as u64 + 2;
-        let record =
-            row.map_err(|error| table_error(fallback, "row", error.to_string(), "a row of the table".into()))?;
-        let line = record.position().map_or(fallback, csv::Position::line);
-        if record.len() != names.len() {
-            let found = format!("{} fields", record.len());
-            return Err(table_error(line, "row", found, format!("{} fields", names.len())));
-        }
-        Ok((line, record))
-    }))
-}
-
-/// The number in column `i`.
-pub(crate) fn number(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize) -> Result<f64, Error> {
-    optional(path, line, record, names, i)?.ok_or_else(|| cell_error(path, line, record, names, i, "a number"))
-}
-
-fn optional(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize) -> Result<Option<f64>, Error> {
-    let cell = &record[i];
-    if cell.is_empty() {
-        return Ok(None);
-    }
-    std::str::from_utf8(cell)
-        .ok()
-        .and_then(|text| text.parse::<f64>().ok())
-        .filter(|value| value.is_finite())
-        .map(Some)
-        .ok_or_else(|| cell_error(path, line, record, names, i, "a finite number"))
-}
-
-pub(crate) fn cell_error(
-    path: &Path,
-    line: u64,
-    record: &ByteRecord,
-    names: &[&str],
-    i: usize,
-    expected: &str,
-) -> Error {
-    let cell = String::from_utf8_lossy(&record[i]);
-    Error::Table {
-        path: path.into(),
-        line,
-        place: format!("column {}", names[i]),
-        found: if cell.is_empty() { "an empty field".into() } else { format!("`{cell}`") },
-        expected: expected.into(),
     }
 }

@@ -3,11 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use files::hexadecimal;
+use files::{AtomicFile, Error, write_json};
 use sha2::{Digest as _, Sha256};
 
-use crate::files::hexadecimal;
+use crate::Sidecar;
 use crate::table::{Instant, TruthInstant, header, push_row};
-use crate::{AtomicFile, Error, Sidecar, write_json};
 
 /// A trace that is being written. It is there when it is finished.
 #[derive(Debug)]

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use files::{Watermark, read_json, write_json};
 use serde_json::Value;
-use trace::{CalibrationFile, FaceFile, Watermark, read_json, write_json};
+use trace::{CalibrationFile, FaceFile};
 use whisker::elastica::Elastica;
 use whisker::sensor::{self, Face, Fit, Material, Sample};
 use whisker::{Curvature, Whisker};

@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use trace::{Error, Trace, TraceRows, TraceWriter};
+use files::Error;
+use trace::{Trace, TraceRows, TraceWriter};
 
 fn golden() -> Trace {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.csv");

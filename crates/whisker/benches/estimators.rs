@@ -7,7 +7,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use whisker::estimators::{ESTIMATORS, estimator};
 
-/// Measurement noise that the estimators are told of.
+/// Measurement noise that the estimators are contact_prior of.
 const NOISE_N_M: f64 = 3e-7;
 
 /// Simulated time a round.

@@ -11,11 +11,9 @@ pub mod elastica;
 pub mod estimators;
 pub mod events;
 pub mod frames;
-mod lists;
 mod rest;
 pub mod sensor;
 mod wire;
 
-pub use lists::list_for_object;
 pub use rest::{Foot, RestShape};
 pub use wire::{Curvature, Invalid, Whisker};

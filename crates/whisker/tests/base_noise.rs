@@ -55,14 +55,14 @@ fn means(name: &str, knowledge: &Arc<Knowledge>) -> (f64, f64) {
     (mean(&nis), mean(&nees))
 }
 
-/// Told of the noise, estimators err as they say; not told, what they read surprises them.
+/// Told of the noise, estimators err as they say; not contact_prior, what they read surprises them.
 #[test]
 fn verif_estimators_that_know_the_noise_of_their_base_are_consistent() {
     let covariance = Matrix3::from_diagonal(&Vector3::from(BASE_SD).map(|sd| sd * sd));
     let untold = knowledge(NOISE_N_M);
-    let told = Arc::new(Knowledge { base_noise: BaseNoise(covariance), ..(*untold).clone() });
+    let contact_prior = Arc::new(Knowledge { base_noise: BaseNoise(covariance), ..(*untold).clone() });
     for name in ESTIMATORS {
-        let ((nis, nees), (untold_nis, _)) = (means(name, &told), means(name, &untold));
+        let ((nis, nees), (untold_nis, _)) = (means(name, &contact_prior), means(name, &untold));
         assert!((0.7..1.25).contains(&nis) && nees < 3.0, "{name}: NIS {nis}, NEES {nees}");
         assert!(untold_nis > 1.25, "{name}: untold, NIS {untold_nis}");
     }

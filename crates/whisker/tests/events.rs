@@ -7,14 +7,15 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
-use whisker::events::{Cascade, ContactDetector, DETECTORS, Section, Sensing, Swing, TouchConfig, band_pass};
+use signal::{Cascade, Section, band_pass};
+use whisker::events::{ContactDetector, DETECTORS, FirstMode, Sensing, TouchConfig};
 use whisker::sensor::Face;
 
 const RATE_HZ: f64 = 250.0;
 const DT_S: f64 = 1.0 / RATE_HZ;
 const LARGEST_N_M: f64 = 5e-5;
 const NOISE_N_M: f64 = 2e-7;
-const SWING: Swing = Swing { frequency_hz: 7.9, damping_ratio: 0.06 };
+const FIRST_MODE: FirstMode = FirstMode { frequency_hz: 7.9, damping_ratio: 0.06 };
 
 /// Rows of a golden file as fields.
 fn golden(name: &str) -> (Vec<String>, Vec<Vec<String>>) {
@@ -70,7 +71,7 @@ fn val_filtered_signals_against_scipy() {
 }
 
 fn sensing(rate_hz: f64) -> Sensing {
-    Sensing { rate_hz, noise_sd_n_m: NOISE_N_M, largest_reading_n_m: LARGEST_N_M, swing: SWING }
+    Sensing { rate_hz, noise_sd_n_m: NOISE_N_M, largest_reading_n_m: LARGEST_N_M, first_mode: FIRST_MODE }
 }
 
 fn detector() -> ContactDetector {
@@ -85,9 +86,9 @@ fn noise(seed: u64) -> impl FnMut() -> f64 {
 
 /// How a whisker rings that was released from a deflection of one.
 fn ringing(since_s: f64) -> f64 {
-    let w = 2.0 * PI * SWING.frequency_hz;
-    let damped = w * (1.0 - SWING.damping_ratio.powi(2)).sqrt();
-    (-SWING.damping_ratio * w * since_s).exp() * (damped * since_s).cos()
+    let w = 2.0 * PI * FIRST_MODE.frequency_hz;
+    let damped = w * (1.0 - FIRST_MODE.damping_ratio.powi(2)).sqrt();
+    (-FIRST_MODE.damping_ratio * w * since_s).exp() * (damped * since_s).cos()
 }
 
 /// Free, pressed to `-depth_n_m` within 0.3 s from 1 s on, released at 2 s, free to the end.

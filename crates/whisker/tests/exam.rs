@@ -4,7 +4,7 @@ mod world;
 
 use std::sync::Arc;
 
-use whisker::estimators::{ESTIMATORS, Estimate, EstimatorRow, Kind, Knowledge, Sample, Told};
+use whisker::estimators::{ContactPrior, ESTIMATORS, Estimate, EstimatorRow, Kind, Knowledge, Sample};
 use whisker::frames::Point;
 
 use world::{RATE_HZ, base, contact, estimator, knowledge, samples};
@@ -130,10 +130,10 @@ fn verif_what_is_told_of_the_touch_is_corrected() {
     let noise_free = knowledge(NOISE_N_M);
     let samples = samples(&noise_free, 6.0, |_| true);
     for offset_m in [-5e-3, 5e-3] {
-        let told = Told { contact: Point::new(0.05 + offset_m, 0.0), sd_m: 5e-3 };
-        let told = Arc::new(Knowledge { told: Some(told), ..(*noise_free).clone() });
+        let contact_prior = ContactPrior { contact: Point::new(0.05 + offset_m, 0.0), sd_m: 5e-3 };
+        let contact_prior = Arc::new(Knowledge { contact_prior: Some(contact_prior), ..(*noise_free).clone() });
         for row in ESTIMATORS.iter().filter(|row| row.kind != Kind::Baseline) {
-            let error = error_m(&samples, &run(row, &told, &samples, 1));
+            let error = error_m(&samples, &run(row, &contact_prior, &samples, 1));
             assert!(error < allowed_m(row), "{}: {} mm", row.name, error * 1e3);
         }
     }

@@ -10,7 +10,7 @@ use crate::tools::{cargo, python, run, start, whisker};
 /// Builds `whisker` while pip fetches the packages: one keeps the processor busy, the other the network.
 pub(crate) fn prepare() -> Outcome {
     step("Python packages and the command whisker", || {
-        let build = start(cargo(&["build", "--release", "--package", "testbed"]))?;
+        let build = start(cargo(&["build", "--release", "--package", "whisker-cli"]))?;
         if let Err(failure) = python::install(Requirements::Runtime, Progress::Lines) {
             build.abandon();
             return Err(failure);

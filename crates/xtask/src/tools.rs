@@ -20,7 +20,7 @@ pub(crate) fn cargo(arguments: &[&str]) -> Command {
 
 /// A command of the binary `whisker`, built for release where its sources changed.
 pub(crate) fn whisker(arguments: &[&str]) -> Command {
-    let mut command = cargo(&["run", "--quiet", "--release", "--package", "testbed", "--bin", "whisker", "--"]);
+    let mut command = cargo(&["run", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker", "--"]);
     command.args(arguments);
     command
 }

@@ -8,8 +8,8 @@
 
 use std::path::Path;
 
+use files::{FORMAT, Watermark, read_json, write_json};
 use serde::{Deserialize, Serialize};
-use trace::{FORMAT, Watermark, read_json, write_json};
 
 use super::cross_validation::{CrossValidation, HoldOut, fits_without_each};
 use super::regression::{Fit, REGRESSIONS, RegressionRow, Regressor, regression};
@@ -121,37 +121,37 @@ impl Calibration {
     /// Reads a calibration.
     ///
     /// # Errors
-    /// [`trace::Error`] names file and key.
-    pub fn read(path: &Path) -> Result<Self, trace::Error> {
+    /// [`files::Error`] names file and key.
+    pub fn read(path: &Path) -> Result<Self, files::Error> {
         let file: CalibrationFile = read_json(path)?;
         if file.format != FORMAT {
-            return Err(trace::Error::value(path, "format", file.format, FORMAT));
+            return Err(files::Error::value(path, "format", file.format, FORMAT));
         }
         if file.kind != KIND {
-            return Err(trace::Error::value(path, "kind", &file.kind, KIND));
+            return Err(files::Error::value(path, "kind", &file.kind, KIND));
         }
         let row = regression(&file.regression).ok_or_else(|| {
             let known: Vec<_> = REGRESSIONS.iter().map(|row| row.name).collect();
-            trace::Error::value(path, "regression", &file.regression, known.join(", "))
+            files::Error::value(path, "regression", &file.regression, known.join(", "))
         })?;
         for (i, press) in file.presses.iter().enumerate() {
             if press.features.slope_counts_per_s <= 0.0 {
                 let key = format!("presses.{i}.features.slope_counts_per_s");
-                return Err(trace::Error::value(path, key, press.features.slope_counts_per_s, "a number above zero"));
+                return Err(files::Error::value(path, key, press.features.slope_counts_per_s, "a number above zero"));
             }
         }
         if let Some(chain) = &file.chain {
             chain.check(path)?;
         }
         Self::fit(row, file.presses, file.chain, file.hold_out, file.coverage, file.watermark)
-            .map_err(|error| trace::Error::value(path, "presses", format!("`{error}`"), "presses that can be fitted"))
+            .map_err(|error| files::Error::value(path, "presses", format!("`{error}`"), "presses that can be fitted"))
     }
 
     /// Writes it, whole or not at all.
     ///
     /// # Errors
-    /// [`trace::Error::Io`] names the file.
-    pub fn write(&self, path: &Path) -> Result<(), trace::Error> {
+    /// [`files::Error::Io`] names the file.
+    pub fn write(&self, path: &Path) -> Result<(), files::Error> {
         write_json(path, &self.file)
     }
 

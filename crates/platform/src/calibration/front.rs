@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use whisker::events::{Cascade, LONGEST_GAP_S, low_pass};
+use signal::{Cascade, LONGEST_GAP_S, low_pass};
 
 use super::{Error, Unwrapped};
 use crate::Sample;
@@ -35,10 +35,10 @@ pub struct Chain {
 
 impl Chain {
     /// # Errors
-    /// [`trace::Error::Value`] names what a file's chain cannot be.
-    pub(super) fn check(&self, path: &Path) -> Result<(), trace::Error> {
+    /// [`files::Error::Value`] names what a file's chain cannot be.
+    pub(super) fn check(&self, path: &Path) -> Result<(), files::Error> {
         let wrong =
-            |key: &str, found: f64, expected: &str| trace::Error::value(path, format!("chain.{key}"), found, expected);
+            |key: &str, found: f64, expected: &str| files::Error::value(path, format!("chain.{key}"), found, expected);
         let positive = [
             ("rate_hz", self.rate_hz),
             ("noise_counts_per_s", self.noise_counts_per_s),

@@ -5,7 +5,7 @@ use crate::Sample;
 
 /// What a sample tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Said {
+pub enum Detection {
     /// The whisker was pressed, there; no estimate where the press is unlike those of the calibration.
     Pressed(Press, Option<Estimate>),
     /// It was let go at this time.
@@ -30,10 +30,10 @@ impl<'a> Live<'a> {
     }
 
     /// Takes the next sample.
-    pub fn step(&mut self, sample: &Sample) -> Option<Said> {
+    pub fn step(&mut self, sample: &Sample) -> Option<Detection> {
         Some(match self.presses.step(sample)? {
-            Event::Pressed(press) => Said::Pressed(press, self.calibration.estimate(&press.features)),
-            Event::Released(t_s) => Said::Released(t_s),
+            Event::Pressed(press) => Detection::Pressed(press, self.calibration.estimate(&press.features)),
+            Event::Released(t_s) => Detection::Released(t_s),
         })
     }
 }

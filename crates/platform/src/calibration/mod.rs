@@ -28,7 +28,7 @@ pub use features::{Features, LabelledPress};
 pub use file::{Calibration, Estimate, KIND, Scores};
 pub use front::Chain;
 pub use learn::{Settings, learn};
-pub use live::{Live, Said};
+pub use live::{Detection, Live};
 pub use press::{Event, Press, Presses};
 pub use rate::{Rate, is_same_rate};
 pub use unwrap::Unwrapped;

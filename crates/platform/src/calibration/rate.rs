@@ -1,6 +1,6 @@
 //! How fast samples come, by their own times.
 
-use whisker::events::LONGEST_GAP_S;
+use signal::LONGEST_GAP_S;
 
 /// Rates may differ by this share: slopes count samples, and a distance is off by about as much as its slope.
 const SHARE: f64 = 0.05;

@@ -49,10 +49,10 @@ impl RigTable {
     /// # Errors
     /// [`Error::File`] names file, line and column.
     pub fn parse(csv: &Path, rows: &str, json: &Path, sidecar: &str) -> Result<Self, Error> {
-        let Sidecar { ring_hz, decay_s, field } = serde_json::from_str(sidecar).map_err(trace::Error::json(json))?;
+        let Sidecar { ring_hz, decay_s, field } = serde_json::from_str(sidecar).map_err(files::Error::json(json))?;
         for (key, value) in [("ring_hz", ring_hz), ("decay_s", decay_s)] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(trace::Error::value(json, key, value, "more than zero").into());
+                return Err(files::Error::value(json, key, value, "more than zero").into());
             }
         }
         let mut table =
@@ -61,8 +61,8 @@ impl RigTable {
         Ok(table)
     }
 
-    fn fill(&mut self, path: &Path, rows: &str) -> Result<(), trace::Error> {
-        let wrong = |line: usize, place: &str, found: &str, expected: &str| trace::Error::Table {
+    fn fill(&mut self, path: &Path, rows: &str) -> Result<(), files::Error> {
+        let wrong = |line: usize, place: &str, found: &str, expected: &str| files::Error::Table {
             path: path.into(),
             line: line as u64 + 1,
             place: place.into(),

@@ -11,7 +11,7 @@ mod strokes;
 
 pub use circle::Circle;
 pub use compare::{Comparison, Touched};
-pub(crate) use stretch::touched_stretch;
+pub use stretch::touched_stretch;
 pub use strokes::second_stroke;
 
 use filters::product;

@@ -6,7 +6,7 @@ type Point = (f64, f64);
 /// The stretch of a closed outline (its first vertex repeated at the end) from the first to the last touched point along
 /// it: what is left of the outline without its longest untouched part. Touched points are moved to the nearest point of
 /// the outline, those that are not finite are left out; one point where only one place was touched, none where nothing was.
-pub(crate) fn touched_stretch(outline: &[Point], touched: impl IntoIterator<Item = Point>) -> Vec<Point> {
+pub fn touched_stretch(outline: &[Point], touched: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let arcs = arc_lengths(outline);
     let Some(&round) = arcs.last() else {
         return Vec::new();

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::bail;
+use files::write_atomically;
 use rayon::prelude::*;
-use trace::{ArrayRecording, Sidecar, Trace, write_atomically};
+use trace::{ArrayRecording, Sidecar, Trace};
 use whisker::estimators::BaseNoise;
 
 use super::contours::vertex_rows;

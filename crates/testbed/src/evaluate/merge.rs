@@ -7,8 +7,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use files::{AtomicFile, write_atomically};
 use rayon::prelude::*;
-use trace::{AtomicFile, write_atomically};
 
 use super::contours;
 use super::plan::Plan;

@@ -21,13 +21,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
+use files::{read_json, sha256, write_atomically, write_json};
 use indicatif::ProgressBar;
 use serde_json::Value;
-use trace::{
-    CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name, read_json, sha256, write_atomically,
-    write_json,
-};
-use whisker::estimators::{BaseNoise, ESTIMATORS, Knowledge, ModelShares, Told};
+use trace::{CalibrationFile, Outline, Role, SensorFile, Sidecar, Trace, is_plain_name};
+use whisker::estimators::{BaseNoise, ContactPrior, ESTIMATORS, Knowledge, ModelShares};
 use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
@@ -35,19 +33,18 @@ use crate::bound::TraceBound;
 use crate::contour::{Comparison, Contour, Touched, surface_points};
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
-use crate::entrant::{Entrant, Program, Registered, Task};
 use crate::fit::{REPORT_TABLES, face_stem};
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
 use crate::map::MapConfig;
 use crate::metrics::contact_events::Events;
-use crate::metrics::{Ground, Scored, Scores, Trial, Unscored, contour, first_touch_s};
+use crate::metrics::{GroundTruth, Scored, Scores, Trial, Unscored, contour, first_touch_s};
+use crate::participant::{Participant, Program, Registered, Task};
 use crate::provenance::watermark;
 use crate::replay::{self, Replay, check_calibration, knowledge, motions, read_by, with_readings};
 use crate::results::{
     ContourTrialRow, FailureRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, TrialHead, TrialRow, csv_bytes,
     has_outline, read_rows, read_scores,
 };
-
 use arrays::{Arrays, Mounted, Sighting};
 use contours::{trial_row, vertex_rows};
 use merge::{Merged, merge};
@@ -79,7 +76,7 @@ pub struct EvaluateSettings {
     pub noise: Vec<f64>,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
-    /// What the estimators are told of the first touch.
+    /// What the estimators are contact_prior of the first touch.
     pub starts: Starts,
     /// Encoders of an arm's joints, each a trial of its own; without any, perfect ones.
     pub encoders: Vec<Encoders>,
@@ -134,8 +131,8 @@ struct BenchTrial {
     sensor: Option<SensorFile>,
     /// The recording of several whiskers that it belongs to.
     mounted: Option<Mounted>,
-    /// What the estimators are told of the first touch.
-    told: Option<Told>,
+    /// What the estimators are contact_prior of the first touch.
+    contact_prior: Option<ContactPrior>,
     /// Whether the contact is known, so that there is something to score against.
     is_known: bool,
 }
@@ -161,8 +158,8 @@ struct Bench {
     calibrations: BTreeMap<String, Calibration>,
     largest_readings: BTreeMap<SetKey, f64>,
     front_end: FrontEnd,
-    entrants: Vec<Box<dyn Entrant>>,
-    /// Names of the entrants.
+    participants: Vec<Box<dyn Participant>>,
+    /// Names of the participants.
     names: Vec<String>,
     skipped: Vec<Skipped>,
 }
@@ -254,7 +251,7 @@ fn target(settings: &EvaluateSettings) -> anyhow::Result<PathBuf> {
 
 impl EvaluateSettings {
     /// Who takes part: registered estimators, then programs.
-    fn entrants(&self) -> anyhow::Result<Vec<Box<dyn Entrant>>> {
+    fn participants(&self) -> anyhow::Result<Vec<Box<dyn Participant>>> {
         let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
         let estimators = self.estimators.clone().unwrap_or_else(all);
         if let Some(name) = self.config.keys().find(|name| !estimators.contains(name)) {
@@ -263,13 +260,13 @@ impl EvaluateSettings {
         }
         check_distinct("estimator", estimators.iter().cloned())?;
         check_distinct("program", self.programs.iter().map(|program| program.describe().name))?;
-        let mut entrants: Vec<Box<dyn Entrant>> = Vec::new();
+        let mut participants: Vec<Box<dyn Participant>> = Vec::new();
         for name in &estimators {
             let overrides = self.config.get(name).cloned().unwrap_or_else(|| Value::Object(Default::default()));
-            entrants.push(Box::new(Registered::new(name, &overrides)?));
+            participants.push(Box::new(Registered::new(name, &overrides)?));
         }
-        entrants.extend(self.programs.iter().map(|program| Box::new(program.clone()) as Box<dyn Entrant>));
-        Ok(entrants)
+        participants.extend(self.programs.iter().map(|program| Box::new(program.clone()) as Box<dyn Participant>));
+        Ok(participants)
     }
 }
 
@@ -283,7 +280,7 @@ impl Bench {
         settings.map.validate()?;
         settings.encoders.iter().try_for_each(Encoders::validate)?;
         check_distinct("encoders", settings.encoders.iter().map(Encoders::label))?;
-        let entrants = settings.entrants()?;
+        let participants = settings.participants()?;
         let front_end = FrontEnd::new(&settings.front_end)?;
         let mut trials: Vec<BenchTrial> = Vec::new();
         let mut largest_readings: BTreeMap<SetKey, f64> = BTreeMap::new();
@@ -317,15 +314,26 @@ impl Bench {
                 let is_known = first_touch_s(&trace) != Err(Unscored::TruthUnknown);
                 let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m.abs());
                 let largest_n_m = moments.fold(0.0, f64::max);
-                let mut add = |sidecar: Sidecar, mounted, told| {
+                let mut add = |sidecar: Sidecar, mounted, contact_prior| {
                     let largest = largest_readings.entry(set_key(&sidecar)).or_default();
                     *largest = largest.max(largest_n_m);
                     let (path, outline, mounting, sensor) =
                         (csv.into(), outline.clone(), mounting.clone(), sensor.clone());
-                    trials.push(BenchTrial { sidecar, path, outline, mounting, sensor, mounted, told, is_known });
+                    trials.push(BenchTrial {
+                        sidecar,
+                        path,
+                        outline,
+                        mounting,
+                        sensor,
+                        mounted,
+                        contact_prior,
+                        is_known,
+                    });
                 };
                 if settings.starts == Starts::Wrong {
-                    starts::wrong(&trace).into_iter().for_each(|(sidecar, told)| add(sidecar, None, Some(told)));
+                    starts::wrong(&trace)
+                        .into_iter()
+                        .for_each(|(sidecar, contact_prior)| add(sidecar, None, Some(contact_prior)));
                 }
                 for (sidecar, mounted) in arrays.trials(&dataset.folder, &trace, &settings.encoders)? {
                     add(sidecar, mounted, None);
@@ -335,23 +343,24 @@ impl Bench {
         arrays.check(&settings.encoders)?;
         check_distinct("trace", trials.iter().map(|trial| trial.sidecar.name.clone()))?;
         let (entered, names, skipped) = (Vec::new(), Vec::new(), Vec::new());
-        let mut bench = Self { trials, calibrations, largest_readings, front_end, entrants: entered, names, skipped };
-        for entrant in entrants {
-            let is_configured = settings.config.contains_key(&entrant.describe().name);
-            bench.admit(entrant, settings.estimators.is_some() || is_configured)?;
+        let mut bench =
+            Self { trials, calibrations, largest_readings, front_end, participants: entered, names, skipped };
+        for participant in participants {
+            let is_configured = settings.config.contains_key(&participant.describe().name);
+            bench.admit(participant, settings.estimators.is_some() || is_configured)?;
         }
         Ok(bench)
     }
 
-    /// Takes an entrant in, if the sensor model that it insists on is calibrated for every whisker and it can run; so what is wrong is found before anything
+    /// Takes an participant in, if the sensor model that it insists on is calibrated for every whisker and it can run; so what is wrong is found before anything
     /// is run. Without the sensor model it is left out, unless it was asked for by name or settings.
-    fn admit(&mut self, entrant: Box<dyn Entrant>, by_name: bool) -> anyhow::Result<()> {
-        let label = entrant.sensor_model();
+    fn admit(&mut self, participant: Box<dyn Participant>, by_name: bool) -> anyhow::Result<()> {
+        let label = participant.sensor_model();
         if let Some(label) = label.filter(|_| !by_name)
             && let Some(lacking) = self.calibrations.values().find(|calibration| calibration.lacks(label))
         {
             self.skipped.push(Skipped {
-                estimator: entrant.describe().name,
+                estimator: participant.describe().name,
                 sensor_model: label.into(),
                 calibration: lacking.path.clone(),
             });
@@ -361,9 +370,9 @@ impl Bench {
             calibration.load(label)?;
         }
         let sidecar = &self.trials[0].sidecar;
-        entrant.check(&knowledge(sidecar, &self.calibrations[&sidecar.whisker.name].faces[&label], 0.0))?;
-        self.names.push(entrant.describe().name);
-        self.entrants.push(entrant);
+        participant.check(&knowledge(sidecar, &self.calibrations[&sidecar.whisker.name].faces[&label], 0.0))?;
+        self.names.push(participant.describe().name);
+        self.participants.push(participant);
         Ok(())
     }
 
@@ -424,7 +433,8 @@ impl Bench {
 
     /// What stands in `run.json`.
     fn run(&self, settings: &EvaluateSettings) -> anyhow::Result<Run> {
-        let estimators: Vec<RunEstimator> = self.entrants.iter().map(|entrant| entrant.describe()).collect();
+        let estimators: Vec<RunEstimator> =
+            self.participants.iter().map(|participant| participant.describe()).collect();
         let sets: Vec<RunSet> = self
             .largest_readings
             .iter()
@@ -476,7 +486,7 @@ impl Bench {
             inputs.push(sidecar.contour.as_ref().map_or_else(String::new, |contour| contour.sha256.clone()));
         }
         Ok(Run {
-            format: trace::FORMAT,
+            format: files::FORMAT,
             kind: "run".into(),
             name: settings.name.clone(),
             watermark: watermark(inputs.iter().map(String::as_str)),
@@ -535,8 +545,8 @@ impl Bench {
         TraceBound::new(trace, face, self.noise_sd_n_m(trial, noise), &trial.base_noise())
     }
 
-    /// Replays one trial of a scene through every entrant, at one noise level and under one seed; writes estimates, outlines and the bound where a folder is given,
-    /// of a trial that cannot be scored too: every run has the same files. Such a trial, or one on which an entrant fails, is no error of the batch.
+    /// Replays one trial of a scene through every participant, at one noise level and under one seed; writes estimates, outlines and the bound where a folder is given,
+    /// of a trial that cannot be scored too: every run has the same files. Such a trial, or one on which an participant fails, is no error of the batch.
     fn run_trial(
         &self,
         (member, scene): (&Member<'_>, &[Member<'_>]),
@@ -545,8 +555,8 @@ impl Bench {
         settings: &EvaluateSettings,
         out: Option<&Path>,
     ) -> anyhow::Result<(Yield, Vec<Sighting>)> {
-        let Member { trial: bench_trial, trace: true_one, motions: as_is, ground, .. } = member;
-        let BenchTrial { outline, sensor, mounted, told, .. } = bench_trial;
+        let Member { trial: bench_trial, trace: true_one, motions: as_is, ground_truth, .. } = member;
+        let BenchTrial { outline, sensor, mounted, contact_prior, .. } = bench_trial;
         let noise = settings.noise[level];
         let bound = member.bound(level, || self.bound(member, noise));
         let known = mounted.as_ref().map_or(Cow::Borrowed(true_one), |mounted| mounted.known(true_one, seed));
@@ -568,12 +578,12 @@ impl Bench {
                 return Ok((Yield { failures, ..Yield::default() }, Vec::new()));
             }
         };
-        let (samples, ground) = match &known {
-            Cow::Borrowed(_) => (with_readings(as_is, &readings_n_m), Cow::Borrowed(ground)),
+        let (samples, ground_truth) = match &known {
+            Cow::Borrowed(_) => (with_readings(as_is, &readings_n_m), Cow::Borrowed(ground_truth)),
             Cow::Owned(measured) => {
                 let rest = sidecar.whisker.rest_shape();
-                let ground = Ground::new(measured, outline.as_ref(), &rest);
-                (with_readings(&motions(&measured.recording), &readings_n_m), Cow::Owned(ground))
+                let ground_truth = GroundTruth::new(measured, outline.as_ref(), &rest);
+                (with_readings(&motions(&measured.recording), &readings_n_m), Cow::Owned(ground_truth))
             }
         };
         if let Some(folder) = out {
@@ -595,19 +605,19 @@ impl Bench {
         let mut sightings = Vec::new();
         let never_touches = first_touch_s(trace).err().filter(|unscored| *unscored == Unscored::NeverTouches);
         done.failures.extend(never_touches.map(|unscored| failed(None, unscored.to_string())));
-        for (entrant, name) in self.entrants.iter().zip(&self.names) {
-            let faces = read_by(sensor.as_ref(), &calibration.faces[&entrant.sensor_model()]);
+        for (participant, name) in self.participants.iter().zip(&self.names) {
+            let faces = read_by(sensor.as_ref(), &calibration.faces[&participant.sensor_model()]);
             let knowledge = Arc::unwrap_or_clone(knowledge(sidecar, &faces, noise_sd_n_m));
-            let knowledge = Arc::new(Knowledge { told: *told, base_noise, ..knowledge });
+            let knowledge = Arc::new(Knowledge { contact_prior: *contact_prior, base_noise, ..knowledge });
             let (samples, touched) = (samples.as_slice(), touched.as_slice());
             let task = Task { knowledge: &knowledge, samples, touched, trace: &sidecar.name, seed };
-            let answer = caught(|| entrant.replay(&task).map_err(|error| format!("{error:#}"))).flatten();
+            let answer = caught(|| participant.replay(&task).map_err(|error| format!("{error:#}"))).flatten();
             let replay = answer.unwrap_or_else(|reason| Replay::silent(samples.len(), reason));
             done.failures.extend(replay.failure.iter().map(|reason| failed(Some(name), reason.clone())));
             let outline = outline.as_ref();
             let events = events.as_ref();
-            let (knowledge, readings_n_m, ground) = (&*knowledge, readings_n_m.as_slice(), ground.as_ref());
-            let trial = Trial { trace, outline, knowledge, readings_n_m, events, bound, ground };
+            let (knowledge, readings_n_m, ground_truth) = (&*knowledge, readings_n_m.as_slice(), ground_truth.as_ref());
+            let trial = Trial { trace, outline, knowledge, readings_n_m, events, bound, ground_truth };
             if let Some(mounted) = mounted {
                 match mounted.sighting((&trial, &replay), (name, noise, seed), &settings.map) {
                     Ok(sighting) => sightings.push(sighting),

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use trace::is_temporary;
+use files::is_temporary;
 
 use super::shards::Shards;
 

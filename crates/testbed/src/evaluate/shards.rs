@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use files::{AtomicFile, sha256};
 use serde::{Deserialize, Serialize};
-use trace::{AtomicFile, sha256};
 
 use super::tables::OverTime;
 use crate::results::{ContourTrialRow, FailureRow, MapObjectRow, MapRow, TrialRow};
@@ -20,9 +20,9 @@ pub(super) type Shard = Vec<Yield>;
 /// What a trial yields under one seed.
 #[derive(Default, Serialize, Deserialize)]
 pub(super) struct Yield {
-    /// One an entrant, where the trial can be scored.
+    /// One an participant, where the trial can be scored.
     pub(super) outcomes: Vec<Outcome>,
-    /// One an entrant, where the object has an outline.
+    /// One an participant, where the object has an outline.
     pub(super) contours: Vec<ContourTrialRow>,
     /// What went wrong.
     pub(super) failures: Vec<FailureRow>,

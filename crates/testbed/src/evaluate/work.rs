@@ -20,7 +20,7 @@ use super::plan::{Item, Plan, Share};
 use super::shards::{Shard, Shards, Yield};
 use super::{Bench, BenchTrial, EvaluateSettings};
 use crate::bound::TraceBound;
-use crate::metrics::Ground;
+use crate::metrics::GroundTruth;
 use crate::replay::motions;
 use crate::results::FailureRow;
 
@@ -31,7 +31,7 @@ pub(super) struct Member<'a> {
     /// Samples without readings, where the robot knows its motion as it is.
     pub(super) motions: Vec<Sample>,
     /// What the truth tells of it, seen with that motion.
-    pub(super) ground: Ground,
+    pub(super) ground_truth: GroundTruth,
     /// What no estimator can do better than, by noise level.
     bounds: Vec<OnceLock<Option<TraceBound>>>,
 }
@@ -44,8 +44,8 @@ impl<'a> Member<'a> {
         }
         let trace = Trace { sidecar: trial.sidecar.clone(), ..trace };
         let motions = motions(&trace.recording);
-        let ground = Ground::new(&trace, trial.outline.as_ref(), &trace.sidecar.whisker.rest_shape());
-        Ok(Self { trial, trace, motions, ground, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
+        let ground_truth = GroundTruth::new(&trace, trial.outline.as_ref(), &trace.sidecar.whisker.rest_shape());
+        Ok(Self { trial, trace, motions, ground_truth, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
     }
 
     /// Whether it is another whisker of the same board.

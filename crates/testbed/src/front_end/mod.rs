@@ -9,13 +9,14 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use anyhow::{Context, bail};
+use files::Digest;
 use nalgebra::Isometry3;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 use trace::{
-    ArraySidecar, CalibrationFile, Digest, FrontEndFile, Instant, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
+    ArraySidecar, CalibrationFile, FrontEndFile, Instant, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
 };
 
 use crate::settings::merged;

@@ -121,7 +121,7 @@ fn judged_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> 
 }
 
 /// The circle that a true outline is, where it is one.
-pub(crate) fn true_circle(outline: &Outline) -> Option<Circle> {
+pub fn true_circle(outline: &Outline) -> Option<Circle> {
     let vertices = outline.vertices();
     // One covariance for all makes the fit an even one.
     let vertex = |at: &Point<World>| Vertex {

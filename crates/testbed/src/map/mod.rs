@@ -14,9 +14,9 @@ use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
 use crate::contour::{Circle, Contour, Vertex};
-
 use grid::Grid;
-pub(crate) use judge::{Judged, Truths, judged, true_circle};
+pub use judge::true_circle;
+pub(crate) use judge::{Judged, Truths, judged};
 pub(crate) use view::{Seen, View};
 
 /// Settings of the map.

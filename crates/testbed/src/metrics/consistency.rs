@@ -5,7 +5,7 @@ use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::mean;
 
 /// The squared distance, in standard deviations, within which a two-dimensional Gaussian has 95 % of its probability.
-pub(crate) const CHI2_95: f64 = 5.991_464_547_107_979;
+pub const CHI2_95: f64 = 5.991_464_547_107_979;
 
 /// Normalised estimation error squared.
 pub const NEES: Metric = Metric {

@@ -14,7 +14,7 @@ pub mod radius;
 pub mod rows;
 mod scored;
 
-pub use scored::{Contact, Ground, START_UP_S, Scored, Trial, Unscored, first_touch_s};
+pub use scored::{Contact, GroundTruth, START_UP_S, Scored, Trial, Unscored, first_touch_s};
 
 use serde::{Deserialize, Serialize};
 

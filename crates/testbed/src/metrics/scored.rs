@@ -32,12 +32,12 @@ pub struct Trial<'a> {
     /// What no estimator can do better than; nothing without noise or truth.
     pub bound: Option<&'a TraceBound>,
     /// What the truth tells of its strokes and outline.
-    pub ground: &'a Ground,
+    pub ground_truth: &'a GroundTruth,
 }
 
 /// What is told by the truth of a trace, and by the motion as the robot knows it, whoever estimates and whatever the noise.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ground {
+pub struct GroundTruth {
     /// First row of the second stroke, where there is one.
     pub second_stroke: Option<usize>,
     /// The part of the outline that is touched.
@@ -46,7 +46,7 @@ pub struct Ground {
     pub touched_later: Touched,
 }
 
-impl Ground {
+impl GroundTruth {
     /// That of a trace, with the object's outline where that is known, of a whisker with this undeflected shape.
     pub fn new(trace: &Trace, outline: Option<&Outline>, rest: &RestShape) -> Self {
         let truths = &trace.truth.instants;
@@ -148,7 +148,7 @@ impl<'a> Scored<'a> {
                 nis: estimate.and_then(|estimate| Some(estimate.innovation?.nis)),
             });
         }
-        let Ground { second_stroke, touched, touched_later } = trial.ground;
+        let GroundTruth { second_stroke, touched, touched_later } = trial.ground_truth;
         let compared = |contour: &Contour, touched| Some(Comparison::new(contour, trial.outline?, touched));
         let mut scored = Self {
             trial,

@@ -121,21 +121,21 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
         Ok((row.name, (row.build)(&(row.defaults)(), knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    Ok(Box::new(Choice { config, methods }))
+    Ok(Box::new(ModelAveraging { config, methods }))
 }
 
 /// The candidates, and what each is called.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
-struct Choice {
+struct ModelAveraging {
     config: Config,
     methods: Methods,
 }
 
-impl Method for Choice {
+impl Method for ModelAveraging {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
-        Box::new(Chooser {
+        Box::new(AveragingTracker {
             gate_sds: self.config.gate_sds,
             sojourn_s: self.config.sojourn_s,
             methods: self.methods.clone(),
@@ -147,7 +147,7 @@ impl Method for Choice {
 }
 
 /// The candidates on one contact.
-struct Chooser {
+struct AveragingTracker {
     gate_sds: f64,
     sojourn_s: f64,
     weights: Vec<f64>,
@@ -157,7 +157,7 @@ struct Chooser {
     right: Modes,
 }
 
-impl Chooser {
+impl AveragingTracker {
     fn names(&self) -> impl Iterator<Item = &'static str> {
         self.methods.iter().map(|(name, _)| *name)
     }
@@ -212,7 +212,7 @@ impl Chooser {
     }
 }
 
-impl Tracker for Chooser {
+impl Tracker for AveragingTracker {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         let innovation = self.weigh(sample, &estimates);

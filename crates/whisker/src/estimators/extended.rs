@@ -1,6 +1,6 @@
 //! The extended Kalman filter on the contact.
 
-use filters::{Gaussian, Innovation, Measurement, Process, Skipped, extended};
+use filters::{Gaussian, Innovation, Measurement, Process, UpdateError, extended};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ use super::gaussian::Verbs;
 pub(super) struct Extended {}
 
 impl Verbs for Extended {
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped> {
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
         extended::predict(belief, process);
         Ok(())
     }
@@ -22,7 +22,7 @@ impl Verbs for Extended {
         belief: &mut Gaussian<N>,
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
-    ) -> Result<Innovation<1>, Skipped> {
+    ) -> Result<Innovation<1>, UpdateError> {
         extended::update(belief, measurement, z)
     }
 }

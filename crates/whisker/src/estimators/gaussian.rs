@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use filters::{Bank, Gaussian, Innovation, Measurement, Process, Skipped, Weighed, bounded};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, UpdateError, Weighed, bounded};
 use nalgebra::Vector1;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
-use super::{Estimate, Knowledge, Method, Sample, Told, Touch, Tracker};
+use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 
 /// The two verbs of a filter with a Gaussian belief; the type holds its own settings.
 pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + Send + Sync + 'static {
@@ -23,7 +23,7 @@ pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + 
     }
 
     /// Carries the belief through the process.
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped>;
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError>;
 
     /// Conditions the belief on a reading.
     fn update<const N: usize>(
@@ -31,7 +31,7 @@ pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + 
         belief: &mut Gaussian<N>,
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
-    ) -> Result<Innovation<1>, Skipped>;
+    ) -> Result<Innovation<1>, UpdateError>;
 }
 
 /// Settings of a filter with Gaussian hypotheses.
@@ -123,7 +123,7 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     pub(super) motion: Model,
     pub(super) side: Side,
     noise_sd_n_m: f64,
-    told: Option<Told>,
+    contact_prior: Option<ContactPrior>,
     /// Samples before the touch, until the first step.
     history: Vec<Sample>,
     /// Nothing before the first step.
@@ -137,7 +137,7 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
             motion,
             side: Side::new(touch.face, knowledge),
             noise_sd_n_m: knowledge.noise_sd_n_m,
-            told: touch.told,
+            contact_prior: touch.contact_prior,
             history: touch.history.to_vec(),
             bank: None,
         }
@@ -155,7 +155,7 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
 
     /// The bank at the touch: what the start says, and what the readings before it do.
     fn begin(&self, touch: &Sample) -> Bank<N> {
-        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
+        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
         let beliefs = places.iter().flat_map(|(place, log_weight)| {
             self.motion.parts(place).into_iter().map(move |(belief, log_part)| (belief, log_weight + log_part))
         });
@@ -174,9 +174,9 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
         bank: &mut Bank<N>,
         reading: &Reading,
         z_n_m: f64,
-    ) -> Result<Innovation<1>, Skipped> {
+    ) -> Result<Innovation<1>, UpdateError> {
         let (filter, z) = (&self.config.filter, Vector1::new(z_n_m));
-        let innovation = bank.update(|belief| -> Result<Weighed<1>, Skipped> {
+        let innovation = bank.update(|belief| -> Result<Weighed<1>, UpdateError> {
             bounded::update(belief, reading, self.config.gate_sds, &z, |belief, reading, z| {
                 filter.update(belief, reading, z)
             })

@@ -9,7 +9,7 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use filters::imm::{Imm, Transition};
-use filters::{Bank, Gaussian, Innovation, Measurement, Process, Skipped, Weighed, bounded, extended};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, UpdateError, Weighed, bounded, extended};
 use nalgebra::{Matrix1, Matrix4, SMatrix, SVector, Vector1, Vector4};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -19,7 +19,7 @@ use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::ModelShares;
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
-use super::{Estimate, Knowledge, Method, Sample, Told, Touch, Tracker};
+use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 
 /// Names of the modes, in their order.
 const MODES: [&str; 3] = ["static", "sliding", "lost"];
@@ -119,7 +119,7 @@ impl Method for Interacting {
             },
             side: Side::new(touch.face, &self.knowledge),
             noise_sd_n_m: self.knowledge.noise_sd_n_m,
-            told: touch.told,
+            contact_prior: touch.contact_prior,
             history: touch.history.to_vec(),
             bank: None,
         })
@@ -131,7 +131,7 @@ struct Follower {
     config: Config,
     side: Side,
     noise_sd_n_m: f64,
-    told: Option<Told>,
+    contact_prior: Option<ContactPrior>,
     /// Samples before the touch, until the first step.
     history: Vec<Sample>,
     /// Nothing before the first step.
@@ -142,7 +142,7 @@ impl Follower {
     /// The bank at the touch: not lost yet.
     fn begin(&self, touch: &Sample) -> Bank<4, Imm<4>> {
         let Config { thin, round, weights, .. } = self.config;
-        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
+        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
         let hypotheses = places.iter().flat_map(|(place, log_weight)| {
             let resting = thin.belief(place);
             let parts = round.parts(place).into_iter();
@@ -184,10 +184,10 @@ impl Follower {
         bank: &mut Bank<4, Imm<4>>,
         z_n_m: f64,
         reading: impl Fn(usize) -> Reading,
-    ) -> Result<Innovation<1>, Skipped> {
+    ) -> Result<Innovation<1>, UpdateError> {
         let (gate_sds, z) = (self.config.gate_sds, Vector1::new(z_n_m));
         let innovation = bank.update(|modes| {
-            modes.update(|mode, belief| -> Result<Weighed<1>, Skipped> {
+            modes.update(|mode, belief| -> Result<Weighed<1>, UpdateError> {
                 bounded::update(belief, &reading(mode), gate_sds, &z, |belief, reading, z| {
                     extended::update(belief, reading, z)
                 })
@@ -350,7 +350,7 @@ mod tests {
             config,
             side: Side::new(&knowledge.faces[0], &knowledge),
             noise_sd_n_m: knowledge.noise_sd_n_m,
-            told: None,
+            contact_prior: None,
             history: Vec::new(),
             bank: None,
         };

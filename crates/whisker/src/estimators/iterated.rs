@@ -1,7 +1,7 @@
 //! The iterated extended Kalman filter on the contact.
 
 use filters::iterated::{self, Search};
-use filters::{Gaussian, Innovation, Measurement, Process, Skipped};
+use filters::{Gaussian, Innovation, Measurement, Process, UpdateError};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ impl Verbs for Iterated {
         within("filter.tolerance_sds", self.tolerance_sds, 0.0..=1.0)
     }
 
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped> {
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
         iterated::predict(belief, process);
         Ok(())
     }
@@ -40,7 +40,7 @@ impl Verbs for Iterated {
         belief: &mut Gaussian<N>,
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
-    ) -> Result<Innovation<1>, Skipped> {
+    ) -> Result<Innovation<1>, UpdateError> {
         let search = Search { iterations: self.iterations, tolerance_sds: self.tolerance_sds };
         iterated::update(belief, measurement, &search, z)
     }

@@ -101,13 +101,13 @@ pub struct Knowledge {
     pub base_noise: BaseNoise,
     /// Readings a second, for the filters of the contact detection.
     pub rate_hz: f64,
-    /// Where the robot was told that it touches; without it the first touch lies anywhere along the undeflected whisker.
-    pub told: Option<Told>,
+    /// Where the robot was contact_prior that it touches; without it the first touch lies anywhere along the undeflected whisker.
+    pub contact_prior: Option<ContactPrior>,
 }
 
 /// What somebody claims of the place of the first touch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct ContactPrior {
     /// The contact at the touch.
     pub contact: Point<Base>,
     /// Standard deviation of the claim, in every direction.
@@ -216,8 +216,8 @@ pub struct Touch<'a> {
     pub history: &'a [Sample],
     /// Where the base was at the last sample before that of the touch.
     pub before: Pose<Base, Start>,
-    /// Where the robot was told that it touches.
-    pub told: Option<Told>,
+    /// Where the robot was contact_prior that it touches.
+    pub contact_prior: Option<ContactPrior>,
     /// For methods that draw random numbers.
     pub seed: u64,
 }
@@ -326,9 +326,9 @@ impl Runner {
         self.base = sample.motion.inverse().then(&before);
         if self.tracker.is_none() {
             let face = self.knowledge.face(face)?;
-            let told = self.knowledge.told.filter(|_| self.touches == 0);
+            let contact_prior = self.knowledge.contact_prior.filter(|_| self.touches == 0);
             let seed = self.seed.wrapping_add(self.touches);
-            let touch = Touch { face, history: self.history.make_contiguous(), before, told, seed };
+            let touch = Touch { face, history: self.history.make_contiguous(), before, contact_prior, seed };
             let resumed = self.released.take().and_then(|mut last| last.resume(&touch).then_some(last));
             self.tracker = Some(resumed.unwrap_or_else(|| self.method.begin(&touch)));
             self.history.clear();
@@ -413,7 +413,7 @@ impl Estimator {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// States at each sample what the samples so far tell.
+    /// StateArray at each sample what the samples so far tell.
     Recursive,
     /// Looks back over the whole contact when it has ended.
     Hindsight,
@@ -540,7 +540,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "outline",
-        about: "the object's convex outline as the state: what one stroke has told of it serves the next",
+        about: "the object's convex outline as the state: what one stroke has contact_prior of it serves the next",
         kind: Kind::Recursive,
         sensor_model: None,
         defaults: defaults::<outline::Config>,

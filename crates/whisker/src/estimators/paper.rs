@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use filters::{Cloud, Gaussian, Innovation, Measurement};
+use filters::{Gaussian, Innovation, Measurement, ParticleSet};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -55,7 +55,9 @@ impl Published {
     fn start(&self, side: &Side, touch: &Touch<'_>) -> Gaussian<2> {
         let (low_m, high_m) = side.face.domain.arc_range_m();
         let middle = side.face.rest.point(low_m + self.start_share * (high_m - low_m));
-        let (mean, sd_m) = touch.told.map_or((middle, self.start_sd_m), |told| (told.contact, told.sd_m));
+        let (mean, sd_m) = touch
+            .contact_prior
+            .map_or((middle, self.start_sd_m), |contact_prior| (contact_prior.contact, contact_prior.sd_m));
         Gaussian::new(mean.vector(), Matrix2::identity() * (sd_m * sd_m))
     }
 }
@@ -309,7 +311,7 @@ impl AnyMotion for ParticleFilter {
         let start = beginning(&motion, &side, &self.config.paper.start(&side, touch));
         let factor = start.covariance.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
         let draw = |_| start.mean + factor * SVector::<f64, N>::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
-        let cloud = Cloud::new((0..self.config.particles).map(draw).collect());
+        let cloud = ParticleSet::new((0..self.config.particles).map(draw).collect());
         Box::new(CloudFollower { config: self.config, motion, side, cloud, rng, is_first: true })
     }
 }
@@ -318,7 +320,7 @@ struct CloudFollower<Model, const N: usize> {
     config: ParticleConfig,
     motion: Model,
     side: Side,
-    cloud: Cloud<N>,
+    cloud: ParticleSet<N>,
     rng: Pcg64,
     is_first: bool,
 }

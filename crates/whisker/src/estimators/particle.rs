@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use filters::particle::Renewal;
-use filters::{Cloud, EvenNoise};
+use filters::{ConstantNoise, ParticleSet};
 use nalgebra::{SMatrix, SVector, Vector1};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -15,7 +15,7 @@ use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
-use super::{Estimate, Knowledge, Method, Sample, Told, Touch, Tracker};
+use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -99,12 +99,12 @@ struct Follower<Model, const N: usize> {
     motion: Model,
     side: Side,
     noise_sd_n_m: f64,
-    told: Option<Told>,
+    contact_prior: Option<ContactPrior>,
     /// Samples before the touch, until the first step.
     history: Vec<Sample>,
     rng: Pcg64,
     /// Nothing before the first step.
-    cloud: Option<Cloud<N>>,
+    cloud: Option<ParticleSet<N>>,
 }
 
 impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
@@ -114,7 +114,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
             motion,
             side: Side::new(touch.face, knowledge),
             noise_sd_n_m: knowledge.noise_sd_n_m,
-            told: touch.told,
+            contact_prior: touch.contact_prior,
             history: touch.history.to_vec(),
             rng: Pcg64::seed_from_u64(touch.seed),
             cloud: None,
@@ -122,8 +122,8 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
     }
 
     /// The cloud at the touch: drawn from what the start says, and weighed by the readings before it.
-    fn begin(&mut self, touch: &Sample) -> Cloud<N> {
-        let beliefs = self.config.start.beliefs(&self.side, touch.reading_n_m, self.told);
+    fn begin(&mut self, touch: &Sample) -> ParticleSet<N> {
+        let beliefs = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
         let total: f64 = beliefs.iter().map(|(_, log_weight)| log_weight.exp()).sum();
         let mut particles = Vec::with_capacity(self.config.particles);
         let mut due = 0.0;
@@ -136,7 +136,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
                 particles.push(self.held(belief.mean + factor * normal));
             }
         }
-        let mut cloud = Cloud::new(particles.into_iter().collect());
+        let mut cloud = ParticleSet::new(particles.into_iter().collect());
         let renewal = self.config.renewal();
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
@@ -166,7 +166,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         cloud.map(|x| self.held(*x));
         // The sensor model's error is a part of the noise and comes back at the same place instead of scattering from reading to reading. Were each
         // particle weighed with its own noise, a series of quiet readings would count as evidence for places where the sensor model errs little.
-        let reading = EvenNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
+        let reading = ConstantNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
         let z = Vector1::new(sample.reading_n_m);
         let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
         let estimate = self.side.estimate(&self.motion, &cloud.moments(), innovation);

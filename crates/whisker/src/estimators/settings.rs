@@ -5,8 +5,7 @@ use std::ops::RangeInclusive;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-
-use crate::lists::list_for_object;
+use strict_json::list_for_object;
 
 /// Why settings cannot be used.
 #[derive(Debug, thiserror::Error)]

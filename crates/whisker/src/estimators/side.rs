@@ -121,7 +121,7 @@ impl Side {
         (x[0], x[1]) = (x[0].clamp(arc_m - most_m, arc_m + most_m), x[1].clamp(away_m - most_m, away_m + most_m));
     }
 
-    /// States a belief under a model of the contact's motion.
+    /// StateArray a belief under a model of the contact's motion.
     pub(super) fn estimate<Model: Motion<N>, const N: usize>(
         &self,
         motion: &Model,
@@ -169,7 +169,7 @@ impl Side {
         Some(Radius { radius_m: (belief.mean[i] - wire_m).max(0.0), sd_m })
     }
 
-    /// States a contact with its covariance in Base.
+    /// StateArray a contact with its covariance in Base.
     pub(super) fn estimate_at(
         &self,
         contact: Point<Base>,

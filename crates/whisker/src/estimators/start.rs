@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::settings::{SettingsError, within};
 use super::side::{ContactReading, Side};
-use super::{Sample, Told};
+use super::{ContactPrior, Sample};
 use crate::frames::{Base, Pose};
 
 /// How a filter starts.
@@ -22,7 +22,7 @@ pub(super) enum Start {
     },
 }
 
-/// Stretch on either side of a told place that is looked at, in standard deviations of what was told.
+/// Stretch on either side of a contact_prior place that is looked at, in standard deviations of what was contact_prior.
 const TOLD_REACH_SDS: f64 = 3.0;
 
 /// Newton steps for the push that explains a reading.
@@ -38,17 +38,24 @@ impl Start {
     }
 
     /// Beliefs about the place at the touch, with the logarithms of their weights. The calibrated part of the whisker, or what of it lies
-    /// near a told place, is cut into equal stretches; the standard deviation along is half a stretch. How far the whisker is pushed
+    /// near a contact_prior place, is cut into equal stretches; the standard deviation along is half a stretch. How far the whisker is pushed
     /// already follows from the reading, with the reading's uncertainty; so no place along the whisker is favoured before it is known
     /// how the reading grows.
-    pub(super) fn beliefs(self, side: &Side, reading_n_m: f64, told: Option<Told>) -> Vec<(Gaussian<2>, f64)> {
+    pub(super) fn beliefs(
+        self,
+        side: &Side,
+        reading_n_m: f64,
+        contact_prior: Option<ContactPrior>,
+    ) -> Vec<(Gaussian<2>, f64)> {
         let count = match self {
             Self::Single => 1,
             Self::Hypotheses { count } => count,
         };
         let (mut low_m, mut high_m) = side.face.domain.arc_range_m();
-        let told = told.map(|told| (side.face.along_and_away(told.contact).0.clamp(low_m, high_m), told.sd_m));
-        if let Some((arc_m, sd_m)) = told {
+        let contact_prior = contact_prior.map(|contact_prior| {
+            (side.face.along_and_away(contact_prior.contact).0.clamp(low_m, high_m), contact_prior.sd_m)
+        });
+        if let Some((arc_m, sd_m)) = contact_prior {
             low_m = low_m.max(arc_m - TOLD_REACH_SDS * sd_m);
             high_m = high_m.min(arc_m + TOLD_REACH_SDS * sd_m);
         }
@@ -56,7 +63,7 @@ impl Start {
         (0..count)
             .map(|i| {
                 let arc_m = low_m + (i as f64 + 0.5) * stretch_m;
-                let log_weight = told.map_or(0.0, |(told_m, sd_m)| -0.5 * ((arc_m - told_m) / sd_m).powi(2));
+                let log_weight = contact_prior.map_or(0.0, |(told_m, sd_m)| -0.5 * ((arc_m - told_m) / sd_m).powi(2));
                 (pushed(side, arc_m, 0.5 * stretch_m, reading_n_m), log_weight)
             })
             .collect()

@@ -51,6 +51,6 @@ pub(super) fn knowledge() -> Knowledge {
         noise_sd_n_m: 1e-7,
         base_noise: Default::default(),
         rate_hz: 250.0,
-        told: None,
+        contact_prior: None,
     }
 }

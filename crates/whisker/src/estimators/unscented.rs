@@ -1,7 +1,7 @@
 //! The unscented Kalman filter on the contact.
 
 use filters::unscented::{self, Spread};
-use filters::{Gaussian, Innovation, Measurement, Process, Skipped};
+use filters::{Gaussian, Innovation, Measurement, Process, UpdateError};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ impl Verbs for Unscented {
         within("filter.kappa", self.kappa, -1.0..=10.0)
     }
 
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), Skipped> {
+    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
         unscented::predict(belief, process, &self.spread())
     }
 
@@ -48,7 +48,7 @@ impl Verbs for Unscented {
         belief: &mut Gaussian<N>,
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
-    ) -> Result<Innovation<1>, Skipped> {
+    ) -> Result<Innovation<1>, UpdateError> {
         unscented::update(belief, measurement, &self.spread(), z)
     }
 }

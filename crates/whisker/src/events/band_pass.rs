@@ -6,9 +6,9 @@
 //! the calibration. Where the sampling is too slow for the band, the reading alone is judged.
 
 use serde::{Deserialize, Serialize};
+use signal::Cascade;
 
-use super::cascade::Cascade;
-use super::{Rule, Sensing, Signals, band_of_swing};
+use super::{Rule, Sensing, Signals, first_mode_band};
 use crate::estimators::SettingsError;
 use crate::estimators::settings::within;
 use crate::sensor::Face;
@@ -69,12 +69,12 @@ struct Touched {
 
 impl BandPass {
     pub(super) fn new(config: Config, sensing: &Sensing) -> Self {
-        let band = band_of_swing(sensing).ok().map(Cascade::new);
+        let band = first_mode_band(sensing).ok().map(Cascade::new);
         let gain = band.as_ref().map_or(1.0, |band| band.noise_gain(1));
         let threshold_n_m = |gain: f64| {
             (config.noise_sds * gain * sensing.noise_sd_n_m).max(config.largest_share * sensing.largest_reading_n_m)
         };
-        let quiet_samples = (sensing.rate_hz / sensing.swing.frequency_hz).round() as u32;
+        let quiet_samples = (sensing.rate_hz / sensing.first_mode.frequency_hz).round() as u32;
         Self {
             config,
             band,

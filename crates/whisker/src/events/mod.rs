@@ -12,43 +12,37 @@
 //!
 //! To add a detector: one file with a [`Rule`], a variant of [`TouchConfig`] and a row in [`DETECTORS`].
 
+mod background_rms;
 mod band_pass;
-mod butterworth;
-mod cascade;
+mod first_mode;
 mod median;
-mod steadied;
-mod swing;
-mod unrest;
+mod ring_compensated;
 
 use std::fmt::Debug;
 use std::mem::discriminant;
 
 use serde::{Deserialize, Serialize};
+use signal::{LONGEST_GAP_S, NoSuchBand, Section, band_pass};
 
 use crate::Whisker;
 use crate::estimators::SettingsError;
 use crate::sensor::Face;
 
-pub use butterworth::{NoSuchBand, band_pass, low_pass};
-pub use cascade::{Cascade, Section};
-pub use swing::Swing;
-
-/// Longest gap between readings that is filled.
-pub const LONGEST_GAP_S: f64 = 0.5;
+pub use first_mode::FirstMode;
 
 /// How contacts are detected, with the settings of that way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "detector", rename_all = "kebab-case")]
 pub enum TouchConfig {
     /// By the reading with the whisker's swing taken out.
-    Steadied(steadied::Config),
+    RingCompensated(ring_compensated::Config),
     /// By a band-pass, as published.
     BandPass(band_pass::Config),
 }
 
 impl Default for TouchConfig {
     fn default() -> Self {
-        Self::Steadied(steadied::Config::default())
+        Self::RingCompensated(ring_compensated::Config::default())
     }
 }
 
@@ -59,7 +53,7 @@ impl TouchConfig {
     /// [`SettingsError`] names the first that is out of range.
     pub fn validate(&self) -> Result<(), SettingsError> {
         match self {
-            Self::Steadied(config) => config.validate(),
+            Self::RingCompensated(config) => config.validate(),
             Self::BandPass(config) => config.validate(),
         }
     }
@@ -71,7 +65,7 @@ impl TouchConfig {
 
     fn rule(self, sensing: &Sensing) -> Box<dyn Rule> {
         match self {
-            Self::Steadied(config) => Box::new(steadied::Steadied::new(config, sensing)),
+            Self::RingCompensated(config) => Box::new(ring_compensated::RingCompensated::new(config, sensing)),
             Self::BandPass(config) => Box::new(band_pass::BandPass::new(config, sensing)),
         }
     }
@@ -93,7 +87,7 @@ pub const DETECTORS: &[DetectorRow] = &[
     DetectorRow {
         name: "steadied",
         about: "thresholds on the reading with the whisker's own swing taken out",
-        config: || TouchConfig::Steadied(steadied::Config::default()),
+        config: || TouchConfig::RingCompensated(ring_compensated::Config::default()),
     },
     DetectorRow {
         name: "band-pass",
@@ -112,25 +106,25 @@ pub struct Sensing {
     /// Largest calibrated reading.
     pub largest_reading_n_m: f64,
     /// How the free whisker swings.
-    pub swing: Swing,
+    pub first_mode: FirstMode,
 }
 
 impl Sensing {
     /// With this whisker.
     pub fn new(whisker: &Whisker, rate_hz: f64, noise_sd_n_m: f64, largest_reading_n_m: f64) -> Self {
-        Self { rate_hz, noise_sd_n_m, largest_reading_n_m, swing: Swing::of(whisker) }
+        Self { rate_hz, noise_sd_n_m, largest_reading_n_m, first_mode: FirstMode::of(whisker) }
     }
 }
 
-/// Order of the prototype of [`band_of_swing`], half that of the band-pass.
+/// Order of the prototype of [`first_mode_band`], half that of the band-pass.
 const BAND_ORDER: usize = 3;
 
 /// Edges of that band over the whisker's natural frequency.
 const BAND: [f64; 2] = [0.5, 2.0];
 
 /// The Butterworth band-pass of sixth order in which the whisker's ringing shows.
-fn band_of_swing(sensing: &Sensing) -> Result<Vec<Section>, NoSuchBand> {
-    let [low_hz, high_hz] = BAND.map(|edge| edge * sensing.swing.frequency_hz);
+fn first_mode_band(sensing: &Sensing) -> Result<Vec<Section>, NoSuchBand> {
+    let [low_hz, high_hz] = BAND.map(|edge| edge * sensing.first_mode.frequency_hz);
     band_pass(BAND_ORDER, low_hz, high_hz, sensing.rate_hz)
 }
 

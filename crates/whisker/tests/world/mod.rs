@@ -67,7 +67,7 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
         noise_sd_n_m,
         base_noise: Default::default(),
         rate_hz: RATE_HZ,
-        told: None,
+        contact_prior: None,
     })
 }
 

@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     // A session does not write over a recording.
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
-    step("the command whisker", || run_command(cargo(&["build", "--release", "--package", "testbed"])))?;
+    step("the command whisker", || run_command(cargo(&["build", "--release", "--package", "whisker-cli"])))?;
     let mut bars = Vec::new();
     step("a session at the documented places, recorded as a log and as messages", || first(&mut bars))?;
     step("the messages, read back", || messages(&mut bars))?;

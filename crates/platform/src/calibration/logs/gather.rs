@@ -4,8 +4,8 @@ use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use files::{FORMAT, read_json};
 use serde::{Deserialize, Serialize};
-use trace::{FORMAT, read_json};
 
 use super::table::{self, is_header};
 use super::{Labels, LogReader};
@@ -40,7 +40,7 @@ pub struct Gathered {
 pub enum GatherError {
     /// A file is wrong.
     #[error(transparent)]
-    File(#[from] trace::Error),
+    File(#[from] files::Error),
     /// The recordings make no chain.
     #[error(transparent)]
     Recordings(#[from] Error),
@@ -66,18 +66,18 @@ impl Source {
     ///
     /// # Errors
     /// Where the manifest is damaged; the error names the key.
-    pub fn of_manifest(path: &Path) -> Result<Vec<Self>, trace::Error> {
+    pub fn of_manifest(path: &Path) -> Result<Vec<Self>, files::Error> {
         let manifest: Manifest = read_json(path)?;
         if manifest.format != FORMAT {
-            return Err(trace::Error::value(path, "format", manifest.format, FORMAT));
+            return Err(files::Error::value(path, "format", manifest.format, FORMAT));
         }
         if manifest.kind != MANIFEST_KIND {
-            return Err(trace::Error::value(path, "kind", &manifest.kind, MANIFEST_KIND));
+            return Err(files::Error::value(path, "kind", &manifest.kind, MANIFEST_KIND));
         }
         let folder = path.parent().unwrap_or(Path::new(""));
         let source = |(i, log): (usize, ManifestLog)| match log.distance_m {
             Some(distance_m) if distance_m <= 0.0 => {
-                Err(trace::Error::value(path, format!("logs.{i}.distance_m"), distance_m, "a distance above zero"))
+                Err(files::Error::value(path, format!("logs.{i}.distance_m"), distance_m, "a distance above zero"))
             }
             distance_m => Ok(Self { path: folder.join(log.file), distance_m }),
         };
@@ -168,8 +168,8 @@ fn published_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Feat
 }
 
 /// The whole file, if it is a table of presses.
-fn table_text(path: &Path) -> Result<Option<String>, trace::Error> {
-    let io = |reason| trace::Error::Io { path: path.into(), reason };
+fn table_text(path: &Path) -> Result<Option<String>, files::Error> {
+    let io = |reason| files::Error::Io { path: path.into(), reason };
     let mut start = Vec::new();
     fs::File::open(path).map_err(io)?.take(1024).read_to_end(&mut start).map_err(io)?;
     let first = String::from_utf8_lossy(&start);

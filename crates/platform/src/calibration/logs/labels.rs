@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
-use trace::{Error, FORMAT, read_json};
 
 use crate::record::LOG_KIND;
 

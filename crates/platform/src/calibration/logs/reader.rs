@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
+use files::Error;
 use flate2::bufread::MultiGzDecoder;
-use trace::Error;
 
 use super::{LAYOUTS, Layout};
 use crate::Sample;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use trace::Error;
+use files::Error;
 
 use crate::calibration::{Features, LabelledPress};
 

@@ -190,8 +190,8 @@ struct Watch<'a> {
     board: &'a Board<'a>,
     sensors: Vec<Noise>,
     reference: [Noise; 2],
-    warmer: Forgetting,
-    weather: Pcg64,
+    temperature: Forgetting,
+    temperature_rng: Pcg64,
 }
 
 /// One reading: a sensor's y axis, and x and y of the reference.
@@ -260,13 +260,17 @@ impl<'a> Board<'a> {
         let Mounting { array, recording, board, .. } = mounting;
         let seed = |words: &[&str]| derived_seed(seed, &[&["hall"], words, &[recording.as_str()]].concat());
         let noise = |words: &[&str]| Noise::new(self.config.white_counts, self.config.flicker_counts, seed(words));
-        let mut weather = Pcg64::seed_from_u64(seed(&["temperature", array]));
+        let mut temperature_rng = Pcg64::seed_from_u64(seed(&["temperature", array]));
         Watch {
             board: self,
             sensors: board.iter().map(|seat| noise(&["sensor", array, &seat.sensor])).collect(),
             reference: ["reference x", "reference y"].map(|kind| noise(&[kind, array])),
-            warmer: Forgetting::new(self.config.temperature_sd_k, self.config.temperature_time_s, &mut weather),
-            weather,
+            temperature: Forgetting::new(
+                self.config.temperature_sd_k,
+                self.config.temperature_time_s,
+                &mut temperature_rng,
+            ),
+            temperature_rng,
         }
     }
 }
@@ -275,16 +279,16 @@ impl Watch<'_> {
     /// The counts of every whisker so long after the last, with the roots turned and the board at a heading.
     fn read(&mut self, dt_s: f64, rotations_rad: &[f64], yaw_rad: f64) -> Vec<Counts> {
         let board = self.board;
-        let warmer_k = self.warmer.step(dt_s, &mut self.weather);
+        let temperature_k = self.temperature.step(dt_s, &mut self.temperature_rng);
         let earth_t = board.earth_t(yaw_rad);
         let reference_t = earth_t + board.magnets_t(rotations_rad, &board.reference_place);
         let reference = [X, Y].map(|axis| {
             let noise_counts = self.reference[axis].step(dt_s);
-            board.reference.counts(axis, reference_t, warmer_k, noise_counts)
+            board.reference.counts(axis, reference_t, temperature_k, noise_counts)
         });
         let of_one = |(whisker, noise): (&Placed, &mut Noise)| {
             let field_t = whisker.base.rotation.inverse() * (earth_t + board.magnets_t(rotations_rad, &whisker.place));
-            Counts { own: whisker.sensor.counts(Y, field_t, warmer_k, noise.step(dt_s)), reference }
+            Counts { own: whisker.sensor.counts(Y, field_t, temperature_k, noise.step(dt_s)), reference }
         };
         board.whiskers.iter().zip(&mut self.sensors).map(of_one).collect()
     }

@@ -91,7 +91,7 @@ impl Object {
         Some(Expected { contact, innovation })
     }
 
-    /// States the contact that is expected.
+    /// StateArray the contact that is expected.
     pub(super) fn estimate(&mut self, side: &Side, base: &Pose<Base, Start>, expected: &Expected) -> Estimate {
         let Expected { contact, innovation } = expected;
         self.near_m = contact.place.tau_m;

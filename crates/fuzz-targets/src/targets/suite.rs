@@ -1,0 +1,20 @@
+//! A suite, and a scene that it may name as `scene.json`.
+
+use serde_json::Value;
+use strict_json::parse_json;
+use trace::{Suite, is_plain_name};
+
+use crate::claims::{one_error, same_json};
+use crate::scratch;
+
+pub(super) fn run(bytes: &[u8]) {
+    let [suite, scene] = scratch::parts(bytes);
+    scratch::file("scene.json", scene);
+    let path = scratch::file("suite.json", suite);
+    let Some(read) = one_error(Suite::read(&path), "suite.json") else { return };
+    assert!(is_plain_name(&read.name));
+    let file: Value = parse_json(suite).expect("it was read");
+    same_json(&file, &serde_json::to_value(&read).expect("it serialises"));
+    let Some(names) = one_error(read.names(&path), "") else { return };
+    assert!(names.iter().all(|name| is_plain_name(name)), "{names:?}");
+}

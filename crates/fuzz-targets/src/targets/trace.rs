@@ -1,0 +1,91 @@
+//! The table of a trace, beside a sidecar that says of it what is true.
+
+use files::sha256;
+use serde_json::json;
+use trace::{COLUMNS, Trace};
+
+use crate::claims::{is_decimal, one_error};
+use crate::{golden, scratch};
+
+pub(super) fn run(bytes: &[u8]) {
+    let Some(trace) = read("strange", bytes) else { return };
+    means_what_stands_there(bytes, &trace);
+    let is_fine = |pair: &[trace::Instant]| pair[1].t_s - pair[0].t_s < 2e-6;
+    if trace.recording.instants.windows(2).any(is_fine) {
+        // Finer than the decimals with which times are written.
+        return;
+    }
+    let text = trace.to_csv();
+    let again = read("again", text.as_bytes()).expect("what is written can be read");
+    assert_eq!(again.to_csv(), text);
+    for (row, again) in rows(&trace).zip(rows(&again)) {
+        for ((value, again), (column, decimals)) in row.into_iter().zip(again).zip(COLUMNS) {
+            let half = 0.5 * 10f64.powi(-(decimals as i32));
+            let is_near = value
+                .zip(again)
+                .is_none_or(|(value, again)| (value - again).abs() <= 1.001 * half + 1e-15 * value.abs());
+            assert!(value.is_some() == again.is_some() && is_near, "{column}: {value:?} became {again:?}");
+        }
+    }
+}
+
+fn read(name: &str, csv: &[u8]) -> Option<Trace> {
+    let mut sidecar = golden::sidecar();
+    sidecar["name"] = json!(name);
+    sidecar["rows"] = json!(lines(csv).len().saturating_sub(1));
+    sidecar["csv_sha256"] = json!(sha256(csv));
+    scratch::file(&format!("{name}.json"), sidecar.to_string());
+    one_error(Trace::read(&scratch::file(&format!("{name}.csv"), csv)), name)
+}
+
+/// Lines that are not empty, whatever ends them.
+fn lines(bytes: &[u8]) -> Vec<&[u8]> {
+    bytes.split(|byte| matches!(byte, b'\n' | b'\r')).filter(|line| !line.is_empty()).collect()
+}
+
+fn means_what_stands_there(bytes: &[u8], trace: &Trace) {
+    let lines = &lines(bytes)[1..];
+    assert_eq!(lines.len(), trace.recording.instants.len());
+    for (line, row) in lines.iter().zip(rows(trace)) {
+        let line = std::str::from_utf8(line).expect("numbers are ASCII");
+        let cells: Vec<&str> = line.split(',').collect();
+        assert_eq!(cells.len(), row.len());
+        for ((cell, value), (column, _)) in cells.into_iter().zip(row).zip(COLUMNS) {
+            match value {
+                None => assert_eq!(cell, "", "{column}"),
+                Some(value) => {
+                    assert!(is_decimal(cell) && cell.parse() == Ok(value), "{column}: read {value} from `{cell}`")
+                }
+            }
+        }
+    }
+}
+
+/// The values of each row, in the order of the columns.
+fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len()]> {
+    let flag = |value: Option<bool>| value.map(|value| f64::from(u8::from(value)));
+    trace.recording.instants.iter().zip(&trace.truth.instants).map(move |(known, truth)| {
+        let origin = known.base.origin();
+        [
+            Some(known.t_s),
+            Some(origin.x()),
+            Some(origin.y()),
+            Some(known.base.yaw_rad()),
+            known.twist.map(|twist| twist.vx_m_s),
+            known.twist.map(|twist| twist.vy_m_s),
+            known.twist.map(|twist| twist.wz_rad_s),
+            Some(known.moment_z_n_m),
+            known.rotation_z_rad,
+            flag(truth.touching),
+            flag(truth.tip),
+            flag(truth.split),
+            truth.contact.map(|point| point.x()),
+            truth.contact.map(|point| point.y()),
+            truth.surface.map(|point| point.x()),
+            truth.surface.map(|point| point.y()),
+            truth.arc_m,
+            truth.force_n,
+            truth.tangent_rad,
+        ]
+    })
+}

@@ -1,0 +1,143 @@
+//! Plane sections of meshes in binary STL.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use files::Error;
+use files::read_table;
+
+/// Bytes before the triangles: a comment of 80, and their number.
+const HEAD: usize = 84;
+/// Bytes of a triangle: a normal and three vertices of three `f32` each, and two more.
+const TRIANGLE: usize = 50;
+
+/// Vertices nearer than this are one.
+const SAME: f64 = 1e-4;
+
+/// A point of the plane.
+type Point = [f64; 2];
+
+/// The outer loop of the section of a mesh with the plane at height `z`, counter-clockwise, the first point repeated at the end; in the mesh's own units. Nothing
+/// in it where the plane does not meet the mesh.
+///
+/// # Errors
+/// If the file cannot be read or is no binary STL.
+pub(crate) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
+    let bytes = read_table(path)?;
+    let count = bytes.get(HEAD - 4..HEAD).map(|field| u32::from_le_bytes(field.try_into().expect("four bytes")));
+    let expected = count.map_or(HEAD, |count| HEAD + TRIANGLE * count as usize);
+    if bytes.len() != expected || count.is_none() {
+        return Err(Error::value(path, "size", bytes.len(), format!("{expected} bytes of a binary STL")));
+    }
+    let edges: Vec<[Point; 2]> =
+        bytes[HEAD..].chunks_exact(TRIANGLE).filter_map(|bytes| cut(&corners(bytes), z)).collect();
+    let outer = loops(&edges).into_iter().max_by(|a, b| area(a).abs().total_cmp(&area(b).abs()));
+    let mut outer = outer.unwrap_or_default();
+    if area(&outer) < 0.0 {
+        outer.reverse();
+    }
+    Ok(outer)
+}
+
+fn corners(triangle: &[u8]) -> [[f64; 3]; 3] {
+    let number = |i: usize| {
+        let at = 4 * (3 + i);
+        f64::from(f32::from_le_bytes(triangle[at..at + 4].try_into().expect("four bytes")))
+    };
+    std::array::from_fn(|corner| std::array::from_fn(|axis| number(3 * corner + axis)))
+}
+
+/// Where a triangle meets the plane. A corner in the plane counts as above it, so that neighbours agree.
+fn cut(corners: &[[f64; 3]; 3], z: f64) -> Option<[Point; 2]> {
+    let crossings: Vec<Point> = (0..3)
+        .filter_map(|i| {
+            let (a, b) = (corners[i], corners[(i + 1) % 3]);
+            ((a[2] < z) != (b[2] < z)).then(|| {
+                let part = (z - a[2]) / (b[2] - a[2]);
+                [a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])]
+            })
+        })
+        .collect();
+    crossings.try_into().ok()
+}
+
+/// Edges joined to closed loops, the first point of each repeated at its end. What does not close is left out.
+fn loops(edges: &[[Point; 2]]) -> Vec<Vec<Point>> {
+    let key = |point: &Point| point.map(|value| (value / SAME).round() as i64);
+    let mut at: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+    for (i, edge) in edges.iter().enumerate() {
+        edge.iter().for_each(|end| at.entry(key(end)).or_default().push(i));
+    }
+    let mut used = vec![false; edges.len()];
+    let mut loops = Vec::new();
+    for start in 0..edges.len() {
+        if std::mem::replace(&mut used[start], true) {
+            continue;
+        }
+        let mut line = edges[start].to_vec();
+        while let Some(next) = at[&key(&line[line.len() - 1])].iter().copied().find(|&edge| !used[edge]) {
+            used[next] = true;
+            let [a, b] = edges[next];
+            line.push(if key(&a) == key(&line[line.len() - 1]) { b } else { a });
+        }
+        if line.len() > 3 && key(&line[0]) == key(&line[line.len() - 1]) {
+            let first = line[0];
+            line.pop();
+            line.push(first);
+            loops.push(line);
+        }
+    }
+    loops
+}
+
+/// Area of a closed loop, positive where it runs counter-clockwise.
+fn area(line: &[Point]) -> f64 {
+    line.windows(2).map(|edge| 0.5 * (edge[0][0] * edge[1][1] - edge[1][0] * edge[0][1])).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    /// A square tube without ends, from z = 0 to 1.
+    fn tube() -> Vec<u8> {
+        let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
+        let mut bytes = vec![0u8; 80];
+        bytes.extend(8u32.to_le_bytes());
+        for i in 0..4 {
+            let ([ax, ay], [bx, by]): ([f32; 2], [f32; 2]) = (square[i], square[(i + 1) % 4]);
+            let low_high =
+                [[[ax, ay, 0.0], [bx, by, 0.0], [bx, by, 1.0]], [[ax, ay, 0.0], [bx, by, 1.0], [ax, ay, 1.0]]];
+            for triangle in low_high {
+                let numbers = [0.0f32; 3].into_iter().chain(triangle.into_iter().flatten());
+                bytes.extend(numbers.flat_map(f32::to_le_bytes).chain([0, 0]));
+            }
+        }
+        bytes
+    }
+
+    fn cut_at(bytes: &[u8], z: f64) -> Result<Vec<Point>, Error> {
+        let mut file = tempfile::NamedTempFile::new().expect("a file");
+        file.write_all(bytes).expect("written");
+        section(file.path(), z)
+    }
+
+    #[test]
+    fn verif_a_tube_is_cut_into_its_square() {
+        let outer = cut_at(&tube(), 0.25).expect("a section");
+        assert_eq!(area(&outer), 2.0);
+        assert_eq!(outer.first(), outer.last());
+        assert!(cut_at(&tube(), 3.0).expect("a mesh").is_empty());
+    }
+
+    #[test]
+    fn robust_damaged_meshes_give_one_error() {
+        let bytes = tube();
+        for damaged in [&bytes[..bytes.len() - 1], &bytes[..40]] {
+            let message = cut_at(damaged, 0.5).expect_err("damaged").to_string();
+            assert!(message.contains("of a binary STL"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! The maps of recordings of several whiskers, from above.
+
+use anyhow::Result;
+use plotters::style::{Color, RGBColor};
+use testbed::results::{GridRow, MapObjectRow, MapPointRow, MapVertexRow, RunRecording, VertexRow};
+
+use crate::axes::{Panel, Rect, extent};
+use crate::canvas::{Align, Canvas, Lettering, Picture};
+use crate::contour_panel::{Points, band};
+use crate::run_data::RunData;
+use crate::style::{CURVE_PX, FRAME, INK, LegendEntry, Look, OBJECT, SMALL, legend, plain};
+
+/// Radius of a contact point.
+const DOT_PX: f64 = 3.0;
+/// Cells that are free, and that are not.
+const FREE: RGBColor = RGBColor(86, 180, 233);
+const FREE_OPACITY: f64 = 0.22;
+const OCCUPIED: RGBColor = RGBColor(60, 60, 60);
+const OCCUPIED_OPACITY: f64 = 0.45;
+/// Outlines found.
+const FOUND: RGBColor = RGBColor(0, 158, 115);
+const BAND_OPACITY: f64 = 0.35;
+/// What is shown around the objects.
+const MARGIN_MM: f64 = 40.0;
+/// Height of a line of text.
+const LINE_PX: f64 = 15.0;
+/// Cells farther apart than this are no neighbours.
+const NEIGHBOUR: f64 = 1.5;
+
+/// What is drawn.
+struct Scene {
+    title: String,
+    /// Runs of like cells: from, to, y, and whether they are free.
+    cells: Vec<(f64, f64, f64, bool)>,
+    cell_mm: f64,
+    truths: Vec<Points>,
+    /// The contact points of each array.
+    arrays: Vec<(String, Points)>,
+    /// Outline and band of each object found.
+    found: Vec<(Points, Points)>,
+    /// Where it is written what, line by line.
+    words: Vec<((f64, f64), Vec<String>)>,
+}
+
+/// Lays the figure out.
+pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    let Some(estimator) = data.filters().next() else { return Ok(None) };
+    let recordings = &data.run.recordings;
+    let Some(recording) = recordings.iter().find(|recording| recording.encoders.are_perfect()) else { return Ok(None) };
+    let Some(scene) = scene(data, recording, estimator)? else { return Ok(None) };
+    let paint = move |canvas: &Canvas| {
+        let names: Vec<String> = scene.arrays.iter().map(|(name, _)| format!("contact points, array {name}")).collect();
+        let mut entries: Vec<LegendEntry> =
+            names.iter().enumerate().map(|(place, name)| LegendEntry::line(name, color(place), 2.0 * DOT_PX)).collect();
+        entries.push(LegendEntry::line("outline found", FOUND, CURVE_PX));
+        entries.push(LegendEntry::bands("its 95 % band", vec![FOUND.mix(BAND_OPACITY)]));
+        entries.push(LegendEntry::line("true outline", FRAME, 1.5));
+        entries.push(LegendEntry::bands("free", vec![FREE.mix(FREE_OPACITY)]));
+        entries.push(LegendEntry::bands("occupied", vec![OCCUPIED.mix(OCCUPIED_OPACITY)]));
+        let below = legend(canvas, (56.0, 18.0), &entries)?;
+        scene.paint(canvas, Rect::inside(canvas, [60.0, below + 40.0, 14.0, 48.0]))
+    };
+    Ok(Some(Picture { width_px: 1200, height_px: 1000, paint: Box::new(paint) }))
+}
+
+/// The colour of an array, which stands out from the grid.
+fn color(place: usize) -> RGBColor {
+    Look::of([0, 4, 3, 1][place % 4]).color
+}
+
+fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Option<Scene>> {
+    let name = &recording.name;
+    let Some(points) = data.map_table::<MapPointRow>(name, estimator, "points")? else { return Ok(None) };
+    let vertices = data.map_table::<MapVertexRow>(name, estimator, "outlines")?.unwrap_or_default();
+    let grid = data.map_table::<GridRow>(name, estimator, "grid")?.unwrap_or_default();
+    let objects = data.map_objects()?;
+    let is_shown = |row: &&MapObjectRow| {
+        row.recording == *name
+            && row.estimator == estimator
+            && row.noise == data.noise()
+            && Some(&row.seed) == data.run.seeds.first()
+    };
+    let mut truths = Vec::new();
+    let mut words = Vec::new();
+    for object in &recording.objects {
+        let Some(outline) = data.outline(&format!("{name}.{object}"))? else { continue };
+        let outline: Points = outline.iter().map(|(x_m, y_m)| (1e3 * x_m, 1e3 * y_m)).collect();
+        let is_it = |row: &&MapObjectRow| is_shown(row) && row.matched.as_ref() == Some(object);
+        let (left, right) = extent(outline.iter().map(|at| at.0)).unwrap_or_default();
+        let (low, high) = extent(outline.iter().map(|at| at.1)).unwrap_or_default();
+        let found = objects.iter().filter(is_it).flat_map(in_words);
+        let lines = std::iter::once(plain(object)).chain(found).collect();
+        words.push(((0.5 * (left + right), 0.5 * (low + high)), lines));
+        truths.push(outline);
+    }
+    let mut arrays: Vec<(String, Points)> = Vec::new();
+    for row in &points {
+        let at = (1e3 * row.x_m, 1e3 * row.y_m);
+        match arrays.iter_mut().find(|(array, _)| *array == row.array) {
+            Some((_, points)) => points.push(at),
+            None => arrays.push((row.array.clone(), vec![at])),
+        }
+    }
+    let found = vertices.chunk_by(|a, b| a.object == b.object).map(|rows| {
+        let line = rows.iter().map(|row| (1e3 * row.x_m, 1e3 * row.y_m)).collect();
+        let rows: Vec<VertexRow> = rows.iter().map(MapVertexRow::vertex).collect();
+        (line, band(&rows).unwrap_or_default())
+    });
+    Ok(Some(Scene {
+        title: format!("{}, {estimator}", plain(name)),
+        cells: runs(&grid, recording.map.cell_m),
+        cell_mm: 1e3 * recording.map.cell_m,
+        truths,
+        arrays,
+        found: found.collect(),
+        words,
+    }))
+}
+
+/// What is written on an object that was found.
+fn in_words(row: &MapObjectRow) -> Vec<String> {
+    let mm = |value_m: f64| format!("{:.2} mm", 1e3 * value_m);
+    let mut words = Vec::new();
+    words.extend(row.outline_mean_m.map(|mean_m| format!("outline off by {}", mm(mean_m))));
+    words.extend(row.radius_m.map(|radius_m| format!("radius {}", mm(radius_m))));
+    words.extend(row.center_error_m.map(|error_m| format!("middle off by {}", mm(error_m))));
+    words
+}
+
+/// Neighbouring cells along x that are alike, as one.
+fn runs(grid: &[GridRow], cell_m: f64) -> Vec<(f64, f64, f64, bool)> {
+    let is_free = |row: &GridRow| row.occupied < 0.5;
+    let mut cells: Vec<&GridRow> = grid.iter().filter(|row| row.occupied != 0.5).collect();
+    cells.sort_by(|a, b| a.y_m.total_cmp(&b.y_m).then(a.x_m.total_cmp(&b.x_m)));
+    let are_alike =
+        |a: &&GridRow, b: &&GridRow| a.y_m == b.y_m && b.x_m - a.x_m < NEIGHBOUR * cell_m && is_free(a) == is_free(b);
+    cells
+        .chunk_by(are_alike)
+        .map(|run| (1e3 * run[0].x_m, 1e3 * run[run.len() - 1].x_m, 1e3 * run[0].y_m, is_free(run[0])))
+        .collect()
+}
+
+impl Scene {
+    fn paint(&self, canvas: &Canvas, frame: Rect) -> Result<()> {
+        let places = self.truths.iter().chain(self.arrays.iter().map(|(_, points)| points));
+        let all: Points = places.flatten().copied().collect();
+        let (left, right) = extent(all.iter().map(|at| at.0)).unwrap_or((-1.0, 1.0));
+        let (low, high) = extent(all.iter().map(|at| at.1)).unwrap_or((-1.0, 1.0));
+        let bounds = [left - MARGIN_MM, right + MARGIN_MM, low - MARGIN_MM, high + MARGIN_MM];
+        let panel = Panel::with_equal_scales(canvas, frame, &self.title, ("x (mm)", "y (mm)"), bounds)?;
+        for truth in &self.truths {
+            panel.area(truth.iter().copied(), OBJECT.to_rgba())?;
+        }
+        let half = 0.5 * self.cell_mm;
+        for &(from, to, y, is_free) in &self.cells {
+            let color = if is_free { FREE.mix(FREE_OPACITY) } else { OCCUPIED.mix(OCCUPIED_OPACITY) };
+            let (from, to) = (from - half, to + half);
+            panel.area([(from, y - half), (to, y - half), (to, y + half), (from, y + half)], color)?;
+        }
+        for truth in &self.truths {
+            panel.line(truth.iter().copied(), FRAME, 1.5)?;
+        }
+        for (place, (_, points)) in self.arrays.iter().enumerate() {
+            panel.discs(points.iter().copied(), DOT_PX, color(place).to_rgba())?;
+        }
+        for (line, band) in &self.found {
+            panel.area(band.iter().copied(), FOUND.mix(BAND_OPACITY))?;
+            panel.line(line.iter().copied(), FOUND, CURVE_PX)?;
+        }
+        for (at, lines) in &self.words {
+            let (x, y) = panel.at(*at);
+            let top = y - 0.5 * LINE_PX * (lines.len() - 1) as f64;
+            for (index, line) in lines.iter().enumerate() {
+                let lettering = if index == 0 { Lettering { color: INK, bold: true, ..SMALL } } else { SMALL };
+                canvas.text(line, (x, top + LINE_PX * index as f64), lettering.aligned(Align::Center))?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,118 @@
+//! Root mean square error of every trial, start-up and steady state apart, and how far each filter leads the baseline in the latter.
+
+use anyhow::Result;
+use plotters::style::Color;
+use testbed::statistics::median;
+
+use crate::axes::{Axis, Panel, Rect, equal};
+use crate::canvas::{Align, Canvas, Picture};
+use crate::compare::{Phase, factor_over_baseline, format_factor, phase_errors};
+use crate::run_data::RunData;
+use crate::style::{INK, LABEL, Look, PANEL_TITLE, SMALL, plain};
+
+/// Height of the row of one estimator.
+const ROW_PX: u32 = 34;
+
+/// One estimator in one panel.
+struct Strip {
+    label: String,
+    look: Look,
+    errors_mm: Vec<f64>,
+    factor: Option<f64>,
+}
+
+/// Lays the figure out.
+pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    let sets = data.leading_sets();
+    let labels = data.labels();
+    let panels: Vec<Vec<(String, Vec<Strip>)>> = Phase::ALL
+        .into_iter()
+        .map(|phase| {
+            sets.iter()
+                .map(|set| {
+                    let strip = |(index, estimator): (usize, &str)| Strip {
+                        label: labels[index].clone(),
+                        look: Look::of(index),
+                        errors_mm: phase_errors(data, set, estimator, phase).map(|error| 1e3 * error).collect(),
+                        // At the start the dots of filter and baseline cover different times, the factor common ones.
+                        factor: match phase {
+                            Phase::Start => None,
+                            Phase::Steady => factor_over_baseline(data, set, estimator, phase),
+                        },
+                    };
+                    let title = format!("{} whisker, {}: {}", set.whisker, plain(&set.group), phase.words());
+                    (title, data.estimators().enumerate().map(strip).collect())
+                })
+                .collect()
+        })
+        .collect();
+    let errors: Vec<f64> = panels
+        .iter()
+        .flatten()
+        .flat_map(|(_, strips)| strips.iter().flat_map(|strip| strip.errors_mm.clone()))
+        .collect();
+    if errors.is_empty() {
+        return Ok(None);
+    }
+    let axis = Axis::logarithmic("RMS contact error (mm)", errors);
+    let rows = data.estimators().count();
+
+    let paint = move |canvas: &Canvas| {
+        let mut names_px = 0.0f64;
+        for (_, strips) in panels.iter().flatten() {
+            for strip in strips {
+                names_px = names_px.max(canvas.text_width_px(&strip.label, LABEL)?);
+            }
+        }
+        let plot = Rect::inside(canvas, [names_px + 32.0, 36.0, 8.0, 48.0]);
+        for (row, (frame, panels)) in plot.rows(&equal(2), 62.0).into_iter().zip(&panels).enumerate() {
+            let columns = frame.columns(&equal(panels.len()), 26.0);
+            for (column, (frame, (title, strips))) in columns.into_iter().zip(panels).enumerate() {
+                let axis = if row == 0 { axis.clone().unnamed() } else { axis.clone() };
+                paint_panel(canvas, frame, title, axis, strips, column == 0)?;
+            }
+        }
+        Ok(())
+    };
+    Ok(Some(Picture {
+        width_px: 1200,
+        height_px: 36 + 48 + 62 + 2 * (rows as u32 * ROW_PX + 10),
+        paint: Box::new(paint),
+    }))
+}
+
+fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[Strip], named: bool) -> Result<()> {
+    let rows = Axis::places(strips.len());
+    let split = frame.columns(&[1.0, 0.13], 0.0);
+    let panel = Panel::new(canvas, split[0], title, axis, rows)?;
+    let factors_x = 0.5 * (split[1].left + split[1].right);
+    if strips.iter().any(|strip| strip.factor.is_some()) {
+        canvas.text("factor", (factors_x, frame.top - 13.0), PANEL_TITLE.aligned(Align::Center))?;
+    }
+    // The first estimator stands at the top.
+    for (row, strip) in strips.iter().rev().enumerate() {
+        let row = row as f64;
+        for (index, error) in strip.errors_mm.iter().enumerate() {
+            // Trials of equal error would hide each other on one line.
+            let offset = (index % 5) as f64 * 0.1 - 0.2;
+            panel.discs([(*error, row + offset)], 3.2, strip.look.color.mix(0.55))?;
+        }
+        let (_, y) = panel.at((1.0, row));
+        if let Some(middle) = median(strip.errors_mm.iter().copied()) {
+            panel.line([(middle, row - 0.34), (middle, row + 0.34)], INK, 2.5)?;
+        }
+        if let Some(factor) = strip.factor {
+            let text = format_factor(factor);
+            canvas.text(&text, (factors_x, y), LABEL.aligned(Align::Center))?;
+        }
+        if named {
+            canvas.text(&strip.label, (frame.left - 24.0, y), LABEL.aligned(Align::Right))?;
+            strip.look.mark(canvas, (frame.left - 12.0, y), 4.0, true)?;
+        }
+        if strip.errors_mm.is_empty() {
+            let lettering = SMALL.aligned(Align::Center);
+            canvas.text("no score", (0.5 * (split[0].left + split[0].right), y), lettering)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,67 @@
+//! From the rotation of the root to counts.
+
+use anyhow::Result;
+use plotters::style::RGBColor;
+use testbed::results::TransferRow;
+
+use crate::axes::{Axis, Panel, Rect};
+use crate::canvas::{Canvas, Picture};
+use crate::run_data::RunData;
+use crate::style::{CURVE_PX, LegendEntry, Look, MUTED, legend};
+
+/// Names and colours of the axes; the second is the one that is read.
+const AXES: [(&str, RGBColor, Value); 3] = [
+    ("x, along the root", RGBColor(125, 133, 144), |row| row.x_counts),
+    ("y, in the plane: read", RGBColor(0, 114, 178), |row| row.y_counts),
+    ("z, out of the plane", RGBColor(230, 159, 0), |row| row.z_counts),
+];
+/// The axis that is read.
+const READ: usize = 1;
+const THOUSAND: f64 = 1e-3;
+
+/// The counts of a row.
+type Value = fn(&TransferRow) -> f64;
+
+/// Lays the figure out.
+pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    let Some(sensor) = data.run.front_end.sensors.first() else { return Ok(None) };
+    let Some(rows) = data.transfer(sensor)? else { return Ok(None) };
+    let sensor = sensor.name.clone();
+    // The table is in the order of the gains.
+    let gains: Vec<Vec<TransferRow>> = rows.chunk_by(|a, b| a.amplified == b.amplified).map(<[_]>::to_vec).collect();
+    let Some(own) = gains.first().cloned() else { return Ok(None) };
+    let paint = move |canvas: &Canvas| {
+        let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
+        let frames = plot.columns(&[1.0, 1.0], 70.0);
+        let rotation = Axis::around("rotation of the root (°)", rows.iter().map(degrees));
+        let entries = AXES.map(|(name, color, _)| LegendEntry::line(name, color, CURVE_PX));
+        legend(canvas, (60.0, 18.0), &entries)?;
+        let counts = Axis::around("counts", own.iter().flat_map(|row| AXES.map(|(.., value)| value(row))));
+        let title = format!("sensor {sensor}: its three axes");
+        let panel = Panel::new(canvas, frames[0], &title, rotation.clone(), counts)?;
+        for (_, color, value) in AXES {
+            panel.line(own.iter().map(|row| (degrees(row), value(row))), color, CURVE_PX)?;
+        }
+        let value = AXES[READ].2;
+        let names: Vec<String> = gains.iter().map(|rows| format!("{} ×", rows[0].amplified)).collect();
+        let entries: Vec<_> =
+            names.iter().enumerate().map(|(i, name)| LegendEntry::line(name, Look::of(i).color, CURVE_PX)).collect();
+        legend(canvas, (frames[1].left, 18.0), &entries)?;
+        let all = Axis::around("thousand counts", rows.iter().map(|row| THOUSAND * value(row)));
+        let title = "y behind an amplifier: it saturates at the ends of the range";
+        let panel = Panel::new(canvas, frames[1], title, rotation.clone(), all)?;
+        for end in [f64::min, f64::max].map(|pick| rows.iter().map(value).fold(0.0, pick)) {
+            panel.level(THOUSAND * end, "", MUTED)?;
+        }
+        for (i, rows) in gains.iter().enumerate() {
+            let color = Look::of(i).color;
+            panel.line(rows.iter().map(|row| (degrees(row), THOUSAND * value(row))), color, CURVE_PX)?;
+        }
+        Ok(())
+    };
+    Ok(Some(Picture { width_px: 1200, height_px: 480, paint: Box::new(paint) }))
+}
+
+fn degrees(row: &TransferRow) -> f64 {
+    row.rotation_rad.to_degrees()
+}

@@ -1,0 +1,228 @@
+//! The look that all figures share: colours, markers, lettering.
+
+use anyhow::Result;
+use plotters::style::{Color, RGBAColor, RGBColor};
+
+use super::canvas::{Align, Canvas, Lettering, Px};
+
+/// Okabe and Ito's palette (jfly.uni-koeln.de/color), which colour-blind readers can tell apart, without its yellow,
+/// which is lost on white.
+const PALETTE: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(230, 159, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(213, 94, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(60, 60, 60),
+];
+
+/// Text and the truth.
+pub(crate) const INK: RGBColor = RGBColor(31, 35, 40);
+/// Axis labels and secondary text.
+pub(crate) const MUTED: RGBColor = RGBColor(87, 96, 106);
+/// Frames of panels.
+pub(crate) const FRAME: RGBColor = RGBColor(140, 149, 159);
+/// Grid lines.
+pub(crate) const GRID: RGBColor = RGBColor(226, 229, 233);
+/// Grid lines between those with a number.
+pub(crate) const FINE_GRID: RGBColor = RGBColor(241, 243, 245);
+/// The inside of an object.
+pub(crate) const OBJECT: RGBColor = RGBColor(233, 236, 239);
+
+/// Width of a curve in CSS pixels.
+pub(crate) const CURVE_PX: f64 = 1.75;
+/// Width of axes and rules in CSS pixels.
+pub(crate) const HAIRLINE_PX: f64 = 1.0;
+/// Half the size of a marker in CSS pixels.
+pub(crate) const MARKER_PX: f64 = 4.0;
+
+/// Titles of panels.
+pub(crate) const PANEL_TITLE: Lettering = Lettering { size_px: 13.5, bold: true, color: INK, align: Align::Left };
+/// Names of axes and of legend entries.
+pub(crate) const LABEL: Lettering = Lettering { size_px: 12.5, bold: false, color: INK, align: Align::Left };
+/// Numbers along axes and annotations.
+pub(crate) const SMALL: Lettering = Lettering { size_px: 11.5, bold: false, color: MUTED, align: Align::Left };
+
+impl Lettering {
+    /// The same lettering with another alignment.
+    pub(crate) fn aligned(self, align: Align) -> Self {
+        Self { align, ..self }
+    }
+}
+
+/// Shape of a marker.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shape {
+    Disc,
+    Square,
+    Triangle,
+    Diamond,
+    Nabla,
+}
+
+const SHAPES: [Shape; 5] = [Shape::Disc, Shape::Square, Shape::Triangle, Shape::Diamond, Shape::Nabla];
+
+/// How one estimator looks in every figure.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Look {
+    /// Colour of its curves and markers.
+    pub(crate) color: RGBColor,
+    shape: Shape,
+}
+
+impl Look {
+    /// The look of the estimator at this place in `run.json`.
+    pub(crate) fn of(index: usize) -> Self {
+        Self { color: PALETTE[index % PALETTE.len()], shape: SHAPES[index % SHAPES.len()] }
+    }
+
+    /// A marker with a white rim; `filled` or only its outline.
+    pub(crate) fn mark(self, canvas: &Canvas, at: Px, half_px: f64, filled: bool) -> Result<()> {
+        let white = RGBColor(255, 255, 255).to_rgba();
+        self.blot(canvas, at, half_px + 1.0, white)?;
+        self.blot(canvas, at, half_px, self.color.to_rgba())?;
+        if !filled {
+            self.blot(canvas, at, half_px - 1.5, white)?;
+        }
+        Ok(())
+    }
+
+    fn blot(self, canvas: &Canvas, (x, y): Px, half_px: f64, color: RGBAColor) -> Result<()> {
+        let corners = |corners: &[(f64, f64)]| -> Vec<Px> {
+            corners.iter().map(|(dx, dy)| (x + dx * half_px, y + dy * half_px)).collect()
+        };
+        // The factors give all shapes about the area of the disc.
+        match self.shape {
+            Shape::Disc => canvas.disc((x, y), half_px, color),
+            Shape::Square => {
+                canvas.polygon(&corners(&[(-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)]), color)
+            }
+            Shape::Triangle => canvas.polygon(&corners(&[(0.0, -1.25), (1.2, 0.9), (-1.2, 0.9)]), color),
+            Shape::Diamond => canvas.polygon(&corners(&[(0.0, -1.3), (1.2, 0.0), (0.0, 1.3), (-1.2, 0.0)]), color),
+            Shape::Nabla => canvas.polygon(&corners(&[(0.0, 1.25), (1.2, -0.9), (-1.2, -0.9)]), color),
+        }
+    }
+}
+
+/// Paints the sign of a legend entry, centred on a point.
+type Sign<'a> = dyn Fn(&Canvas, Px) -> Result<()> + 'a;
+
+/// One entry of a legend.
+pub(crate) struct LegendEntry<'a> {
+    text: &'a str,
+    /// Its sign, 26 px wide.
+    sign: Box<Sign<'a>>,
+}
+
+impl<'a> LegendEntry<'a> {
+    /// A line with a marker on it.
+    pub(crate) fn curve(text: &'a str, look: Look) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| {
+            canvas.line(&[(x - 12.0, y), (x + 12.0, y)], look.color.to_rgba(), CURVE_PX)?;
+            look.mark(canvas, (x, y), MARKER_PX, true)
+        };
+        Self { text, sign: Box::new(sign) }
+    }
+
+    /// A line.
+    pub(crate) fn line(text: &'a str, color: RGBColor, width_px: f64) -> Self {
+        let sign =
+            move |canvas: &Canvas, (x, y): Px| canvas.line(&[(x - 12.0, y), (x + 12.0, y)], color.to_rgba(), width_px);
+        Self { text, sign: Box::new(sign) }
+    }
+
+    /// A part of a line, with its ends.
+    pub(crate) fn stretch(text: &'a str, color: RGBColor, width_px: f64) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| {
+            let ends = [(x - 10.0, y), (x + 10.0, y)];
+            canvas.line(&ends, color.to_rgba(), width_px)?;
+            ends.into_iter().try_for_each(|end| stretch_end(canvas, end, color))
+        };
+        Self { text, sign: Box::new(sign) }
+    }
+
+    /// A band of each colour.
+    pub(crate) fn bands(text: &'a str, colors: Vec<RGBAColor>) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| {
+            let height = 14.0 / colors.len() as f64;
+            for (index, color) in colors.iter().enumerate() {
+                let top = y - 7.0 + height * index as f64;
+                let corners = [(-12.0, 0.0), (12.0, 0.0), (12.0, height), (-12.0, height)];
+                canvas.polygon(&corners.map(|(dx, dy)| (x + dx, top + dy)), *color)?;
+            }
+            Ok(())
+        };
+        Self { text, sign: Box::new(sign) }
+    }
+
+    /// A dashed line.
+    pub(crate) fn dashes(text: &'a str, color: RGBColor) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| canvas.dashes((x - 12.0, y), (x + 12.0, y), color.to_rgba());
+        Self { text, sign: Box::new(sign) }
+    }
+
+    /// A marker.
+    pub(crate) fn marker(text: &'a str, look: Look, filled: bool) -> Self {
+        let sign = move |canvas: &Canvas, at: Px| look.mark(canvas, at, MARKER_PX, filled);
+        Self { text, sign: Box::new(sign) }
+    }
+}
+
+/// The end of a part of a line: a disc with a white rim.
+pub(crate) fn stretch_end(canvas: &Canvas, at: Px, color: RGBColor) -> Result<()> {
+    canvas.disc(at, 4.25, RGBColor(255, 255, 255).to_rgba())?;
+    canvas.disc(at, 3.25, color.to_rgba())
+}
+
+/// Draws the entries in a row from the left and starts a new row 22 px below where the next entry would not fit; gives the height of the
+/// last row.
+pub(crate) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) -> Result<f64> {
+    let (mut x, mut y) = (left, top);
+    for entry in entries {
+        let width = 32.0 + canvas.text_width_px(entry.text, LABEL)? + 24.0;
+        if x > left && x + width > canvas.width_px() {
+            (x, y) = (left, y + 22.0);
+        }
+        (entry.sign)(canvas, (x + 13.0, y))?;
+        canvas.text(entry.text, (x + 32.0, y), LABEL)?;
+        x += width;
+    }
+    Ok(y)
+}
+
+/// A name from the data as figures and tables print it.
+pub(crate) fn plain(name: &str) -> String {
+    name.replace('_', " ")
+}
+
+/// A positive number with two digits that count, never as an exponent.
+pub(crate) fn two_digits(value: f64) -> String {
+    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{value:.decimals$}")
+}
+
+/// A number with three digits that count; one below a ten-thousandth as a multiple of a power of ten.
+pub(crate) fn three_digits(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let text = if value.abs() < 1e-4 {
+        format!("{value:.2e}").replacen('e', "·10^", 1)
+    } else {
+        let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+        format!("{value:.decimals$}")
+    };
+    text.replace('-', "−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_three_digits_count() {
+        let printed = [0.0, 1.0, 0.02224, -151.6, 4.26e-12, -6.4e-16].map(three_digits);
+        assert_eq!(printed, ["0", "1.00", "0.0222", "−152", "4.26·10^−12", "−6.40·10^−16"]);
+    }
+}

@@ -1,0 +1,51 @@
+//! Strict parsing into typed values.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::keys_once::KeysOnce;
+use crate::{list_for_object, shown};
+
+/// Parses JSON into a typed value. An object that has a key twice is refused: which of the two was meant? So is a list in the place of an object, whose values serde
+/// would take in the order of the fields.
+///
+/// # Errors
+/// What is wrong, with line and column or the key.
+pub fn parse_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> serde_json::Result<T> {
+    let value = serde_json::from_slice(bytes)?;
+    let KeysOnce = serde_json::from_slice(bytes)?;
+    match list_for_object(&serde_json::from_slice(bytes)?, &serde_json::to_value(&value)?) {
+        None => Ok(value),
+        Some(place) => Err(serde::de::Error::custom(format!("{}: found a list, expected an object", shown(&place)))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize, Serialize, PartialEq)]
+    struct Inner {
+        x_m: f64,
+        y_m: f64,
+    }
+
+    #[derive(Debug, Deserialize, Serialize, PartialEq)]
+    struct Outer {
+        pair: (f64, f64),
+        inner: Vec<Inner>,
+    }
+
+    #[test]
+    fn robust_a_list_is_no_object() {
+        let outer = Outer { pair: (1.0, 2.0), inner: vec![Inner { x_m: 3.0, y_m: 4.0 }] };
+        let sound = r#"{"pair": [1, 2], "inner": [{"x_m": 3, "y_m": 4}]}"#;
+        assert_eq!(parse_json::<Outer>(sound.as_bytes()).unwrap(), outer);
+        for (list, place) in [(r#"{"pair": [1, 2], "inner": [[3, 4]]}"#, "inner[0]"), ("[[1, 2], []]", "the whole")] {
+            let error = parse_json::<Outer>(list.as_bytes()).unwrap_err().to_string();
+            assert_eq!(error, format!("{place}: found a list, expected an object"));
+        }
+    }
+}

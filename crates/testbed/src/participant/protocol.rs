@@ -1,0 +1,305 @@
+//! What is said between the testbed and a foreign program: JSON lines, specified for people in `docs/your-estimator.md`.
+
+use filters::Innovation;
+use nalgebra::{Matrix1, Matrix2, Vector1};
+use serde::{Deserialize, Serialize};
+use strict_json::{one_line, shown};
+use whisker::Whisker;
+use whisker::estimators::{BaseNoise, Estimate, Knowledge, Sample};
+use whisker::frames::{Base, Point, Pose, Start};
+use whisker::sensor::{CalibratedFace, Domain, Face};
+
+/// Version of the protocol, in the first line that a program reads.
+pub const PROTOCOL: u32 = 1;
+
+/// Nodes of the sensor model's table along the whisker and away from it.
+const NODES: [usize; 2] = [61, 31];
+
+/// Points of the undeflected whisker, ends included.
+const REST_POINTS: usize = 101;
+
+/// Largest seed that every language's numbers hold exactly, and the mask that leaves as much.
+const SEED_MASK: u64 = (1 << 53) - 1;
+
+/// Coordinates and standard deviations beyond this are taken for an error of the program.
+const FARTHEST_M: f64 = 1e3;
+
+/// Longest piece of a wrong answer that is repeated.
+const QUOTED: usize = 120;
+
+/// The first line: what an honest robot knows before it touches anything.
+#[derive(Serialize)]
+pub(super) struct Greeting<'a> {
+    protocol: u32,
+    seed: u64,
+    rate_hz: f64,
+    noise_sd_n_m: f64,
+    base_noise: BaseNoiseLine,
+    whisker: &'a Whisker,
+    rest: RestLine,
+    faces: Vec<FaceTable<'a>>,
+    told: Option<ToldContact>,
+}
+
+/// Covariance of the error of the base's measured pose, in Base.
+#[derive(Serialize)]
+struct BaseNoiseLine {
+    cov_xx_m2: f64,
+    cov_xy_m2: f64,
+    cov_yy_m2: f64,
+    cov_x_yaw_m_rad: f64,
+    cov_y_yaw_m_rad: f64,
+    cov_yaw_yaw_rad2: f64,
+}
+
+/// The undeflected whisker from root to tip, in Base.
+#[derive(Default, Serialize)]
+struct RestLine {
+    arc_m: Vec<f64>,
+    x_m: Vec<f64>,
+    y_m: Vec<f64>,
+    tangent_rad: Vec<f64>,
+}
+
+/// What was calibrated on one side.
+#[derive(Serialize)]
+struct FaceTable<'a> {
+    face: Face,
+    largest_reading_n_m: f64,
+    domain: &'a Domain,
+    shape: [usize; 2],
+    table: SensorTable,
+}
+
+/// The sensor model at the nodes of a grid over the calibrated region, those of one arc length together.
+#[derive(Default, Serialize)]
+struct SensorTable {
+    arc_m: Vec<f64>,
+    away_m: Vec<f64>,
+    x_m: Vec<f64>,
+    y_m: Vec<f64>,
+    reading_n_m: Vec<f64>,
+    gradient_x_n: Vec<f64>,
+    gradient_y_n: Vec<f64>,
+    tangent_rad: Vec<f64>,
+    model_sd_n_m: Vec<f64>,
+}
+
+/// Where the robot was told that it touches first, in Base.
+#[derive(Serialize)]
+struct ToldContact {
+    contact_x_m: f64,
+    contact_y_m: f64,
+    sd_m: f64,
+}
+
+impl<'a> Greeting<'a> {
+    pub(super) fn new(knowledge: &'a Knowledge, seed: u64) -> Self {
+        let told = knowledge.contact_prior.map(|told| ToldContact {
+            contact_x_m: told.contact.x(),
+            contact_y_m: told.contact.y(),
+            sd_m: told.sd_m,
+        });
+        Self {
+            protocol: PROTOCOL,
+            seed: seed & SEED_MASK,
+            rate_hz: knowledge.rate_hz,
+            noise_sd_n_m: knowledge.noise_sd_n_m,
+            base_noise: BaseNoiseLine::new(&knowledge.base_noise),
+            whisker: &knowledge.whisker,
+            rest: RestLine::new(knowledge),
+            faces: knowledge.faces.iter().map(|face| FaceTable::new(knowledge, face)).collect(),
+            told,
+        }
+    }
+}
+
+impl BaseNoiseLine {
+    fn new(BaseNoise(covariance): &BaseNoise) -> Self {
+        Self {
+            cov_xx_m2: covariance[(0, 0)],
+            cov_xy_m2: covariance[(0, 1)],
+            cov_yy_m2: covariance[(1, 1)],
+            cov_x_yaw_m_rad: covariance[(0, 2)],
+            cov_y_yaw_m_rad: covariance[(1, 2)],
+            cov_yaw_yaw_rad2: covariance[(2, 2)],
+        }
+    }
+}
+
+impl RestLine {
+    fn new(knowledge: &Knowledge) -> Self {
+        let mut line = Self::default();
+        for arc_m in evenly(0.0, knowledge.rest.length_m(), REST_POINTS) {
+            let point = knowledge.rest.point(arc_m);
+            line.arc_m.push(arc_m);
+            line.x_m.push(point.x());
+            line.y_m.push(point.y());
+            line.tangent_rad.push(knowledge.rest.tangent_rad(arc_m));
+        }
+        line
+    }
+}
+
+impl<'a> FaceTable<'a> {
+    fn new(knowledge: &Knowledge, face: &'a CalibratedFace) -> Self {
+        let mut table = SensorTable::default();
+        let (low_m, high_m) = face.domain.arc_range_m();
+        for arc_m in evenly(low_m, high_m, NODES[0]) {
+            let (lower_m, upper_m) = face.domain.away_range_m(arc_m);
+            for away_m in evenly(lower_m, upper_m, NODES[1]) {
+                let contact = face.contact_at(arc_m, away_m);
+                let expected = face.model.predict(contact);
+                let here = plain_estimate(contact, face.face);
+                table.arc_m.push(arc_m);
+                table.away_m.push(away_m);
+                table.x_m.push(contact.x());
+                table.y_m.push(contact.y());
+                table.reading_n_m.push(expected.reading_n_m);
+                table.gradient_x_n.push(expected.gradient_n.x);
+                table.gradient_y_n.push(expected.gradient_n.y);
+                table.tangent_rad.push(knowledge.tangent_rad(&here, expected.reading_n_m));
+                table.model_sd_n_m.push(face.model_variance_n2_m2(contact).sqrt());
+            }
+        }
+        let largest_reading_n_m = face.largest_reading_n_m;
+        Self { face: face.face, largest_reading_n_m, domain: &face.domain, shape: NODES, table }
+    }
+}
+
+/// Evenly spaced values from one to another, both included.
+fn evenly(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
+    (0..count).map(move |i| from + (to - from) * i as f64 / (count - 1) as f64)
+}
+
+/// An estimate of which nothing but its place is known.
+fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
+    Estimate {
+        contact,
+        face,
+        covariance_m2: None,
+        calibrated: true,
+        at_tip: false,
+        innovation: None,
+        radius: None,
+        models: None,
+    }
+}
+
+/// A line after the first: what the robot learns at one instant.
+#[derive(Serialize)]
+pub(super) struct Row {
+    t_s: f64,
+    dt_s: f64,
+    base_x_m: f64,
+    base_y_m: f64,
+    base_yaw_rad: f64,
+    last_x_m: f64,
+    last_y_m: f64,
+    last_yaw_rad: f64,
+    reading_n_m: f64,
+    touched: Option<Face>,
+}
+
+impl Row {
+    /// `base` is where the base stands now, `touched` the side on which the common detector of contacts feels an object.
+    pub(super) fn new(t_s: f64, base: &Pose<Base, Start>, sample: &Sample, touched: Option<Face>) -> Self {
+        Self {
+            t_s,
+            dt_s: sample.dt_s,
+            base_x_m: base.origin().x(),
+            base_y_m: base.origin().y(),
+            base_yaw_rad: base.yaw_rad(),
+            last_x_m: sample.motion.origin().x(),
+            last_y_m: sample.motion.origin().y(),
+            last_yaw_rad: sample.motion.yaw_rad(),
+            reading_n_m: sample.reading_n_m,
+            touched,
+        }
+    }
+}
+
+/// An answer; `null` stands for none.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Answer {
+    contact_x_m: f64,
+    contact_y_m: f64,
+    cov_xx_m2: Option<f64>,
+    cov_xy_m2: Option<f64>,
+    cov_yy_m2: Option<f64>,
+    innovation_n_m: Option<f64>,
+    innovation_variance_n2_m2: Option<f64>,
+}
+
+/// What is expected of an answer.
+const EXPECTED: &str = "null or {\"contact_x_m\": number, \"contact_y_m\": number} with, if you like, \
+                        cov_xx_m2, cov_xy_m2 and cov_yy_m2, or innovation_n_m and innovation_variance_n2_m2";
+
+/// The estimate in a program's answer to a row with a contact on `face`, where it gives one.
+///
+/// # Errors
+/// What was found and what was expected, where the line is no answer.
+pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
+    let line = line.trim();
+    let found = || {
+        let quoted: String = line.chars().take(QUOTED).collect();
+        let rest = if quoted.len() < line.len() { "..." } else { "" };
+        format!("found `{}{rest}`", one_line(&quoted))
+    };
+    // Serde would take a list for the values of an object, in the order of the fields.
+    if line.starts_with('[') {
+        return Err(format!("{}, expected {EXPECTED}", found()));
+    }
+    let answer: Option<Answer> = serde_json::from_str(line)
+        .map_err(|error| format!("{}, expected {EXPECTED} ({})", found(), shown(&error.to_string())))?;
+    let Some(answer) = answer else { return Ok(None) };
+    answer.estimate(face, knowledge).map(Some).map_err(|expected| format!("{}, expected {expected}", found()))
+}
+
+impl Answer {
+    /// The estimate, or what was expected.
+    fn estimate(&self, face: Face, knowledge: &Knowledge) -> Result<Estimate, String> {
+        if !(self.contact_x_m.abs() <= FARTHEST_M && self.contact_y_m.abs() <= FARTHEST_M) {
+            return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));
+        }
+        let contact = Point::new(self.contact_x_m, self.contact_y_m);
+        let calibrated = knowledge.face(face).is_some_and(|face| {
+            let (arc_m, away_m) = face.along_and_away(contact);
+            face.domain.contains(arc_m, away_m)
+        });
+        let estimate = Estimate {
+            covariance_m2: self.covariance_m2()?,
+            innovation: self.innovation()?,
+            calibrated,
+            ..plain_estimate(contact, face)
+        };
+        Ok(Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate })
+    }
+
+    fn covariance_m2(&self) -> Result<Option<Matrix2<f64>>, String> {
+        let covariance = match (self.cov_xx_m2, self.cov_xy_m2, self.cov_yy_m2) {
+            (None, None, None) => return Ok(None),
+            (Some(xx), Some(xy), Some(yy)) => Matrix2::new(xx, xy, xy, yy),
+            _ => return Err("all of cov_xx_m2, cov_xy_m2 and cov_yy_m2, or none".into()),
+        };
+        let is_small = covariance.iter().all(|entry| entry.abs() <= FARTHEST_M * FARTHEST_M);
+        if !is_small || covariance.cholesky().is_none() {
+            return Err("a positive definite covariance in m2, in the base's frame".into());
+        }
+        Ok(Some(covariance))
+    }
+
+    fn innovation(&self) -> Result<Option<Innovation<1>>, String> {
+        let (residual, variance) = match (self.innovation_n_m, self.innovation_variance_n2_m2) {
+            (None, None) => return Ok(None),
+            (Some(residual), Some(variance)) => (residual, variance),
+            _ => return Err("both innovation_n_m and innovation_variance_n2_m2, or none".into()),
+        };
+        let nis = residual * residual / variance;
+        if !(variance > 0.0 && nis.is_finite()) {
+            return Err("a positive innovation_variance_n2_m2 to which innovation_n_m has a finite ratio".into());
+        }
+        Ok(Some(Innovation { residual: Vector1::new(residual), covariance: Matrix1::new(variance), nis }))
+    }
+}

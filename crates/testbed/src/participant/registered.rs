@@ -1,0 +1,59 @@
+//! The estimators of the registry.
+
+use std::sync::Arc;
+
+use anyhow::Context;
+use serde_json::Value;
+use whisker::estimators::{self, ESTIMATORS, EstimatorRow, Knowledge};
+
+use super::{Participant, Task};
+use crate::replay::{self, Replay};
+use crate::results::RunEstimator;
+use crate::settings::merged;
+
+/// A registered estimator with its settings.
+pub struct Registered {
+    row: &'static EstimatorRow,
+    config: Value,
+}
+
+impl Registered {
+    /// The estimator of this name, with settings over its defaults.
+    ///
+    /// # Errors
+    /// If there is none of this name, or the settings are no JSON object.
+    pub fn new(name: &str, overrides: &Value) -> anyhow::Result<Self> {
+        let row = estimators::estimator(name).with_context(|| {
+            let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
+            format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
+        })?;
+        let config = merged((row.defaults)(), overrides).with_context(|| format!("settings of `{name}`"))?;
+        Ok(Self { row, config })
+    }
+}
+
+impl Participant for Registered {
+    fn describe(&self) -> RunEstimator {
+        RunEstimator {
+            name: self.row.name.into(),
+            about: self.row.about.into(),
+            kind: self.row.kind,
+            sensor_model: self.row.sensor_model.map(Into::into),
+            config: self.config.clone(),
+        }
+    }
+
+    fn sensor_model(&self) -> Option<&'static str> {
+        self.row.sensor_model
+    }
+
+    fn check(&self, knowledge: &Arc<Knowledge>) -> anyhow::Result<()> {
+        replay::method(self.row, &self.config, knowledge).map(drop)
+    }
+
+    fn replay(&self, task: &Task<'_>) -> anyhow::Result<Replay> {
+        let &Task { knowledge, samples, touched, trace, seed } = task;
+        let mut runner = replay::runner(self.row, &self.config, knowledge, trace, seed)?;
+        Ok(replay::replay(&mut runner, samples, touched))
+    }
+}

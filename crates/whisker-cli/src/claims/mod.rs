@@ -1,0 +1,308 @@
+//! What the documentation claims, and how each claim is measured.
+//!
+//! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
+
+mod arm;
+mod contact_events;
+mod contours;
+mod determinism;
+mod hall;
+mod monte_carlo;
+mod motion;
+mod noiseless;
+mod pins;
+mod real;
+mod sensor_model;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+pub(crate) use arm::RUN as ARM;
+
+use anyhow::bail;
+use files::write_atomically;
+use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
+use trace::SensorFile;
+
+use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
+
+use testbed::dataset::Dataset;
+use testbed::metrics::Metric;
+use testbed::results::{
+    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
+    csv_bytes, read_rows, read_scores,
+};
+use testbed::statistics::mean;
+
+/// Whether a figure has to stay below its bound or above it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Relation {
+    /// At most the bound.
+    AtMost,
+    /// At least the bound.
+    AtLeast,
+}
+
+/// How a claim is measured; nothing where there is nothing to measure.
+type Measure = Box<dyn Fn(&Context) -> anyhow::Result<Option<f64>>>;
+
+/// A figure that the documentation claims.
+pub struct Claim {
+    /// Short name, unique.
+    pub id: String,
+    /// What is claimed.
+    pub claim: String,
+    /// Unit of figure and bound.
+    pub unit: &'static str,
+    /// On which side of the bound the figure has to lie.
+    pub relation: Relation,
+    /// The bound.
+    pub bound: f64,
+    /// Whether it is about recordings, which not everybody has.
+    needs_recordings: bool,
+    measure: Measure,
+}
+
+impl Claim {
+    fn at_most(
+        id: String,
+        claim: String,
+        bound: f64,
+        unit: &'static str,
+        measure: impl Fn(&Context) -> anyhow::Result<Option<f64>> + 'static,
+    ) -> Self {
+        Self { id, claim, unit, relation: Relation::AtMost, bound, needs_recordings: false, measure: Box::new(measure) }
+    }
+
+    fn at_least(
+        id: String,
+        claim: String,
+        bound: f64,
+        unit: &'static str,
+        measure: impl Fn(&Context) -> anyhow::Result<Option<f64>> + 'static,
+    ) -> Self {
+        Self { relation: Relation::AtLeast, ..Self::at_most(id, claim, bound, unit, measure) }
+    }
+
+    /// The same, of recordings: not measured where they are not there.
+    fn of_recordings(self) -> Self {
+        Self { needs_recordings: true, ..self }
+    }
+}
+
+/// The registry of topics: each lists its claims.
+pub const TOPICS: &[fn() -> Vec<Claim>] = &[
+    sensor_model::claims,
+    pins::claims,
+    monte_carlo::claims,
+    noiseless::claims,
+    motion::claims,
+    contours::claims,
+    contact_events::claims,
+    hall::claims,
+    arm::claims,
+    real::claims,
+    determinism::claims,
+];
+
+/// The runs that claims are measured on. They bear the names of their suites, and that of the pins through a front end the front end's.
+pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN, arm::RUN];
+
+/// The run that claims are measured on unless they name another.
+pub(crate) const STANDARD: &str = "standard";
+
+/// Every claim.
+pub fn claims() -> Vec<Claim> {
+    TOPICS.iter().flat_map(|topic| topic()).collect()
+}
+
+/// A claim that was measured: a row of `claims.csv`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeasuredClaim {
+    /// Short name.
+    pub id: String,
+    /// What is claimed.
+    pub claim: String,
+    /// The figure.
+    pub measured: Option<f64>,
+    /// `<=` or `>=`.
+    pub relation: String,
+    /// The bound.
+    pub bound: f64,
+    /// Unit of both.
+    pub unit: String,
+    /// Whether the claim holds; nothing where it could not be measured, for want of the recordings.
+    pub holds: Option<bool>,
+}
+
+/// What claims are measured on: evaluated runs, and the traces of the standard suite.
+pub struct Context {
+    /// The runs of [`RUNS`], by name.
+    runs: BTreeMap<&'static str, Evaluation>,
+    /// The run of the recordings, where they are there.
+    recordings: Option<Evaluation>,
+    /// The standard suite.
+    dataset: Dataset,
+}
+
+/// An evaluated run.
+struct Evaluation {
+    run: Run,
+    summary: Vec<SummaryRow>,
+    trials: Vec<TrialRow>,
+    bands: Vec<ErrorBandRow>,
+    contours: Vec<ContourTrialRow>,
+    /// Counts while each sensor is turned, by the sensor's label, where the front end has sensors.
+    turns: BTreeMap<String, Vec<TurnRow>>,
+    maps: Vec<MapRow>,
+    map_objects: Vec<MapObjectRow>,
+}
+
+impl Context {
+    /// Opens the evaluated runs in the folder of results, and the standard suite.
+    ///
+    /// # Errors
+    /// If a file is missing or does not parse.
+    pub fn open(results: &Path) -> anyhow::Result<Self> {
+        let mut runs = BTreeMap::new();
+        for name in RUNS {
+            runs.insert(*name, Evaluation::open(&results.join(name))?);
+        }
+        let suite = Path::new("scenes/suites").join(STANDARD).with_extension("json");
+        let recordings = results.join(real::RUN);
+        let recordings = recordings.join("run.json").is_file().then(|| Evaluation::open(&recordings)).transpose()?;
+        let recordings = recordings.filter(real::is_whole);
+        Ok(Self { runs, recordings, dataset: Dataset::open(&suite, None)? })
+    }
+
+    /// Names of the runs that claims are measured on.
+    pub fn runs(&self) -> impl Iterator<Item = &str> {
+        self.runs.keys().copied().chain(self.recordings.as_ref().map(|_| real::RUN))
+    }
+
+    /// The run of the standard suite.
+    fn standard(&self) -> &Evaluation {
+        self.run(STANDARD)
+    }
+
+    /// One of [`RUNS`].
+    fn run(&self, name: &str) -> &Evaluation {
+        &self.runs[name]
+    }
+}
+
+impl Evaluation {
+    fn open(folder: &Path) -> anyhow::Result<Self> {
+        if !folder.join("run.json").is_file() {
+            bail!("{}: no such run; `cargo xtask reproduce` makes it", folder.display());
+        }
+        let run = Run::read(&folder.join("run.json"))?;
+        let mut turns = BTreeMap::new();
+        for label in run.front_end.sensors.iter().map(SensorFile::label) {
+            let path = folder.join("sensors").join(format!("{label}.turn.csv"));
+            turns.insert(label, read_rows(&path)?);
+        }
+        Ok(Self {
+            run,
+            turns,
+            summary: read_scores(&folder.join("summary.csv"))?,
+            trials: read_scores(&folder.join("trials.csv"))?,
+            bands: read_rows(&folder.join("error_over_time.csv"))?,
+            contours: read_rows(&folder.join("contour_trials.csv"))?,
+            maps: read_rows(&folder.join("maps.csv"))?,
+            map_objects: read_rows(&folder.join("map_objects.csv"))?,
+        })
+    }
+
+    /// Counts while the sensor of a whisker that is an array of its own is turned.
+    fn turns_of(&self, whisker: &str) -> Option<&[TurnRow]> {
+        let sensor = self.run.front_end.sensor(whisker, whisker)?;
+        self.turns.get(&sensor.label()).map(Vec::as_slice)
+    }
+
+    /// The summary of an estimator on one set at the run's first noise level.
+    fn summary(&self, group: &str, whisker: &str, estimator: &str) -> Option<&SummaryRow> {
+        self.summary_at(group, whisker, estimator, self.run.noise[0])
+    }
+
+    /// The summary of an estimator on one set at a noise level.
+    fn summary_at(&self, group: &str, whisker: &str, estimator: &str, noise: f64) -> Option<&SummaryRow> {
+        self.summary.iter().find(|SummaryRow { head, .. }| {
+            head.group == group && head.whisker == whisker && head.estimator == estimator && head.noise == noise
+        })
+    }
+
+    /// The best value that any of some estimators has of a metric of which less is better.
+    fn best<'a>(
+        &self,
+        group: &str,
+        whisker: &str,
+        estimators: impl Iterator<Item = &'a str>,
+        metric: &Metric,
+    ) -> Option<f64> {
+        estimators.filter_map(|name| self.summary(group, whisker, name)?.get(metric)).min_by(f64::total_cmp)
+    }
+
+    /// Share of the trials of an estimator on one set, at the run's first noise level, that meet a condition.
+    fn share(&self, group: &str, whisker: &str, estimator: &str, condition: impl Fn(&TrialRow) -> bool) -> Option<f64> {
+        mean(self.trials_of(group, whisker, estimator).map(|trial| f64::from(condition(trial))))
+    }
+
+    /// The trials of an estimator on one set, at the run's first noise level.
+    fn trials_of(&self, group: &str, whisker: &str, estimator: &str) -> impl Iterator<Item = &TrialRow> {
+        self.trials.iter().filter(move |TrialRow { head, .. }| {
+            head.group == group
+                && head.whisker == whisker
+                && head.estimator == estimator
+                && head.noise == self.run.noise[0]
+        })
+    }
+}
+
+/// Measures every claim and writes the table.
+///
+/// # Errors
+/// If a measurement fails or the table cannot be written.
+pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow::Result<Vec<MeasuredClaim>> {
+    let mut measured = Vec::new();
+    let claims = claims();
+    progress.set_length(claims.len() as u64);
+    for claim in claims {
+        let can_be_measured = !claim.needs_recordings || context.recordings.is_some();
+        let value = if can_be_measured { (claim.measure)(context)? } else { None };
+        let (relation, holds) = match claim.relation {
+            Relation::AtMost => ("<=", value.is_some_and(|value| value <= claim.bound)),
+            Relation::AtLeast => (">=", value.is_some_and(|value| value >= claim.bound)),
+        };
+        let holds = can_be_measured.then_some(holds);
+        let Claim { id, claim, unit, bound, .. } = claim;
+        progress.inc(1);
+        measured.push(MeasuredClaim {
+            id,
+            claim,
+            measured: value,
+            relation: relation.into(),
+            bound,
+            unit: unit.into(),
+            holds,
+        });
+    }
+    write_atomically(out, &csv_bytes(&measured)?)?;
+    Ok(measured)
+}
+
+/// The largest of some values; nothing where one lacks, or where there is none.
+fn worst(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    values.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::max)
+}
+
+/// The filters under test, as opposed to the baselines, to those that look back and to the configurations of the publication.
+fn filters() -> impl Iterator<Item = &'static str> {
+    let is_own = |row: &&EstimatorRow| row.kind == Kind::Recursive && !row.name.starts_with(PAPER);
+    ESTIMATORS.iter().filter(is_own).map(|row| row.name)
+}
+
+/// The whiskers of the standard suite.
+const WHISKERS: [&str; 2] = ["straight", "curved"];

@@ -1,0 +1,134 @@
+//! Without noise, with readings from the fitted sensor model itself and a contact that truly rests, a filter has nothing left to be wrong
+//! about: its error must vanish. Filters that take a motion are told that the contact rests, and a Gaussian one that what it learnt at the start, before its
+//! linearisation was good, is to be forgotten. A particle filter is left with the Monte-Carlo error of its cloud: over several of its own seeds its estimates
+//! scatter, but must scatter about the truth. It is told that the contact neither wanders nor is forgotten, as is true here.
+//!
+//! Only filters are judged that can be told so. `imm` knows from the wire's thickness that a contact slides as the whisker turns, `outline` takes it to run along
+//! a curve that has a radius everywhere, and `recommended` leaves its candidates their defaults: to them this world is not ideal.
+
+use anyhow::{Context as _, ensure};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use testbed::front_end::FRONT_ENDS;
+use testbed::replay::{knowledge, replay, runner, samples, touched};
+use testbed::settings::merged;
+use testbed::statistics::quantile;
+use trace::{CalibrationFile, Role, Trace};
+use whisker::estimators::{self, Sample};
+use whisker::events::TouchConfig;
+use whisker::frames::{Point, World};
+use whisker::sensor::CalibratedFace;
+
+use super::{Claim, Context, WHISKERS, filters};
+
+/// Seeds of a particle filter on each trace.
+const SEEDS: u64 = 8;
+
+/// Mean offset over the seeds, relative to their scatter, that chance explains: four standard deviations of the mean.
+const MOST_OFFSET: f64 = 1.4;
+
+/// Traces on which the contact stays within the calibrated region, at least.
+const LEAST_TRACES: usize = 8;
+
+pub(super) fn claims() -> Vec<Claim> {
+    let mut claims = Vec::new();
+    for whisker in WHISKERS {
+        for filter in filters().filter(|filter| has_setting(filter, "motion")) {
+            let is_random = has_setting(filter, "particles");
+            let score = if is_random {
+                "mean final offset over its seeds, relative to their scatter, worst trace"
+            } else {
+                "final error, worst trace"
+            };
+            let (bound, unit) = if is_random { (MOST_OFFSET, "Monte-Carlo sd") } else { (1.0, "um") };
+            claims.push(Claim::at_most(
+                format!("noiseless_{whisker}_{filter}"),
+                format!("pin at rest, readings of the model itself, no noise, {whisker} whisker, {filter}: {score}"),
+                bound,
+                unit,
+                move |context| {
+                    let (seeds, at_rest) = if is_random {
+                        let motion = json!({"kind": "resting", "wander_m_sqrt_s": 1e-9});
+                        (SEEDS, json!({"fading": 1.0, "motion": motion}))
+                    } else {
+                        (1, json!({"fading": 1.004, "motion": {"kind": "resting"}}))
+                    };
+                    let offsets = final_offsets(context, whisker, filter, &at_rest, seeds)?;
+                    let score = |of_trace: &Vec<Vector2<f64>>| {
+                        let mean = of_trace.iter().sum::<Vector2<f64>>() / of_trace.len() as f64;
+                        let scatter = of_trace.iter().map(|offset| (offset - mean).norm_squared()).sum::<f64>();
+                        let sd = (scatter / (of_trace.len() as f64 - 1.0)).sqrt();
+                        if is_random { mean.norm() / sd } else { mean.norm() * 1e6 }
+                    };
+                    Ok(quantile(&offsets.iter().map(score).collect::<Vec<_>>(), 1.0))
+                },
+            ));
+        }
+    }
+    claims
+}
+
+fn has_setting(filter: &str, key: &str) -> bool {
+    estimators::estimator(filter).is_some_and(|row| (row.defaults)().get(key).is_some())
+}
+
+/// Offsets of the last estimate from the truth, in m, by trace and seed.
+fn final_offsets(
+    context: &Context,
+    whisker: &str,
+    filter: &str,
+    settings: &Value,
+    seeds: u64,
+) -> anyhow::Result<Vec<Vec<Vector2<f64>>>> {
+    let path = context.dataset.calibrations(FRONT_ENDS[0].name).join(format!("{whisker}.json"));
+    let faces = CalibrationFile::read(&path)?.calibrated(&path, None)?;
+    let row = estimators::estimator(filter).context("a registered estimator")?;
+    let config = merged((row.defaults)(), settings)?;
+    let mut ideals = Vec::new();
+    for trace in context.dataset.read(Role::Trial)? {
+        if trace.sidecar.whisker.name == whisker && trace.sidecar.group == "pin" {
+            let face = faces.iter().find(|face| face.face == trace.sidecar.face);
+            let face = face.context("the pin's face is calibrated")?;
+            ideals.extend(ideal(&trace, face).map(|(contact, samples)| (trace, contact, samples)));
+        }
+    }
+    let found = ideals.len();
+    ensure!(found >= LEAST_TRACES, "{found} pins stay within the calibrated region, expected at least {LEAST_TRACES}");
+    ideals
+        .par_iter()
+        .map(|(trace, contact, samples)| {
+            let sidecar = &trace.sidecar;
+            let knowledge = knowledge(sidecar, &faces, 0.0);
+            let touched = touched(TouchConfig::default(), &knowledge, samples);
+            let last_base = trace.recording.instants[samples.len() - 1].base;
+            let offset = |seed| {
+                let mut runner = runner(row, &config, &knowledge, &sidecar.name, seed)?;
+                let estimates = replay(&mut runner, samples, &touched).estimates;
+                let last = estimates.last().copied().flatten().context("an ideal contact is followed to the end")?;
+                Ok(last_base.apply(last.contact).vector() - contact.vector())
+            };
+            (1..=seeds).map(offset).collect()
+        })
+        .collect()
+}
+
+/// The trace's base motion past a contact that rests where the true one was in the middle of the touch, with the model's readings while that
+/// contact is calibrated and zero before; nothing where it leaves the calibrated region later.
+fn ideal(trace: &Trace, face: &CalibratedFace) -> Option<(Point<World>, Vec<Sample>)> {
+    let contacts: Vec<Point<World>> = trace.truth.instants.iter().filter_map(|truth| truth.contact).collect();
+    let contact = *contacts.get(contacts.len() / 2)?;
+    let mut touched = false;
+    let mut readings = Vec::new();
+    for instant in &trace.recording.instants {
+        match face.predict(instant.base.inverse().apply(contact)) {
+            Some(expected) => {
+                touched = true;
+                readings.push(expected.reading_n_m);
+            }
+            None if touched => return None,
+            None => readings.push(0.0),
+        }
+    }
+    Some((contact, samples(&trace.recording, &readings)))
+}

@@ -1,0 +1,238 @@
+//! `whisker evaluate`: every estimator over every trial.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Context;
+use files::read_json;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use strict_json::parse_json;
+use testbed::dataset::Dataset;
+use testbed::encoders::Encoders;
+use testbed::evaluate::{EvaluateSettings, Share, Skipped, evaluate, evaluate_share};
+use testbed::front_end::FrontEnd;
+use testbed::map::MapConfig;
+use testbed::metrics::{bound, consistency, error};
+use testbed::participant::Program;
+use testbed::results::{FailureRow, SummaryRow};
+use whisker::events::TouchConfig;
+
+use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
+
+/// Noise seeds a trial, unless asked for others.
+const DEFAULT_SEEDS: u64 = 5;
+
+/// Prior information on the first contact.
+#[derive(Clone, Copy, Default, clap::ValueEnum)]
+enum Starts {
+    /// The first contact lies along the undeflected whisker
+    #[default]
+    Honest,
+    /// That, and six more trials with a prior 4 to 5 mm off the true contact, in groups of their own
+    Wrong,
+}
+
+impl From<Starts> for testbed::evaluate::Starts {
+    fn from(starts: Starts) -> Self {
+        match starts {
+            Starts::Honest => Self::Honest,
+            Starts::Wrong => Self::Wrong,
+        }
+    }
+}
+
+/// Replay every trial of a suite or folder through the estimators and score them against the truth
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Suites (JSON) or folders of traces
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// Folder of the suites' traces [default: datasets/<suite>]
+    #[arg(long)]
+    traces: Option<PathBuf>,
+    /// Folder of the calibrations [default: calibrations/ beside the traces, in it a folder for a front end that is not the default]
+    #[arg(long)]
+    calibrations: Option<PathBuf>,
+    /// Estimators, by comma [default: all; `whisker list` names them]
+    #[arg(long, value_delimiter = ',')]
+    estimators: Option<Vec<String>>,
+    /// A program of yours beside them, as often as you like: it reads rows and writes estimates as JSON lines (docs/your-estimator.md)
+    #[arg(long, value_name = "[NAME=]COMMAND")]
+    exec: Vec<String>,
+    /// Longest wait for one answer of such a program
+    #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
+    exec_timeout: Duration,
+    /// File with settings by estimator, of the touch detection and of maps: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
+    #[arg(long)]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    front_end: front_end::Arguments,
+    /// Noise levels to add, as fractions of the largest reading of each set, by comma [default: the front end's, 0.01 or 0 where it has its
+    /// own; 0 to recordings, which have their own]
+    #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
+    noise: Option<Vec<f64>>,
+    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise, of encoders neither]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: Option<u64>,
+    /// What the estimators are told of the first touch
+    #[arg(long, value_enum, default_value_t)]
+    starts: Starts,
+    /// Encoders of the joints of an arm, as often as you like: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', '{}' for perfect ones; only recordings
+    /// with an arm have any [default: perfect]
+    #[arg(long, value_name = "JSON", value_parser = encoders)]
+    encoders: Vec<Encoders>,
+    /// Name of the run [default: that of the suite or folder, several joined by +]
+    #[arg(long)]
+    name: Option<String>,
+    /// Folder under which the run's folder is made
+    #[arg(long, default_value = "results")]
+    results: PathBuf,
+    /// Do only one of several equal shares of the work, given as number/shares, at the same time as other processes do the others, on this machine or on others with
+    /// the same file system; the command without it then puts the run together
+    #[arg(long, value_name = "K/N")]
+    share: Option<Share>,
+    /// Threads [default: one a core]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let traces = arguments.traces.as_deref();
+    let datasets: Vec<Dataset> =
+        arguments.inputs.iter().map(|input| Dataset::open(input, traces)).collect::<anyhow::Result<_>>()?;
+    let Config { touch, map, estimators: config } =
+        arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
+    let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
+    let program = |text: &String| Program::new(text, arguments.exec_timeout);
+    let choice = arguments.front_end.choice();
+    let front_end = FrontEnd::new(&choice)?;
+    let noise = match &arguments.noise {
+        Some(levels) => levels.clone(),
+        None => vec![default_noise(&datasets, &front_end)?],
+    };
+    // Without noise every seed replays the same readings, which would count as so many trials.
+    let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
+    let is_silent = !front_end.is_noisy() && are_exact && noise.iter().all(|level| *level == 0.0);
+    let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
+    let settings = EvaluateSettings {
+        name: arguments.name.clone().unwrap_or_else(joined),
+        estimators: arguments.estimators.clone(),
+        programs: arguments.exec.iter().map(program).collect::<anyhow::Result<_>>()?,
+        config,
+        front_end: choice,
+        touch,
+        starts: arguments.starts.into(),
+        encoders: arguments.encoders.clone(),
+        map,
+        seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
+        noise,
+        calibrations: arguments.calibrations.clone(),
+        results: arguments.results.clone(),
+    };
+    let threads = rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.threads.map_or(0, usize::from))
+        .build()
+        .context("cannot start threads")?;
+    let progress = progress_bar("evaluating");
+    if let Some(share) = arguments.share {
+        threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
+        progress.finish_and_clear();
+        print(&format!("share {share} is done\n"))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
+    progress.finish_and_clear();
+    let state = if evaluated.is_new { "" } else { " (up to date)" };
+    print(&format!("{}{}{state}\n", summary_table(&evaluated.summary), evaluated.folder.display()))?;
+    for failure in &evaluated.failures {
+        let estimator = failure.estimator.as_ref().map_or_else(String::new, |name| format!("{name} on "));
+        let FailureRow { trace, noise, seed, reason, .. } = failure;
+        eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
+    }
+    for Skipped { estimator, sensor_model, calibration } in &evaluated.skipped {
+        let calibration = calibration.display();
+        eprintln!("left out: {estimator}, which needs the sensor model `{sensor_model}` that {calibration} lacks");
+    }
+    if !evaluated.unscored.is_empty() {
+        eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
+    }
+    Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// Encoders of an arm's joints.
+fn encoders(text: &str) -> Result<Encoders, String> {
+    parse_json(text.as_bytes()).map_err(|error| error.to_string())
+}
+
+/// A time to wait.
+fn seconds(text: &str) -> Result<Duration, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.001..=86_400.0).contains(&value) => Ok(Duration::from_secs_f64(value)),
+        _ => Err("expected seconds, 0.001 to 86400, for example 10".into()),
+    }
+}
+
+/// The largest that a dataset asks for.
+fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f64> {
+    datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise(front_end)?)))
+}
+
+/// A file of settings.
+#[derive(Default, Deserialize, Serialize)]
+struct Config {
+    #[serde(default)]
+    touch: TouchConfig,
+    #[serde(default)]
+    map: MapConfig,
+    #[serde(flatten)]
+    estimators: BTreeMap<String, Value>,
+}
+
+/// The summary for people, in millimetres.
+fn summary_table(summary: &[SummaryRow]) -> String {
+    let header = [
+        "group",
+        "whisker",
+        "estimator",
+        "noise",
+        "trials",
+        "RMSE, mm",
+        "over bound",
+        "95 %, mm",
+        "worst, mm",
+        "< 1 mm, s",
+        "< 0.3 mm, s",
+        "never < 1 mm",
+        "NEES",
+        "NIS",
+        "in 95 %",
+        "step, ns",
+    ];
+    let rows: Vec<Vec<String>> = summary
+        .iter()
+        .map(|row| {
+            vec![
+                row.head.group.clone(),
+                row.head.whisker.clone(),
+                row.head.estimator.clone(),
+                format!("{} %", row.head.noise * 100.0),
+                row.head.trials.to_string(),
+                table::millimetres(row.get(&error::RMSE)),
+                table::number(row.get(&bound::RATIO)),
+                table::millimetres(row.get(&error::P95)),
+                table::millimetres(row.get(&error::WORST)),
+                table::number(row.get(&error::TIME_TO_1MM)),
+                table::number(row.get(&error::TIME_TO_0P3MM)),
+                table::percent(row.get(&error::NEVER_1MM)),
+                table::number(row.get(&consistency::NEES)),
+                table::number(row.get(&consistency::NIS)),
+                table::percent(row.get(&consistency::COVERAGE)),
+                format!("{:.0}", row.head.step_ns),
+            ]
+        })
+        .collect();
+    table::render(&header, &rows, 3)
+}

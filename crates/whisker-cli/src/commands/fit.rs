@@ -1,0 +1,140 @@
+//! `whisker fit`: calibration traces to calibration files.
+
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+use serde_json::Value;
+use testbed::dataset::Dataset;
+use testbed::fit::{FitSettings, Models, fit};
+use testbed::front_end::{FrontEnd, Mounting};
+use trace::{CalibrationFile, is_plain_name};
+use whisker::sensor::Face;
+
+use super::{front_end, json, noise_fraction, print, table};
+
+/// In the place of a model's name: find the best.
+const AUTO: &str = "auto";
+
+/// Fit sensor models to the calibration traces of a suite or folder
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Suite (JSON) or folder of traces
+    input: PathBuf,
+    /// Folder of the suite's traces [default: datasets/<suite>]
+    #[arg(long)]
+    traces: Option<PathBuf>,
+    /// Folder for the calibrations [default: calibrations/ beside the traces, in it a folder for a front end that is not the default]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Sensor model; `whisker list` names them, `auto` fits all and takes the one that predicts held-out traces best
+    #[arg(long, default_value = AUTO)]
+    model: String,
+    /// Settings of the model as JSON, for example '{"degree": 7}'
+    #[arg(long, value_parser = json)]
+    config: Option<Value>,
+    #[command(flatten)]
+    front_end: front_end::Arguments,
+    /// Sensors to calibrate beside those of the traces, as array/sensor, by comma
+    #[arg(long, value_delimiter = ',', value_parser = mounting)]
+    sensors: Vec<Mounting>,
+    /// Measurement noise added to simulated traces, as a fraction of the largest reading [default: the front end's]
+    #[arg(long, value_parser = noise_fraction)]
+    noise: Option<f64>,
+    /// Seed of that noise, and of the front end's
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let dataset = Dataset::open(&arguments.input, arguments.traces.as_deref())?;
+    let models = match (arguments.model.as_str(), &arguments.config) {
+        (AUTO, None) => Models::Auto,
+        (AUTO, Some(_)) => bail!("--config: settings belong to one model; name it by --model"),
+        (kind, config) => {
+            let config = config.clone().unwrap_or_else(|| Value::Object(Default::default()));
+            Models::One { kind: kind.into(), config }
+        }
+    };
+    let choice = arguments.front_end.choice();
+    let front_end = FrontEnd::new(&choice)?;
+    let settings = FitSettings {
+        models,
+        noise: arguments.noise.unwrap_or(front_end.row.noise),
+        seed: arguments.seed,
+        front_end: choice,
+        sensors: arguments.sensors.clone(),
+    };
+    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
+    let fitted = fit(&dataset, &settings, &out)?;
+    for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
+        eprintln!("left out: {reason}");
+    }
+    let mut rows = Vec::new();
+    for whisker in &fitted {
+        for face in &whisker.calibration.faces {
+            let best = face.model(None).map_or(f64::NAN, |model| model.heldout_rms_n_m);
+            for model in &face.models {
+                let share = |reading: f64| {
+                    let percent = 100.0 * reading / face.largest_reading_n_m;
+                    if percent < 1e3 { format!("{percent:.4} %") } else { format!("{percent:.1e} %") }
+                };
+                let is_chosen = model.label == face.chosen;
+                rows.push(vec![
+                    whisker.calibration.whisker.name.clone(),
+                    face.face.name().into(),
+                    model.label.clone(),
+                    share(model.heldout_rms_n_m),
+                    share(model.heldout_worst_n_m),
+                    format!("{:.0}", evaluation_ns(&whisker.calibration, &whisker.path, &model.label, face.face)?),
+                    if is_chosen {
+                        "chosen".into()
+                    } else {
+                        format!("{} x", table::number(Some(model.heldout_rms_n_m / best)))
+                    },
+                ]);
+            }
+        }
+    }
+    let header = ["whisker", "face", "model", "held-out RMS", "held-out worst", "ns a call", "error"];
+    print(&table::render(&header, &rows, 3))?;
+    for whisker in &fitted {
+        let state = if whisker.is_new { "" } else { " (up to date)" };
+        print(&format!("{}{state}\n", whisker.path.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A sensor and its array.
+fn mounting(text: &str) -> Result<Mounting, String> {
+    let names = text.split_once('/').filter(|(array, sensor)| is_plain_name(array) && is_plain_name(sensor));
+    let (array, sensor) = names.ok_or("expected array/sensor, for example left/left_1")?;
+    Ok(Mounting::single(array, sensor))
+}
+
+/// Wall-clock time of one prediction with its gradient over the calibrated region, the quickest of a few rounds.
+fn evaluation_ns(calibration: &CalibrationFile, path: &Path, label: &str, face: Face) -> anyhow::Result<f64> {
+    const ROUNDS: usize = 5;
+    const ALONG: usize = 64;
+    const AWAY: usize = 32;
+    let faces = calibration.calibrated(path, Some(label))?;
+    let face = faces.iter().find(|known| known.face == face).context("the face is in the file")?;
+    let (low, high) = face.domain.arc_range_m();
+    let mut contacts = Vec::with_capacity(ALONG * AWAY);
+    for i in 0..ALONG {
+        let arc_m = low + (high - low) * i as f64 / (ALONG - 1) as f64;
+        let (lower, upper) = face.domain.away_range_m(arc_m);
+        contacts
+            .extend((0..AWAY).map(|j| face.contact_at(arc_m, lower + (upper - lower) * j as f64 / (AWAY - 1) as f64)));
+    }
+    let round = || {
+        let start = Instant::now();
+        for &contact in &contacts {
+            black_box(face.model.predict(black_box(contact)));
+        }
+        start.elapsed().as_secs_f64() * 1e9 / contacts.len() as f64
+    };
+    Ok((0..ROUNDS).map(|_| round()).fold(f64::INFINITY, f64::min))
+}

@@ -1,0 +1,107 @@
+//! The command line: one file a command.
+//!
+//! Exit codes: 0 good, 1 failed, 2 wrong usage, 3 finished with failed items. Results go to stdout, diagnostics to stderr.
+
+mod bag;
+mod check;
+mod evaluate;
+mod fit;
+mod front_end;
+mod import;
+mod list;
+mod platform;
+mod python;
+mod replay;
+mod report;
+mod reproduce;
+mod simulate;
+mod table;
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Parser, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
+use strict_json::parse_json;
+use trace::MOST_NOISE;
+
+/// Physics testbed for whisker contact localisation.
+#[derive(Parser)]
+#[command(name = "whisker", version, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Simulate(simulate::Arguments),
+    Import(import::Arguments),
+    Fit(fit::Arguments),
+    Replay(replay::Arguments),
+    Evaluate(evaluate::Arguments),
+    Report(report::Arguments),
+    Check(check::Arguments),
+    List(list::Arguments),
+    Platform(platform::Arguments),
+    Bag(bag::Arguments),
+    Reproduce(reproduce::Arguments),
+}
+
+/// Runs the command that the program's arguments name.
+///
+/// # Errors
+/// Whatever keeps the command from its end.
+pub fn run() -> anyhow::Result<ExitCode> {
+    match Arguments::parse().command {
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
+        Command::Fit(arguments) => fit::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::List(arguments) => list::run(&arguments),
+        Command::Platform(arguments) => platform::run(&arguments),
+        Command::Bag(arguments) => bag::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
+    }
+}
+
+/// Exit code of a batch of which some items failed and the rest is done.
+const FINISHED_WITH_FAILURES: u8 = 3;
+
+/// Writes results to stdout.
+///
+/// # Errors
+/// If stdout does not take them; a reader that has gone away, as `head` does, is an error that [`run`]'s caller keeps quiet about.
+fn print(text: &str) -> io::Result<()> {
+    let mut stdout = io::stdout().lock();
+    stdout.write_all(text.as_bytes())?;
+    stdout.flush()
+}
+
+/// A progress bar on stderr with an estimate of the time left.
+fn progress_bar(what: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} [{bar:30}] {pos}/{len}, {eta} left")
+        .expect("the template is valid")
+        .progress_chars("=> ");
+    let bar = ProgressBar::no_length().with_style(style).with_message(what);
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// A fraction that measurement noise can be.
+fn noise_fraction(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.0..=MOST_NOISE).contains(&value) => Ok(value),
+        _ => Err(format!("expected a fraction of the largest reading, 0 to {MOST_NOISE}, for example 0.01")),
+    }
+}
+
+/// A JSON value.
+fn json(text: &str) -> Result<Value, String> {
+    parse_json(text.as_bytes()).map_err(|error| format!("not JSON: {error}"))
+}

@@ -1,0 +1,59 @@
+//! `whisker platform emulate`: a printer and a magnetometer on pseudo-terminals.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use platform::emulate::{Emulated, Emulation, RigTable};
+use platform::interrupt;
+
+use super::format;
+use crate::commands::print;
+
+/// How soon an interrupt is noticed.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Offer a printer and a magnetometer that are not there, on two pseudo-terminals, until interrupted
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Symbolic link to make to the printer's port
+    #[arg(long)]
+    printer_link: Option<PathBuf>,
+    /// Symbolic link to make to the magnetometer's port
+    #[arg(long)]
+    sensor_link: Option<PathBuf>,
+    /// What the magnetometer prints; `whisker platform list` names the formats
+    #[arg(long, default_value = "hex")]
+    format: String,
+    /// Seed of the magnetometer's noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// End after so many seconds [default: when interrupted]
+    #[arg(long)]
+    seconds: Option<u32>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let format = format(&arguments.format)?;
+    let stop = interrupt::asked()?;
+    let rig = Arc::new(RigTable::built_in());
+    let mut emulation = Emulation::start(&Emulated { rig, format, seed: arguments.seed })?;
+    let (printer, sensor) = (emulation.printer.clone(), emulation.sensor.clone());
+    for (port, link) in [(&printer, &arguments.printer_link), (&sensor, &arguments.sensor_link)] {
+        if let Some(link) = link {
+            emulation.link(port, link)?;
+        }
+    }
+    print(&format!("printer {}\nsensor {}\n", printer.display(), sensor.display()))?;
+    let began = Instant::now();
+    let is_over = || arguments.seconds.is_some_and(|seconds| began.elapsed() >= Duration::from_secs(seconds.into()));
+    while emulation.is_alive() && !stop.load(Ordering::Relaxed) && !is_over() {
+        thread::sleep(TICK);
+    }
+    let sent = emulation.finish()?;
+    print(&format!("readings {}\ndropped {}\n", sent.readings, sent.dropped))?;
+    Ok(ExitCode::SUCCESS)
+}

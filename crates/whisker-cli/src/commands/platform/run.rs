@@ -1,0 +1,117 @@
+//! `whisker platform run`: the routine, recorded.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use platform::calibration::Calibration;
+use platform::interrupt;
+use platform::printer::Printer;
+use platform::record::{Log, LogSidecar, Sink};
+use platform::routine::IncrementsBeamTest;
+use platform::sensor::{Reader, ReaderSettings};
+use platform::session;
+use platform::streams::Bag;
+use testbed::provenance::watermark;
+
+use super::events::{Events, Form};
+use super::{format, inference, rate_hz, report};
+use crate::commands::print;
+
+/// Run the routine increments_beam_test and record it; an interrupt stops the printer at once
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Port of the printer
+    #[arg(long)]
+    printer: String,
+    /// Port of the magnetometer
+    #[arg(long)]
+    sensor: String,
+    /// What the magnetometer prints; `whisker platform list` names the formats
+    #[arg(long, default_value = "hex")]
+    format: String,
+    /// Readings a second to expect [default: the format's]
+    #[arg(long, value_parser = rate_hz)]
+    rate_hz: Option<f64>,
+    /// How far to push the whisker, in millimetres
+    #[arg(long, default_value_t = 6.0)]
+    x: f64,
+    /// How far the places reach along the whisker, in millimetres
+    #[arg(long, default_value_t = 100.0)]
+    y: f64,
+    /// Stops on the way of a push
+    #[arg(long, default_value_t = 0)]
+    increments_x: u32,
+    /// Steps between the first place and the last
+    #[arg(long, default_value_t = 15)]
+    increments_y: u32,
+    /// How long to rest at each stop, in seconds
+    #[arg(long, default_value_t = 0)]
+    pause: u32,
+    /// Speed of the head, in millimetres a minute
+    #[arg(long, default_value_t = 2000.0)]
+    speed: f64,
+    /// Folder for log.csv, log.json and head.csv; it must not hold a log yet
+    #[arg(long)]
+    out: PathBuf,
+    /// Record into this rosbag2 folder, too
+    #[arg(long)]
+    bag: Option<PathBuf>,
+    /// Tell contacts as they come, by a calibration that `whisker platform fit` wrote, and how well they were found
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    /// How they are printed
+    #[arg(long, value_enum, default_value_t = Form::Json, requires = "calibration")]
+    print: Form,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let format = format(&arguments.format)?;
+    let routine = IncrementsBeamTest {
+        total_x_m: 1e-3 * arguments.x,
+        total_y_m: 1e-3 * arguments.y,
+        increments_x: arguments.increments_x,
+        increments_y: arguments.increments_y,
+        pause: Duration::from_secs(arguments.pause.into()),
+        speed_m_s: arguments.speed / 60e3,
+    };
+    routine.check()?;
+    Log::check_is_free(&arguments.out)?;
+    let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
+    let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
+    let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
+    let stop = interrupt::asked()?;
+    let origin = Instant::now();
+    let mut settings = ReaderSettings::new(format, origin);
+    settings.rate_hz = arguments.rate_hz.unwrap_or(format.rate_hz);
+    let mut printer = Printer::open(&arguments.printer, origin, stop)?;
+    let reader = Reader::open(&arguments.sensor, settings)?;
+    let described = format!("{routine:?}");
+    let sidecar = LogSidecar::new(format.name, settings.rate_hz, watermark([described.as_str(), format.name]));
+    let bag = arguments.bag.as_deref().map(|folder| Bag::create(folder, sidecar.clone())).transpose()?;
+    let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
+    if inference.is_some() {
+        // Before all that takes time to keep.
+        sinks.push(Box::new(Events::begin(arguments.print)?));
+    }
+    sinks.push(Box::new(Log::create(&arguments.out, sidecar)?));
+    if let Some(bag) = bag {
+        sinks.push(Box::new(bag));
+    }
+    let outcome = session::run(&routine, &mut printer, reader, inference, sinks, origin);
+    report(&outcome.report, calibration.as_ref());
+    if let Some(latency) = &outcome.latency {
+        eprintln!("{latency}");
+    }
+    for path in &outcome.files {
+        // Where there are events they have the standard output for themselves.
+        match outcome.latency {
+            None => print(&format!("{}\n", path.display()))?,
+            Some(_) => eprintln!("{}", path.display()),
+        }
+    }
+    match outcome.error {
+        Some(error) => Err(error.into()),
+        None => Ok(ExitCode::SUCCESS),
+    }
+}

@@ -1,0 +1,147 @@
+//! `whisker replay`: one trace through one estimator.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use files::AtomicFile;
+use serde_json::Value;
+use testbed::dataset::calibrations;
+use testbed::evaluate::estimate_row;
+use testbed::front_end::{FrontEnd, Mounting, Played, Reader};
+use testbed::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
+use testbed::results::{EstimateRow, RECOMMENDED, Table};
+use testbed::settings::merged;
+use trace::{CalibrationFile, Instant, Trace, TraceRows, TruthInstant};
+use whisker::estimators::{self, Estimate, Estimator, Kind, Knowledge};
+use whisker::events::TouchConfig;
+
+use super::{front_end, json, noise_fraction};
+
+/// Replay one trace through one estimator and write its estimates as CSV
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Trace (.csv, its sidecar beside it)
+    trace: PathBuf,
+    /// Estimator; `whisker list` names them
+    #[arg(long, default_value = RECOMMENDED)]
+    estimator: String,
+    /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
+    #[arg(long, default_value = "{}", value_parser = json)]
+    config: Value,
+    /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace, calibrations/<front end>/ for a front end that is not the default]
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    #[command(flatten)]
+    front_end: front_end::Arguments,
+    /// Measurement noise to add, as a fraction of the trace's largest reading [default: the front end's, 0.01 or 0 where it has its own; 0 to
+    /// a recording, which has its own]
+    #[arg(long, value_parser = noise_fraction)]
+    noise: Option<f64>,
+    /// Seed of that noise, and of the front end's
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// File to write [default: stdout]
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let (sidecar, rows) = TraceRows::open(&arguments.trace)?;
+    let front_end = FrontEnd::new(&arguments.front_end.choice())?;
+    front_end.check_trace(&sidecar)?;
+    let beside_trace = arguments.trace.parent().unwrap_or(Path::new(""));
+    let folder = calibrations(beside_trace, front_end.row.name);
+    let beside = || folder.join(format!("{}.json", sidecar.whisker.name));
+    let path = arguments.calibration.clone().unwrap_or_else(beside);
+    let calibration = CalibrationFile::read(&path)?;
+    check_calibration(&path, &calibration, &sidecar)?;
+    let mounting = Mounting::of(beside_trace, &sidecar)?;
+    let sensor = front_end.sensor(&path, &calibration, &mounting)?;
+    let row = estimators::estimator(&arguments.estimator).with_context(|| {
+        let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
+        format!("unknown estimator `{}`, expected one of: {}", arguments.estimator, known.join(", "))
+    })?;
+    let config = merged((row.defaults)(), &arguments.config)?;
+    // The first pass checks the whole trace, too; so nothing is written of one that is not sound.
+    let mut largest: f64 = 0.0;
+    for row in rows {
+        largest = largest.max(row?.0.moment_z_n_m.abs());
+    }
+    let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(&sidecar));
+    let added_sd_n_m = noise * largest;
+    let reader = match front_end.reader(&sidecar, added_sd_n_m, arguments.seed) {
+        Some(reader) => reader,
+        None => {
+            let beside =
+                mounting.board.iter().filter_map(|seat| seat.trace.as_ref().filter(|name| **name != sidecar.name));
+            let beside: Vec<(Trace, Mounting)> = beside
+                .map(|name| {
+                    let trace = Trace::read(&beside_trace.join(format!("{name}.csv")))?;
+                    let mounting = Mounting::of(beside_trace, &trace.sidecar)?;
+                    Ok((trace, mounting))
+                })
+                .collect::<anyhow::Result<_>>()?;
+            let neighbours = beside.iter().map(|(trace, mounting)| {
+                let sensor = front_end.sensor(&path, &calibration, mounting)?;
+                Ok(Played { sensor, ..Played::new(trace, mounting, added_sd_n_m, arguments.seed) })
+            });
+            let neighbours = neighbours.collect::<anyhow::Result<Vec<_>>>()?;
+            let trace = Trace::read(&arguments.trace)?;
+            let played = Played::new(&trace, &mounting, added_sd_n_m, arguments.seed);
+            let readings_n_m = front_end.readings_n_m(&Played { sensor, neighbours: &neighbours, ..played })?;
+            let mut readings_n_m = readings_n_m.into_iter();
+            Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant"))
+        }
+    };
+    let faces = read_by(sensor, &calibration.calibrated(&path, row.sensor_model)?);
+    let knowledge = knowledge(&sidecar, &faces, noise_sd_n_m(added_sd_n_m, sensor, &sidecar));
+    let replay = Streamed {
+        rows: TraceRows::of(&sidecar, &arguments.trace)?,
+        reader,
+        estimator: estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?,
+        looks_back: row.kind == Kind::Hindsight,
+        knowledge: &knowledge,
+    };
+    match &arguments.out {
+        Some(path) => replay.write(AtomicFile::create(path)?)?.finish()?,
+        None => replay.write(io::stdout().lock())?.flush()?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A replay that holds no more of the trace than the row in hand, and of an estimator with hindsight the touch in hand.
+struct Streamed<'a> {
+    rows: TraceRows,
+    reader: Reader,
+    estimator: Estimator,
+    looks_back: bool,
+    knowledge: &'a Knowledge,
+}
+
+impl Streamed<'_> {
+    /// Writes the estimates; gives back what they were written to.
+    fn write<To: Write>(mut self, to: To) -> anyhow::Result<To> {
+        let mut table = Table::<EstimateRow, To>::new(to)?;
+        let mut steps = Steps::default();
+        let (mut seen, mut estimates) = (Vec::new(), Vec::new());
+        let mut state = |seen: &mut Vec<(Instant, TruthInstant, f64)>, estimates: &mut Vec<Option<Estimate>>| {
+            seen.drain(..).zip(estimates.drain(..)).try_for_each(|((known, truth, reading_n_m), estimate)| {
+                table.push(&estimate_row(self.knowledge, &known, &truth, reading_n_m, estimate.as_ref()))
+            })
+        };
+        for row in self.rows {
+            let (known, truth) = row?;
+            let reading_n_m = (self.reader)(&known);
+            self.estimator.push(&steps.sample(&known, reading_n_m), &mut estimates);
+            seen.push((known, truth, reading_n_m));
+            if !(self.looks_back && self.estimator.is_following()) {
+                state(&mut seen, &mut estimates)?;
+            }
+        }
+        self.estimator.end(&mut estimates);
+        state(&mut seen, &mut estimates)?;
+        table.finish()
+    }
+}

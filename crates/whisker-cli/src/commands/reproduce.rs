@@ -1,0 +1,63 @@
+//! `whisker reproduce`: every figure that the documentation claims, measured again.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use files::write_atomically;
+use report::report;
+
+use super::table::render;
+use super::{print, progress_bar};
+use crate::claims::{ARM, Context, STANDARD, measure};
+
+/// The figures that the README shows, each after its run.
+const README_FIGURES: &[(&str, &str)] = &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")];
+
+/// Measure every claim of the documentation and write results/reference/
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Folder of the evaluated runs
+    #[arg(long, default_value = "results")]
+    results: PathBuf,
+    /// Folder for the table of claims and the figures that the README shows
+    #[arg(long, default_value = "results/reference")]
+    out: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let context = Context::open(&arguments.results)?;
+    let table = arguments.out.join("claims.csv");
+    let progress = progress_bar("measuring");
+    let claims = measure(&context, &table, &progress)?;
+    progress.finish_and_clear();
+    for run in context.runs() {
+        report(&arguments.results.join(run))?;
+    }
+    for (run, name) in README_FIGURES {
+        let figure = arguments.results.join(run).join("figures").join(name);
+        let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
+        write_atomically(&arguments.out.join(name), &picture)?;
+    }
+    let rows: Vec<Vec<String>> = claims
+        .iter()
+        .map(|claim| {
+            vec![
+                claim.claim.clone(),
+                claim.measured.map_or("-".into(), |measured| format!("{measured:.3}")),
+                format!("{} {}", claim.relation, claim.bound),
+                claim.unit.clone(),
+                match claim.holds {
+                    Some(true) => "holds",
+                    Some(false) => "DOES NOT HOLD",
+                    None => "not measured: needs the recordings, see docs/REAL.md",
+                }
+                .into(),
+            ]
+        })
+        .collect();
+    let lines = render(&["claim", "measured", "bound", "unit", ""], &rows, 1);
+    print(&format!("{lines}{}\n", table.display()))?;
+    Ok(if claims.iter().all(|claim| claim.holds != Some(false)) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}

@@ -1,0 +1,22 @@
+//! The command `whisker`.
+
+use std::io;
+use std::process::ExitCode;
+
+use strict_json::one_line;
+
+fn main() -> ExitCode {
+    match whisker_cli::run() {
+        Ok(code) => code,
+        // The reader of stdout has seen enough.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {}", one_line(&format!("{error:#}")));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,385 @@
+//! Traces and logs of the platform as ROS 2 recordings, and back.
+//!
+//! A trace becomes standard messages, one a quantity and instant; what is unknown at an instant has no message there. Time counts from the
+//! trace's start. Sidecar and outline go along as attachments, so that the trace comes back byte for byte. `docs/ROS.md` has the table.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+use bag::messages::{
+    AnyMessage, Bool, Float64, Header, JointState, MagneticFieldArray, Point as RosPoint, PointStamped,
+    Pose as RosPose, PoseStamped, Quaternion, TfMessage, Time, Transform, TransformStamped, Twist as RosTwist,
+    TwistStamped, Vector3, Wrench, WrenchStamped,
+};
+use bag::{Attachment, Message, Publisher, Reader, Record, Writer, topics};
+use files::{sha256, write_atomically, write_json};
+use platform::record::LogSidecar;
+use platform::streams::SIDECAR;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use strict_json::parse_json;
+use testbed::provenance::watermark;
+use testbed::results::{EstimateRow, read_rows};
+use trace::{Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name};
+use whisker::frames::{Point, Pose, Twist, World};
+
+const TOUCHING: &str = "/truth/touching";
+const TIP: &str = "/truth/tip";
+const SPLIT: &str = "/truth/split";
+const CONTACT: &str = "/truth/contact";
+const SURFACE: &str = "/truth/surface";
+const ARC: &str = "/truth/arc_m";
+const FORCE: &str = "/truth/force_n";
+const TANGENT: &str = "/truth/tangent_rad";
+
+/// Yaw of the base in [`topics::JOINT_STATES`]: not wrapped, unlike a rotation.
+const YAW: &str = "base_yaw";
+/// Rotation of the whisker's root there.
+const ROTATION: &str = "root_rotation";
+
+/// Writes a trace as a recording. Contacts that an estimator found, where its `estimates/` table is given, are in it too.
+///
+/// # Errors
+/// If trace or estimates cannot be read or do not belong together, or the recording exists or cannot be written.
+pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<()> {
+    let trace = Trace::read(path)?;
+    let estimates: Vec<EstimateRow> = estimates.map(read_rows).transpose()?.unwrap_or_default();
+    let mut of_time = BTreeMap::new();
+    for estimate in &estimates {
+        of_time.insert(time_ns(estimate.t_s, path)?, estimate);
+    }
+    let mut unknown = of_time.clone();
+    for known in &trace.recording.instants {
+        unknown.remove(&time_ns(known.t_s, path)?);
+    }
+    if let Some(time_ns) = unknown.keys().next() {
+        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
+    }
+    let sidecar = read(&path.with_extension("json"))?;
+    let outline = match &trace.sidecar.contour {
+        Some(contour) => Some((&contour.file, read(&path.with_file_name(&contour.file))?)),
+        None => None,
+    };
+    // All that can be wrong is known by now: nothing half-written is left.
+    let mut writer = Writer::create(folder)?;
+    for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
+        let time_ns = time_ns(known.t_s, path)?;
+        let mut row = Row { writer: &mut writer, time_ns };
+        row.known(known)?;
+        row.truth(truth)?;
+        if let Some(estimate) = of_time.get(&time_ns) {
+            row.detected(known, estimate)?;
+        }
+    }
+    writer.attach(&format!("{}.json", trace.sidecar.name), "application/json", &sidecar)?;
+    if let Some((file, outline)) = outline {
+        writer.attach(file, "text/csv", &outline)?;
+    }
+    Ok(writer.finish()?)
+}
+
+/// Turns a recording into a trace, if it holds one, else into a log of the platform with the readings of the magnetometer. Returns the files.
+///
+/// With `salvage` a recording that was cut off is taken as far as it goes.
+///
+/// # Errors
+/// If the recording cannot be read, or holds neither.
+pub fn import(path: &Path, salvage: bool, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let reader = Reader::open(path)?;
+    // What was cut off has lost what stands at its end.
+    let attachments = if salvage { reader.attachments().unwrap_or_default() } else { reader.attachments()? };
+    for attachment in &attachments {
+        if let Ok(sidecar) = serde_json::from_slice::<Value>(&attachment.data)
+            && sidecar["kind"] == "trace"
+        {
+            return import_trace(path, &reader, attachment, &attachments, folder);
+        }
+    }
+    let sidecar = attachments.iter().find(|attachment| attachment.name == SIDECAR);
+    if let Some(attachment) = sidecar {
+        parsed::<LogSidecar>(path, attachment)?;
+    }
+    import_readings(path, &reader, sidecar, salvage, folder)
+}
+
+/// The messages of one row.
+struct Row<'a> {
+    writer: &'a mut Writer,
+    time_ns: u64,
+}
+
+impl Row<'_> {
+    fn known(&mut self, known: &Instant) -> anyhow::Result<()> {
+        let (origin, yaw_rad) = (known.base.origin(), known.base.yaw_rad());
+        let transform = Transform {
+            translation: Vector3 { x: origin.x(), y: origin.y(), z: 0.0 },
+            rotation: Quaternion::about_z(yaw_rad),
+        };
+        let base =
+            TransformStamped { header: self.header(topics::WORLD), child_frame_id: topics::WHISKER.into(), transform };
+        self.write(topics::TF, &TfMessage { transforms: vec![base] })?;
+        let mut joints = JointState { header: self.header(""), ..JointState::default() };
+        for (name, angle_rad) in [(YAW, Some(yaw_rad)), (ROTATION, known.rotation_z_rad)] {
+            if let Some(angle_rad) = angle_rad {
+                joints.name.push(name.into());
+                joints.position.push(angle_rad);
+            }
+        }
+        self.write(topics::JOINT_STATES, &joints)?;
+        if let Some(twist) = known.twist {
+            let linear = Vector3 { x: twist.vx_m_s, y: twist.vy_m_s, z: 0.0 };
+            let twist = RosTwist { linear, angular: Vector3 { x: 0.0, y: 0.0, z: twist.wz_rad_s } };
+            self.write(topics::BASE_TWIST, &TwistStamped { header: self.header(topics::WHISKER), twist })?;
+        }
+        // Of the wrench nothing else is known, and the unknown is no zero.
+        let (unknown, z) = (f64::NAN, known.moment_z_n_m);
+        let wrench = Wrench {
+            force: Vector3 { x: unknown, y: unknown, z: unknown },
+            torque: Vector3 { x: unknown, y: unknown, z },
+        };
+        self.write(topics::MOMENT, &WrenchStamped { header: self.header(topics::WHISKER), wrench })
+    }
+
+    fn truth(&mut self, truth: &TruthInstant) -> anyhow::Result<()> {
+        for (topic, flag) in [(TOUCHING, truth.touching), (TIP, truth.tip), (SPLIT, truth.split)] {
+            if let Some(data) = flag {
+                self.write(topic, &Bool { data })?;
+            }
+        }
+        for (topic, point) in [(CONTACT, truth.contact), (SURFACE, truth.surface)] {
+            if let Some(point) = point {
+                let point = RosPoint { x: point.x(), y: point.y(), z: 0.0 };
+                self.write(topic, &PointStamped { header: self.header(topics::WORLD), point })?;
+            }
+        }
+        for (topic, number) in [(ARC, truth.arc_m), (FORCE, truth.force_n), (TANGENT, truth.tangent_rad)] {
+            if let Some(data) = number {
+                self.write(topic, &Float64 { data })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The contact that an estimator found, in the whisker's frame.
+    fn detected(&mut self, known: &Instant, estimate: &EstimateRow) -> anyhow::Result<()> {
+        if let (Some(x), Some(y)) = (estimate.contact_x_m, estimate.contact_y_m) {
+            let contact = known.base.inverse().apply(Point::<World>::new(x, y));
+            let position = RosPoint { x: contact.x(), y: contact.y(), z: 0.0 };
+            let pose = RosPose { position, orientation: Quaternion::about_z(0.0) };
+            self.write(topics::DETECTED_CONTACT, &PoseStamped { header: self.header(topics::WHISKER), pose })?;
+        }
+        Ok(())
+    }
+
+    fn header(&self, frame: &str) -> Header {
+        Header { stamp: Time::from_nanoseconds(self.time_ns), frame_id: frame.into() }
+    }
+
+    fn write(&mut self, topic: &str, message: &impl Message) -> anyhow::Result<()> {
+        Ok(self.writer.write(topic, self.time_ns, message)?)
+    }
+}
+
+fn import_trace(
+    path: &Path,
+    reader: &Reader,
+    attachment: &Attachment,
+    attachments: &[Attachment],
+    folder: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let place = || place_of(path, attachment).display().to_string();
+    let sidecar: Sidecar = parsed(path, attachment)?;
+    ensure!(is_plain_name(&sidecar.name), "{}: name: found `{}`, expected a plain file name", place(), sidecar.name);
+    let (recording, truth) = rows(reader)?;
+    let trace = Trace { sidecar, recording, truth };
+    let table = trace.to_csv();
+    let (found, expected) = (sha256(&table), &trace.sidecar.csv_sha256);
+    ensure!(found == *expected, "{}: messages: found a table of hash {found}, expected {expected}", path.display());
+    let name = &trace.sidecar.name;
+    let mut files = vec![(format!("{name}.csv"), table.as_bytes())];
+    if let Some(contour) = &trace.sidecar.contour {
+        let key = || format!("{}: contour.file `{}`", place(), contour.file);
+        ensure!(is_plain_name(&contour.file), "{}: expected a plain file name", key());
+        let outline = attachments.iter().find(|attachment| attachment.name == contour.file);
+        let outline = outline.with_context(|| format!("{}: found no attachment of that name", key()))?;
+        ensure!(sha256(&outline.data) == contour.sha256, "{}: found another file than the sidecar means", key());
+        files.push((contour.file.clone(), &outline.data));
+    }
+    // The sidecar, which makes the trace complete, comes last.
+    files.push((format!("{name}.json"), &attachment.data));
+    let mut written = Vec::new();
+    for (file, bytes) in files {
+        let file = folder.join(file);
+        write_atomically(&file, bytes)?;
+        written.push(file);
+    }
+    Ok(written)
+}
+
+/// What an attachment of a recording says.
+fn parsed<T: DeserializeOwned + Serialize>(path: &Path, attachment: &Attachment) -> Result<T, files::Error> {
+    parse_json(&attachment.data).map_err(files::Error::json(&place_of(path, attachment)))
+}
+
+/// How errors call an attachment.
+fn place_of(path: &Path, attachment: &Attachment) -> PathBuf {
+    format!("{}: attachment {}", path.display(), attachment.name).into()
+}
+
+/// The rows of a trace: a frame of the base begins each, and what has its time belongs to it.
+fn rows(reader: &Reader) -> anyhow::Result<(Recording, Truth)> {
+    let (mut instants, mut truth) = (Vec::<Instant>::new(), Vec::<TruthInstant>::new());
+    let mut row_ns = None;
+    for record in reader.records() {
+        let record = record?;
+        let Some(message) = record.decode_any()? else { continue };
+        if record.topic == topics::TF {
+            let (x, y) = base_of(&record, message)?;
+            row_ns = Some(record.time_ns);
+            instants.push(Instant {
+                t_s: seconds(record.time_ns),
+                base: Pose::new(x, y, 0.0),
+                twist: None,
+                moment_z_n_m: f64::NAN,
+                rotation_z_rad: None,
+            });
+            truth.push(TruthInstant::default());
+            continue;
+        }
+        let (Some(known), Some(truth)) = (instants.last_mut(), truth.last_mut()) else {
+            bail!(record.wrong("a message before any of /tf", "the base's frame first"));
+        };
+        if row_ns != Some(record.time_ns) {
+            bail!(record.wrong(format!("{} ns", record.time_ns), "the time of the last message of /tf"));
+        }
+        take(&record.topic, message, known, truth);
+    }
+    Ok((Recording { instants }, Truth { instants: truth }))
+}
+
+/// Where the base is, of a message that says so.
+fn base_of(record: &Record, message: AnyMessage) -> anyhow::Result<(f64, f64)> {
+    if let AnyMessage::TfMessage(frames) = message
+        && let [base] = frames.transforms.as_slice()
+        && base.child_frame_id == topics::WHISKER
+    {
+        return Ok((base.transform.translation.x, base.transform.translation.y));
+    }
+    Err(record.wrong("other frames", format!("that of {} alone", topics::WHISKER)).into())
+}
+
+/// Enters a message into its row; what does not belong to a trace, such as contacts found, is left out.
+fn take(topic: &str, message: AnyMessage, known: &mut Instant, truth: &mut TruthInstant) {
+    match (topic, message) {
+        (topics::JOINT_STATES, AnyMessage::JointState(joints)) => {
+            for (name, angle_rad) in joints.name.iter().zip(joints.position) {
+                if name == YAW {
+                    let origin = known.base.origin();
+                    known.base = Pose::new(origin.x(), origin.y(), angle_rad);
+                } else if name == ROTATION {
+                    known.rotation_z_rad = Some(angle_rad);
+                }
+            }
+        }
+        (topics::BASE_TWIST, AnyMessage::TwistStamped(TwistStamped { twist, .. })) => {
+            let (linear, angular) = (twist.linear, twist.angular);
+            known.twist = Some(Twist { vx_m_s: linear.x, vy_m_s: linear.y, wz_rad_s: angular.z });
+        }
+        (topics::MOMENT, AnyMessage::WrenchStamped(moment)) => known.moment_z_n_m = moment.wrench.torque.z,
+        (TOUCHING, AnyMessage::Bool(flag)) => truth.touching = Some(flag.data),
+        (TIP, AnyMessage::Bool(flag)) => truth.tip = Some(flag.data),
+        (SPLIT, AnyMessage::Bool(flag)) => truth.split = Some(flag.data),
+        (CONTACT, AnyMessage::PointStamped(contact)) => truth.contact = Some(point(&contact)),
+        (SURFACE, AnyMessage::PointStamped(surface)) => truth.surface = Some(point(&surface)),
+        (ARC, AnyMessage::Float64(number)) => truth.arc_m = Some(number.data),
+        (FORCE, AnyMessage::Float64(number)) => truth.force_n = Some(number.data),
+        (TANGENT, AnyMessage::Float64(number)) => truth.tangent_rad = Some(number.data),
+        _ => {}
+    }
+}
+
+fn point(message: &PointStamped) -> Point<World> {
+    Point::new(message.point.x, message.point.y)
+}
+
+/// Writes the readings of a magnetometer as a log. Without the sidecar of a log, as in recordings of others, time counts from the first
+/// reading, and where the printer pushed is not known.
+fn import_readings(
+    path: &Path,
+    reader: &Reader,
+    sidecar: Option<&Attachment>,
+    salvage: bool,
+    folder: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let mut table = String::from("t_s,x_counts,y_counts,z_counts\n");
+    let mut first_ns = sidecar.map(|_| 0);
+    let mut last_ns = i64::MIN;
+    for record in reader.records() {
+        let record = match record {
+            Ok(record) => record,
+            Err(error) if salvage => {
+                eprintln!("warning: {error}");
+                break;
+            }
+            Err(error) => return Err(error.into()),
+        };
+        if record.topic != topics::MAGNETOMETER {
+            continue;
+        }
+        for field in record.decode::<MagneticFieldArray>()?.magnetic_field_array {
+            let stamp_ns = field.header.stamp.nanoseconds();
+            if stamp_ns < last_ns {
+                bail!(record.wrong(format!("a stamp of {stamp_ns} ns"), format!("none before the last, {last_ns} ns")));
+            }
+            last_ns = stamp_ns;
+            let t_s = (stamp_ns - *first_ns.get_or_insert(stamp_ns)) as f64 / 1e9;
+            let axes = field.magnetic_field;
+            let mut counts = [0_u16; 3];
+            for (count, value) in counts.iter_mut().zip([axes.x, axes.y, axes.z]) {
+                if value.fract() != 0.0 || !(0.0..=f64::from(u16::MAX)).contains(&value) {
+                    bail!(record.wrong(value, "the counts of a sensor, whole numbers from 0 to 65535"));
+                }
+                *count = value as u16;
+            }
+            let [x, y, z] = counts;
+            table.push_str(&format!("{t_s:.6},{x},{y},{z}\n"));
+        }
+    }
+    let Some(_) = first_ns.filter(|_| table.lines().nth(1).is_some()) else {
+        bail!(
+            "{}: found neither a trace nor readings on {}, expected one of them",
+            path.display(),
+            topics::MAGNETOMETER
+        );
+    };
+    let files = [folder.join(SIDECAR), folder.join("log.csv")];
+    match sidecar {
+        Some(attachment) => write_atomically(&files[0], &attachment.data)?,
+        None => {
+            // What OpenWhisker's driver reads and at which rate; it does not say so itself.
+            let format = platform::sensor::format("hex").expect("the platform's own format is registered");
+            let mark = watermark([sha256(&table).as_str()]);
+            write_json(&files[0], &LogSidecar::new(format.name, format.rate_hz, mark))?;
+        }
+    }
+    // The table comes last: where it is, all of the log is.
+    write_atomically(&files[1], table.as_bytes())?;
+    Ok(files.into())
+}
+
+/// Nanoseconds since the trace's start; tables have whole microseconds.
+fn time_ns(t_s: f64, path: &Path) -> anyhow::Result<u64> {
+    ensure!(t_s >= 0.0, "{}: t_s: found {t_s}, expected a time of 0 or more: messages have no other", path.display());
+    Ok(1000 * (1e6 * t_s).round() as u64)
+}
+
+fn seconds(time_ns: u64) -> f64 {
+    (time_ns / 1000) as f64 / 1e6
+}
+
+fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    fs::read(path).with_context(|| path.display().to_string())
+}

@@ -1,0 +1,204 @@
+//! Batches that are interrupted, shared or broken: nothing is lost, nothing is done twice, and the bytes are the same.
+#![cfg(unix)]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use files::sha256;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use testbed::results::{SummaryRow, read_scores, score_bytes};
+use trace::{Role, Trace};
+
+/// Enough for a dozen items a trace.
+const SEEDS: &str = "120";
+
+/// Two golden traces as trials, and as the calibration of their whisker.
+fn dataset(folder: &Path) {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+    for (of, name, role) in [
+        ("golden_pin", "pin", Role::Trial),
+        ("golden_circle", "round", Role::Trial),
+        ("golden_pin", "grid_0", Role::Calibration),
+        ("golden_circle", "grid_1", Role::Calibration),
+    ] {
+        let mut trace = Trace::read(&golden.join(format!("{of}.csv"))).unwrap();
+        (trace.sidecar.name, trace.sidecar.role, trace.sidecar.contour) = (name.into(), role, None);
+        trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+        trace.write(folder).unwrap();
+    }
+    let model = ["--model", "polynomial", "--config", r#"{"degree": 5}"#];
+    let output = whisker(&[&["fit", folder.to_str().unwrap()], &model[..]].concat()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn whisker(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn evaluate(traces: &Path, results: &Path, more: &[&str]) -> Command {
+    let (traces, results) = (traces.to_str().unwrap(), results.to_str().unwrap());
+    let fixed = ["evaluate", traces, "--results", results, "--name", "run", "--estimators", "ekf"];
+    let seeds: &[&str] = if more.contains(&"--seeds") { &[] } else { &["--seeds", SEEDS] };
+    whisker(&[&fixed[..], seeds, more].concat())
+}
+
+/// Every file of a run; the summary without its timing.
+fn files(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    fn collect(folder: &Path, into: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { collect(&path, into) } else { into.push(path) }
+        }
+    }
+    let mut paths = Vec::new();
+    collect(run, &mut paths);
+    let read = |path: PathBuf| {
+        let bytes = if path.ends_with("summary.csv") {
+            let mut rows: Vec<SummaryRow> = read_scores(&path).unwrap();
+            rows.iter_mut().for_each(|row| row.head.step_ns = 0.0);
+            score_bytes(&rows).unwrap()
+        } else {
+            fs::read(&path).unwrap()
+        };
+        (path.strip_prefix(run).unwrap().to_owned(), bytes)
+    };
+    paths.into_iter().map(read).collect()
+}
+
+fn assert_same(one: &BTreeMap<PathBuf, Vec<u8>>, other: &BTreeMap<PathBuf, Vec<u8>>, what: &str) {
+    assert_eq!(one.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>(), "{what}");
+    for (path, bytes) in one {
+        assert!(bytes == &other[path], "{what}: {} differs", path.display());
+    }
+}
+
+fn succeed(command: &mut Command) -> Output {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+/// The folder in which a run is built.
+fn part(results: &Path) -> Option<PathBuf> {
+    let mut paths = fs::read_dir(results).unwrap().map(|entry| entry.unwrap().path());
+    paths.find(|path| path.extension().is_some_and(|end| end == "part"))
+}
+
+/// Finished items of an interrupted evaluation, by file, with what they hold.
+fn shards(results: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let Some(Ok(entries)) = part(results).map(|part| fs::read_dir(part.join("shards"))) else { return BTreeMap::new() };
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let whole = paths.filter(|path| !path.file_name().unwrap().to_string_lossy().starts_with('.'));
+    // An evaluation that ends meanwhile takes its shards away.
+    whole.filter_map(|path| Some((path.clone(), fs::read(path).ok()?))).collect()
+}
+
+#[test]
+fn verif_one_thread_two_and_three_give_the_same_bytes() {
+    let folders = [(); 4].map(|()| tempfile::tempdir().unwrap());
+    let [traces, results @ ..] = &folders;
+    dataset(traces.path());
+    let runs: Vec<_> = ["1", "2", "3"]
+        .iter()
+        .zip(results)
+        .map(|(threads, results)| {
+            succeed(&mut evaluate(traces.path(), results.path(), &["--threads", threads]));
+            files(&results.path().join("run"))
+        })
+        .collect();
+    assert_same(&runs[0], &runs[1], "two threads");
+    assert_same(&runs[0], &runs[2], "three threads");
+}
+
+#[test]
+fn robust_an_interrupted_run_goes_on_where_it_stood() {
+    let [traces, whole, torn] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    dataset(traces.path());
+    succeed(&mut evaluate(traces.path(), whole.path(), &[]));
+    let expected = files(&whole.path().join("run"));
+    let mut rng = Pcg64::seed_from_u64(7);
+    let mut interruptions = 0;
+    for signal in [rustix::process::Signal::INT, rustix::process::Signal::KILL].into_iter().cycle().take(40) {
+        let before = shards(torn.path());
+        let mut child = evaluate(traces.path(), torn.path(), &["--threads", "2"]).spawn().unwrap();
+        // Until something new is finished, and a little more: in the midst of the next.
+        let begun = Instant::now();
+        while child.try_wait().unwrap().is_none()
+            && shards(torn.path()).len() <= before.len()
+            && begun.elapsed() < Duration::from_secs(60)
+        {
+            sleep(Duration::from_millis(1));
+        }
+        sleep(Duration::from_micros(rng.random_range(0..20_000)));
+        let pid = rustix::process::Pid::from_child(&child);
+        if child.try_wait().unwrap().is_some() {
+            break;
+        }
+        let _ = rustix::process::kill_process(pid, signal);
+        child.wait().unwrap();
+        if torn.path().join("run").is_dir() {
+            break;
+        }
+        interruptions += 1;
+        for (path, bytes) in before {
+            assert!(fs::read(&path).unwrap() == bytes, "{} was done again or lost", path.display());
+        }
+    }
+    assert!(interruptions > 0, "nothing was interrupted");
+    succeed(&mut evaluate(traces.path(), torn.path(), &[]));
+    assert_same(&expected, &files(&torn.path().join("run")), "after interruptions");
+    assert_eq!(part(torn.path()), None);
+}
+
+#[test]
+fn robust_a_run_from_other_inputs_does_not_go_on() {
+    let [traces, whole, torn] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    dataset(traces.path());
+    succeed(&mut evaluate(traces.path(), whole.path(), &[]));
+    succeed(&mut evaluate(traces.path(), torn.path(), &["--share", "1/2", "--noise", "0.02"]));
+    assert!(!shards(torn.path()).is_empty());
+    succeed(&mut evaluate(traces.path(), torn.path(), &[]));
+    assert_same(&files(&whole.path().join("run")), &files(&torn.path().join("run")), "after a run at another noise");
+}
+
+#[test]
+fn verif_shares_of_several_processes_make_one_run() {
+    let [traces, whole, shared] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    dataset(traces.path());
+    succeed(&mut evaluate(traces.path(), whole.path(), &[]));
+    let share = |share: &str| evaluate(traces.path(), shared.path(), &["--share", share]).spawn().unwrap();
+    let mut processes = ["1/3", "2/3"].map(share);
+    assert!(processes.iter_mut().all(|process| process.wait().unwrap().success()));
+    let done = shards(shared.path());
+    assert!(!done.is_empty());
+    // The third share was never begun: what is missing is done here, and nothing else.
+    succeed(&mut evaluate(traces.path(), shared.path(), &[]));
+    assert_same(&files(&whole.path().join("run")), &files(&shared.path().join("run")), "three shares");
+}
+
+#[test]
+fn robust_an_item_that_fails_leaves_the_others_alone() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    dataset(traces.path());
+    let script = traces.path().join("breaks.sh");
+    // Gives up on every trial in which the first reading is positive.
+    fs::write(&script, "read greeting\nread row\ncase \"$row\" in *'\"reading_n_m\":-'*) ;; *) exit 7;; esac\necho null\nwhile read row; do echo null; done\n").unwrap();
+    let program = format!("breaks=sh {}", script.display());
+    let mut command = evaluate(traces.path(), results.path(), &["--seeds", "10", "--exec", &program]);
+    let output = command.output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{text}");
+    let failures = fs::read_to_string(results.path().join("run/failures.csv")).unwrap();
+    let failed = failures.lines().skip(1).count();
+    assert!(failures.lines().skip(1).all(|line| line.contains("breaks")), "{failures}");
+    assert!(0 < failed && failed < 20, "{failed} failed");
+    let trials = fs::read_to_string(results.path().join("run/trials.csv")).unwrap();
+    assert_eq!(trials.lines().filter(|line| line.contains(",ekf,")).count(), 20);
+}

@@ -1,0 +1,182 @@
+//! Traces and logs as ROS 2 recordings and back.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use bag::messages::{Header, MagneticField, MagneticFieldArray, Time, Vector3};
+use bag::{Publisher, Reader, Writer, topics};
+use serde_json::{Value, json};
+use whisker_cli::ros::{export_trace, import};
+
+fn golden() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../datasets/golden"))
+}
+
+fn field(time_ns: u64, x: f64) -> MagneticField {
+    MagneticField {
+        header: Header { stamp: Time::from_nanoseconds(time_ns), frame_id: String::new() },
+        magnetic_field: Vector3 { x, y: 65535.0, z: 0.0 },
+        magnetic_field_covariance: [0.0; 9],
+    }
+}
+
+/// A recording as OpenWhisker makes them, with the wall clock's times.
+fn record(folder: &Path, fields: Vec<MagneticField>) {
+    let mut writer = Writer::create(folder).unwrap();
+    let readings = MagneticFieldArray { magnetic_field_array: fields };
+    writer.write(topics::MAGNETOMETER, 1_705_004_055_000_000_000, &readings).unwrap();
+    writer.finish().unwrap();
+}
+
+#[test]
+fn verif_traces_come_back_byte_for_byte() {
+    let home = tempfile::tempdir().unwrap();
+    for name in ["golden_circle", "golden_pin"] {
+        let folder = home.path().join(name);
+        export_trace(&golden().join(format!("{name}.csv")), None, &folder).unwrap();
+        let files = import(&folder, false, &home.path().join("back")).unwrap();
+        assert_eq!(files.len(), 3);
+        for file in files {
+            let original = golden().join(file.file_name().unwrap());
+            assert_eq!(fs::read(&file).unwrap(), fs::read(original).unwrap(), "{}", file.display());
+        }
+    }
+}
+
+#[test]
+fn verif_readings_of_others_become_a_log() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("theirs");
+    let begin_ns = 1_705_004_054_969_568_000;
+    record(&folder, vec![field(begin_ns, 0.0), field(begin_ns + 1_250_000, 7.0)]);
+    let files = import(&folder, false, home.path()).unwrap();
+    let table = "t_s,x_counts,y_counts,z_counts\n0.000000,0,65535,0\n0.001250,7,65535,0\n";
+    assert_eq!(fs::read_to_string(&files[1]).unwrap(), table);
+}
+
+#[test]
+fn robust_what_is_no_reading_is_an_error() {
+    let home = tempfile::tempdir().unwrap();
+    let cases = [
+        ("tesla", vec![field(0, 1e-4)], "found 0.0001, expected the counts of a sensor"),
+        ("beyond", vec![field(0, 65536.0)], "found 65536, expected the counts of a sensor"),
+        ("unknown", vec![field(0, f64::NAN)], "found NaN, expected the counts of a sensor"),
+        ("back", vec![field(5, 1.0), field(4, 1.0)], "found a stamp of 4 ns, expected none before"),
+        ("empty", vec![], "found neither a trace nor readings on /magnetometer_reading"),
+    ];
+    for (name, fields, words) in cases {
+        let folder = home.path().join(name);
+        record(&folder, fields);
+        let message = import(&folder, false, &home.path().join("log")).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    assert!(!home.path().join("log").exists());
+}
+
+#[test]
+fn robust_what_only_looks_like_the_sidecar_of_a_log_is_an_error() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("theirs");
+    let mut writer = Writer::create(&folder).unwrap();
+    writer.attach("log.json", "application/json", b"{\"kind\": \"diary\"}").unwrap();
+    writer.finish().unwrap();
+    let message = import(&folder, false, &home.path().join("log")).unwrap_err().to_string();
+    assert!(message.contains("attachment log.json:1:17: missing field"), "{message}");
+}
+
+#[test]
+fn robust_estimates_of_another_trace_leave_no_recording_behind() {
+    let home = tempfile::tempdir().unwrap();
+    let (estimates, folder) = (home.path().join("estimates.csv"), home.path().join("recording"));
+    let known = "t_s,base_x_m,base_y_m,base_yaw_rad,reading_n_m";
+    let found = "contact_x_m,contact_y_m,surface_x_m,surface_y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,calibrated,at_tip,radius_m,radius_sd_m,models,truth_contact_x_m,truth_contact_y_m,truth_surface_x_m,truth_surface_y_m";
+    fs::write(&estimates, format!("{known},{found}\n12345,0,0,0,0{}\n", ",".repeat(16))).unwrap();
+    let message = export_trace(&golden().join("golden_pin.csv"), Some(&estimates), &folder).unwrap_err().to_string();
+    assert!(message.contains("the estimates have 12345 s, expected times of the trace alone"), "{message}");
+    assert_eq!(tree(home.path()), [estimates]);
+}
+
+#[test]
+fn robust_a_recording_that_was_cut_off_is_taken_only_if_asked() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("run");
+    let mut writer = Writer::create(&folder).unwrap();
+    for i in 0..8000 {
+        let readings = MagneticFieldArray { magnetic_field_array: vec![field(i * 1_250_000, i as f64)] };
+        writer.write(topics::MAGNETOMETER, i * 1_250_000, &readings).unwrap();
+    }
+    writer.finish().unwrap();
+    let file = folder.join("run_0.mcap");
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    let log = home.path().join("log");
+    assert!(import(&folder, false, &log).is_err());
+    let files = import(&folder, true, &log).unwrap();
+    assert!(fs::read_to_string(&files[1]).unwrap().lines().count() > 1000);
+}
+
+/// What lies in a folder and its folders, in order.
+fn tree(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(tree(&path));
+        }
+        found.push(path);
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn robust_a_recording_of_strangers_writes_into_its_folder_alone() {
+    let home = tempfile::tempdir().unwrap();
+    let (sound, out) = (home.path().join("sound"), home.path().join("deep/out"));
+    export_trace(&golden().join("golden_pin.csv"), None, &sound).unwrap();
+    let reader = Reader::open(&sound).unwrap();
+    let sidecar: Value = serde_json::from_slice(&reader.attachments().unwrap()[0].data).unwrap();
+    let absolute = home.path().join("escaped").display().to_string();
+    for (i, name) in ["../escaped", &absolute, "deeper/escaped", "..", ".", "", "a\\b", "a\0b"].into_iter().enumerate()
+    {
+        for key in ["name", "contour"] {
+            let mut hostile = sidecar.clone();
+            match key {
+                "name" => hostile["name"] = json!(name),
+                _ => hostile["contour"]["file"] = json!(name),
+            }
+            let folder = home.path().join(format!("{key}_{i}"));
+            let mut writer = Writer::create(&folder).unwrap();
+            for record in reader.records().map(Result::unwrap) {
+                let message = record.decode_any().unwrap().unwrap();
+                message.write(&mut writer, &record.topic, record.time_ns).unwrap();
+            }
+            writer.attach("hostile.json", "application/json", hostile.to_string().as_bytes()).unwrap();
+            writer.attach(name, "text/csv", &reader.attachments().unwrap()[1].data).unwrap();
+            writer.finish().unwrap();
+            let before = tree(home.path());
+            let message = import(&folder, false, &out).unwrap_err().to_string();
+            assert!(message.contains(key) && message.contains("expected a plain file name"), "{message}");
+            assert_eq!(tree(home.path()), before);
+        }
+    }
+}
+
+#[test]
+fn robust_attachments_that_nobody_asked_for_stay_where_they_are() {
+    let home = tempfile::tempdir().unwrap();
+    let (folder, out) = (home.path().join("theirs"), home.path().join("deep/out"));
+    let mut writer = Writer::create(&folder).unwrap();
+    let readings = MagneticFieldArray { magnetic_field_array: vec![field(0, 1.0)] };
+    writer.write(topics::MAGNETOMETER, 0, &readings).unwrap();
+    for name in ["../escaped", &home.path().join("escaped").display().to_string(), "../log.json", "escaped"] {
+        writer.attach(name, "text/plain", b"hostile").unwrap();
+    }
+    writer.finish().unwrap();
+    let files = import(&folder, false, &out).unwrap();
+    assert_eq!(files, [out.join("log.json"), out.join("log.csv")]);
+    let mut expected = tree(&folder);
+    expected.extend([folder, out.clone(), home.path().join("deep"), out.join("log.csv"), out.join("log.json")]);
+    expected.sort();
+    assert_eq!(tree(home.path()), expected);
+}
