@@ -5,7 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use whisker::estimators::{Estimate, EstimatorRow, Kind, Knowledge, Method, Sample, SettingsError, Touch, Tracker};
+use whisker::estimators::{
+    Estimate, EstimatorRow, Knowledge, Method, MethodClass, Sample, SettingsError, Touch, Tracker,
+};
 use whisker::frames::{Base, Point};
 use whisker::sensor::CalibratedFace;
 
@@ -13,7 +15,7 @@ use whisker::sensor::CalibratedFace;
 pub(super) const ROW: EstimatorRow = EstimatorRow {
     name: "swarm",
     about: "a swarm of resting places, weighed by the readings",
-    kind: Kind::Recursive,
+    class: MethodClass::Recursive,
     sensor_model: None,
     defaults: || serde_json::to_value(Config::default()).expect("settings serialise"),
     build,

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use testbed::consistency::{BY_ERRORS, BY_INNOVATIONS, Judged};
 use testbed::metrics::consistency;
 use testbed::results::{ConsistencyRow, RunSet, SummaryRow};
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 
 use super::run_data::RunData;
 use super::style::plain;
@@ -25,7 +25,7 @@ const COLUMNS: [Columns; 2] = [
 /// The section of the page; nothing where no estimator of the leading sets states a covariance.
 pub(crate) fn section(data: &RunData) -> Option<Markup> {
     let judges = |set: &RunSet| -> Vec<(String, &SummaryRow)> {
-        let recursive = data.run.estimators.iter().filter(|estimator| estimator.kind != Kind::Baseline);
+        let recursive = data.run.estimators.iter().filter(|estimator| estimator.class != MethodClass::Baseline);
         let rows = recursive.filter_map(|estimator| Some((estimator.label(), data.summary_of(set, &estimator.name)?)));
         rows.filter(|(_, row)| row.get(&consistency::NEES).is_some()).collect()
     };
@@ -79,7 +79,7 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
 /// Of every set and estimator that says of its model how probable it is, or of whose model the readings say something.
 fn models(data: &RunData) -> Markup {
     let rows = data.run.sets.iter().flat_map(|set| {
-        let of_set = data.run.estimators.iter().filter(|estimator| estimator.kind != Kind::Baseline);
+        let of_set = data.run.estimators.iter().filter(|estimator| estimator.class != MethodClass::Baseline);
         of_set.filter_map(move |estimator| Some((set, estimator.label(), data.summary_of(set, &estimator.name)?)))
     });
     html! {

@@ -7,7 +7,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::json;
 use testbed::metrics::{bound, error};
 use testbed::results::{RunCalibration, RunEstimator, SummaryRow};
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 
 use super::all_metrics;
 use super::animations::Animation;
@@ -291,7 +291,7 @@ fn summary_table(data: &RunData) -> Markup {
                     "An estimator that was silent for a part of a trial's steady state is scored on the rest, beyond a "
                     "tenth not at all, and is not ranked. "
                 }
-                @if data.run.estimators.iter().any(|estimator| estimator.kind == Kind::Hindsight) {
+                @if data.run.estimators.iter().any(|estimator| estimator.class == MethodClass::Hindsight) {
                     "Hindsight knows the readings that were still to come: it shows what could be known in the end, and is not ranked. "
                 }
                 "As data: "
@@ -334,7 +334,7 @@ struct SummaryLine<'a> {
 impl SummaryLine<'_> {
     /// Whether it takes part in the contest: whoever was silent for a part, or looks back, has it easier.
     fn is_ranked(&self) -> bool {
-        self.silent_share == 0.0 && self.estimator.kind != Kind::Hindsight
+        self.silent_share == 0.0 && self.estimator.class != MethodClass::Hindsight
     }
 
     fn printed(&self, column: &Column) -> Option<String> {
@@ -467,15 +467,15 @@ mod tests {
         }
     }
 
-    fn estimator(kind: Kind) -> RunEstimator {
+    fn estimator(class: MethodClass) -> RunEstimator {
         let (name, about) = ("ekf".to_owned(), "one line".to_owned());
-        RunEstimator { name, about, kind, sensor_model: None, config: json!({}) }
+        RunEstimator { name, about, class, sensor_model: None, config: json!({}) }
     }
 
     #[test]
     fn verif_the_best_row_was_never_silent_never_looked_back_and_shows_another_value_than_some() {
         let rows = [Some(1e-4), Some(2e-4), Some(3e-4), None].map(scores);
-        let [recursive, hindsight] = [Kind::Recursive, Kind::Hindsight].map(estimator);
+        let [recursive, hindsight] = [MethodClass::Recursive, MethodClass::Hindsight].map(estimator);
         let block = |silent_share: f64, first| -> Vec<SummaryLine> {
             let lines = rows.iter().map(|scores| SummaryLine { estimator: &recursive, scores, silent_share: 0.0 });
             let mut lines: Vec<SummaryLine> = lines.collect();

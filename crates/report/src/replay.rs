@@ -11,7 +11,7 @@ use testbed::metrics::error;
 use testbed::results::{EstimateRow, RECOMMENDED, RunEstimator, RunSet};
 use whisker::Whisker;
 use whisker::elastica::{Elastica, Load};
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 use whisker::frames::{Base, Point, Pose, World};
 
 use super::run_data::{RunData, smallest};
@@ -138,11 +138,12 @@ fn trial(data: &RunData, set: &RunSet) -> Result<Option<Trial>> {
 /// programs of other people.
 fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
     let all = &data.run.estimators;
-    let best = |kind: Kind| {
-        let names = all.iter().filter(|estimator| estimator.kind == kind).map(|estimator| estimator.name.as_str());
+    let best = |class: MethodClass| {
+        let names = all.iter().filter(|estimator| estimator.class == class).map(|estimator| estimator.name.as_str());
         smallest(names, |name| data.summary_of(set, name)?.get(&error::RMSE))
     };
-    let [filter, hindsight, baseline] = [Kind::Recursive, Kind::Hindsight, Kind::Baseline].map(best);
+    let [filter, hindsight, baseline] =
+        [MethodClass::Recursive, MethodClass::Hindsight, MethodClass::Baseline].map(best);
     let chosen = [filter, Some(RECOMMENDED), hindsight, baseline];
     let mut leading: Vec<&RunEstimator> =
         chosen.iter().flatten().filter_map(|name| all.iter().find(|estimator| estimator.name == *name)).collect();

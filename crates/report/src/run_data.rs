@@ -9,11 +9,11 @@ use testbed::consistency::{Average, Judged};
 use testbed::metrics::{Metric, error};
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
-    MapRow, PAPER, PIN, ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow,
-    TrialRow, TurnRow, VertexRow, has_outline, read_rows, read_scores,
+    MapRow, PIN, ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow,
+    TurnRow, VertexRow, has_outline, read_rows, read_scores,
 };
 use trace::SensorFile;
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
 pub(crate) struct RunData {
@@ -82,23 +82,30 @@ impl RunData {
 
     /// Names of the filters: the estimators that know no more than the readings so far and are no baselines.
     pub(crate) fn filters(&self) -> impl Iterator<Item = &str> {
-        self.of_kind(Kind::Recursive)
+        let recursive = self
+            .run
+            .estimators
+            .iter()
+            .filter(|estimator| matches!(estimator.class, MethodClass::Recursive | MethodClass::Published));
+        recursive.map(|estimator| estimator.name.as_str())
     }
 
     /// Names of the estimators that are there neither to be beaten nor to show what a publication saw.
     pub(crate) fn under_test(&self) -> impl Iterator<Item = &str> {
-        let is_own = |estimator: &&RunEstimator| estimator.kind != Kind::Baseline && !estimator.name.starts_with(PAPER);
+        let is_own =
+            |estimator: &&RunEstimator| matches!(estimator.class, MethodClass::Recursive | MethodClass::Hindsight);
         self.run.estimators.iter().filter(is_own).map(|estimator| estimator.name.as_str())
     }
 
     /// Names of the baselines.
     pub(crate) fn baselines(&self) -> impl Iterator<Item = &str> {
-        self.of_kind(Kind::Baseline)
+        self.of_class(MethodClass::Baseline)
     }
 
-    fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &str> {
-        let of_kind = self.run.estimators.iter().filter(move |estimator| estimator.kind == kind);
-        of_kind.map(|estimator| estimator.name.as_str())
+    /// Names of the estimators of one class.
+    pub(crate) fn of_class(&self, class: MethodClass) -> impl Iterator<Item = &str> {
+        let of_class = self.run.estimators.iter().filter(move |estimator| estimator.class == class);
+        of_class.map(|estimator| estimator.name.as_str())
     }
 
     /// The place of an estimator in the run, which gives it its look.

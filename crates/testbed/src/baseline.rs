@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 
 use crate::metrics::START_UP_S;
 use crate::results::{ErrorBandRow, Run};
@@ -40,7 +40,8 @@ pub fn factor(
             .map(|row| (row.t_contact_s.to_bits(), row.median_m))
             .collect()
     };
-    let is_baseline = |name: &str| run.estimators.iter().any(|row| row.name == name && row.kind == Kind::Baseline);
+    let is_baseline =
+        |name: &str| run.estimators.iter().any(|row| row.name == name && row.class == MethodClass::Baseline);
     if is_baseline(estimator) {
         return None;
     }
@@ -51,6 +52,6 @@ pub fn factor(
         let (baseline, own): (Vec<f64>, Vec<f64>) = both.into_iter().unzip();
         Some(rms(&baseline)? / rms(&own)?)
     };
-    let baselines = run.estimators.iter().filter(|row| row.kind == Kind::Baseline);
+    let baselines = run.estimators.iter().filter(|row| row.class == MethodClass::Baseline);
     baselines.filter_map(|row| ratio(&row.name)).min_by(f64::total_cmp)
 }

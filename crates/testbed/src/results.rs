@@ -42,7 +42,7 @@ use serde::{Deserialize, Deserializer, Serialize, forward_to_deserialize_any};
 use strict_json::shown;
 use trace::{FrontEndFile, is_plain_name};
 use whisker::Whisker;
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 use whisker::events::TouchConfig;
 
 use crate::encoders::Encoders;
@@ -734,9 +734,6 @@ impl Run {
 /// The estimator that the documentation recommends.
 pub const RECOMMENDED: &str = "recommended";
 
-/// With it begin the names of the estimators that are configured as in the publication that the filters come from.
-pub const PAPER: &str = "paper-";
-
 /// One estimator of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -746,7 +743,8 @@ pub struct RunEstimator {
     /// One line about it.
     pub about: String,
     /// What it may know of a recording, and what it is there for.
-    pub kind: Kind,
+    #[serde(rename = "kind")]
+    pub class: MethodClass,
     /// Label of the sensor model that it insists on; without one it takes the calibration's choice.
     pub sensor_model: Option<String>,
     /// Its settings.
@@ -756,9 +754,9 @@ pub struct RunEstimator {
 impl RunEstimator {
     /// Its name for people. What hindsight knows, no other estimator can know: it says so wherever both stand side by side.
     pub fn label(&self) -> String {
-        match self.kind {
-            Kind::Recursive | Kind::Baseline => self.name.clone(),
-            Kind::Hindsight => format!("{} (hindsight)", self.name),
+        match self.class {
+            MethodClass::Recursive | MethodClass::Published | MethodClass::Baseline => self.name.clone(),
+            MethodClass::Hindsight => format!("{} (hindsight)", self.name),
         }
     }
 

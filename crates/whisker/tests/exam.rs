@@ -4,7 +4,7 @@ mod world;
 
 use std::sync::Arc;
 
-use whisker::estimators::{ContactPrior, ESTIMATORS, Estimate, EstimatorRow, Kind, Knowledge, Sample};
+use whisker::estimators::{ContactPrior, ESTIMATORS, Estimate, EstimatorRow, Knowledge, MethodClass, Sample};
 use whisker::frames::Point;
 
 use world::{RATE_HZ, base, contact, estimator, knowledge, samples};
@@ -29,7 +29,7 @@ const FIND_THE_RADIUS: [&str; 2] = ["sliding", "smoother-sliding"];
 /// start, and the published filters forget what they learnt.
 fn allowed_m(row: &EstimatorRow) -> f64 {
     match row.kind {
-        Kind::Baseline => 6e-3,
+        MethodClass::Baseline => 6e-3,
         _ if row.name.starts_with("paper-") => 0.3e-3,
         _ if FIND_THE_RADIUS.contains(&row.name) => 0.1e-3,
         _ => 0.05e-3,
@@ -54,7 +54,7 @@ fn verif_only_hindsight_differs_from_step_by_step() {
         let mut estimator = estimator(row, &knowledge, 1);
         let stepped: Vec<_> = samples.iter().map(|(_, sample)| estimator.step(sample)).collect();
         let is_same = run(row, &knowledge, &samples, 1) == stepped;
-        assert_eq!(is_same, row.kind != Kind::Hindsight, "{}", row.name);
+        assert_eq!(is_same, row.class != MethodClass::Hindsight, "{}", row.name);
     }
 }
 
@@ -109,7 +109,7 @@ fn robust_dropped_samples_and_spikes_leave_a_number() {
     for row in ESTIMATORS {
         let estimates = run(row, &knowledge, &samples, 1);
         // Nothing that is published bounds the influence of a reading.
-        if row.kind != Kind::Baseline && !row.name.starts_with("paper-") {
+        if row.class != MethodClass::Baseline && !row.name.starts_with("paper-") {
             let error = error_m(&samples, &estimates);
             assert!(error < 0.1e-3, "{}: {} mm", row.name, error * 1e3);
         }
@@ -132,7 +132,7 @@ fn verif_what_is_told_of_the_touch_is_corrected() {
     for offset_m in [-5e-3, 5e-3] {
         let contact_prior = ContactPrior { contact: Point::new(0.05 + offset_m, 0.0), sd_m: 5e-3 };
         let contact_prior = Arc::new(Knowledge { contact_prior: Some(contact_prior), ..(*noise_free).clone() });
-        for row in ESTIMATORS.iter().filter(|row| row.kind != Kind::Baseline) {
+        for row in ESTIMATORS.iter().filter(|row| row.class != MethodClass::Baseline) {
             let error = error_m(&samples, &run(row, &contact_prior, &samples, 1));
             assert!(error < allowed_m(row), "{}: {} mm", row.name, error * 1e3);
         }

@@ -3,8 +3,8 @@
 use anyhow::Result;
 use testbed::contour::touched_stretch;
 use testbed::metrics::contour;
-use testbed::results::{PAPER, RunEstimator, RunSet};
-use whisker::estimators::Kind;
+use testbed::results::{RunEstimator, RunSet};
+use whisker::estimators::MethodClass;
 
 use crate::canvas::Picture;
 use crate::contour_panel::{ContourPanel, Found, Points, picture};
@@ -30,10 +30,9 @@ fn leading<'a>(data: &'a RunData, sets: &[&RunSet]) -> Vec<(&'a RunEstimator, Lo
     let contact_m = |name: &str| -> Option<f64> {
         sets.iter().map(|set| data.summary_of(set, name)?.get(&contour::CONTACT_RMSE)).sum()
     };
-    let all = || data.run.estimators.iter().map(|estimator| estimator.name.as_str());
-    let looking_back = data.run.estimators.iter().filter(|estimator| estimator.kind == Kind::Hindsight);
+    let looking_back = data.run.estimators.iter().filter(|estimator| estimator.class == MethodClass::Hindsight);
     let best = smallest(looking_back.map(|estimator| estimator.name.as_str()), contact_m);
-    let shown = [data.filters().next(), best, all().find(|name| name.starts_with(PAPER))];
+    let shown = [data.filters().next(), best, data.of_class(MethodClass::Published).next()];
     let rows = shown.into_iter().flatten().filter_map(|name| data.run.estimators.iter().find(|row| row.name == name));
     rows.enumerate().map(|(place, row)| (row, Look::of(place))).collect()
 }

@@ -3,8 +3,9 @@
 use anyhow::Result;
 use plotters::style::Color;
 use testbed::metrics::error;
-use testbed::results::{PAPER, RunSet};
+use testbed::results::RunSet;
 use testbed::statistics::quantile;
+use whisker::estimators::MethodClass;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
@@ -50,7 +51,7 @@ struct Curve {
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
-    let filters: Vec<&str> = data.estimators().filter(|name| name.starts_with(PAPER)).collect();
+    let filters: Vec<&str> = data.of_class(MethodClass::Published).collect();
     let columns: Vec<(String, Vec<Curve>)> = data
         .leading_sets()
         .into_iter()
@@ -140,7 +141,7 @@ impl Curve {
             panel.line(corners.into_iter().chain([corners[0]]), self.look.color, 1.0)?;
         }
         let (x, _) = panel.at((place, 1.0));
-        let name = self.name.trim_start_matches(PAPER);
+        let name = self.name.trim_start_matches("paper-");
         canvas.text(name, (x, frame.bottom + 15.0), LABEL.aligned(Align::Center))
     }
 }

@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use files::sha256;
 use serde_json::json;
 use trace::is_plain_name;
-use whisker::estimators::{Estimate, Kind, Knowledge, estimator};
+use whisker::estimators::{Estimate, Knowledge, MethodClass, estimator};
 use whisker::frames::{Base, Pose, Start};
 use whisker::sensor::Face;
 
@@ -140,7 +140,7 @@ impl Participant for Program {
         RunEstimator {
             name: self.name.clone(),
             about: format!("program `{}`", self.command),
-            kind: Kind::Recursive,
+            class: MethodClass::Recursive,
             sensor_model: None,
             config: json!({
                 "command": self.command,

@@ -37,7 +37,7 @@ impl Participant for Registered {
         RunEstimator {
             name: self.row.name.into(),
             about: self.row.about.into(),
-            kind: self.row.kind,
+            class: self.row.class,
             sensor_model: self.row.sensor_model.map(Into::into),
             config: self.config.clone(),
         }

@@ -25,13 +25,13 @@ use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use trace::SensorFile;
 
-use whisker::estimators::{ESTIMATORS, EstimatorRow, Kind};
+use whisker::estimators::{ESTIMATORS, EstimatorRow, MethodClass};
 
 use testbed::dataset::Dataset;
 use testbed::metrics::Metric;
 use testbed::results::{
-    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, PAPER, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
-    csv_bytes, read_rows, read_scores,
+    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow, csv_bytes,
+    read_rows, read_scores,
 };
 use testbed::statistics::mean;
 
@@ -300,7 +300,7 @@ fn worst(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 
 /// The filters under test, as opposed to the baselines, to those that look back and to the configurations of the publication.
 fn filters() -> impl Iterator<Item = &'static str> {
-    let is_own = |row: &&EstimatorRow| row.kind == Kind::Recursive && !row.name.starts_with(PAPER);
+    let is_own = |row: &&EstimatorRow| row.class == MethodClass::Recursive;
     ESTIMATORS.iter().filter(is_own).map(|row| row.name)
 }
 

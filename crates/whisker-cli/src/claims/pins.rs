@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use testbed::baseline::{self, START_UP, STEADY};
 use testbed::metrics::error;
-use whisker::estimators::Kind;
+use whisker::estimators::MethodClass;
 
 use super::{Claim, WHISKERS, filters};
 
@@ -45,7 +45,7 @@ pub(super) fn claims() -> Vec<Claim> {
             "mm",
             move |context| {
                 let standard = context.standard();
-                let baselines = standard.run.estimators.iter().filter(|row| row.kind == Kind::Baseline);
+                let baselines = standard.run.estimators.iter().filter(|row| row.class == MethodClass::Baseline);
                 let best = standard.best(GROUP, whisker, baselines.map(|row| row.name.as_str()), &error::RMSE);
                 Ok(best.map(|rmse_m| 1e3 * rmse_m))
             },

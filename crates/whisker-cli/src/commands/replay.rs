@@ -14,7 +14,7 @@ use testbed::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n
 use testbed::results::{EstimateRow, RECOMMENDED, Table};
 use testbed::settings::merged;
 use trace::{CalibrationFile, Instant, Trace, TraceRows, TruthInstant};
-use whisker::estimators::{self, Estimate, Estimator, Kind, Knowledge};
+use whisker::estimators::{self, Estimate, Estimator, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
 
 use super::{front_end, json, noise_fraction};
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         rows: TraceRows::of(&sidecar, &arguments.trace)?,
         reader,
         estimator: estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?,
-        looks_back: row.kind == Kind::Hindsight,
+        looks_back: row.class == MethodClass::Hindsight,
         knowledge: &knowledge,
     };
     match &arguments.out {

@@ -20,7 +20,7 @@ use serde_json::Value;
 use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
-    ESTIMATORS, Estimate, EstimatorRow, Kind, Knowledge, Method, OutlinePoint, Radius, Sample, Touch, Tracker,
+    ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
     estimator,
 };
 
@@ -97,7 +97,7 @@ fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, Setting
     if row.sensor_model.is_some() {
         return Err(refused(name, "bound to a sensor model of its own, expected one that takes the calibration's"));
     }
-    match (row.kind == Kind::Hindsight, looks_back) {
+    match (row.class == MethodClass::Hindsight, looks_back) {
         (true, false) => Err(refused(name, "one that looks back, expected one that only knows the samples so far")),
         (false, true) => Err(refused(name, "one that only knows the samples so far, expected one that looks back")),
         _ => Ok(row),

@@ -409,15 +409,17 @@ impl Estimator {
     }
 }
 
-/// What an estimator may know of a recording, and what it is there for.
+/// Class of an estimation method: the samples that an estimate may depend on, and its part in a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// StateArray at each sample what the samples so far tell.
+pub enum MethodClass {
+    /// Gives an estimate at each sample from the samples so far.
     Recursive,
-    /// Looks back over the whole contact when it has ended.
+    /// Recursive, configured as in the publication that it comes from.
+    Published,
+    /// Gives its estimates when a contact has ended, from all its samples.
     Hindsight,
-    /// Recursive, and there to be beaten.
+    /// Recursive, the reference that filters are compared with.
     Baseline,
 }
 
@@ -428,7 +430,7 @@ pub struct EstimatorRow {
     /// One line about it.
     pub about: &'static str,
     /// What it may know of the recording, and what it is there for.
-    pub kind: Kind,
+    pub class: MethodClass,
     /// Label of the sensor model that it insists on; without one it takes the calibration's choice.
     pub sensor_model: Option<&'static str>,
     /// Default settings.
@@ -445,7 +447,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "what to use: `ukf` for thin things, `sliding` for round ones, `outline` for others, as far as the readings speak for each",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<choice::Config>,
         build: choice::build_recursive,
@@ -453,7 +455,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "sliding",
         about: "`ekf` for round objects of any size, whose radius it finds out; slower to be sure of a pin",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: || to_json(&gaussian::Config::<extended::Extended>::sliding()),
         build: gaussian::build::<extended::Extended>,
@@ -461,7 +463,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "ekf",
         about: "extended Kalman filter on the round contact of a thin object, from several hypotheses",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<gaussian::Config<extended::Extended>>,
         build: gaussian::build::<extended::Extended>,
@@ -469,7 +471,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "iekf",
         about: "iterated extended Kalman filter (Bell and Cathey 1993)",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<gaussian::Config<iterated::Iterated>>,
         build: gaussian::build::<iterated::Iterated>,
@@ -477,7 +479,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "ukf",
         about: "unscented Kalman filter (Julier and Uhlmann 2004)",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<gaussian::Config<unscented::Unscented>>,
         build: gaussian::build::<unscented::Unscented>,
@@ -485,7 +487,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "particle",
         about: "particle filter whose proposal looks at the reading",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<particle::Config>,
         build: particle::build,
@@ -493,7 +495,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "imm",
         about: "interacting multiple models: static, sliding or lost (Blom and Bar-Shalom 1988)",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<imm::Config>,
         build: imm::build,
@@ -501,7 +503,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "smoother",
         about: "fixed-interval smoother behind the iterated filter (Rauch, Tung and Striebel 1965)",
-        kind: Kind::Hindsight,
+        class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: defaults::<smoother::Config>,
         build: smoother::build,
@@ -509,7 +511,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "batch",
         about: "the most probable trajectory given the whole contact, by Gauss-Newton (Bell 1994)",
-        kind: Kind::Hindsight,
+        class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: defaults::<batch::Config>,
         build: batch::build,
@@ -517,7 +519,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "smoother-sliding",
         about: "`smoother` for round objects of any size",
-        kind: Kind::Hindsight,
+        class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: || to_json(&smoother::Config::sliding()),
         build: smoother::build,
@@ -525,7 +527,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "batch-sliding",
         about: "`batch` for round objects of any size",
-        kind: Kind::Hindsight,
+        class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: || to_json(&batch::Config::sliding()),
         build: batch::build,
@@ -533,7 +535,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "batch-recommended",
         about: "`batch` for thin things, `batch-sliding` for round ones and `outline-batch` for others, as far as all readings speak for each",
-        kind: Kind::Hindsight,
+        class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: || to_json(&choice::Config::hindsight()),
         build: choice::build_hindsight,
@@ -541,7 +543,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "outline",
         about: "the object's convex outline as the state: what one stroke has contact_prior of it serves the next",
-        kind: Kind::Recursive,
+        class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<outline::Config>,
         build: outline::build_recursive,
@@ -549,7 +551,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "outline-batch",
         about: "the object's convex outline that explains the whole contact, by robust Gauss-Newton",
-        kind: Kind::Hindsight,
+        class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: defaults::<outline::Config>,
         build: outline::build_hindsight,
@@ -557,7 +559,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "euler-bernoulli",
         about: "slip along an analytic cantilever (Solomon and Hartmann 2010), on the compliant root",
-        kind: Kind::Baseline,
+        class: MethodClass::Baseline,
         sensor_model: None,
         defaults: defaults::<euler_bernoulli::Config>,
         build: euler_bernoulli::build_analytic,
@@ -565,7 +567,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "euler-bernoulli-calibrated",
         about: "the same with moment and its slope from the calibrated map (as in Lin et al. 2022)",
-        kind: Kind::Baseline,
+        class: MethodClass::Baseline,
         sensor_model: None,
         defaults: defaults::<euler_bernoulli::Config>,
         build: euler_bernoulli::build_calibrated,
@@ -573,7 +575,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "paper-ekf",
         about: "extended Kalman filter as published (Lin et al. 2022)",
-        kind: Kind::Recursive,
+        class: MethodClass::Published,
         sensor_model: Some(paper::SENSOR_MODEL),
         defaults: defaults::<paper::Config<extended::Extended>>,
         build: paper::build::<extended::Extended>,
@@ -581,7 +583,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "paper-ukf",
         about: "unscented Kalman filter as published (Lin et al. 2022)",
-        kind: Kind::Recursive,
+        class: MethodClass::Published,
         sensor_model: Some(paper::SENSOR_MODEL),
         defaults: defaults::<paper::Config<unscented::Unscented>>,
         build: paper::build::<unscented::Unscented>,
@@ -589,7 +591,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "paper-particle",
         about: "particle filter as published (Lin et al. 2022)",
-        kind: Kind::Recursive,
+        class: MethodClass::Published,
         sensor_model: Some(paper::SENSOR_MODEL),
         defaults: defaults::<paper::ParticleConfig>,
         build: paper::build_particle,
