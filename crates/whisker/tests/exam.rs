@@ -28,9 +28,9 @@ const FIND_THE_RADIUS: [&str; 2] = ["sliding", "smoother-sliding"];
 /// Error that an estimator may end with where readings are free of noise: the beam-theory baselines keep what they got wrong at the
 /// start, and the published filters forget what they learnt.
 fn allowed_m(row: &EstimatorRow) -> f64 {
-    match row.kind {
+    match row.class {
         MethodClass::Baseline => 6e-3,
-        _ if row.name.starts_with("paper-") => 0.3e-3,
+        MethodClass::Published => 0.3e-3,
         _ if FIND_THE_RADIUS.contains(&row.name) => 0.1e-3,
         _ => 0.05e-3,
     }
@@ -109,7 +109,7 @@ fn robust_dropped_samples_and_spikes_leave_a_number() {
     for row in ESTIMATORS {
         let estimates = run(row, &knowledge, &samples, 1);
         // Nothing that is published bounds the influence of a reading.
-        if row.class != MethodClass::Baseline && !row.name.starts_with("paper-") {
+        if matches!(row.class, MethodClass::Recursive | MethodClass::Hindsight) {
             let error = error_m(&samples, &estimates);
             assert!(error < 0.1e-3, "{}: {} mm", row.name, error * 1e3);
         }
