@@ -1,16 +1,16 @@
-//! Why a command failed, in one message for a person.
+//! Failures, each one message for the user.
 
 use std::fmt;
 
-/// What every chore returns.
+/// Result of every command.
 pub(crate) type Outcome = Result<(), Failure>;
 
-/// Why a chore failed: what was found, what was expected and, where it is known, what to do.
+/// The reason of a failure: the value found, the value expected and, if known, the remedy.
 #[derive(Debug)]
 pub(crate) struct Failure(String);
 
 impl Failure {
-    /// A failure with a message for a person.
+    /// A failure with this message.
     pub(crate) fn new(message: impl Into<String>) -> Self {
         Self(message.into())
     }

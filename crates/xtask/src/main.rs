@@ -1,4 +1,4 @@
-//! `cargo xtask <command>`: the project's chores.
+//! `cargo xtask <command>`: set-up, demo, tests, checks and measurements of the project.
 //!
 //! Exit codes: 0 good, 1 failed, 2 usage.
 

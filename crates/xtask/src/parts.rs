@@ -1,17 +1,17 @@
-//! Steps and parts: what runs under a heading with its time.
+//! Steps and parts of a command, each printed under a heading with its duration.
 
 use std::time::Instant;
 
 use crate::failure::{Failure, Outcome};
 
-/// One part of a chore that goes on after a part has failed.
+/// One part of a command whose remaining parts run even if this one fails.
 #[derive(Clone, Copy)]
 pub(crate) struct Part {
     pub(crate) name: &'static str,
     pub(crate) run: fn() -> Outcome,
 }
 
-/// Runs a step under a heading and tells its time.
+/// Runs a step under a heading and prints its duration.
 pub(crate) fn step(heading: &str, run: impl FnOnce() -> Outcome) -> Outcome {
     eprintln!("\n== {heading}");
     let started = Instant::now();
@@ -20,7 +20,10 @@ pub(crate) fn step(heading: &str, run: impl FnOnce() -> Outcome) -> Outcome {
     Ok(())
 }
 
-/// Runs every part, also after one has failed, and prints a table of them; fails if any did.
+/// Runs every part, even after a failure, and prints a table of outcomes and durations.
+///
+/// # Errors
+/// If any part failed; the message names each of them.
 pub(crate) fn run_all(parts: &[Part]) -> Outcome {
     let mut table = String::new();
     let mut failed = Vec::new();

@@ -1,22 +1,34 @@
-//! The main job on a suite, step by step. The steps themselves leave alone what is up to date.
+//! Steps from scenes to report. Each step reuses results that are up to date.
 
 use std::thread;
+use std::time::Instant;
 
 use crate::failure::Outcome;
 use crate::parts::step;
-use crate::python::{self, Progress, Requirements};
+use crate::python::{self, Requirements};
 use crate::tools::{cargo, python, run, start, whisker};
 
-/// Builds `whisker` while pip fetches the packages: one keeps the processor busy, the other the network.
+/// Installs the Python packages and builds `whisker`.
 pub(crate) fn prepare() -> Outcome {
-    step("Python packages and the command whisker", || {
-        let build = start(cargo(&["build", "--release", "--package", "whisker-cli"]))?;
-        if let Err(failure) = python::install(Requirements::Runtime, Progress::Lines) {
-            build.abandon();
-            return Err(failure);
-        }
-        build.finish()
-    })
+    prepare_with(|| Ok(()))
+}
+
+/// Installs the Python packages and then runs `simulation`, which needs nothing else, while cargo builds `whisker`.
+pub(crate) fn prepare_with(simulation: impl FnOnce() -> Outcome) -> Outcome {
+    let started = Instant::now();
+    eprintln!("\n== build: the command whisker, beside the next steps");
+    let build = start(cargo(&["build", "--quiet", "--release", "--package", "whisker-cli"]))?;
+    let beside = || {
+        step("Python packages", || python::install(Requirements::Runtime))?;
+        simulation()
+    };
+    if let Err(failure) = beside() {
+        build.abandon();
+        return Err(failure);
+    }
+    build.finish()?;
+    eprintln!("\n== build: {:.1} s, counted from the start", started.elapsed().as_secs_f64());
+    Ok(())
 }
 
 /// Scenes to traces: `scenes/suites/<suite>.json` to `datasets/<suite>/`.
@@ -24,7 +36,7 @@ pub(crate) fn simulate(suite: &str) -> Outcome {
     step("simulate", || generate("simulate", suite, &format!("datasets/{suite}")))
 }
 
-/// A sweep of each group and whisker to an animation: `datasets/<suite>/animations/`.
+/// One sweep of each group and whisker to an animation: `datasets/<suite>/animations/`.
 pub(crate) fn animate(suite: &str) -> Outcome {
     step("animate", || generate("render", suite, &animations(suite)))
 }
@@ -34,12 +46,14 @@ pub(crate) fn fit(suite: &str) -> Outcome {
     step("fit", || run(whisker(&["fit", &suite_file(suite)])))
 }
 
-/// Every estimator on every trial, scored: `results/<suite>/`.
-pub(crate) fn evaluate(suite: &str) -> Outcome {
-    step("evaluate", || run(whisker(&["evaluate", &suite_file(suite)])))
+/// Estimators on every trial, scored: `results/<suite>/`. `None` runs every registered one.
+pub(crate) fn evaluate(suite: &str, estimators: Option<&[&str]>) -> Outcome {
+    let names = estimators.map(|names| names.join(","));
+    let chosen: Vec<&str> = names.iter().flat_map(|names| ["--estimators", names]).collect();
+    step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &chosen[..]].concat())))
 }
 
-/// The same on traces that were simulated for one suite, with the calibrations of another, under this many seeds of the measurement noise.
+/// Every estimator on traces that were simulated for another suite, with the calibrations of a third, for a number of seeds of the measurement noise.
 pub(crate) fn evaluate_on(suite: &str, traces: &str, calibrated: &str, seeds: u32) -> Outcome {
     let (traces, seeds) = (format!("datasets/{traces}"), seeds.to_string());
     let calibrations = format!("datasets/{calibrated}/calibrations");
@@ -47,12 +61,12 @@ pub(crate) fn evaluate_on(suite: &str, traces: &str, calibrated: &str, seeds: u3
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
 }
 
-/// Calibration traces, read through a front end, to sensor models: `datasets/<suite>/calibrations/<front end>/`.
+/// Calibration traces through a front end to sensor models: `datasets/<suite>/calibrations/<front end>/`.
 pub(crate) fn fit_through(front_end: &str, suite: &str) -> Outcome {
     step("fit", || run(whisker(&["fit", &suite_file(suite), "--front-end", front_end])))
 }
 
-/// Some estimators on the traces of a suite, read through a front end at several levels of noise, with the calibrations of another:
+/// Estimators on the traces of a suite through a front end at several noise levels, with the calibrations of another suite:
 /// `results/<name>/`.
 pub(crate) fn evaluate_through(
     front_end: &str,
@@ -79,7 +93,7 @@ pub(crate) fn evaluate_encoders(suite: &str, noise_rad: &[&str]) -> Outcome {
     page(&name)
 }
 
-/// Recordings of others to traces, sensor models and scores, with what estimators are told of the first touch right and wrong:
+/// Recordings of other groups to traces, sensor models and scores, with right and wrong priors of the first contact:
 /// `datasets/<name>/`, `results/<name>/`.
 pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {
     let traces = format!("datasets/{name}");
@@ -88,17 +102,17 @@ pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {
     step("evaluate recordings", || run(whisker(&["evaluate", &traces, "--starts", "wrong"])))
 }
 
-/// Scores to figures and a page, which links the animations: `results/<suite>/`.
+/// Scores to figures and a page with links to the animations: `results/<suite>/`.
 pub(crate) fn report(suite: &str) -> Outcome {
     step("report", || run(whisker(&["report", &format!("results/{suite}"), "--animations", &animations(suite)])))
 }
 
-/// The same without animations.
+/// Scores to figures and a page without animations: `results/<name>/`.
 pub(crate) fn page(name: &str) -> Outcome {
     step("report", || run(whisker(&["report", &format!("results/{name}")])))
 }
 
-/// A command of the generator that makes files of a suite in a folder.
+/// A command of the generator that writes files of a suite into a folder.
 fn generate(command: &str, suite: &str, out: &str) -> Outcome {
     let jobs = thread::available_parallelism().map_or(1, usize::from).to_string();
     run(python(&["-m", "whisker_sim", command, &suite_file(suite), "--out", out, "--jobs", &jobs]))

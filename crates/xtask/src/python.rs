@@ -1,7 +1,7 @@
-//! The Python environment in `.venv`, made from a hashed lock file and redone only when that changes.
+//! The Python environment in `.venv`, made from a hashed lock file and remade only if that file changes.
 //!
 //! A copy of the lock file that was installed stays in the environment. It is removed before pip starts and written
-//! when pip is done, so an environment without it is half made and is made anew.
+//! when pip is done, so an environment without it is incomplete and is made again.
 
 use std::env;
 use std::fs::{self, File};
@@ -18,22 +18,13 @@ const OLDEST: (u32, u32) = (3, 11);
 const HOW_TO_GET_PYTHON: &str = "Install Python 3.11 or newer with its modules venv and ensurepip (Debian, Ubuntu: \
      apt-get install python3 python3-venv), or name another interpreter: PYTHON=/path/to/python3";
 
-/// Which packages are needed.
+/// Set of packages to install.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Requirements {
-    /// Those that simulate.
+    /// Packages that the simulation needs.
     Runtime,
-    /// Those, the ones for clusters, and the ones that test and lint.
+    /// Also the packages for clusters, tests and lints.
     Development,
-}
-
-/// How pip's advance is shown.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Progress {
-    /// A counter of packages, where the terminal is ours alone.
-    Counter,
-    /// Whole lines only, beside another program's output.
-    Lines,
 }
 
 impl Requirements {
@@ -56,8 +47,8 @@ pub(crate) fn interpreter() -> PathBuf {
     folder().join("bin/python")
 }
 
-/// Makes the environment hold the required packages. Does nothing where it already does.
-pub(crate) fn install(requirements: Requirements, progress: Progress) -> Outcome {
+/// Installs the required packages unless the environment already holds them.
+pub(crate) fn install(requirements: Requirements) -> Outcome {
     let _turn = wait_for_turn()?;
     let wanted = requirements.read_lock()?;
     let installed = installed_lock();
@@ -74,7 +65,7 @@ pub(crate) fn install(requirements: Requirements, progress: Progress) -> Outcome
         create()?;
     }
     remove_if_there(fs::remove_file(stamp()), ".venv/installed.lock")?;
-    pip_install(requirements, &packages(&wanted), progress)?;
+    pip_install(requirements, &packages(&wanted))?;
     write_stamp(&wanted)
 }
 
@@ -86,14 +77,14 @@ fn stamp() -> PathBuf {
     folder().join("installed.lock")
 }
 
-/// Two chores started at once must not make the environment together: the second waits here and finds it made.
+/// Lock against a second command that makes the environment at the same time: the second waits.
 fn wait_for_turn() -> Result<File, Failure> {
     File::create(root().join(".venv.lock"))
         .and_then(|file| file.lock().map(|()| file))
         .map_err(|error| Failure::new(format!(".venv.lock: cannot be locked: {error}")))
 }
 
-/// The lock file whose packages the environment holds; nothing where it is missing, half made, or its interpreter is gone.
+/// The lock file whose packages the environment holds; `None` if the environment is missing or incomplete, or its interpreter does not start.
 fn installed_lock() -> Option<String> {
     let lock = fs::read_to_string(stamp()).ok()?;
     let works = Command::new(interpreter()).args(["-c", ""]).stderr(Stdio::null()).status().ok()?.success();
@@ -116,18 +107,17 @@ fn remove_if_there(removed: std::io::Result<()>, what: &str) -> Outcome {
     }
 }
 
-/// Makes an empty environment, in place of any other.
+/// Makes an empty environment and deletes any earlier one.
 fn create() -> Outcome {
     let base = env::var_os("PYTHON").filter(|python| !python.is_empty()).unwrap_or_else(|| "python3".into());
     let name = base.to_string_lossy().into_owned();
-    // The version comes first, so that it is known even where a module is missing.
+    // The version is printed first, so that it is known even if a module is missing.
     let asked = Command::new(&base)
         .args(["-c", "import sys; print(*sys.version_info[:2]); import venv, ensurepip"])
         .output()
         .map_err(|error| Failure::new(format!("`{name}` does not start: {error}. {HOW_TO_GET_PYTHON}")))?;
-    let version = version(&String::from_utf8_lossy(&asked.stdout)).ok_or_else(|| {
-        Failure::new(format!("`{name}` does not tell its version: it is no Python 3. {HOW_TO_GET_PYTHON}"))
-    })?;
+    let version = version(&String::from_utf8_lossy(&asked.stdout))
+        .ok_or_else(|| Failure::new(format!("`{name}` prints no version: not a Python 3. {HOW_TO_GET_PYTHON}")))?;
     if version < OLDEST {
         let (major, minor) = version;
         return Err(Failure::new(format!("`{name}` is Python {major}.{minor}. {HOW_TO_GET_PYTHON}")));
@@ -165,7 +155,7 @@ fn packages(lock: &str) -> Vec<String> {
         .collect()
 }
 
-fn pip_install(requirements: Requirements, packages: &[String], progress: Progress) -> Outcome {
+fn pip_install(requirements: Requirements, packages: &[String]) -> Outcome {
     eprintln!("installing {} Python packages ({})", packages.len(), packages.join(", "));
     let started = Instant::now();
     let cannot = |error| Failure::new(format!("pip does not start: {error}"));
@@ -178,10 +168,10 @@ fn pip_install(requirements: Requirements, packages: &[String], progress: Progre
     command.stdin(Stdio::null()).stdout(input.try_clone().map_err(cannot)?).stderr(input);
     let mut pip = command.spawn().map_err(cannot)?;
     let typed = words(&command);
-    // The command holds the writing end of the pipe, whose end would else never be seen.
+    // The command holds the writing end of the pipe; without this the reader would never see its end.
     drop(command);
 
-    let counts = progress == Progress::Counter && stderr().is_terminal();
+    let counts = stderr().is_terminal();
     let mut log = Vec::new();
     let mut found = 0;
     for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {

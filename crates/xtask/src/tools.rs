@@ -1,4 +1,4 @@
-//! The programs that the chores call, each set up to run in the repository.
+//! External programs, each set up to run in the repository.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -18,14 +18,14 @@ pub(crate) fn cargo(arguments: &[&str]) -> Command {
     in_repository(Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into())), arguments)
 }
 
-/// A command of the binary `whisker`, built for release where its sources changed.
+/// A command of the binary `whisker`, built for release if its sources changed.
 pub(crate) fn whisker(arguments: &[&str]) -> Command {
     let mut command = cargo(&["run", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker", "--"]);
     command.args(arguments);
     command
 }
 
-/// The program of a published package of this version, built on its first use.
+/// The program of a published package at a pinned version, built on its first use.
 pub(crate) fn tool((package, version): (&str, &str)) -> Result<PathBuf, Failure> {
     let folder = root().join("target/tools").join(format!("{package}-{version}"));
     let program = folder.join("bin").join(package);
@@ -51,12 +51,12 @@ fn in_repository(mut command: Command, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs a command to its end; its output goes to the terminal as it is.
+/// Runs a command to its end; its output goes to the terminal unchanged.
 pub(crate) fn run(command: Command) -> Outcome {
     start(command)?.finish()
 }
 
-/// Starts a command beside what comes next; its output goes to the terminal as it is.
+/// Starts a command in the background; its output goes to the terminal unchanged.
 pub(crate) fn start(mut command: Command) -> Result<Running, Failure> {
     let words = words(&command);
     match command.spawn() {
@@ -72,7 +72,10 @@ pub(crate) struct Running {
 }
 
 impl Running {
-    /// Waits for the command's end; fails where the command did.
+    /// Waits for the command's end.
+    ///
+    /// # Errors
+    /// If the command failed.
     pub(crate) fn finish(mut self) -> Outcome {
         let words = &self.words;
         match self.child.wait() {
@@ -82,9 +85,9 @@ impl Running {
         }
     }
 
-    /// Ends the command because its result is of no use any more.
+    /// Kills the command, whose result is no longer needed.
     pub(crate) fn abandon(mut self) {
-        // The command may have ended by itself, which is as good.
+        // The command may have ended by itself.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -94,7 +97,7 @@ impl Running {
 pub(crate) fn words(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let program = program.strip_prefix(root()).unwrap_or(program);
-    // cargo passes the full path of itself on, which says nothing to a reader.
+    // cargo passes its own full path, which is noise in a message.
     let program = if program.is_absolute() { program.file_name().map_or(program, Path::new) } else { program };
     std::iter::once(program.as_os_str())
         .chain(command.get_args())

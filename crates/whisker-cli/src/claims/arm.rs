@@ -1,8 +1,8 @@
-//! Whiskers on a robot arm: whether an arm is as good as a stage, and how true the map is that they make together.
+//! Whiskers on a robot arm: contact error compared with a stage, and accuracy of the joint map.
 //!
-//! **Arm and stage** are compared like with like: the same whisker carried along the same path past the same cylinder, under the same measurement noise. On the arm
-//! it is one of six whiskers, in space and among objects that stand free, and the estimator has the poses of the base from the joints; on the stage it is alone in the plane, the
-//! cylinder held fast and the whisker bent as the exact elastica has it. The arm does not shake, as a stage does not. Scored are the rows in which both have one contact on the whisker's side.
+//! **Arm and stage** are compared under equal conditions: the same whisker on the same path past the same cylinder with the same measurement noise. On the arm it is one of six
+//! whiskers in space among free-standing objects, and the poses of the base come from the joints. On the stage it is alone in the plane, the cylinder is fixed and the whisker
+//! bends as the exact elastica. The arm does not vibrate. The score covers the rows in which both have one contact on the same side of the whisker.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -30,51 +30,51 @@ use whisker::sensor::CalibratedFace;
 
 use super::{Claim, Context, Evaluation, RECOMMENDED, worst};
 
-/// Suite and run: the arm's recordings through the Hall sensors.
+/// Suite and run of the arm's recordings through the Hall sensors.
 pub(crate) const RUN: &str = "arm";
 
-/// Measurement noise beside the sensors' own.
+/// Measurement noise in addition to that of the sensors.
 const NOISE: f64 = 0.01;
 
-/// What the claims on maps are about.
-const ABOUT: &str = "arm, shaking and still, Hall sensors and 1 % noise";
+/// Conditions of the claims on maps.
+const ABOUT: &str = "arm with and without vibration, Hall sensors and 1 % noise";
 
-/// The recordings of the arm that shakes and of the same that does not.
+/// Recordings of the arm with and without vibration.
 const SHAKEN: &str = "passage";
 const STILL: &str = "passage_still";
 
 /// Cylinders of the scene, by the names of the objects.
 const CYLINDERS: [&str; 2] = ["cylinder_90", "cylinder_72"];
 
-/// A contact is scored from so long after the touch on, and a window begins so long before it, where the whisker is free.
+/// Time after the first touch from which a contact is scored, and time of free motion before it that belongs to the window.
 const STEADY_S: f64 = 1.0;
 
-/// Contact that is lost for less than this goes on: a soft whisker bounces.
+/// Interruptions shorter than this do not end a contact, because a soft whisker bounces.
 const CHATTER_S: f64 = 0.1;
 
-/// Share of the scored rows in which an estimator may be silent.
+/// Largest share of scored rows without an estimate.
 const MOST_SILENT: f64 = 0.01;
 
-/// A point that is nearer to an outline than this is on it.
+/// Distance within which a point lies on an outline.
 const ON_M: f64 = 1e-4;
 
 pub(super) fn claims() -> Vec<Claim> {
     let mut claims = vec![
         map(
             "arm_points_mean",
-            "contact points of both arrays that are sure, from the true outlines, unaligned: mean distance",
+            "accepted contact points of both arrays: mean distance to the true outlines, unaligned",
             0.7,
             "mm",
             |row| row.points_mean_m.map(|mean_m| 1e3 * mean_m),
         ),
         map(
             "arm_points_p95",
-            "contact points of both arrays that are sure, from the true outlines, unaligned: 95th percentile",
+            "accepted contact points of both arrays: 95th percentile of the distance to the true outlines, unaligned",
             2.0,
             "mm",
             |row| row.points_p95_m.map(|p95_m| 1e3 * p95_m),
         ),
-        map("arm_objects", "objects that are found too many, too few, in pieces or as one", 0.0, "objects", |row| {
+        map("arm_objects", "objects missed, invented, split or merged", 0.0, "objects", |row| {
             let off = row.objects_found.abs_diff(row.objects_touched) + row.objects_split + row.objects_merged;
             Some(off as f64)
         }),
@@ -83,22 +83,20 @@ pub(super) fn claims() -> Vec<Claim> {
         let name = cylinder.replace('_', " ");
         claims.push(object(
             format!("arm_radius_{cylinder}"),
-            format!("{name} mm: fitted radius off by"),
+            format!("{name} mm: error of the fitted radius"),
             cylinder,
             |row| row.radius_error_m.map(f64::abs),
         ));
         claims.push(object(
             format!("arm_center_{cylinder}"),
-            format!("{name} mm: middle of the fitted circle off by"),
+            format!("{name} mm: error of the fitted centre"),
             cylinder,
             |row| row.center_error_m,
         ));
     }
     claims.push(Claim::at_least(
         "arm_points_share".into(),
-        format!(
-            "{ABOUT}, contact points that are sure, over the rows in which a whisker touches in one place, worst map"
-        ),
+        format!("{ABOUT}, accepted contact points over the rows with a single contact, worst map"),
         75.0,
         "%",
         |context| {
@@ -108,21 +106,21 @@ pub(super) fn claims() -> Vec<Claim> {
     ));
     claims.push(Claim::at_most(
         "arm_vibration".into(),
-        "arm, shaking: the moment at a root off that without shaking, over the largest, worst whisker".into(),
+        "arm with vibration: largest change of the moment at a root over the largest moment, worst whisker".into(),
         3.0,
         "%",
         |_| Ok(disturbance()?.map(|share| 100.0 * share)),
     ));
     claims.push(Claim::at_most(
         "arm_displaced".into(),
-        "arm, shaking and still: how far any place of any object is displaced at most".into(),
+        "arm with and without vibration: largest displacement of any point of any object".into(),
         0.01,
         "mm",
         |_| Ok(displaced_m()?.map(|moved_m| 1e3 * moved_m)),
     ));
     claims.push(Claim::at_most(
         "arm_over_stage".into(),
-        format!("arm, perfect encoders, {RECOMMENDED}: contact error on the cylinders, how far off that on a stage"),
+        format!("arm, perfect encoders, {RECOMMENDED}: relative difference of the contact error on the cylinders from that on a stage"),
         10.0,
         "%",
         |context| Ok(arm_over_stage(context)?.map(|ratio| 100.0 * (ratio - 1.0).abs())),
@@ -130,7 +128,7 @@ pub(super) fn claims() -> Vec<Claim> {
     claims
 }
 
-/// The run, if it is of what these claims say: the recordings through the Hall sensors at 1 % noise, that of the shaking arm among them.
+/// The run, checked to hold the recordings through the Hall sensors at 1 % noise, with vibration.
 fn shaken(context: &Context) -> anyhow::Result<&Evaluation> {
     let evaluation = context.run(RUN);
     let run = &evaluation.run;
@@ -145,12 +143,12 @@ fn shaken(context: &Context) -> anyhow::Result<&Evaluation> {
     Ok(evaluation)
 }
 
-/// The maps of the recommended estimator at the run's first noise level.
+/// Maps of the recommended estimator at the first noise level of the run.
 fn maps(evaluation: &Evaluation) -> impl Iterator<Item = &MapRow> {
     evaluation.maps.iter().filter(|row| row.estimator == RECOMMENDED && row.noise == evaluation.run.noise[0])
 }
 
-/// The largest value over the maps; nothing where one has none.
+/// Largest value over the maps. `None` if a map lacks it.
 fn map(
     id: &'static str,
     claim: &'static str,
@@ -163,7 +161,7 @@ fn map(
     })
 }
 
-/// The largest value over the maps, of the true object that is meant, in mm; nothing where a map does not have it.
+/// Largest value over the maps for one true object (mm). `None` if a map lacks the object.
 fn object(id: String, claim: String, name: &'static str, value: fn(&MapObjectRow) -> Option<f64>) -> Claim {
     Claim::at_most(id, format!("{ABOUT}, {claim}, worst map"), 1.0, "mm", move |context| {
         let run = shaken(context)?;
@@ -189,7 +187,7 @@ fn recording(dataset: &Dataset, name: &str) -> anyhow::Result<ArrayRecording> {
     Ok(ArrayRecording::read(&dataset.folder.join(name).with_extension("json"))?)
 }
 
-/// By how much the shaking of the arm changes the moment at a root at most, over the largest moment of the same whisker: the worst whisker.
+/// Largest change of a root moment by vibration over the largest moment of the same whisker, for the worst whisker.
 fn disturbance() -> anyhow::Result<Option<f64>> {
     let dataset = dataset()?;
     let traces = dataset.read(Role::Trial)?;
@@ -208,7 +206,7 @@ fn disturbance() -> anyhow::Result<Option<f64>> {
     Ok(worst(shaken.sidecar.whiskers.iter().zip(&still.sidecar.whiskers).map(of_whisker)))
 }
 
-/// How far any object was displaced at most, in any recording.
+/// Largest displacement of any object in any recording (m).
 fn displaced_m() -> anyhow::Result<Option<f64>> {
     let dataset = dataset()?;
     let mut moved_m = Vec::new();
@@ -218,21 +216,21 @@ fn displaced_m() -> anyhow::Result<Option<f64>> {
     Ok(worst(moved_m.into_iter()))
 }
 
-/// Readings and true contacts in Base while one cylinder is touched, row by row.
+/// Readings and true contacts in Base during the contact with one cylinder, row by row.
 struct Sweep {
     readings_n_m: Vec<f64>,
     contacts: Vec<Option<Point<Base>>>,
 }
 
-/// The rows of a trace in which one cylinder is touched, with free rows before them.
+/// Rows of a trace in contact with one cylinder, with free rows before them.
 struct Window {
     trace: Trace,
     /// First row of the touch.
     touch: usize,
 }
 
-/// Root mean square contact error over all whiskers and seeds on the arm, over that on the stage, in the same rows; nothing where a whisker does not touch a cylinder for long enough,
-/// the stage has no contact for it, or the estimator is silent.
+/// RMS contact error over all whiskers and seeds on the arm, over that on the stage, in the same rows. `None` if the contact of a whisker is too short,
+/// the stage has no contact, or estimates are missing.
 fn arm_over_stage(context: &Context) -> anyhow::Result<Option<f64>> {
     let dataset = dataset()?;
     let array = recording(&dataset, STILL)?;
@@ -275,14 +273,14 @@ fn arm_over_stage(context: &Context) -> anyhow::Result<Option<f64>> {
     Ok(rms(&arm).zip(rms(&stage)).map(|(arm_m, stage_m)| arm_m / stage_m))
 }
 
-/// Rows in a time.
+/// Number of rows in a duration.
 fn rows_in(time_s: f64, sidecar: &Sidecar) -> usize {
     (time_s * sidecar.rate_hz).round() as usize
 }
 
 impl Window {
-    /// The longest touch of an object, and up to a second before it in which the whisker is free. Rows without contact that are fewer than [`CHATTER_S`] interrupt nothing. Nothing
-    /// where no touch is longer than what is not scored.
+    /// The longest contact with an object, with up to a second of free motion before it. Interruptions shorter than [`CHATTER_S`] are bridged. `None` if no
+    /// contact is longer than the part that is not scored.
     fn longest(trace: &Trace, outline: &Outline) -> Option<Self> {
         let truths = &trace.truth.instants;
         let is_on = |row: usize| truths[row].surface.is_some_and(|surface| outline.distance_m(surface) <= ON_M);
@@ -318,7 +316,7 @@ fn on_arm(window: &Trace) -> Sweep {
     }
 }
 
-/// Nothing where the elastica has no solution.
+/// `None` where the elastica has no solution.
 fn on_stage(window: &Trace, outline: &Outline) -> anyhow::Result<Option<Sweep>> {
     let circle = true_circle(outline).context("a cylinder is round")?;
     let cylinder = Circle { center: circle.center, radius_m: circle.radius_m };
@@ -339,7 +337,7 @@ fn on_stage(window: &Trace, outline: &Outline) -> anyhow::Result<Option<Sweep>> 
     Ok(Some(sweep))
 }
 
-/// Contact errors in the rows that are scored; nothing where the estimator says nothing in more than [`MOST_SILENT`] of them.
+/// Contact errors in the scored rows (m). `None` if estimates are missing in more than [`MOST_SILENT`] of them.
 fn contact_errors_m(
     window: &Window,
     sweep: &Sweep,

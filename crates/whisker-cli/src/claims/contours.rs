@@ -1,4 +1,4 @@
-//! Objects of every shape: how far the contact that an estimator follows, and the outline that it makes of them, lie from the truth, and whether it knows.
+//! Objects of every shape: errors of contact and outline, and coverage of their stated regions.
 
 use anyhow::Context as _;
 use indicatif::ProgressBar;
@@ -8,25 +8,25 @@ use testbed::metrics::{Metric, consistency, contour};
 
 use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS};
 
-/// Suite and run: the objects of the standard suite, under more seeds of the measurement noise.
+/// Suite and run of the objects of the standard suite with more noise seeds.
 pub(super) const RUN: &str = "objects";
 
-/// Estimators that are judged as they go along.
+/// Recursive estimators under test.
 const ONLINE: &[&str] = &[RECOMMENDED];
 
-/// Estimators that are judged with hindsight.
+/// Hindsight methods under test.
 const HINDSIGHT: &[&str] = &["batch-recommended"];
 
 pub(super) const CIRCLES: [&str; 2] = ["circle_15", "circle_50"];
 const POLYGONS: [&str; 2] = ["octagon", "rectangle"];
 
-/// The published filter, which takes the contact to rest.
+/// Published filter, which assumes a static contact.
 const PUBLISHED: &str = "paper-ekf";
 
-/// How fast contacts that are taken to rest may be forgotten; 1.004 is published.
+/// Fading factors of the filters with a static contact; 1.004 is published.
 const FADINGS: [f64; 6] = [1.0, 1.004, 1.01, 1.02, 1.05, 1.1];
 
-/// The settings of filters that take the contact to rest: the published one, and ours with its sensor model and its start.
+/// Settings of the filters with a static contact: the published one, and `ekf` with its sensor model and initialisation.
 fn at_rest(fading: f64) -> [(&'static str, Value); 2] {
     [
         (PUBLISHED, json!({"paper": {"fading": fading}})),
@@ -34,7 +34,7 @@ fn at_rest(fading: f64) -> [(&'static str, Value); 2] {
     ]
 }
 
-/// Share of steps and of outline that a 95 % ellipse or band may hold, in per cent.
+/// Accepted coverage of 95 % ellipses and bands (%).
 const COVERAGE: [f64; 2] = [85.0, 98.0];
 
 pub(super) fn claims() -> Vec<Claim> {
@@ -75,8 +75,8 @@ fn circle(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     claims.push(Claim::at_least(
         format!("best_static_{group}_{whisker}"),
         format!(
-            "{group}, {whisker} whisker: contact error after 1 s of {PUBLISHED} or of ekf on a contact at rest, \
-             under the best of several fadings, over that of {RECOMMENDED}"
+            "{group}, {whisker} whisker: contact error after 1 s of {PUBLISHED} or of ekf with a static contact, \
+             with the best of several fading factors, over that of {RECOMMENDED}"
         ),
         3.0,
         "times",
@@ -98,7 +98,7 @@ fn polygon(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     claims
 }
 
-/// A length, in mm.
+/// A metric that is a length (mm).
 fn length(group: &'static str, whisker: &'static str, estimator: &'static str, metric: Metric, bound_mm: f64) -> Claim {
     let name = metric.name.trim_end_matches("_m");
     Claim::at_most(
@@ -113,7 +113,7 @@ fn length(group: &'static str, whisker: &'static str, estimator: &'static str, m
     )
 }
 
-/// Whether ellipses and band hold the truth as often as they should.
+/// Coverage of ellipses and band.
 fn coverage(group: &'static str, whisker: &'static str, estimator: &'static str) -> Vec<Claim> {
     let [least, most] = COVERAGE;
     let mut claims = Vec::new();
@@ -130,7 +130,7 @@ fn coverage(group: &'static str, whisker: &'static str, estimator: &'static str)
     claims
 }
 
-/// The smallest contact error of filters that take the contact to rest, over that of the recommended estimator.
+/// Smallest contact error of the filters with a static contact, over that of the recommended estimator.
 fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) -> anyhow::Result<Option<f64>> {
     let Evaluation { run, .. } = context.run(RUN);
     let set = run.sets.iter().find(|set| set.group == group && set.whisker == whisker);

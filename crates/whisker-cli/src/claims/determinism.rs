@@ -1,4 +1,4 @@
-//! The same inputs give the same bytes, on one thread and on two.
+//! Determinism: equal inputs give equal bytes on one thread and on two.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::{Claim, Context};
 
 pub(super) fn claims() -> Vec<Claim> {
     let claim =
-        "trials.csv and summary.csv (but for its timing column) of two runs, one thread and two: files that differ";
+        "trials.csv and summary.csv (without its timing column) of one run on one thread and on two: files that differ";
     vec![Claim::at_most("determinism".into(), claim.into(), 0.0, "files", |context| {
         let folder = tempfile::tempdir()?;
         let one = tables(context, folder.path(), 1)?;
@@ -20,7 +20,7 @@ pub(super) fn claims() -> Vec<Claim> {
     })]
 }
 
-/// The bytes of `trials.csv` and of `summary.csv` without timing, on this many threads.
+/// Bytes of `trials.csv`, and of `summary.csv` without timing, computed on this number of threads.
 fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[Vec<u8>; 2]> {
     let run = &context.standard().run;
     let settings = EvaluateSettings {

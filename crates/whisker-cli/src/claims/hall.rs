@@ -1,4 +1,4 @@
-//! Through the Hall sensor: what is left of the earth's field, and what the sensor costs on pins.
+//! The Hall sensor: residual of the earth's field after compensation, and loss of accuracy on pins.
 
 use std::path::Path;
 
@@ -13,10 +13,10 @@ use trace::SensorFile;
 
 use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS, arm, monte_carlo, worst};
 
-/// The run: the pins of the Monte-Carlo through the Hall sensor, with the noise of the Monte-Carlo and without.
+/// Run of the Monte-Carlo pins through the Hall sensor, with and without the noise of the Monte-Carlo.
 pub(super) const RUN: &str = "hall";
 
-/// No noise but the sensor's own.
+/// No noise in addition to that of the sensor.
 const ALONE: f64 = 0.0;
 
 pub(super) fn claims() -> Vec<Claim> {
@@ -24,7 +24,7 @@ pub(super) fn claims() -> Vec<Claim> {
     of_whiskers.chain([arrays()]).collect()
 }
 
-/// Half a turn of the resting sensor, as published: a shift of 10 to 15 counts, which the reference sensor takes out.
+/// Half a turn of the free sensor, as published: a shift of 10 to 15 counts, removed by the reference sensor.
 fn earth(whisker: &'static str) -> Vec<Claim> {
     let shift =
         move |context: &Context, counts: fn(&TurnRow) -> f64| shift_counts(context.run(RUN).turns_of(whisker)?, counts);
@@ -33,21 +33,21 @@ fn earth(whisker: &'static str) -> Vec<Claim> {
     vec![
         Claim::at_least(
             format!("hall_{whisker}_shift_low"),
-            format!("{about}: shift, uncompensated"),
+            format!("{about}: uncompensated shift"),
             10.0,
             "counts",
             before,
         ),
         Claim::at_most(
             format!("hall_{whisker}_shift_high"),
-            format!("{about}: shift, uncompensated"),
+            format!("{about}: uncompensated shift"),
             15.0,
             "counts",
             before,
         ),
         Claim::at_most(
             format!("hall_{whisker}_shift_left"),
-            format!("{about}: shift that compensation leaves"),
+            format!("{about}: residual shift after compensation"),
             10.0,
             "%",
             move |context| {
@@ -58,11 +58,11 @@ fn earth(whisker: &'static str) -> Vec<Claim> {
     ]
 }
 
-/// What compensation leaves to the sensors on the arm, which share references.
+/// Residual shift of the sensors on the arm, which share references.
 fn arrays() -> Claim {
     Claim::at_most(
         "hall_arm_shift_left".into(),
-        "Hall sensors of the arm, turned by half a circle: shift that compensation leaves, worst sensor".into(),
+        "Hall sensors of the arm, turned by half a circle: residual shift after compensation, worst sensor".into(),
         10.0,
         "%",
         |context| {
@@ -78,8 +78,7 @@ fn arrays() -> Claim {
     )
 }
 
-/// Pins: beside the noise of the Monte-Carlo the sensor costs little, and alone not much more than white noise of its level. The innovations and the ellipses say whether its noise
-/// is stated as it is.
+/// Pins: loss of accuracy by the sensor, in addition to the noise of the Monte-Carlo and compared with white noise of its level; consistency of innovations and ellipses.
 fn pins(whisker: &'static str) -> Vec<Claim> {
     let about = format!("100 trials on a pin through the Hall sensor, {whisker} whisker, {RECOMMENDED}");
     let nis = move |context: &Context| {
@@ -144,7 +143,7 @@ fn pins(whisker: &'static str) -> Vec<Claim> {
     ]
 }
 
-/// The error on the same pins with white noise of the level that the sensor has.
+/// Error on the same pins with white noise of the level of the sensor.
 fn white_rmse_m(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>> {
     let Evaluation { run, .. } = context.run(RUN);
     let set = run.sets.iter().find(|set| set.whisker == whisker);

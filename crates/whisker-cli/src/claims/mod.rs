@@ -1,4 +1,4 @@
-//! What the documentation claims, and how each claim is measured.
+//! Claims of the documentation and their measurement.
 //!
 //! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
 
@@ -35,7 +35,7 @@ use testbed::results::{
 };
 use testbed::statistics::mean;
 
-/// Whether a figure has to stay below its bound or above it.
+/// Side of the bound on which a figure has to lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Relation {
     /// At most the bound.
@@ -44,22 +44,22 @@ pub enum Relation {
     AtLeast,
 }
 
-/// How a claim is measured; nothing where there is nothing to measure.
+/// Measurement of a claim. `None` if the data lack the figure.
 type Measure = Box<dyn Fn(&Context) -> anyhow::Result<Option<f64>>>;
 
 /// A figure that the documentation claims.
 pub struct Claim {
     /// Short name, unique.
     pub id: String,
-    /// What is claimed.
+    /// The claim in words.
     pub claim: String,
     /// Unit of figure and bound.
     pub unit: &'static str,
-    /// On which side of the bound the figure has to lie.
+    /// Side of the bound on which the figure has to lie.
     pub relation: Relation,
     /// The bound.
     pub bound: f64,
-    /// Whether it is about recordings, which not everybody has.
+    /// Whether the claim needs the recordings, which are optional.
     needs_recordings: bool,
     measure: Measure,
 }
@@ -85,7 +85,7 @@ impl Claim {
         Self { relation: Relation::AtLeast, ..Self::at_most(id, claim, bound, unit, measure) }
     }
 
-    /// The same, of recordings: not measured where they are not there.
+    /// The same claim on recordings: not measured if they are missing.
     fn of_recordings(self) -> Self {
         Self { needs_recordings: true, ..self }
     }
@@ -106,10 +106,10 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     determinism::claims,
 ];
 
-/// The runs that claims are measured on. They bear the names of their suites, and that of the pins through a front end the front end's.
+/// Runs that claims are measured on, named after their suites; the run of the pins through a front end is named after the front end.
 pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN, arm::RUN];
 
-/// The run that claims are measured on unless they name another.
+/// Default run of a claim.
 pub(crate) const STANDARD: &str = "standard";
 
 /// Every claim.
@@ -117,13 +117,13 @@ pub fn claims() -> Vec<Claim> {
     TOPICS.iter().flat_map(|topic| topic()).collect()
 }
 
-/// A claim that was measured: a row of `claims.csv`.
+/// A measured claim: a row of `claims.csv`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeasuredClaim {
     /// Short name.
     pub id: String,
-    /// What is claimed.
+    /// The claim in words.
     pub claim: String,
     /// The figure.
     pub measured: Option<f64>,
@@ -133,15 +133,15 @@ pub struct MeasuredClaim {
     pub bound: f64,
     /// Unit of both.
     pub unit: String,
-    /// Whether the claim holds; nothing where it could not be measured, for want of the recordings.
+    /// Whether the claim holds. `None` if it was not measured because the recordings are missing.
     pub holds: Option<bool>,
 }
 
-/// What claims are measured on: evaluated runs, and the traces of the standard suite.
+/// Data of the measurements: evaluated runs and the traces of the standard suite.
 pub struct Context {
     /// The runs of [`RUNS`], by name.
     runs: BTreeMap<&'static str, Evaluation>,
-    /// The run of the recordings, where they are there.
+    /// Run of the recordings. `None` if they are missing.
     recordings: Option<Evaluation>,
     /// The standard suite.
     dataset: Dataset,
@@ -154,7 +154,7 @@ struct Evaluation {
     trials: Vec<TrialRow>,
     bands: Vec<ErrorBandRow>,
     contours: Vec<ContourTrialRow>,
-    /// Counts while each sensor is turned, by the sensor's label, where the front end has sensors.
+    /// Counts during a turn of each sensor, by the label of the sensor; empty if the front end has no sensors.
     turns: BTreeMap<String, Vec<TurnRow>>,
     maps: Vec<MapRow>,
     map_objects: Vec<MapObjectRow>,
@@ -196,7 +196,7 @@ impl Context {
 impl Evaluation {
     fn open(folder: &Path) -> anyhow::Result<Self> {
         if !folder.join("run.json").is_file() {
-            bail!("{}: no such run; `cargo xtask reproduce` makes it", folder.display());
+            bail!("{}: run not found; make it with `cargo xtask reproduce`", folder.display());
         }
         let run = Run::read(&folder.join("run.json"))?;
         let mut turns = BTreeMap::new();
@@ -216,25 +216,25 @@ impl Evaluation {
         })
     }
 
-    /// Counts while the sensor of a whisker that is an array of its own is turned.
+    /// Counts during a turn of the sensor of a whisker that forms an array alone.
     fn turns_of(&self, whisker: &str) -> Option<&[TurnRow]> {
         let sensor = self.run.front_end.sensor(whisker, whisker)?;
         self.turns.get(&sensor.label()).map(Vec::as_slice)
     }
 
-    /// The summary of an estimator on one set at the run's first noise level.
+    /// Summary of an estimator on one set at the first noise level of the run.
     fn summary(&self, group: &str, whisker: &str, estimator: &str) -> Option<&SummaryRow> {
         self.summary_at(group, whisker, estimator, self.run.noise[0])
     }
 
-    /// The summary of an estimator on one set at a noise level.
+    /// Summary of an estimator on one set at a noise level.
     fn summary_at(&self, group: &str, whisker: &str, estimator: &str, noise: f64) -> Option<&SummaryRow> {
         self.summary.iter().find(|SummaryRow { head, .. }| {
             head.group == group && head.whisker == whisker && head.estimator == estimator && head.noise == noise
         })
     }
 
-    /// The best value that any of some estimators has of a metric of which less is better.
+    /// Smallest value of a metric over estimators.
     fn best<'a>(
         &self,
         group: &str,
@@ -245,12 +245,12 @@ impl Evaluation {
         estimators.filter_map(|name| self.summary(group, whisker, name)?.get(metric)).min_by(f64::total_cmp)
     }
 
-    /// Share of the trials of an estimator on one set, at the run's first noise level, that meet a condition.
+    /// Share of the trials of an estimator on one set that meet a condition, at the first noise level of the run.
     fn share(&self, group: &str, whisker: &str, estimator: &str, condition: impl Fn(&TrialRow) -> bool) -> Option<f64> {
         mean(self.trials_of(group, whisker, estimator).map(|trial| f64::from(condition(trial))))
     }
 
-    /// The trials of an estimator on one set, at the run's first noise level.
+    /// Trials of an estimator on one set at the first noise level of the run.
     fn trials_of(&self, group: &str, whisker: &str, estimator: &str) -> impl Iterator<Item = &TrialRow> {
         self.trials.iter().filter(move |TrialRow { head, .. }| {
             head.group == group
@@ -293,12 +293,12 @@ pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow:
     Ok(measured)
 }
 
-/// The largest of some values; nothing where one lacks, or where there is none.
+/// Largest value. `None` if one is missing or there are none.
 fn worst(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     values.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::max)
 }
 
-/// The filters under test, as opposed to the baselines, to those that look back and to the configurations of the publication.
+/// Filters under test: neither baselines, nor hindsight methods, nor published configurations.
 fn filters() -> impl Iterator<Item = &'static str> {
     let is_own = |row: &&EstimatorRow| row.class == MethodClass::Recursive;
     ESTIMATORS.iter().filter(is_own).map(|row| row.name)

@@ -1,4 +1,4 @@
-//! A hundred trials a whisker on a pin: how near the estimators come to the physical limit, whether they know how near, and what the published ones do.
+//! A hundred trials per whisker on a pin: error over the Cramer-Rao bound, consistency, and comparison with the published filters.
 
 use testbed::consistency::{Average, NEES_FREEDOM, NIS_FREEDOM};
 use testbed::metrics::{Metric, bound, consistency, error};
@@ -18,7 +18,7 @@ pub(super) fn claims() -> Vec<Claim> {
     of_whiskers.chain(published()).collect()
 }
 
-/// The best filter against the physical limit.
+/// Error of the best filter relative to the Cramer-Rao bound.
 fn limit(whisker: &'static str) -> Vec<Claim> {
     let most_mm = if whisker == "curved" { 0.06 } else { 0.1 };
     let best = move |run: &Evaluation, metric: &Metric| run.best(GROUP, whisker, filters(), metric);
@@ -42,7 +42,7 @@ fn limit(whisker: &'static str) -> Vec<Claim> {
     ]
 }
 
-/// How soon the error stays below a millimetre.
+/// Time until the error stays below a millimetre.
 fn start(whisker: &'static str) -> Vec<Claim> {
     let within = |estimator: &'static str, time_s: f64| {
         Claim::at_least(
@@ -75,7 +75,7 @@ fn start(whisker: &'static str) -> Vec<Claim> {
     claims
 }
 
-/// The filters that begin with several hypotheses.
+/// Filters that start from several hypotheses.
 fn with_hypotheses() -> impl Iterator<Item = &'static str> {
     filters().filter(|name| {
         let row = estimators::estimator(name).expect("a registered estimator");
@@ -83,7 +83,7 @@ fn with_hypotheses() -> impl Iterator<Item = &'static str> {
     })
 }
 
-/// Whether the recommended estimator is as sure as it may be.
+/// Consistency of the recommended estimator (NEES, NIS, coverage).
 fn consistent(whisker: &'static str) -> Vec<Claim> {
     let mut claims = Vec::new();
     for (metric, freedom) in [(consistency::NEES, NEES_FREEDOM), (consistency::NIS, NIS_FREEDOM)] {
@@ -129,7 +129,7 @@ fn consistent(whisker: &'static str) -> Vec<Claim> {
     claims
 }
 
-/// The published picture: on the curved whisker the published EKF is far behind the other two at the start.
+/// The published observation: on the curved whisker the published EKF starts far slower than the other two.
 fn published() -> Vec<Claim> {
     let ahead = |other: &'static str| {
         Claim::at_least(

@@ -1,11 +1,11 @@
-//! Contacts that slide: what the estimators say of the radius, whether a model that is wrong is noticed, and what it costs on pins.
+//! Sliding contacts: error of the stated radius, detection of a wrong model, and loss of accuracy on pins.
 
 use testbed::consistency::BY_INNOVATIONS;
 use testbed::metrics::{Metric, error, radius};
 
 use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, monte_carlo};
 
-/// A filter that takes the object for thin.
+/// A filter that assumes a thin object.
 const STATIC: &str = "ukf";
 
 pub(super) fn claims() -> Vec<Claim> {
@@ -15,7 +15,7 @@ pub(super) fn claims() -> Vec<Claim> {
     of_circles.chain(WHISKERS.into_iter().flat_map(price)).collect()
 }
 
-/// A claim about the summary of one estimator on one circle, in a unit that is `per_unit` of the metric's.
+/// A claim on the summary of one estimator on one circle. One unit of the metric is `per_unit` units of the claim.
 fn value(
     run: &Evaluation,
     (group, whisker): (&str, &str),
@@ -26,7 +26,7 @@ fn value(
     Some(per_unit * run.summary(group, whisker, estimator)?.get(metric)?)
 }
 
-/// The radius.
+/// Error and coverage of the stated radius.
 fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     let claim = format!("{group}, {whisker} whisker, {RECOMMENDED}: radius at the end");
     vec![
@@ -39,7 +39,7 @@ fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
         ),
         Claim::at_least(
             format!("motion_{group}_{whisker}_radius_covered"),
-            format!("{claim}, trials whose 95 % interval holds the true one"),
+            format!("{claim}, trials whose 95 % interval holds the true radius"),
             90.0,
             "%",
             move |context| {
@@ -49,7 +49,7 @@ fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     ]
 }
 
-/// Whether it is noticed that another model is wrong.
+/// Innovations of a wrong model.
 fn noticed(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     vec![Claim::at_least(
         format!("motion_{group}_{whisker}_noticed"),
@@ -63,7 +63,7 @@ fn noticed(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     )]
 }
 
-/// What it costs on a pin not to know that it is one.
+/// Loss of accuracy on a pin from not knowing that the object is thin.
 fn price(whisker: &'static str) -> Vec<Claim> {
     let times = |id: &str, score: &str, metric: Metric| {
         Claim::at_most(

@@ -1,10 +1,10 @@
-//! Without noise, with readings from the fitted sensor model itself and a contact that truly rests, a filter has nothing left to be wrong
-//! about: its error must vanish. Filters that take a motion are told that the contact rests, and a Gaussian one that what it learnt at the start, before its
-//! linearisation was good, is to be forgotten. A particle filter is left with the Monte-Carlo error of its cloud: over several of its own seeds its estimates
-//! scatter, but must scatter about the truth. It is told that the contact neither wanders nor is forgotten, as is true here.
+//! Noise-free readings of the fitted sensor model itself and a static contact: the error of a filter must vanish.
 //!
-//! Only filters are judged that can be told so. `imm` knows from the wire's thickness that a contact slides as the whisker turns, `outline` takes it to run along
-//! a curve that has a radius everywhere, and `recommended` leaves its candidates their defaults: to them this world is not ideal.
+//! Filters with a motion model are configured for a static contact. Gaussian filters use fading memory, so that information from the start, where the linearisation was
+//! poor, decays. The estimates of a particle filter scatter over its seeds by the Monte-Carlo error but must be unbiased; it is configured without process noise and without fading.
+//!
+//! Only filters with these settings are included. `imm` models the sliding due to the thickness of the wire, `outline` assumes a curve with a radius everywhere, and `recommended`
+//! keeps the defaults of its candidates: for them the readings are not ideal.
 
 use anyhow::{Context as _, ensure};
 use nalgebra::Vector2;
@@ -22,13 +22,13 @@ use whisker::sensor::CalibratedFace;
 
 use super::{Claim, Context, WHISKERS, filters};
 
-/// Seeds of a particle filter on each trace.
+/// Number of seeds of a particle filter per trace.
 const SEEDS: u64 = 8;
 
-/// Mean offset over the seeds, relative to their scatter, that chance explains: four standard deviations of the mean.
+/// Largest mean offset over the seeds relative to their scatter that is compatible with no bias: four standard deviations of the mean.
 const MOST_OFFSET: f64 = 1.4;
 
-/// Traces on which the contact stays within the calibrated region, at least.
+/// Least number of traces on which the contact stays within the calibrated domain.
 const LEAST_TRACES: usize = 8;
 
 pub(super) fn claims() -> Vec<Claim> {
@@ -73,7 +73,7 @@ fn has_setting(filter: &str, key: &str) -> bool {
     estimators::estimator(filter).is_some_and(|row| (row.defaults)().get(key).is_some())
 }
 
-/// Offsets of the last estimate from the truth, in m, by trace and seed.
+/// Offsets of the last estimate from the truth (m), by trace and seed.
 fn final_offsets(
     context: &Context,
     whisker: &str,
@@ -94,7 +94,7 @@ fn final_offsets(
         }
     }
     let found = ideals.len();
-    ensure!(found >= LEAST_TRACES, "{found} pins stay within the calibrated region, expected at least {LEAST_TRACES}");
+    ensure!(found >= LEAST_TRACES, "{found} pins stay within the calibrated domain, expected at least {LEAST_TRACES}");
     ideals
         .par_iter()
         .map(|(trace, contact, samples)| {
@@ -113,8 +113,8 @@ fn final_offsets(
         .collect()
 }
 
-/// The trace's base motion past a contact that rests where the true one was in the middle of the touch, with the model's readings while that
-/// contact is calibrated and zero before; nothing where it leaves the calibrated region later.
+/// The base motion of the trace past a static contact at the true contact in the middle of the touch, with readings of the model while that contact lies in the
+/// calibrated domain and zero before. `None` if the contact leaves the domain later.
 fn ideal(trace: &Trace, face: &CalibratedFace) -> Option<(Point<World>, Vec<Sample>)> {
     let contacts: Vec<Point<World>> = trace.truth.instants.iter().filter_map(|truth| truth.contact).collect();
     let contact = *contacts.get(contacts.len() / 2)?;

@@ -1,4 +1,4 @@
-//! A thin pin: how well every filter finds the contact, and by how much it beats the baseline.
+//! A thin pin: contact error of every filter, alone and relative to the baseline.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! Recordings of real sensors: pins with honest and with wrong starts, and the cylinder. They are not part of the project; `docs/REAL.md` says where they come from.
+//! Recordings of real sensors: pins with right and wrong priors, and the cylinder. The recordings are not part of the project; `docs/REAL.md` states their source.
 
 use std::collections::BTreeMap;
 
@@ -11,16 +11,16 @@ use super::{Claim, Context, Evaluation, RECOMMENDED};
 /// Dataset and run.
 pub(crate) const RUN: &str = "stanford";
 
-/// Groups of the pin trials: with what they are told of the first touch.
+/// Groups of the pin trials by their prior of the first contact.
 const PINS: [(&str, &str); 2] = [("honest", "real pins"), ("wrong", "real pins, wrong prior")];
 
 /// Group of the sweeps over objects.
 const OBJECTS: &str = "real objects";
 
-/// An error beyond this after the first third of the contact is a divergence.
+/// Error after the first third of the contact beyond which a trial counts as diverged.
 const DIVERGED_M: f64 = 1e-3;
 
-/// Whether a run has every group that is claimed something of.
+/// Whether a run has every group that the claims need.
 pub(super) fn is_whole(run: &Evaluation) -> bool {
     let groups = PINS.iter().map(|(_, group)| *group).chain([OBJECTS]);
     groups.into_iter().all(|group| run.run.sets.iter().any(|set| set.group == group))
@@ -84,7 +84,7 @@ fn cylinder(estimator: &'static str) -> Vec<Claim> {
         ),
         Claim::at_least(
             format!("real_cylinder_{estimator}_radius_stated"),
-            format!("{about}: sweeps that tell a radius with both ends of its interval"),
+            format!("{about}: sweeps with a radius and both ends of its interval"),
             100.0,
             "%",
             move |context| {
@@ -101,14 +101,14 @@ fn cylinder(estimator: &'static str) -> Vec<Claim> {
     ]
 }
 
-/// The sweeps over round objects, by one estimator.
+/// Sweeps over round objects, for one estimator.
 fn sweeps(context: &Context, estimator: &str) -> Vec<ContourTrialRow> {
     let rows = context.recordings.iter().flat_map(|run| &run.contours);
     let is_meant = |row: &&ContourTrialRow| row.group == OBJECTS && row.estimator == estimator && is_round(&row.object);
     rows.filter(is_meant).cloned().collect()
 }
 
-/// How far the intervals of two sweeps over one object lie apart at most; below zero where all overlap, nothing where a sweep tells no radius.
+/// Largest gap between the radius intervals of two sweeps over one object (m), negative if all overlap. `None` if a sweep has no radius.
 fn largest_gap_m(sweeps: &[ContourTrialRow]) -> Option<f64> {
     let mut ends: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     for row in sweeps {

@@ -1,4 +1,4 @@
-//! How well the sensor model fits what it has not seen.
+//! Residuals of the sensor models on held-out traces.
 
 use super::Claim;
 

@@ -1,4 +1,4 @@
-//! `whisker evaluate`: every estimator over every trial.
+//! `whisker evaluate`: every estimator on every trial.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ use whisker::events::TouchConfig;
 
 use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
 
-/// Noise seeds a trial, unless asked for others.
+/// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
 
 /// Prior information on the first contact.
@@ -50,51 +50,51 @@ pub(super) struct Arguments {
     /// Suites (JSON) or folders of traces
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// Folder of the suites' traces [default: datasets/<suite>]
+    /// Folder of the traces of the suites [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
-    /// Folder of the calibrations [default: calibrations/ beside the traces, in it a folder for a front end that is not the default]
+    /// Folder of the calibrations [default: calibrations/ beside the traces, calibrations/<front end>/ for a front end other than the default]
     #[arg(long)]
     calibrations: Option<PathBuf>,
-    /// Estimators, by comma [default: all; `whisker list` names them]
+    /// Estimators, separated by commas (`whisker list estimators`) [default: all]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
-    /// A program of yours beside them, as often as you like: it reads rows and writes estimates as JSON lines (docs/your-estimator.md)
+    /// External estimator, a program that reads samples and writes estimates as JSON lines (docs/your-estimator.md); may be repeated
     #[arg(long, value_name = "[NAME=]COMMAND")]
     exec: Vec<String>,
-    /// Longest wait for one answer of such a program
+    /// Longest wait for one answer of an external estimator
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     exec_timeout: Duration,
-    /// File with settings by estimator, of the touch detection and of maps: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
+    /// JSON file with settings by estimator, of the contact detection and of maps: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
     #[arg(long)]
     config: Option<PathBuf>,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Noise levels to add, as fractions of the largest reading of each set, by comma [default: the front end's, 0.01 or 0 where it has its
-    /// own; 0 to recordings, which have their own]
+    /// Noise levels to add, as fractions of the largest reading of each set, separated by commas [default: 0.01; 0 for a front end with its
+    /// own noise and for recordings]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise, of encoders neither]
+    /// Number of noise seeds per trial [default: 5; 1 if neither readings nor encoders are noisy]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: Option<u64>,
-    /// What the estimators are told of the first touch
+    /// Prior information on the first contact
     #[arg(long, value_enum, default_value_t)]
     starts: Starts,
-    /// Encoders of the joints of an arm, as often as you like: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', '{}' for perfect ones; only recordings
-    /// with an arm have any [default: perfect]
+    /// Joint encoders of an arm: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', or '{}' for perfect ones; may be repeated; applies to recordings
+    /// with an arm [default: perfect]
     #[arg(long, value_name = "JSON", value_parser = encoders)]
     encoders: Vec<Encoders>,
-    /// Name of the run [default: that of the suite or folder, several joined by +]
+    /// Name of the run [default: name of the suite or folder; several are joined by +]
     #[arg(long)]
     name: Option<String>,
-    /// Folder under which the run's folder is made
+    /// Parent folder of the run
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Do only one of several equal shares of the work, given as number/shares, at the same time as other processes do the others, on this machine or on others with
-    /// the same file system; the command without it then puts the run together
+    /// Do one of N equal shares of the work, K from 1 to N, while other processes do the others on this machine or on others with the same file
+    /// system; the command without --share then merges the run
     #[arg(long, value_name = "K/N")]
     share: Option<Share>,
-    /// Threads [default: one a core]
+    /// Number of threads [default: number of cores]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
 }
@@ -113,7 +113,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(levels) => levels.clone(),
         None => vec![default_noise(&datasets, &front_end)?],
     };
-    // Without noise every seed replays the same readings, which would count as so many trials.
+    // Without noise every seed replays the same readings, and the copies would count as trials.
     let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
     let is_silent = !front_end.is_noisy() && are_exact && noise.iter().all(|level| *level == 0.0);
     let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
@@ -140,7 +140,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let Some(share) = arguments.share {
         threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
         progress.finish_and_clear();
-        print(&format!("share {share} is done\n"))?;
+        print(&format!("share {share} done\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
     let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
@@ -162,12 +162,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// Encoders of an arm's joints.
+/// Parses joint encoders.
 fn encoders(text: &str) -> Result<Encoders, String> {
     parse_json(text.as_bytes()).map_err(|error| error.to_string())
 }
 
-/// A time to wait.
+/// Parses a duration in seconds.
 fn seconds(text: &str) -> Result<Duration, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.001..=86_400.0).contains(&value) => Ok(Duration::from_secs_f64(value)),
@@ -175,12 +175,12 @@ fn seconds(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// The largest that a dataset asks for.
+/// Largest default noise of the datasets.
 fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f64> {
     datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise(front_end)?)))
 }
 
-/// A file of settings.
+/// Contents of the file of settings.
 #[derive(Default, Deserialize, Serialize)]
 struct Config {
     #[serde(default)]
@@ -191,7 +191,7 @@ struct Config {
     estimators: BTreeMap<String, Value>,
 }
 
-/// The summary for people, in millimetres.
+/// Table of the summary, errors in millimetres.
 fn summary_table(summary: &[SummaryRow]) -> String {
     let header = [
         "group",

@@ -15,7 +15,7 @@ use whisker::sensor::Face;
 
 use super::{front_end, json, noise_fraction, print, table};
 
-/// In the place of a model's name: find the best.
+/// Argument of `--model` that selects the model by cross-validation.
 const AUTO: &str = "auto";
 
 /// Fit sensor models to the calibration traces of a suite or folder
@@ -26,10 +26,10 @@ pub(super) struct Arguments {
     /// Folder of the suite's traces [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
-    /// Folder for the calibrations [default: calibrations/ beside the traces, in it a folder for a front end that is not the default]
+    /// Folder for the calibrations [default: calibrations/ beside the traces, calibrations/<front end>/ for a front end other than the default]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Sensor model; `whisker list` names them, `auto` fits all and takes the one that predicts held-out traces best
+    /// Sensor model (`whisker list sensor-models`); `auto` fits all of them and selects the one with the smallest error on held-out traces
     #[arg(long, default_value = AUTO)]
     model: String,
     /// Settings of the model as JSON, for example '{"degree": 7}'
@@ -37,13 +37,13 @@ pub(super) struct Arguments {
     config: Option<Value>,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Sensors to calibrate beside those of the traces, as array/sensor, by comma
+    /// Further sensors to calibrate, as array/sensor, separated by commas
     #[arg(long, value_delimiter = ',', value_parser = mounting)]
     sensors: Vec<Mounting>,
     /// Measurement noise added to simulated traces, as a fraction of the largest reading [default: the front end's]
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
-    /// Seed of that noise, and of the front end's
+    /// Seed of the measurement noise and of the front end
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -52,7 +52,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let dataset = Dataset::open(&arguments.input, arguments.traces.as_deref())?;
     let models = match (arguments.model.as_str(), &arguments.config) {
         (AUTO, None) => Models::Auto,
-        (AUTO, Some(_)) => bail!("--config: settings belong to one model; name it by --model"),
+        (AUTO, Some(_)) => bail!("--config: found settings without a model; name the model with --model"),
         (kind, config) => {
             let config = config.clone().unwrap_or_else(|| Value::Object(Default::default()));
             Models::One { kind: kind.into(), config }
@@ -98,7 +98,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             }
         }
     }
-    let header = ["whisker", "face", "model", "held-out RMS", "held-out worst", "ns a call", "error"];
+    let header = ["whisker", "face", "model", "held-out RMS", "held-out worst", "ns per call", "error"];
     print(&table::render(&header, &rows, 3))?;
     for whisker in &fitted {
         let state = if whisker.is_new { "" } else { " (up to date)" };
@@ -107,14 +107,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A sensor and its array.
+/// Parses a sensor as array/sensor.
 fn mounting(text: &str) -> Result<Mounting, String> {
     let names = text.split_once('/').filter(|(array, sensor)| is_plain_name(array) && is_plain_name(sensor));
     let (array, sensor) = names.ok_or("expected array/sensor, for example left/left_1")?;
     Ok(Mounting::single(array, sensor))
 }
 
-/// Wall-clock time of one prediction with its gradient over the calibrated region, the quickest of a few rounds.
+/// Wall-clock time of one prediction with its gradient (ns): mean over a grid of the calibrated domain, minimum over rounds.
 fn evaluation_ns(calibration: &CalibrationFile, path: &Path, label: &str, face: Face) -> anyhow::Result<f64> {
     const ROUNDS: usize = 5;
     const ALONG: usize = 64;

@@ -1,4 +1,4 @@
-//! The options that choose a front end, the same for every command that replays traces.
+//! Options that select a front end, shared by the commands that replay traces.
 
 use std::fs;
 
@@ -8,26 +8,26 @@ use testbed::front_end::{Choice, FRONT_ENDS};
 use super::json;
 
 /// A front end and its settings.
-// No group of its own: the command that takes these already has one of this name.
+// Without its own group: the command that flattens these has a group of the same name.
 #[derive(clap::Args)]
 #[group(skip)]
 pub(super) struct Arguments {
-    /// Front end between moment and reading of simulated traces; `whisker list` names them
+    /// Front end between moment and reading of simulated traces (`whisker list front-ends`)
     #[arg(long, default_value = FRONT_ENDS[0].name)]
     front_end: String,
-    /// Settings of the front end as JSON or a file with it, for example '{"white_counts": 2}'
+    /// Settings of the front end as JSON or as a JSON file, for example '{"white_counts": 2}'
     #[arg(long, default_value = "{}", value_parser = json_or_file)]
     front_end_config: Value,
 }
 
 impl Arguments {
-    /// What they choose.
+    /// The selected front end.
     pub(super) fn choice(&self) -> Choice {
         Choice { name: self.front_end.clone(), config: self.front_end_config.clone() }
     }
 }
 
-/// A JSON object, or that in a file.
+/// Parses a JSON object, given literally or as a file.
 fn json_or_file(text: &str) -> Result<Value, String> {
     if text.trim_start().starts_with('{') {
         return json(text);

@@ -1,4 +1,4 @@
-//! `whisker import`: recordings of others to traces.
+//! `whisker import`: foreign recordings to traces.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,10 +11,10 @@ use trace::{Role, Trace};
 
 use super::{FINISHED_WITH_FAILURES, print, table};
 
-/// Turn recordings of others into traces
+/// Convert recordings of other groups into traces
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Format; --list names them
+    /// Format of the recordings (--list)
     #[arg(required_unless_present = "list")]
     format: Option<String>,
     /// Folder with the recordings
@@ -23,7 +23,7 @@ pub(super) struct Arguments {
     /// Folder for the traces [default: datasets/<format>]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Name the formats
+    /// List the formats
     #[arg(long, exclusive = true)]
     list: bool,
 }
@@ -40,10 +40,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     })?;
     let imported = (row.import)(folder)?;
     if imported.traces.is_empty() {
-        bail!("{}: no recordings in it", folder.display());
+        bail!("{}: found no recordings", folder.display());
     }
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(row.name));
-    // Before the traces, whose sidecars name them.
+    // Outlines first: the sidecars of the traces name them.
     for (file, outline) in &imported.outlines {
         write_atomically(&out.join(file), outline.to_csv().as_bytes())?;
     }
@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// What was imported, a row a whisker and group.
+/// Table of the imported traces, one row per whisker and group.
 fn contents(traces: &[Trace]) -> String {
     let mut rows: Vec<Vec<String>> = Vec::new();
     let mut of_group: BTreeMap<(&str, Role, &str), Vec<&Trace>> = BTreeMap::new();

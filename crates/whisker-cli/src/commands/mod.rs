@@ -1,6 +1,6 @@
-//! The command line: one file a command.
+//! The command line, one file per command.
 //!
-//! Exit codes: 0 good, 1 failed, 2 wrong usage, 3 finished with failed items. Results go to stdout, diagnostics to stderr.
+//! Exit codes: 0 success, 1 failure, 2 usage error, 3 finished with failed items. Results go to stdout, diagnostics to stderr.
 
 mod bag;
 mod check;
@@ -50,10 +50,10 @@ enum Command {
     Reproduce(reproduce::Arguments),
 }
 
-/// Runs the command that the program's arguments name.
+/// Runs the command that the arguments of the process name.
 ///
 /// # Errors
-/// Whatever keeps the command from its end.
+/// If the command fails.
 pub fn run() -> anyhow::Result<ExitCode> {
     match Arguments::parse().command {
         Command::Simulate(arguments) => simulate::run(&arguments),
@@ -70,20 +70,20 @@ pub fn run() -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Exit code of a batch of which some items failed and the rest is done.
+/// Exit code of a batch in which some items failed.
 const FINISHED_WITH_FAILURES: u8 = 3;
 
 /// Writes results to stdout.
 ///
 /// # Errors
-/// If stdout does not take them; a reader that has gone away, as `head` does, is an error that [`run`]'s caller keeps quiet about.
+/// If stdout cannot be written. A closed pipe, as after `head`, is an error that `main` turns into success.
 fn print(text: &str) -> io::Result<()> {
     let mut stdout = io::stdout().lock();
     stdout.write_all(text.as_bytes())?;
     stdout.flush()
 }
 
-/// A progress bar on stderr with an estimate of the time left.
+/// A progress bar on stderr with an estimate of the time left. Nothing is drawn if stderr is not a terminal.
 fn progress_bar(what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} [{bar:30}] {pos}/{len}, {eta} left")
         .expect("the template is valid")
@@ -93,7 +93,7 @@ fn progress_bar(what: &'static str) -> ProgressBar {
     bar
 }
 
-/// A fraction that measurement noise can be.
+/// Parses measurement noise as a fraction of the largest reading.
 fn noise_fraction(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.0..=MOST_NOISE).contains(&value) => Ok(value),
@@ -101,7 +101,7 @@ fn noise_fraction(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A JSON value.
+/// Parses a JSON value.
 fn json(text: &str) -> Result<Value, String> {
     parse_json(text.as_bytes()).map_err(|error| format!("not JSON: {error}"))
 }

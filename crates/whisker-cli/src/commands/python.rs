@@ -1,39 +1,58 @@
-//! The generator, `python -m whisker_sim`, as a child process.
+//! The generator, `whisker-sim`, as a child process.
 
+use std::env;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, bail};
 
-/// The generator with these arguments, to be run from the repository's root.
+/// The console script that `pip install ./sim` puts on the PATH.
+const SCRIPT: &str = "whisker-sim";
+
+/// The generator with these arguments.
 ///
-/// The interpreter is `WHISKER_PYTHON`, else that of `.venv`, which `cargo xtask setup` makes.
+/// The interpreter is `WHISKER_PYTHON`; else that of `.venv` in the repository's root, which `cargo xtask setup` makes; else the installed script
+/// `whisker-sim`.
 ///
 /// # Errors
-/// If the working directory is not the repository's root, or no interpreter is there.
+/// If none of the three exists.
 pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> anyhow::Result<Command> {
-    if !Path::new("sim/whisker_sim").is_dir() {
-        bail!("sim/whisker_sim: not here; run this command from the repository's root");
-    }
-    let python = match std::env::var_os("WHISKER_PYTHON") {
-        Some(path) => PathBuf::from(path),
-        None => PathBuf::from(".venv/bin/python"),
+    let from_sources = Path::new("sim/whisker_sim").is_dir();
+    let named = env::var_os("WHISKER_PYTHON").map(PathBuf::from);
+    let environment = || Some(PathBuf::from(".venv/bin/python")).filter(|python| from_sources && python.exists());
+    let mut command = match named.or_else(environment) {
+        Some(python) if !python.exists() => {
+            bail!("WHISKER_PYTHON: found {}, expected a Python interpreter", python.display())
+        }
+        Some(python) => {
+            let mut command = Command::new(python);
+            command.args(["-m", "whisker_sim"]);
+            if from_sources {
+                command.env("PYTHONPATH", "sim");
+            }
+            command
+        }
+        None => Command::new(installed().with_context(|| {
+            format!("the generator is not installed: run `pip install ./sim`, which provides `{SCRIPT}`, or `cargo xtask setup` in the repository")
+        })?),
     };
-    if !python.exists() {
-        bail!("{}: no Python environment; `cargo xtask setup` makes it", python.display());
-    }
-    let mut command = Command::new(python);
-    command.args(["-m", "whisker_sim"]).args(arguments).env("PYTHONPATH", "sim");
+    command.args(arguments);
     Ok(command)
 }
 
-/// Runs the generator and passes on its exit code.
+/// Path of the installed script. `None` if no folder of the PATH has it.
+fn installed() -> Option<PathBuf> {
+    let folders = env::var_os("PATH")?;
+    env::split_paths(&folders).map(|folder| folder.join(SCRIPT)).find(|script| script.is_file())
+}
+
+/// Runs the generator and returns its exit code.
 ///
 /// # Errors
-/// If it cannot be started or was killed.
+/// If it does not start or was killed.
 pub(super) fn run(mut command: Command) -> anyhow::Result<ExitCode> {
-    let status = command.status().context("cannot start the generator")?;
+    let status = command.status().context("the generator does not start")?;
     let code = status.code().context("the generator was killed")?;
     Ok(ExitCode::from(u8::try_from(code).unwrap_or(1)))
 }

@@ -24,22 +24,21 @@ use super::{front_end, json, noise_fraction};
 pub(super) struct Arguments {
     /// Trace (.csv, its sidecar beside it)
     trace: PathBuf,
-    /// Estimator; `whisker list` names them
+    /// Estimator (`whisker list estimators`)
     #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
     /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
     #[arg(long, default_value = "{}", value_parser = json)]
     config: Value,
-    /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace, calibrations/<front end>/ for a front end that is not the default]
+    /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace, calibrations/<front end>/<whisker>.json for a front end other than the default]
     #[arg(long)]
     calibration: Option<PathBuf>,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Measurement noise to add, as a fraction of the trace's largest reading [default: the front end's, 0.01 or 0 where it has its own; 0 to
-    /// a recording, which has its own]
+    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 for a front end with its own noise and for a recording]
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
-    /// Seed of that noise, and of the front end's
+    /// Seed of the measurement noise and of the front end
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// File to write [default: stdout]
@@ -64,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         format!("unknown estimator `{}`, expected one of: {}", arguments.estimator, known.join(", "))
     })?;
     let config = merged((row.defaults)(), &arguments.config)?;
-    // The first pass checks the whole trace, too; so nothing is written of one that is not sound.
+    // The first pass checks the whole trace, so that nothing is written for a damaged one.
     let mut largest: f64 = 0.0;
     for row in rows {
         largest = largest.max(row?.0.moment_z_n_m.abs());
@@ -111,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A replay that holds no more of the trace than the row in hand, and of an estimator with hindsight the touch in hand.
+/// A replay in constant memory: it holds the current row, and for a hindsight method the current contact.
 struct Streamed<'a> {
     rows: TraceRows,
     reader: Reader,
@@ -121,7 +120,7 @@ struct Streamed<'a> {
 }
 
 impl Streamed<'_> {
-    /// Writes the estimates; gives back what they were written to.
+    /// Writes the estimates and returns the writer.
     fn write<To: Write>(mut self, to: To) -> anyhow::Result<To> {
         let mut table = Table::<EstimateRow, To>::new(to)?;
         let mut steps = Steps::default();

@@ -12,7 +12,7 @@ use super::print;
 pub(super) struct Arguments {
     /// Folder of the run, for example results/standard
     run: PathBuf,
-    /// Folder of animations that the generator drew (`render`), to be copied into the run and linked
+    /// Folder of animations (`whisker-sim render`) to copy into the run and to link
     #[arg(long)]
     animations: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `whisker reproduce`: every figure that the documentation claims, measured again.
+//! `whisker reproduce`: measures every claim of the documentation.
 
 use std::fs;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use super::table::render;
 use super::{print, progress_bar};
 use crate::claims::{ARM, Context, STANDARD, measure};
 
-/// The figures that the README shows, each after its run.
+/// Run and file of each figure that the documentation shows.
 const README_FIGURES: &[(&str, &str)] = &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")];
 
 /// Measure every claim of the documentation and write results/reference/
@@ -21,7 +21,7 @@ pub(super) struct Arguments {
     /// Folder of the evaluated runs
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Folder for the table of claims and the figures that the README shows
+    /// Folder for the table of claims and the figures that the documentation shows
     #[arg(long, default_value = "results/reference")]
     out: PathBuf,
 }
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 match claim.holds {
                     Some(true) => "holds",
                     Some(false) => "DOES NOT HOLD",
-                    None => "not measured: needs the recordings, see docs/REAL.md",
+                    None => "not measured: needs the recordings (docs/REAL.md)",
                 }
                 .into(),
             ]

@@ -1,11 +1,11 @@
-//! `whisker simulate`: the generator, reached from here.
+//! `whisker simulate`: passes its arguments to the generator.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
 
 use super::python;
 
-/// Simulate scenes or suites in MuJoCo and write traces (`python -m whisker_sim simulate`)
+/// Simulate scenes or suites in MuJoCo and write traces (`whisker-sim simulate`)
 #[derive(clap::Args)]
 #[command(disable_help_flag = true)]
 pub(super) struct Arguments {

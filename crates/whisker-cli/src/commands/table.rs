@@ -1,6 +1,6 @@
-//! Tables for people.
+//! Text tables.
 
-/// Lines of a table with aligned columns: the first `left` columns to the left, the others to the right.
+/// Renders a table with aligned columns: the first `left` columns flush left, the others flush right.
 pub(super) fn render(header: &[&str], rows: &[Vec<String>], left: usize) -> String {
     let width = |column: usize| {
         let cells = rows.iter().map(|row| row[column].chars().count());
@@ -25,18 +25,18 @@ pub(super) fn render(header: &[&str], rows: &[Vec<String>], left: usize) -> Stri
     text
 }
 
-/// A length in millimetres, for people; a dash where there is none.
+/// A length (m) in millimetres with three decimals; a dash for `None`.
 pub(super) fn millimetres(length_m: Option<f64>) -> String {
     length_m.map_or("-".into(), |length| format!("{:.3}", length * 1e3))
 }
 
-/// A number with two decimals, for people, or as a multiple of a power of ten where it is huge; a dash where there is none.
+/// A number with two decimals, in scientific notation from 1e5 on; a dash for `None`.
 pub(super) fn number(value: Option<f64>) -> String {
     const HUGE: f64 = 1e5;
     value.map_or("-".into(), |value| if value.abs() < HUGE { format!("{value:.2}") } else { format!("{value:.1e}") })
 }
 
-/// A share in per cent, for people; a dash where there is none.
+/// A share in per cent; a dash for `None`.
 pub(super) fn percent(share: Option<f64>) -> String {
     share.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share))
 }

@@ -1,4 +1,4 @@
-//! How long batches, a report and long traces take, and how much memory: the figures of `docs/PERFORMANCE.md` under "Batch".
+//! Time and memory of batches, a report and long traces: the figures of `docs/PERFORMANCE.md` under "Batch".
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::pipeline;
 use crate::tools::{cargo, root, run as run_command};
 
 const SUITE: &str = "standard";
-/// Where everything is made that is only needed to measure.
+/// Folder of everything that only the measurement needs.
 const FOLDER: &str = "target/batch";
 /// Traces of the Monte-Carlo, and its seeds: 10,000 trials.
 const TRACES: u32 = 10;
@@ -28,7 +28,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::fit(SUITE)?;
     step("reading and writing of traces", || run_command(cargo(&["bench", "--package", "trace"])))?;
     step("a Monte-Carlo of 10,000 trials", monte_carlo)?;
-    pipeline::evaluate(SUITE)?;
+    pipeline::evaluate(SUITE, None)?;
     step("the report of the standard suite", report)?;
     step("a trace of 10 million rows", long_trace)
 }
@@ -47,7 +47,7 @@ fn monte_carlo() -> Outcome {
             for threads in ["1", "2"] {
                 let name = format!("{whisker}-{estimator}-{threads}");
                 let results = format!("{FOLDER}/results");
-                // A run that is there already takes no time.
+                // An existing run would be reused.
                 let _ = fs::remove_dir_all(root().join(&results).join(&name));
                 let calibrations = format!("datasets/{SUITE}/calibrations");
                 let places = ["--calibrations", &calibrations, "--results", &results, "--name", &name];
@@ -65,7 +65,7 @@ fn monte_carlo() -> Outcome {
     Ok(())
 }
 
-/// Contours are put together by the evaluation; the report draws them.
+/// The evaluation merges contours; the report draws them.
 fn report() -> Outcome {
     println!("{}", Cost::of(&["report", &format!("results/{SUITE}")])?);
     Ok(())
@@ -96,11 +96,12 @@ fn copy(from: &str, to: &str) -> Outcome {
     copy().map(drop).map_err(|error| Failure::new(format!("{} to {}: {error}", from.display(), to.display())))
 }
 
-/// What a command took.
+/// Resources that a command used.
 struct Cost {
     elapsed: Duration,
-    /// What the system tells of the process, where it does: seconds on all processors, and largest resident memory in kB.
+    /// Processor time summed over threads (s). `None` where the system has no `/proc`.
     processors_s: Option<f64>,
+    /// Peak resident memory (kB). `None` where the system has no `/proc`.
     memory_kb: Option<u64>,
 }
 
@@ -114,12 +115,12 @@ impl Cost {
         command.args(arguments).current_dir(root()).stdout(Stdio::null());
         let mut child = command.spawn().map_err(|error| failed(error.to_string()))?;
         let id = child.id();
-        let told = |what: &str| fs::read_to_string(format!("/proc/{id}/{what}")).ok();
+        let proc = |file: &str| fs::read_to_string(format!("/proc/{id}/{file}")).ok();
         let (mut processors_s, mut memory_kb) = (None, None);
         let ended = loop {
-            // So far: the system tells as long as the process runs.
-            memory_kb = told("status").as_deref().and_then(largest_kb).or(memory_kb);
-            processors_s = told("stat").as_deref().and_then(processors).or(processors_s);
+            // /proc holds the figures as long as the process runs.
+            memory_kb = proc("status").as_deref().and_then(largest_kb).or(memory_kb);
+            processors_s = proc("stat").as_deref().and_then(processors).or(processors_s);
             match child.try_wait() {
                 Ok(Some(ended)) => break ended,
                 Ok(None) => sleep(Duration::from_millis(5)),
@@ -133,13 +134,13 @@ impl Cost {
     }
 }
 
-/// The largest resident memory in a `/proc/.../status`.
+/// Peak resident memory in a `/proc/<id>/status` (kB).
 fn largest_kb(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     line.trim().strip_suffix("kB")?.trim().parse().ok()
 }
 
-/// The seconds on all processors in a `/proc/.../stat`: the 14th and 15th field, in hundredths; the second field is a name in brackets.
+/// Processor time in a `/proc/<id>/stat` (s): the 14th and 15th field, in hundredths; the second field is a name in brackets.
 fn processors(stat: &str) -> Option<f64> {
     const TICKS_PER_S: f64 = 100.0;
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);

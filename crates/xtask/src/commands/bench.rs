@@ -3,12 +3,12 @@
 use super::test::TESTED;
 use crate::failure::Outcome;
 use crate::parts::step;
-use crate::python::{self, Progress, Requirements};
+use crate::python::{self, Requirements};
 use crate::tools::{cargo, python as python_command, run as run_command};
 
 pub(crate) fn run() -> Outcome {
     run_command(cargo(&[&["bench"], &TESTED[..]].concat()))?;
-    // What states the claims comes with the studies, and these with SciPy.
-    python::install(Requirements::Development, Progress::Counter)?;
+    // The module imports the studies, which need SciPy.
+    python::install(Requirements::Development)?;
     step("speed of the generator", || run_command(python_command(&["-m", "whisker_sim.physics.speed"])))
 }

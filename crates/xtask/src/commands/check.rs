@@ -2,7 +2,7 @@
 
 use crate::failure::Outcome;
 use crate::parts::{self, Part};
-use crate::python::{self, Progress, Requirements};
+use crate::python::{self, Requirements};
 use crate::tools::{cargo, python as python_command, run as run_command};
 
 #[rustfmt::skip]
@@ -29,9 +29,9 @@ fn rust_documentation() -> Outcome {
     run_command(command)
 }
 
-/// Ruff over all Python: what lies at the root keeps to the generator's settings.
+/// Ruff over all Python code, with the settings of the generator.
 fn ruff(arguments: &[&str]) -> Outcome {
-    python::install(Requirements::Development, Progress::Counter)?;
+    python::install(Requirements::Development)?;
     let run_ruff = |more: &[&str]| run_command(python_command(&[&["-m", "ruff"], arguments, more].concat()));
     run_ruff(&["sim"])?;
     run_ruff(&["--config", "sim/pyproject.toml", "tests", "examples", "bench"])

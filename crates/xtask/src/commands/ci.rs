@@ -1,4 +1,4 @@
-//! What must hold before a change lands: checks and tests.
+//! The gate of every change: checks and tests.
 
 use super::{check, test};
 use crate::failure::Outcome;

@@ -1,23 +1,43 @@
-//! The main job on the standard suite, from an empty checkout to figures.
+//! The standard suite from an empty checkout to figures: simulate, fit, evaluate, report.
 
 use std::time::Instant;
 
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::pipeline;
 
 const SUITE: &str = "standard";
 
-pub(crate) fn run() -> Outcome {
+/// Estimators of the demo: one of each kind, few enough to be told apart in a figure.
+const ESTIMATORS: &[&str] = &[
+    "recommended",
+    "batch-recommended",
+    "ekf",
+    "paper-ekf",
+    "paper-ukf",
+    "euler-bernoulli",
+    "euler-bernoulli-calibrated",
+];
+
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    let estimators = match arguments {
+        [] => Some(ESTIMATORS),
+        [option] if option == "--all" => None,
+        [surplus, ..] => return Err(Failure::new(format!("demo: found `{surplus}`, expected --all or nothing"))),
+    };
     let started = Instant::now();
-    pipeline::prepare()?;
-    pipeline::simulate(SUITE)?;
-    pipeline::animate(SUITE)?;
+    pipeline::prepare_with(|| {
+        pipeline::simulate(SUITE)?;
+        pipeline::animate(SUITE)
+    })?;
     pipeline::fit(SUITE)?;
-    pipeline::evaluate(SUITE)?;
+    pipeline::evaluate(SUITE, estimators)?;
     pipeline::report(SUITE)?;
     println!(
         "\nPage and figures in {:.0} s: results/{SUITE}/index.html, results/{SUITE}/figures/",
         started.elapsed().as_secs_f64()
     );
+    if estimators.is_some() {
+        println!("Every registered estimator: cargo xtask demo --all");
+    }
     Ok(())
 }

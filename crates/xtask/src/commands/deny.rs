@@ -1,4 +1,4 @@
-//! Licences, sources and known faults of the libraries that the project is built from, by `deny.toml`.
+//! Licences, sources and known vulnerabilities of the dependencies, by `deny.toml`.
 
 use std::process::Command;
 
@@ -15,11 +15,11 @@ pub(crate) fn run() -> Outcome {
         command
     };
     run_command(command(&["check", "licenses", "bans", "sources"]))?;
-    // Who is offline has no list of known faults; that is no fault.
+    // Offline, the list of vulnerabilities cannot be fetched; that is not a failure.
     match run_command(command(&["fetch", "db"])) {
         Ok(()) => run_command(command(&["check", "advisories"])),
         Err(failure) => {
-            eprintln!("known faults were not checked: {failure}");
+            eprintln!("known vulnerabilities were not checked: {failure}");
             Ok(())
         }
     }

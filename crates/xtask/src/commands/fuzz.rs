@@ -1,4 +1,4 @@
-//! Every parser on bytes without end, one target after another. What is found is kept in `fuzz/found/`, and a finding in `fuzz/artifacts/`.
+//! Fuzzing of every parser, one target after another. New inputs are kept in `fuzz/found/`, crashes in `fuzz/artifacts/`.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -9,14 +9,14 @@ use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::tools::{root, run as run_command, tool};
 
-/// Its packages, kept files and targets.
+/// Folder of the fuzzing package, the corpus and the targets.
 const FOLDER: &str = "fuzz";
 
-/// Time of a target in seconds where none is told.
+/// Default duration of a target (s).
 const SECONDS: u64 = 600;
 
-/// Longest input that is tried, in bytes; longest time and most memory that one may take. An import fits the rig to what stands in the file: up to two seconds as
-/// it is shipped, half a minute under the sanitizers.
+/// Longest input (bytes), and the time (s) and memory (MB) that one input may take. An import fits the rig to the file, which takes up to two seconds in a release
+/// build and half a minute under the sanitizers.
 const LIMITS: [&str; 3] = ["-max_len=8192", "-timeout=120", "-rss_limit_mb=3000"];
 
 const CARGO_FUZZ: (&str, &str) = ("cargo-fuzz", "0.13.2");
@@ -30,7 +30,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
         return Err(Failure::new(format!("unknown target `{target}`, expected one of: {}", targets.join(", "))));
     }
     let fuzz = tool(CARGO_FUZZ)?;
-    // The sanitizers take a nightly compiler.
+    // The sanitizers need a nightly compiler.
     let program = |verb: &str| {
         let mut command = Command::new(&fuzz);
         command
@@ -53,7 +53,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     Ok(())
 }
 
-/// What the arguments choose.
+/// Parsed arguments.
 struct Chosen {
     target: Option<String>,
     seconds: u64,
@@ -80,7 +80,7 @@ impl Chosen {
     }
 }
 
-/// The targets: each has a folder of kept files.
+/// Names of the targets, each a folder of the corpus.
 fn targets() -> Result<Vec<String>, Failure> {
     let corpus = Path::new(FOLDER).join("corpus");
     let unreadable = |error| Failure::new(format!("{}: {error}", corpus.display()));
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn every_parser_has_kept_files() {
+    fn every_parser_has_a_corpus() {
         assert!(targets().unwrap().iter().any(|target| target == "trace"));
     }
 }

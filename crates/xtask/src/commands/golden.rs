@@ -2,9 +2,9 @@
 
 use crate::failure::Outcome;
 use crate::pipeline;
-use crate::python::{self, Progress, Requirements};
+use crate::python::{self, Requirements};
 
 pub(crate) fn run() -> Outcome {
-    python::install(Requirements::Runtime, Progress::Counter)?;
+    python::install(Requirements::Runtime)?;
     pipeline::simulate("golden")
 }

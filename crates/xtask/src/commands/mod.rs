@@ -24,17 +24,17 @@ pub(crate) struct Command {
     run: Run,
 }
 
-/// How a command is run.
+/// Signature of a command.
 enum Run {
-    /// As it is.
+    /// Takes no arguments.
     Plain(fn() -> Outcome),
-    /// With arguments, of which it says itself what they may be.
+    /// Takes arguments and checks them itself.
     With(fn(&[String]) -> Outcome),
 }
 use Run::{Plain, With};
 
 impl Command {
-    /// Runs the command with what follows its name.
+    /// Runs the command with the arguments after its name.
     pub(crate) fn run(&self, arguments: &[String]) -> Outcome {
         match self.run {
             Plain(run) => run(),
@@ -46,33 +46,36 @@ impl Command {
 #[rustfmt::skip]
 const COMMANDS: &[Command] = &[
     Command { name: "setup", about: "Install the Python packages in .venv", run: Plain(setup::run) },
-    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite: results/standard/", run: Plain(demo::run) },
+    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite, with every estimator by --all: results/standard/", run: With(demo::run) },
     Command { name: "test", about: "Run every test: Rust, Python, end to end", run: Plain(test::run) },
     Command { name: "check", about: "Check format, lints and documentation of Rust and Python", run: Plain(check::run) },
     Command { name: "ci", about: "Run check and test", run: Plain(ci::run) },
-    Command { name: "reproduce", about: "Measure every published figure again: results/reference/claims.csv", run: Plain(reproduce::run) },
-    Command { name: "physics", about: "Hold the simulator against theory, claim by claim: results/physics/", run: Plain(physics::run) },
-    Command { name: "deny", about: "Check licences, sources and known faults of the libraries", run: Plain(deny::run) },
-    Command { name: "fuzz", about: "Run parsers on bytes without end, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
+    Command { name: "reproduce", about: "Measure every claim of the documentation: results/reference/claims.csv", run: Plain(reproduce::run) },
+    Command { name: "physics", about: "Compare the simulator with beam theory, claim by claim: results/physics/", run: Plain(physics::run) },
+    Command { name: "deny", about: "Check licences, sources and known vulnerabilities of the dependencies", run: Plain(deny::run) },
+    Command { name: "fuzz", about: "Fuzz every parser, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
-    Command { name: "rig", about: "Hold the calibration platform on its emulated rig against its bars: rig [--soak SECONDS]", run: With(rig::run) },
+    Command { name: "rig", about: "Test the calibration platform on its emulated rig: rig [--soak SECONDS]", run: With(rig::run) },
     Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
-    Command { name: "batch", about: "Measure batches and long traces: time and memory", run: Plain(batch::run) },
-    Command { name: "peers", about: "Compare the filters with those of others: docs/PERFORMANCE.md", run: Plain(peers::run) },
+    Command { name: "batch", about: "Measure time and memory of batches and long traces", run: Plain(batch::run) },
+    Command { name: "peers", about: "Time the filters against other libraries: docs/PERFORMANCE.md", run: Plain(peers::run) },
 ];
 
-/// The command that the arguments name, or what is wrong with them.
+/// The command that the arguments name.
+///
+/// # Errors
+/// The usage error, if no command has that name or it takes no arguments.
 pub(crate) fn find(arguments: &[String]) -> Result<&'static Command, String> {
-    let (name, rest) = arguments.split_first().ok_or("a command is expected")?;
+    let (name, rest) = arguments.split_first().ok_or("expected a command")?;
     let command =
-        COMMANDS.iter().find(|command| command.name == name).ok_or_else(|| format!("`{name}` is no command"))?;
+        COMMANDS.iter().find(|command| command.name == name).ok_or_else(|| format!("unknown command `{name}`"))?;
     match (&command.run, rest) {
         (Plain(_), [surplus, ..]) => Err(format!("`{name}` takes no arguments, found `{surplus}`")),
         _ => Ok(command),
     }
 }
 
-/// Usage, with every command.
+/// Usage and the list of commands.
 pub(crate) fn help() -> String {
     let rows: String = COMMANDS.iter().map(|command| format!("  {:<10} {}\n", command.name, command.about)).collect();
     format!("Usage: cargo xtask <command>\n\n{rows}")
@@ -96,8 +99,8 @@ mod tests {
 
     #[test]
     fn usage_errors_name_what_was_found() {
-        assert_eq!(error(&[]).as_deref(), Some("a command is expected"));
-        assert_eq!(error(&["deom"]).as_deref(), Some("`deom` is no command"));
-        assert_eq!(error(&["demo", "fast"]).as_deref(), Some("`demo` takes no arguments, found `fast`"));
+        assert_eq!(error(&[]).as_deref(), Some("expected a command"));
+        assert_eq!(error(&["deom"]).as_deref(), Some("unknown command `deom`"));
+        assert_eq!(error(&["golden", "fast"]).as_deref(), Some("`golden` takes no arguments, found `fast`"));
     }
 }

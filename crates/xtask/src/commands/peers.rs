@@ -1,4 +1,4 @@
-//! The filters of others on one problem with ours: `docs/PERFORMANCE.md`. Nothing else needs what is installed for it.
+//! The filters timed against other libraries on one problem: `docs/PERFORMANCE.md`. The packages for it are installed in a folder of their own.
 
 use std::process::Command;
 
@@ -9,7 +9,7 @@ use crate::tools::{cargo, root, run as run_command};
 
 /// The Cargo workspace, the packages and the script of the comparison.
 const FOLDER: &str = "bench/peers";
-/// What is built and installed for it.
+/// Folder of the build and of the installed packages.
 const TARGET: &str = "target/peers";
 const SUITE: &str = "standard";
 const TRACE: &str = "pin_curved_00";
@@ -37,7 +37,7 @@ pub(crate) fn run() -> Outcome {
     })
 }
 
-/// A program in the repository's root folder.
+/// A program, run in the repository's root folder.
 fn program(name: &str, arguments: &[&str]) -> Command {
     let mut command = Command::new(name);
     command.args(arguments).current_dir(root());

@@ -1,4 +1,4 @@
-//! The simulator against theory: the chain against the elastica, its dynamics against the analytic beam; and the figures.
+//! The simulator compared with theory: the chain with the elastica, its dynamics with the analytic beam; and the figures.
 
 use std::fs;
 use std::path::Path;
@@ -6,13 +6,13 @@ use std::path::Path;
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::pipeline;
-use crate::python::{self, Progress, Requirements};
+use crate::python::{self, Requirements};
 use crate::tools::{python as python_command, root, run as run_command, whisker};
 
 const SUITE: &str = "standard";
 /// Tables, figures and page.
 const RESULTS: &str = "results/physics";
-/// What `docs/PHYSICS.md` shows, and the folder in which it is kept.
+/// Files that `docs/PHYSICS.md` shows, and the folder that keeps them.
 const KEPT: [&str; 10] = [
     "claims.csv",
     "figures/convergence.svg",
@@ -28,8 +28,8 @@ const KEPT: [&str; 10] = [
 const REFERENCE: &str = "results/reference/physics";
 
 pub(crate) fn run() -> Outcome {
-    // SciPy, by which the studies find roots and eigenvalues, comes with the packages for development.
-    python::install(Requirements::Development, Progress::Counter)?;
+    // The studies need SciPy, one of the packages for development.
+    python::install(Requirements::Development)?;
     pipeline::simulate(SUITE)?;
     let traces = format!("datasets/{SUITE}");
     let results = root().join(RESULTS);
@@ -38,7 +38,7 @@ pub(crate) fn run() -> Outcome {
     let outcome = step("physics", || {
         run_command(python_command(&["-m", "whisker_sim.physics", "--dataset", &traces, "--out", RESULTS]))
     });
-    // A claim that does not hold is an outcome too, and is best seen in a figure; one of an earlier run is not.
+    // A claim that fails is drawn as well, but not one of an earlier run.
     if written() != before {
         step("report", || run_command(whisker(&["report", RESULTS])))?;
         keep(&results, &root().join(REFERENCE))?;
@@ -46,7 +46,7 @@ pub(crate) fn run() -> Outcome {
     outcome
 }
 
-/// Copies what the documentation shows.
+/// Copies the files that the documentation shows.
 fn keep(results: &Path, reference: &Path) -> Outcome {
     let copy = |path: &str| {
         let kept = reference.join(Path::new(path).file_name().unwrap_or_default());

@@ -1,4 +1,4 @@
-//! Every published figure, measured again.
+//! Every claim of the documentation, measured again.
 
 use std::path::Path;
 
@@ -9,25 +9,25 @@ use crate::tools::{run as run_command, whisker};
 
 const SUITE: &str = "standard";
 
-/// The objects of the standard suite.
+/// Suite of the objects of the standard suite.
 const OBJECTS: &str = "objects";
 
-/// Pins for the Monte-Carlo, on the whiskers that the standard suite calibrates.
+/// Suite of pins for the Monte-Carlo, on the whiskers that the standard suite calibrates.
 const PINS: &str = "pins100";
 
-/// The front end with a sensor of its own, through which the pins are read again.
+/// Front end with a Hall sensor, through which the pins are replayed.
 const HALL: &str = "hall";
 
-/// Contacts that are lost on a shaking arm, on the same whiskers.
+/// Suite of lost contacts on a vibrating arm, on the same whiskers.
 const LIFT_OFFS: &str = "contact_events";
 
-/// Six whiskers on a robot arm, with calibrations of their own.
+/// Suite of six whiskers on a robot arm, with their own calibrations.
 const ARM: &str = "arm";
 
-/// Noise of the arm's joint encoders, in rad.
+/// Standard deviations of the arm's joint encoders (rad).
 const ENCODERS: &[&str] = &["0", "1e-5", "3e-5", "1e-4", "3e-4", "1e-3"];
 
-/// A clone of the public repository with recordings of real sensors, where somebody put one (docs/REAL.md), and what becomes of it.
+/// Optional clone of the public repository with recordings of real sensors (docs/REAL.md), and the name of the run on it.
 const CLONE: &str = "datasets/stanford-clone";
 const RECORDINGS: &str = "stanford";
 
@@ -35,7 +35,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
     pipeline::fit(SUITE)?;
-    pipeline::evaluate(SUITE)?;
+    pipeline::evaluate(SUITE, None)?;
     pipeline::evaluate_on(OBJECTS, SUITE, SUITE, 20)?;
     pipeline::simulate(PINS)?;
     pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
