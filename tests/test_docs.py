@@ -1,8 +1,9 @@
-"""Documentation: relative links lead to a file, a heading or an item of code that exists; the citation names the version."""
+"""Documentation: relative links lead to a file, a heading or an item of code that exists; crates and version are those of Cargo."""
 
 import functools
 import re
 import subprocess
+import tomllib
 from collections import Counter
 from pathlib import Path
 from urllib.parse import unquote
@@ -88,3 +89,12 @@ def test_verif_citation_names_the_version_of_the_workspace() -> None:
     assert cited
     assert built
     assert cited[1] == built[1]
+
+
+def test_verif_architecture_lists_the_dependencies_of_every_crate() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `crates/([\w-]+)` \|[^|]*\|([^|]*)\|", text, re.MULTILINE)
+    listed = {name: sorted(re.findall(r"`([\w-]+)`", cell)) for name, cell in rows}
+    manifests = {path.parent.name: tomllib.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("crates/*/Cargo.toml")}
+    built = {name: sorted(manifests.keys() & manifest.get("dependencies", {})) for name, manifest in manifests.items()}
+    assert listed == built
