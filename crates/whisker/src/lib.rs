@@ -10,9 +10,11 @@
 pub mod elastica;
 pub mod estimators;
 pub mod events;
+mod face;
 pub mod frames;
 mod rest;
 pub mod sensor;
+mod settings;
 mod wire;
 
 pub use rest::{Foot, RestShape};

@@ -21,9 +21,9 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::newton::{self, Equations};
 use super::{Deflection, Elastica, Failure, Load, Outline, Parameter, Rate, finite, side};
+use crate::face::Face;
 use crate::frames::{Base, Point, Pose, World};
 use crate::rest::direction;
-use crate::sensor::Face;
 
 /// Places on the side and on the tip at which the undeflected whisker is compared with the outline.
 const SIDE_PLACES: usize = 96;

@@ -73,9 +73,9 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector2;
 
+use crate::face::Face;
 use crate::frames::{Base, Point};
 use crate::rest::direction;
-use crate::sensor::Face;
 use crate::{Invalid, RestShape, Whisker};
 use series::{Parameter, Stretch};
 

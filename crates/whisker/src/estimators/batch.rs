@@ -12,11 +12,11 @@ use serde_json::Value;
 
 use super::gaussian::Follower;
 use super::motion::{AnyMotion, Motion};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::Side;
 use super::smoother::{self, Recorder};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::Pose;
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

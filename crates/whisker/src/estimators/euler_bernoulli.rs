@@ -20,11 +20,11 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Settings, SettingsError, parse, within};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
 use crate::sensor::CalibratedFace;
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Candidate distances along the whisker at the touch.
 const CANDIDATES: usize = 240;

@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// The two verbs of a filter with a Gaussian belief; the type holds its own settings.
 pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + Send + Sync + 'static {
@@ -150,7 +150,7 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
 
     /// The measurement.
     pub(super) fn reading(&self) -> ContactReading<'_> {
-        ContactReading::of::<Model, N>(&self.side)
+        ContactReading::new(&self.side, Model::MODEL_ERROR)
     }
 
     /// The bank at the touch: what the start says, and what the readings before it do.
@@ -223,6 +223,6 @@ pub(super) struct Advance<const N: usize> {
 impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Advance { filtered, innovation, .. } = self.advance(sample)?;
-        Some(self.side.estimate(&self.motion, &filtered, innovation))
+        Some(self.side.estimate(self.motion.radius(), &filtered, innovation))
     }
 }

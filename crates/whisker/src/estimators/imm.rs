@@ -15,11 +15,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::motion::{Motion, Round};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::ModelShares;
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Names of the modes, in their order.
 const MODES: [&str; 3] = ["static", "sliding", "lost"];
@@ -163,7 +163,7 @@ impl Follower {
     }
 
     fn reading(&self) -> ContactReading<'_> {
-        ContactReading::of::<Round, 4>(&self.side)
+        ContactReading::new(&self.side, Round::MODEL_ERROR)
     }
 
     fn process(&self, mode: usize, sample: &Sample) -> ModeProcess<'_> {
@@ -225,10 +225,10 @@ impl Follower {
         };
         let belief = believed(bank, STATIC..=SLIDING).filter(|_| share(LOST) < 0.5)?;
         let models = ModelShares::new(MODES.iter().enumerate().map(|(mode, name)| (*name, share(mode))));
-        let stated = self.side.estimate(&self.config.round, &belief, innovation);
+        let stated = self.side.estimate(self.config.round.radius(), &belief, innovation);
         // The static mode has no radius to tell.
         let sliding = believed(bank, SLIDING..=SLIDING).filter(|_| share(SLIDING) > share(STATIC));
-        let radius = sliding.and_then(|sliding| self.side.radius(&self.config.round, &sliding, stated.contact));
+        let radius = sliding.and_then(|sliding| self.side.radius(self.config.round.radius(), &sliding, stated.contact));
         Some(Estimate { models: Some(models), radius, ..stated })
     }
 }

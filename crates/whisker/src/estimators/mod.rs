@@ -8,17 +8,16 @@
 
 mod base_noise;
 mod batch;
-mod choice;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
 mod imm;
 mod iterated;
+mod model_averaging;
 mod motion;
 mod outline;
 mod paper;
 mod particle;
-pub(crate) mod settings;
 mod shares;
 mod side;
 mod smoother;
@@ -27,8 +26,8 @@ mod start;
 mod testing;
 mod unscented;
 
+pub use crate::settings::{Settings, SettingsError, parse, within};
 pub use base_noise::BaseNoise;
-pub use settings::{Settings, SettingsError, parse, within};
 pub use shares::ModelShares;
 
 use std::collections::VecDeque;
@@ -449,8 +448,8 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         about: "what to use: `ukf` for thin things, `sliding` for round ones, `outline` for others, as far as the readings speak for each",
         class: MethodClass::Recursive,
         sensor_model: None,
-        defaults: defaults::<choice::Config>,
-        build: choice::build_recursive,
+        defaults: defaults::<model_averaging::Config>,
+        build: model_averaging::build_recursive,
     },
     EstimatorRow {
         name: "sliding",
@@ -537,8 +536,8 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         about: "`batch` for thin things, `batch-sliding` for round ones and `outline-batch` for others, as far as all readings speak for each",
         class: MethodClass::Hindsight,
         sensor_model: None,
-        defaults: || to_json(&choice::Config::hindsight()),
-        build: choice::build_hindsight,
+        defaults: || to_json(&model_averaging::Config::hindsight()),
+        build: model_averaging::build_hindsight,
     },
     EstimatorRow {
         name: "outline",

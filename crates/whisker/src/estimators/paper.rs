@@ -18,10 +18,10 @@ use serde_json::Value;
 
 use super::gaussian::Verbs;
 use super::motion::{AnyMotion, Motion, MotionSettings, Resting};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::Side;
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Point};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Label of its sensor model.
 pub(super) const SENSOR_MODEL: &str = "polynomial-5";
@@ -154,7 +154,7 @@ fn estimate<Model: Motion<N>, const N: usize>(
     let held = held(side, &belief.mean);
     let covariance_m2 = belief.covariance.fixed_view::<2, 2>(0, 0).into();
     let contact = Point::new(held[0], held[1]);
-    let radius = side.radius(motion, belief, contact);
+    let radius = side.radius(motion.radius(), belief, contact);
     Estimate { radius, ..side.estimate_at(contact, held == belief.mean, covariance_m2, innovation) }
 }
 

@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,7 +140,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         let renewal = self.config.renewal();
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
-            let reading = EarlierReading { back, reading: ContactReading::of::<Model, N>(&self.side) };
+            let reading = EarlierReading { back, reading: ContactReading::new(&self.side, Model::MODEL_ERROR) };
             // A reading that says nothing leaves the cloud as it is.
             let _ = cloud.update_or_renew(&reading, &Vector1::new(sample.reading_n_m), &renewal, &mut self.rng);
         }
@@ -157,7 +157,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Some(mut cloud) = self.cloud.take() else {
             let cloud = self.begin(sample);
-            let estimate = self.side.estimate(&self.motion, &cloud.moments(), None);
+            let estimate = self.side.estimate(self.motion.radius(), &cloud.moments(), None);
             self.cloud = Some(cloud);
             return Some(estimate);
         };
@@ -166,10 +166,10 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         cloud.map(|x| self.held(*x));
         // The sensor model's error is a part of the noise and comes back at the same place instead of scattering from reading to reading. Were each
         // particle weighed with its own noise, a series of quiet readings would count as evidence for places where the sensor model errs little.
-        let reading = ConstantNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
+        let reading = ConstantNoise::new(ContactReading::new(&self.side, Model::MODEL_ERROR), &cloud.mean());
         let z = Vector1::new(sample.reading_n_m);
         let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
-        let estimate = self.side.estimate(&self.motion, &cloud.moments(), innovation);
+        let estimate = self.side.estimate(self.motion.radius(), &cloud.moments(), innovation);
         self.cloud = Some(cloud);
         Some(estimate)
     }

@@ -10,7 +10,6 @@ use filters::unscented::{self, Spread};
 use filters::{Gaussian, Innovation, Measurement, Process, product};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
-use super::motion::Motion;
 use super::{BaseNoise, Estimate, Knowledge, Radius};
 use crate::Whisker;
 use crate::frames::{Base, Point};
@@ -122,16 +121,16 @@ impl Side {
     }
 
     /// StateArray a belief under a model of the contact's motion.
-    pub(super) fn estimate<Model: Motion<N>, const N: usize>(
+    pub(super) fn estimate<const N: usize>(
         &self,
-        motion: &Model,
+        radius: Option<usize>,
         belief: &Gaussian<N>,
         innovation: Option<Innovation<1>>,
     ) -> Estimate {
         let (arc_m, away_m) = (belief.mean[0], belief.mean[1]);
         let place = Gaussian::new(vector![arc_m, away_m], belief.covariance.fixed_view::<2, 2>(0, 0).into());
         let contact = self.in_base(&place);
-        let radius = self.radius(motion, belief, self.face.contact_at(arc_m, away_m));
+        let radius = self.radius(radius, belief, self.face.contact_at(arc_m, away_m));
         let is_calibrated = self.face.domain.contains(arc_m, away_m);
         let stated = self.estimate_at(Point::from_vector(contact.mean), is_calibrated, contact.covariance, innovation);
         Estimate { radius, ..stated }
@@ -157,13 +156,13 @@ impl Side {
     }
 
     /// Radius of the object alone that a belief states, where its model of the motion has one; no object is smaller than a point.
-    pub(super) fn radius<Model: Motion<N>, const N: usize>(
+    pub(super) fn radius<const N: usize>(
         &self,
-        motion: &Model,
+        radius: Option<usize>,
         belief: &Gaussian<N>,
         contact: Point<Base>,
     ) -> Option<Radius> {
-        let i = motion.radius()?;
+        let i = radius?;
         let wire_m = self.wire_radius_m(self.face.along_and_away(contact).0);
         let sd_m = belief.covariance[(i, i)].max(0.0).sqrt();
         Some(Radius { radius_m: (belief.mean[i] - wire_m).max(0.0), sd_m })
@@ -206,8 +205,8 @@ pub(super) struct ContactReading<'a> {
 
 impl<'a> ContactReading<'a> {
     /// The measurement that belongs to a model of the contact's motion.
-    pub(super) fn of<Model: Motion<N>, const N: usize>(side: &'a Side) -> Self {
-        Self { side, model_error: Model::MODEL_ERROR }
+    pub(super) fn new(side: &'a Side, model_error: Option<usize>) -> Self {
+        Self { side, model_error }
     }
 }
 

@@ -11,8 +11,8 @@ use serde_json::Value;
 use super::gaussian::{self, Follower};
 use super::iterated::Iterated;
 use super::motion::{AnyMotion, Motion};
-use super::settings::{SettingsError, parse};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{SettingsError, parse};
 
 /// Settings: those of the filter.
 pub(super) type Config = gaussian::Config<Iterated>;
@@ -68,7 +68,7 @@ impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
     /// Estimates of all samples from beliefs of all steps.
     pub(super) fn estimates(&self, beliefs: &[Gaussian<N>]) -> Vec<Option<Estimate>> {
         let Follower { side, motion, .. } = &self.follower;
-        let estimate = |step: usize| side.estimate(motion, &beliefs[step], None);
+        let estimate = |step: usize| side.estimate(motion.radius(), &beliefs[step], None);
         self.places.iter().map(|place| place.map(estimate)).collect()
     }
 }
@@ -82,7 +82,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Recorder<Model, N> {
             self.follower.motion.step(&self.follower.side, sample).jacobian(&last.filtered.mean)
         });
         self.steps.push(Step { jacobian, predicted: advance.predicted, filtered: advance.filtered });
-        Some(self.follower.side.estimate(&self.follower.motion, &advance.filtered, advance.innovation))
+        Some(self.follower.side.estimate(self.follower.motion.radius(), &advance.filtered, advance.innovation))
     }
 
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {

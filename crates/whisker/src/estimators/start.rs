@@ -4,10 +4,10 @@ use filters::{Gaussian, Measurement, Process};
 use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, vector};
 use serde::{Deserialize, Serialize};
 
-use super::settings::{SettingsError, within};
 use super::side::{ContactReading, Side};
 use super::{ContactPrior, Sample};
 use crate::frames::{Base, Pose};
+use crate::settings::{SettingsError, within};
 
 /// How a filter starts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

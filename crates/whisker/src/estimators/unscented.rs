@@ -6,7 +6,7 @@ use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::Verbs;
-use super::settings::{SettingsError, within};
+use crate::settings::{SettingsError, within};
 
 /// Its own settings: how far the sigma points spread, as [`Spread`] says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

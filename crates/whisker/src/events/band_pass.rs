@@ -9,9 +9,8 @@ use serde::{Deserialize, Serialize};
 use signal::Cascade;
 
 use super::{Rule, Sensing, Signals, first_mode_band};
-use crate::estimators::SettingsError;
-use crate::estimators::settings::within;
-use crate::sensor::Face;
+use crate::face::Face;
+use crate::settings::{SettingsError, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

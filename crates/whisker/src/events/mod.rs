@@ -25,8 +25,8 @@ use serde::{Deserialize, Serialize};
 use signal::{LONGEST_GAP_S, NoSuchBand, Section, band_pass};
 
 use crate::Whisker;
-use crate::estimators::SettingsError;
-use crate::sensor::Face;
+use crate::face::Face;
+use crate::settings::SettingsError;
 
 pub use first_mode::FirstMode;
 

@@ -21,9 +21,8 @@ use signal::{Cascade, Section};
 use super::background_rms::BackgroundRms;
 use super::median::MedianOfFive;
 use super::{Rule, Sensing, Signals, first_mode_band};
-use crate::estimators::SettingsError;
-use crate::estimators::settings::within;
-use crate::sensor::Face;
+use crate::face::Face;
+use crate::settings::{SettingsError, within};
 
 /// Edge of the low-pass over the whisker's natural frequency: the smaller, the less noise and the more delay.
 const EDGE: f64 = 1.5;

@@ -22,50 +22,16 @@ use std::fmt::Debug;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Matrix2, Vector2};
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::frames::{Base, Point};
 use crate::{RestShape, Whisker};
 
+pub use crate::face::Face;
 pub use domain::Domain;
 pub use error_map::ErrorMap;
 pub use fit::{Fit, Material, fit};
 pub(crate) use turn::Turn;
-
-/// The side of the whisker on which the object lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Face {
-    /// The object lies on the left (+y) and pushes the whisker to the right: the reading is negative.
-    Left,
-    /// The object lies on the right and pushes the whisker to the left: the reading is positive.
-    Right,
-}
-
-impl Face {
-    /// The face that a reading of this sign belongs to.
-    pub fn of_reading(reading_n_m: f64) -> Self {
-        if reading_n_m < 0.0 { Self::Left } else { Self::Right }
-    }
-
-    /// +1 where "away from the object" is to the left of the whisker, -1 where it is to the right. It is also the sign of
-    /// the reading.
-    pub fn away_sign(self) -> f64 {
-        match self {
-            Self::Left => -1.0,
-            Self::Right => 1.0,
-        }
-    }
-
-    /// Lower-case name, as in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-        }
-    }
-}
 
 /// One calibration sample: a known contact and its reading.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,9 +12,9 @@ pub(super) use round::Round;
 use filters::{Gaussian, Process};
 use serde::{Deserialize, Serialize};
 
-use super::settings::SettingsError;
 use super::side::Side;
 use super::{Sample, Touch, Tracker};
+use crate::settings::SettingsError;
 
 /// A model of the contact's motion, with `N` numbers in its state.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {

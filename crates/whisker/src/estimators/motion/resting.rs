@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Motion;
 use crate::estimators::Sample;
-use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
 use crate::frames::{Base, Point, Pose};
+use crate::settings::{SettingsError, within};
 
 /// A contact that rests in the world, seen from the moving base, and wanders a little. The state is its place `(s, d)`.
 ///

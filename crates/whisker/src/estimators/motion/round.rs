@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use super::Motion;
 use super::cartesian::Cartesian;
 use crate::estimators::Sample;
-use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
 use crate::sensor::CalibratedFace;
+use crate::settings::{SettingsError, within};
 
 /// A contact on a round object at rest. The state is `(s, d, rho, e)`: its place, the radius of the object and the wire together, and the
 /// sensor model's error there.
@@ -333,7 +333,7 @@ mod tests {
         let motion = Round::of_any_size();
         let mut belief = motion.belief(&Gaussian::new(vector![0.055, 3e-3], Matrix2::identity() * 1e-8));
         belief.mean[2] = -1e-3;
-        let radius = side.estimate(&motion, &belief, None).radius.unwrap();
+        let radius = side.estimate(motion.radius(), &belief, None).radius.unwrap();
         assert!(radius.radius_m == 0.0 && radius.sd_m == motion.radius_sd_m, "{radius:?}");
     }
 

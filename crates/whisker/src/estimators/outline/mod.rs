@@ -22,8 +22,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Settings, SettingsError, parse, within};
 use super::{Knowledge, Method, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 use hindsight::Reviser;
 use prior::Prior;
 use recursive::Tracer;

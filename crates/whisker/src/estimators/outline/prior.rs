@@ -4,7 +4,7 @@ use filters::least_squares::Quadratic;
 use serde::{Deserialize, Serialize};
 
 use super::curve::{ANCHOR, Curve, SCALE_M};
-use crate::estimators::settings::{SettingsError, within};
+use crate::settings::{SettingsError, within};
 
 /// The radius is likely to stay from cell to cell, and free to jump.
 ///

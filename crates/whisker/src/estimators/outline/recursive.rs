@@ -7,7 +7,7 @@ use super::object::{Effort, Object};
 use super::readings::{Reading, keep};
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
-use crate::estimators::motion::Round;
+use crate::estimators::motion::{Motion, Round};
 use crate::estimators::side::Side;
 use crate::estimators::{Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start};
@@ -106,7 +106,7 @@ impl Tracer {
         let Some(object) = &mut self.object else {
             self.onset = Some(onset);
             let advance = advance?;
-            let estimate = side.estimate(&self.front.motion, &advance.filtered, advance.innovation);
+            let estimate = side.estimate(self.front.motion.radius(), &advance.filtered, advance.innovation);
             let sd_m = advance.filtered.covariance[(0, 0)].sqrt();
             let Some(onset) = self.onset.take_if(|onset| {
                 onset.samples >= LEAST_SAMPLES && sd_m < self.config.start_sd_m || onset.samples >= MOST_SAMPLES
@@ -131,7 +131,9 @@ impl Tracer {
         let known = expected.filter(|_| onset.known_ahead >= 0.0);
         let estimate = match (&known, &advance) {
             (Some(expected), _) => Some(object.estimate(side, &self.base, expected)),
-            (None, Some(advance)) => Some(side.estimate(&self.front.motion, &advance.filtered, advance.innovation)),
+            (None, Some(advance)) => {
+                Some(side.estimate(self.front.motion.radius(), &advance.filtered, advance.innovation))
+            }
             (None, None) => None,
         };
         if onset.samples < LEAST_SAMPLES {

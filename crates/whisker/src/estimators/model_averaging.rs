@@ -17,12 +17,12 @@ use nalgebra::{Matrix1, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
     estimator,
 };
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// One method among which is chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
