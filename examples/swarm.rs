@@ -9,7 +9,7 @@ use whisker::estimators::{
     Estimate, EstimatorRow, Knowledge, Method, MethodClass, Sample, SettingsError, Touch, Tracker,
 };
 use whisker::frames::{Base, Point};
-use whisker::sensor::CalibratedFace;
+use whisker::sensor::{AlongAway, CalibratedFace};
 
 /// The row of the registry.
 pub(super) const ROW: EstimatorRow = EstimatorRow {
@@ -63,7 +63,8 @@ impl Method for Swarms {
         let places = (0..nodes).flat_map(|i| {
             let arc_m = low_m + share(i) * (high_m - low_m);
             let (lower_m, upper_m) = touch.face.domain.away_range_m(arc_m);
-            (0..nodes).map(move |j| touch.face.contact_at(arc_m, lower_m + share(j) * (upper_m - lower_m)))
+            (0..nodes)
+                .map(move |j| touch.face.contact_at(AlongAway::new(arc_m, lower_m + share(j) * (upper_m - lower_m))))
         });
         Box::new(Swarm {
             face: touch.face.clone(),

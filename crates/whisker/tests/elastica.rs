@@ -17,18 +17,7 @@ use whisker::{Curvature, Whisker};
 const CLAMPED_N_M_RAD: f64 = 1e12;
 
 fn with_curvature(curvature_per_m: f64) -> Whisker {
-    Whisker {
-        name: "test".into(),
-        length_m: 0.08,
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature: vec![Curvature { length_m: 0.08, curvature_per_m }],
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    }
+    Whisker { damping_s: 0.0, ..Whisker::straight() }.with_curvature([Curvature::new(0.08, curvature_per_m)])
 }
 
 fn straight() -> Whisker {

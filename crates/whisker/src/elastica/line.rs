@@ -1,4 +1,4 @@
-//! The centre line of the loaded whisker, for drawing it and for seeing what else of it touches.
+//! The centre line of the loaded whisker, for drawing and for the detection of further contacts.
 
 use nalgebra::Vector2;
 

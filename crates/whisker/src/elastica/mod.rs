@@ -39,21 +39,9 @@
 //!
 //! ```
 //! use whisker::elastica::{Elastica, Load};
-//! use whisker::{Curvature, Whisker};
+//! use whisker::Whisker;
 //!
-//! let whisker = Whisker {
-//!     name: "straight".into(),
-//!     length_m: 0.08,
-//!     root_diameter_m: 0.25e-3,
-//!     tip_diameter_m: 0.25e-3,
-//!     youngs_modulus_pa: 60e9,
-//!     density_kg_m3: 6450.0,
-//!     curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-//!     root_stiffness_n_m_rad: 0.17e-3,
-//!     segments: 40,
-//!     damping_s: 0.0,
-//! };
-//! let elastica = Elastica::new(&whisker)?;
+//! let elastica = Elastica::new(&Whisker::straight())?;
 //! let pressed = elastica.deflect(Load { arc_m: 0.05, along_n: 0.0, left_n: 1e-3 })?;
 //! let contact = elastica.at_point(pressed.point)?;
 //! assert!((contact.load.left_n - 1e-3).abs() < 1e-15);
@@ -119,13 +107,13 @@ struct Rate {
     moment: f64,
 }
 
-/// Why there is no equilibrium to tell of.
+/// Reason for a missing equilibrium.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Failure {
     /// A number is not finite.
     #[error("{what}: found {found}, expected a finite number")]
     NotFinite {
-        /// What it stands for.
+        /// Name of the quantity.
         what: &'static str,
         /// The number.
         found: f64,

@@ -31,8 +31,9 @@ pub struct Flat {
 
 /// A closed convex curve.
 pub trait Outline {
-    /// The point that lies farthest in the direction `normal_rad` (an angle in World, any number of turns). Across the normal
-    /// of a straight side it jumps from one end to the other; everywhere else it moves with the normal at the rate `radius_m`.
+    /// The point that lies farthest in the direction `normal_rad` (an angle in World, any number of turns). Across the
+    /// normal of a straight side it jumps from one end to the other; everywhere else its derivative by the normal is
+    /// `radius_m`.
     fn support(&self, normal_rad: f64) -> Support;
 
     /// The straight sides, by ascending angle of their normals, from 0 to one turn.
@@ -86,7 +87,7 @@ pub struct Polygon {
     flats: Vec<Flat>,
 }
 
-/// Why vertices do not make a convex polygon.
+/// Error of vertices that do not form a convex polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "vertex {vertex}: found a straight or clockwise turn, expected three or more vertices counter-clockwise around a convex polygon"
@@ -100,7 +101,7 @@ impl Polygon {
     /// The polygon with these vertices, counter-clockwise.
     ///
     /// # Errors
-    /// [`NotConvex`] where they are not those of a convex polygon.
+    /// [`NotConvex`] if they are not those of a convex polygon.
     pub fn new(vertices: &[Point<World>]) -> Result<Self, NotConvex> {
         let count = vertices.len();
         let side = |i: usize| vertices[(i + 1) % count].vector() - vertices[i % count].vector();

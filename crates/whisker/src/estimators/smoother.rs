@@ -1,4 +1,4 @@
-//! Hindsight: the iterated filter forwards, the smoother back.
+//! Fixed-interval smoother: the iterated filter forwards, the smoother backwards.
 
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ impl AnyMotion for Smoother {
 pub(super) struct Recorder<Model, const N: usize> {
     pub(super) follower: Follower<Iterated, Model, N>,
     steps: Vec<Step<N>>,
-    /// For each sample, its step, unless the filter had none.
+    /// Index of each sample's step. `None` if the filter had none.
     places: Vec<Option<usize>>,
 }
 
@@ -51,8 +51,8 @@ impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
         Self { follower, steps: Vec::new(), places: Vec::new() }
     }
 
-    /// Number of steps up to the last at which the whisker was pushed aside: between the loss of a contact and its being noticed there is
-    /// nothing that hindsight could say.
+    /// Number of steps up to the last at which the whisker was deflected: between the loss of a contact and its
+    /// detection the smoother has no information.
     pub(super) fn touching(&self) -> usize {
         self.steps.iter().rposition(|step| step.filtered.mean[1] > 0.0).map_or(0, |last| last + 1)
     }

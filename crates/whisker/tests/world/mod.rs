@@ -4,28 +4,17 @@
 use std::sync::Arc;
 
 use serde_json::Value;
+use whisker::Whisker;
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Runner, Sample};
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::{self, CalibratedFace, Face};
-use whisker::{Curvature, Whisker};
 
 /// Samples a second.
 pub(crate) const RATE_HZ: f64 = 250.0;
 
 fn straight() -> Whisker {
-    Whisker {
-        name: "exam".into(),
-        length_m: 0.08,
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    }
+    Whisker { damping_s: 0.0, ..Whisker::straight().named("exam") }
 }
 
 /// A left face calibrated with a registered sensor model: moment of a small deflection on the compliant root.
@@ -46,7 +35,7 @@ pub(crate) fn face(model: &str) -> CalibratedFace {
         })
         .collect();
     let row = sensor::model(model).unwrap();
-    let material = sensor::Material {
+    let material = sensor::FitData {
         whisker: &whisker,
         face: Face::Left,
         measured: &traces,
