@@ -123,7 +123,7 @@ mod tests {
     use crate::Cascade;
 
     #[test]
-    fn val_the_edges_of_the_band_pass_half_the_power() {
+    fn val_the_band_edges_pass_half_the_power() {
         for (order, low_hz, high_hz) in [(1, 4.0, 16.0), (3, 4.0, 16.0), (3, 1.0, 100.0), (6, 5.0, 12.0)] {
             let mut filter = Cascade::new(band_pass(order, low_hz, high_hz, 250.0).unwrap());
             for (frequency_hz, power) in [(low_hz, 0.5), (high_hz, 0.5)] {

@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_settled_filter_answers_a_constant_with_its_gain() {
+    fn verif_a_settled_filter_multiplies_a_constant_by_its_gain() {
         let mut filter = low_pass();
         filter.settle(3.0);
         let gain = 0.35 / 0.4 * 0.7 / 0.7;

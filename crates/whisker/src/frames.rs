@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn val_twist_moves_a_fixed_point_as_the_differential_equation_says() {
+    fn val_twist_solves_the_differential_equation_of_a_fixed_point() {
         let twist = Twist { vx_m_s: 0.02, vy_m_s: -0.03, wz_rad_s: 0.8 };
         let (mut x, mut y) = (0.06, 0.01);
         let steps = 200_000;
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_slow_rotation_meets_pure_translation() {
+    fn verif_slow_rotation_tends_to_pure_translation() {
         let point = Point::<Base>::new(0.06, 0.01);
         let turning = Twist { vx_m_s: 0.02, vy_m_s: -0.03, wz_rad_s: 1e-9 };
         let straight = Twist { wz_rad_s: 0.0, ..turning };

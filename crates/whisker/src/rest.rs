@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_foot_finds_what_beside_placed() {
+    fn verif_foot_inverts_beside() {
         let shape = hook();
         for arc_m in [0.001, 0.012, 0.02, 0.021, 0.035, 0.049] {
             for left_m in [-0.02, -0.003, 0.0, 0.004, 0.01] {

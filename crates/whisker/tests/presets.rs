@@ -8,7 +8,7 @@ fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden")
 }
 
-/// Whiskers of the table of the simulator's presets, a row each.
+/// Whiskers of the table of the simulator's presets, one per row.
 fn simulated() -> Vec<Whisker> {
     let path = golden().join("whisker_presets.csv");
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
@@ -46,7 +46,7 @@ fn val_presets_equal_those_of_the_simulator() {
 }
 
 #[test]
-fn val_the_straight_preset_is_that_of_the_golden_sidecars() {
+fn val_the_straight_preset_equals_the_golden_sidecars() {
     for stem in ["golden_pin", "golden_circle"] {
         let text = std::fs::read(golden().join(format!("{stem}.json"))).unwrap();
         let sidecar: serde_json::Value = serde_json::from_slice(&text).unwrap();

@@ -1,5 +1,5 @@
-//! The exam that every registered sensor model must pass, with every setting that a calibration tries by itself: fitted to noisy samples
-//! of the exact quasi-static whisker.
+//! The exam of every registered sensor model with each of its candidate settings: fitted to noisy samples of the exact
+//! quasi-static whisker.
 
 use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
@@ -11,14 +11,14 @@ use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point};
 use whisker::sensor::{self, AlongAway, Domain, Face, Fit, FitData, FittedModel, ModelError, ModelRow, Region, Sample};
 
-/// Usual noise of the calibrations, relative to the largest reading.
+/// Typical noise of the calibrations, relative to the largest reading.
 const NOISE: f64 = 0.01;
 
 fn cases() -> [(Whisker, Face); 3] {
     [(Whisker::straight(), Face::Left), (Whisker::curved(), Face::Left), (Whisker::curved(), Face::Right)]
 }
 
-/// Contacts on a grid beside a whisker, shifted within its meshes by `phase`, without the reading.
+/// Contacts on a grid beside a whisker, shifted by the share `phase` of a cell, without readings.
 fn contacts(whisker: &Whisker, face: Face, phase: f64) -> Vec<Point<Base>> {
     let rest = whisker.rest_shape();
     let places = (0..32).flat_map(|i| (0..20).map(move |j| (f64::from(i) + phase, f64::from(j) + phase)));
@@ -30,7 +30,7 @@ fn contacts(whisker: &Whisker, face: Face, phase: f64) -> Vec<Point<Base>> {
         .collect()
 }
 
-/// What the exact whisker reads there, as far as it reaches.
+/// Readings of the exact whisker at the contacts within its reach.
 fn samples(whisker: &Whisker, contacts: &[Point<Base>]) -> Vec<Sample> {
     let elastica = Elastica::new(whisker).unwrap();
     let reached = contacts.iter().filter_map(|&contact| Some((contact, elastica.at_point(contact).ok()?)));
@@ -48,7 +48,7 @@ fn noisy(samples: &[Sample], noise: f64, seed: u64) -> Vec<Sample> {
     samples.iter().map(|sample| Sample { reading_n_m: sample.reading_n_m + noise(), ..*sample }).collect()
 }
 
-/// Every model with every setting that is tried by itself.
+/// Every model with each of its candidate settings.
 fn candidates() -> Vec<(&'static ModelRow, Value)> {
     let of_row = |row: &'static ModelRow| (row.candidates)().into_iter().map(move |config| (row, config));
     sensor::MODELS.iter().flat_map(of_row).collect()
@@ -69,7 +69,7 @@ fn fits(whisker: &Whisker, face: Face) -> Vec<Fit> {
     candidates().iter().map(|(row, config)| sensor::fit(row, config, &material).unwrap()).collect()
 }
 
-/// Contacts off the grid, well inside.
+/// Contacts off the grid, well within the region.
 fn probes(whisker: &Whisker, face: Face) -> Vec<Point<Base>> {
     let rest = whisker.rest_shape();
     let places = [(0.03, 0.1), (0.043, 0.3), (0.0512, 0.02), (0.06, 0.21), (0.068, 0.26)];
@@ -135,7 +135,7 @@ fn verif_gradients_are_those_of_the_reading() {
 }
 
 #[test]
-fn verif_survives_writing_and_reading_bit_by_bit() {
+fn verif_storing_and_loading_preserves_every_bit() {
     let (whisker, face) = (Whisker::curved(), Face::Left);
     for fit in fits(&whisker, face) {
         let model = &fit.face.model;
@@ -152,7 +152,7 @@ fn verif_survives_writing_and_reading_bit_by_bit() {
 }
 
 #[test]
-fn verif_labels_tell_the_models_apart() {
+fn verif_labels_are_unique() {
     let fits = fits(&Whisker::straight(), Face::Left);
     for (i, fit) in fits.iter().enumerate() {
         assert!(fits[..i].iter().all(|other| other.face.label != fit.face.label), "{}", fit.face.label);
@@ -166,14 +166,14 @@ fn verif_model_error_is_never_zero_and_of_the_size_of_the_residuals() {
         let samples = samples(&Whisker::curved(), &contacts(&Whisker::curved(), Face::Left, 0.1));
         let variances: Vec<f64> = samples.iter().map(|s| face.model_variance_n2_m2(s.contact)).collect();
         assert!(variances.iter().all(|variance| *variance > 0.0), "{}", face.label);
-        // The final fit has more samples than those that did not see the residuals, so its error is no larger.
+        // The final fit has more samples than those of the cross-validation, so its error is no larger.
         let ratio = (variances.iter().sum::<f64>() / samples.len() as f64).sqrt() / face.heldout_rms_n_m;
         assert!((0.5..1.25).contains(&ratio), "{}: {ratio}", face.label);
     }
 }
 
-/// A fit to samples that are dense over the inner half of the whisker and sparse over the outer.
-fn unevenly_learnt(row: &ModelRow, config: &Value) -> FittedModel {
+/// A fit to samples that are dense along the inner half of the whisker and sparse along the outer half.
+fn unevenly_fitted(row: &ModelRow, config: &Value) -> FittedModel {
     let (whisker, face) = (Whisker::straight(), Face::Left);
     let clean = samples(&whisker, &contacts(&whisker, face, 0.5));
     let rest = whisker.rest_shape();
@@ -193,10 +193,10 @@ fn unevenly_learnt(row: &ModelRow, config: &Value) -> FittedModel {
 #[test]
 fn val_variance_is_positive_and_grows_where_samples_are_sparse() {
     for (row, config) in candidates() {
-        let variance_n2_m2 = unevenly_learnt(row, &config).variance_n2_m2;
+        let variance_n2_m2 = unevenly_fitted(row, &config).variance_n2_m2;
         let at = |arc_m: f64| variance_n2_m2(Point::new(arc_m, -0.17 * arc_m));
         assert!(at(0.03) > 0.0, "{}", row.kind);
-        // Mechanics with a handful of parameters know one place from another.
+        // Mechanics with few parameters interpolate between positions.
         let factor = if row.kind == "elastica" { 0.3 } else { 1.5 };
         assert!(at(0.065) > factor * at(0.03), "{} {config}: {} {}", row.kind, at(0.065), at(0.03));
     }
@@ -228,7 +228,7 @@ fn robust_data_that_do_not_determine_a_model_are_refused() {
 }
 
 #[test]
-fn robust_settings_that_make_no_sense_are_refused() {
+fn robust_invalid_settings_are_refused() {
     let whisker = Whisker::straight();
     let data = samples(&whisker, &contacts(&whisker, Face::Left, 0.5));
     let traces = [data];
@@ -253,10 +253,10 @@ fn robust_settings_that_make_no_sense_are_refused() {
     }
 }
 
-/// A whisker that is stiffer, more curved, turned and shifted against the one that the calibration names, under a sensor with a
+/// A whisker that is stiffer, more curved, rotated and displaced compared with the nominal one, under a sensor with a
 /// gain.
 #[test]
-fn val_physical_parameters_are_found() {
+fn val_physical_parameters_are_recovered() {
     let nominal = Whisker::curved();
     let mut real = Whisker::curved();
     real.youngs_modulus_pa *= 1.2;
@@ -290,15 +290,15 @@ fn val_physical_parameters_are_found() {
         let found = parameters.iter().find(|parameter| parameter["name"] == name).unwrap();
         (found["value"].as_f64().unwrap(), found["sd"].as_f64().unwrap(), found["told"].as_bool().unwrap())
     };
-    let ((modulus, _, modulus_told), (stiffness, _, stiffness_told)) =
+    let ((modulus, _, modulus_informed), (stiffness, _, stiffness_informed)) =
         (find("youngs_modulus_pa"), find("root_stiffness_n_m_rad"));
     let ratio = modulus / stiffness / (real.youngs_modulus_pa / real.root_stiffness_n_m_rad);
     assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
-    assert!(!modulus_told && !stiffness_told);
+    assert!(!modulus_informed && !stiffness_informed);
     let scale = find("gain").0 * stiffness / (gain * real.root_stiffness_n_m_rad);
     assert!((scale - 1.0).abs() < 0.01, "{scale}");
     for (name, expected) in [("root_x_m", shift.x), ("root_y_m", shift.y), ("root_yaw_rad", yaw_rad)] {
-        let (value, sd, told) = find(name);
-        assert!((value - expected).abs() < 4.0 * sd && told, "{name}: {value} +- {sd}, expected {expected}");
+        let (value, sd, informed) = find(name);
+        assert!((value - expected).abs() < 4.0 * sd && informed, "{name}: {value} +- {sd}, expected {expected}");
     }
 }

@@ -42,7 +42,7 @@ mod tests {
 
     /// Compares with small displacements of the base itself.
     #[test]
-    fn verif_a_point_is_off_by_the_error_of_the_base() {
+    fn verif_covariance_of_a_point_is_that_of_a_displaced_base() {
         let base: Pose<Base, World> = Pose::new(0.3, -0.2, 0.7);
         let seen: Point<Base> = Point::new(0.06, -0.01);
         let error = nalgebra::vector![2e-6, -1e-6, 3e-5];

@@ -347,7 +347,7 @@ mod tests {
     use crate::estimators::testing::knowledge;
 
     #[test]
-    fn verif_radius_is_that_of_the_sliding_mode_alone() {
+    fn verif_radius_is_that_of_the_sliding_mode() {
         let knowledge = knowledge();
         let config = Config::default();
         let follower = Follower {

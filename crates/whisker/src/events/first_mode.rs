@@ -57,7 +57,7 @@ mod tests {
     use crate::elastica::natural_frequencies_hz;
 
     #[test]
-    fn val_the_beam_on_a_spring() {
+    fn val_first_mode_of_a_beam_on_a_spring() {
         for root_stiffness_n_m_rad in [0.17e-3, 3.2e-3, 1.0] {
             let whisker = Whisker { root_stiffness_n_m_rad, ..Whisker::straight() };
             let [beam_hz] = natural_frequencies_hz(&whisker).unwrap();

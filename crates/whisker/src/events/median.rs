@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_the_middle_one_is_that_of_the_sorted_values() {
+    fn verif_the_median_is_that_of_the_sorted_values() {
         // Every order, and every combination of equal values.
         for code in 0..5_u32.pow(5) {
             let values = [0, 1, 2, 3, 4].map(|place| f64::from(code / 5_u32.pow(place) % 5));

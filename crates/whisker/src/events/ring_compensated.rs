@@ -243,7 +243,7 @@ mod tests {
     };
 
     #[test]
-    fn verif_ringing_vanishes_and_a_press_stays() {
+    fn verif_ringing_is_removed_and_a_press_is_kept() {
         let mut compensator = Cascade::new(vec![ring_compensator(&SENSING).unwrap()]);
         let w = 2.0 * PI * SENSING.first_mode.frequency_hz;
         let ringing = |t: f64| {
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_too_slow_a_sampling_leaves_the_reading_alone() {
+    fn verif_a_low_sampling_rate_gives_no_compensation() {
         assert!(ring_compensator(&Sensing { rate_hz: 60.0, ..SENSING }).is_none());
     }
 }

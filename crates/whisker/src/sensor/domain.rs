@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_covers_its_samples_and_not_more() {
+    fn verif_covers_its_samples_only() {
         let at = AlongAway::new;
         let samples: Vec<AlongAway> = (0..=60)
             .flat_map(|i| (0..=20).map(move |j| at(0.02 + 1e-3 * f64::from(i), 2e-2 * f64::from(j) / 20.0)))
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_gaps_between_lines_are_closed_and_slopes_stay() {
+    fn verif_gaps_between_lines_are_closed_and_slopes_unchanged() {
         assert_eq!(closed(&[1.0, 2.0, 0.5, 3.0, 1.0, 1.0, 2.5, 0.0]), [1.0, 2.0, 2.0, 3.0, 2.5, 2.5, 2.5, 0.0]);
     }
 

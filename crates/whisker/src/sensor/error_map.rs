@@ -126,21 +126,21 @@ mod tests {
     }
 
     #[test]
-    fn verif_parts_add_up() {
+    fn verif_variances_add_up() {
         let flat = |value: f64| vec![value; 72];
         let map = ErrorMap::new(&residuals(|_, _| 10.0), &flat(4.0), &flat(2.0), 1.0, 1e-9);
         assert!((map.variance_n2_m2(shares(0.37, 0.81)) - (10.0 - 4.0 - 1.0 + 2.0)).abs() < 1e-12);
     }
 
     #[test]
-    fn verif_shows_where_the_error_is() {
+    fn verif_map_follows_the_residuals() {
         let map = ErrorMap::new(&residuals(|u, _| u), &vec![0.0; 72], &vec![0.0; 72], 0.0, 1e-9);
         assert!(map.is_valid());
         assert!(map.variance_n2_m2(shares(0.9, 0.5)) > 3.0 * map.variance_n2_m2(shares(0.1, 0.5)));
     }
 
     #[test]
-    fn verif_another_error_beside_it_adds_its_variance_where_it_is() {
+    fn verif_an_independent_error_adds_its_variance_at_its_position() {
         let flat = ErrorMap { along: 12, away: 6, sd_n_m: vec![3.0; 72] };
         let both = flat.beside(|Shares { along, away }| 16.0 * along * away);
         assert!((both.variance_n2_m2(shares(1.0, 1.0)) - 25.0).abs() < 1e-12);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_error_that_noise_hides_is_not_zero() {
+    fn robust_an_error_below_the_noise_is_not_zero() {
         let map = ErrorMap::new(&residuals(|_, _| 1.0), &vec![3.0; 72], &vec![0.0; 72], 1.0, 0.25);
         assert!((map.variance_n2_m2(shares(0.5, 0.5)) - 0.25).abs() < 1e-12);
     }

@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_many_contacts_read_what_each_does() {
+    fn verif_readings_of_many_contacts_equal_those_one_by_one() {
         let contacts = samples(|x, y| (60.0 * x).sin() * (80.0 * y).exp());
         let x_m: Vec<f64> = contacts.iter().map(|sample| sample.contact.x()).collect();
         let y_m: Vec<f64> = contacts.iter().map(|sample| sample.contact.y()).collect();
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn val_high_degrees_keep_their_digits() {
+    fn val_high_degrees_are_well_conditioned() {
         let g = |x: f64, y: f64| (60.0 * x).sin() * (80.0 * y).exp();
         let worst = |degree: usize| {
             let model = Polynomial::fit(&samples(g), degree).unwrap().model;

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_goes_on_linearly() {
+    fn verif_extrapolates_linearly() {
         let (grid, table) = table(21, true);
         let edge = table.look(&grid.place([2.5, 0.3]));
         let beyond = table.look(&grid.place([2.7, 0.3]));

@@ -1,5 +1,6 @@
-//! A world whose sensor model is exact, for tests and benchmarks: a straight whisker pressed from the left; the reading is that of a polynomial fitted
-//! to a stiffness that falls along the whisker, and the contact rests in the world while the base moves.
+//! A world with an exact sensor model, for tests and benchmarks: a straight whisker pressed from the left; the reading
+//! is that of a polynomial fitted to a stiffness that decreases along the whisker, and the contact rests in the world
+//! while the base moves.
 
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::{self, CalibratedFace, Face};
 
-/// Samples a second.
+/// Sampling rate (Hz).
 pub(crate) const RATE_HZ: f64 = 250.0;
 
 fn straight() -> Whisker {
@@ -46,7 +47,7 @@ pub(crate) fn face(model: &str) -> CalibratedFace {
     sensor::fit(row, &(row.defaults)(), &material).unwrap().face
 }
 
-/// The whisker with that face, by the polynomial.
+/// The whisker with that face, modelled by the polynomial.
 pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
     let whisker = straight();
     Arc::new(Knowledge {
@@ -60,7 +61,7 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
     })
 }
 
-/// The base's pose: at rest and free for 0.2 s, then into touch and about.
+/// Pose of the base: at rest and free for 0.2 s, then moving into contact and about.
 pub(crate) fn base(t_s: f64) -> Pose<Base, World> {
     let touch = ((t_s - 0.2) / 0.3).clamp(0.0, 1.0);
     let roam = ((t_s - 0.5) / 0.5).clamp(0.0, 1.0);
@@ -73,7 +74,7 @@ pub(crate) fn contact() -> Point<World> {
     Point::new(0.05, 0.0)
 }
 
-/// Samples of the world over `duration_s`, without noise, at the instants that `keep` selects.
+/// Samples of the world over `duration_s`, without noise, at the instants selected by `keep`.
 pub(crate) fn samples(knowledge: &Knowledge, duration_s: f64, keep: impl Fn(usize) -> bool) -> Vec<(f64, Sample)> {
     let face = &knowledge.faces[0];
     let mut last: Option<f64> = None;
@@ -93,7 +94,7 @@ pub(crate) fn estimator(row: &EstimatorRow, knowledge: &Arc<Knowledge>, seed: u6
     configured(row, &(row.defaults)(), knowledge, seed)
 }
 
-/// A registered estimator.
+/// A registered estimator with these settings.
 pub(crate) fn configured(row: &EstimatorRow, settings: &Value, knowledge: &Arc<Knowledge>, seed: u64) -> Estimator {
     let method = (row.build)(settings, knowledge).unwrap_or_else(|error| panic!("{}: {error}", row.name));
     Estimator::new(Runner::new(method, knowledge.clone(), seed), TouchConfig::default())

@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn val_contact_wanders_on_a_circle_as_the_exact_whisker_does() {
+    fn val_contact_slides_on_a_circle_as_on_the_exact_whisker() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_radius_believed_to_be_negative_is_stated_as_zero() {
+    fn robust_a_negative_mean_radius_gives_the_estimate_zero() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let motion = Round::of_any_size();
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_thin_thing_has_no_radius_to_tell_however_thick_the_pin_was() {
+    fn verif_the_radius_of_a_thin_object_is_not_estimated_for_any_pin() {
         let mut knowledge = knowledge();
         let thick = Arc::get_mut(&mut knowledge.faces[0]).unwrap();
         thick.pin_radius_m = 5e-3;
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_noise_of_the_base_is_no_way() {
+    fn verif_noise_of_the_base_is_no_displacement() {
         let knowledge = Knowledge { base_noise: BaseNoise(Matrix3::from_diagonal_element(1e-8)), ..knowledge() };
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let way_m = |motion| {
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_base_that_stands_still_leaves_the_noise_definite() {
+    fn robust_process_noise_is_definite_at_standstill() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let still = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 0.004, reading_n_m: 0.0 };

@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_derivatives_follow_the_contact() {
+    fn verif_derivatives_are_those_of_the_contact() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let point = knowledge.rest.beside(0.055, -4e-3).vector();

@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn val_one_radius_is_a_circle() {
+    fn val_a_constant_radius_is_a_circle() {
         for sign in [-1.0, 1.0] {
             let mut curve = Curve::new(sign, Vector2::new(0.02, 0.01), 0.4, 15e-3);
             curve.extend(-20e-3, 20e-3);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_radii_are_positive_whatever_the_step() {
+    fn robust_radii_are_positive_after_any_step() {
         let curve = wavy();
         let step: Vec<f64> = (0..curve.size()).map(|i| if i % 2 == 0 { 30.0 } else { -30.0 }).collect();
         let moved = curve.moved(&step);
