@@ -18,7 +18,8 @@ impl Face {
         if reading_n_m < 0.0 { Self::Left } else { Self::Right }
     }
 
-    /// +1 if "away from the object" is to the left of the whisker, -1 if it is to the right. Equals the sign of the reading.
+    /// +1 if "away from the object" is to the left of the whisker, -1 if it is to the right. Equals the sign of the
+    /// reading.
     pub fn away_sign(self) -> f64 {
         match self {
             Self::Left => -1.0,

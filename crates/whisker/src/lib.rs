@@ -18,8 +18,8 @@
 //! # Example
 //! The whisker presses against a pin for one second. The robot knows the motion of its base and the noisy readings; the
 //! position of the pin is unknown. The example calibrates a sensor model, replays the samples through the `recommended`
-//! estimator, and compares the final estimate with the exact contact. The readings are those of the [elastica] with white
-//! noise.
+//! estimator, and compares the final estimate with the exact contact. The readings are those of the [elastica] with
+//! white noise.
 //!
 //! ```
 //! use std::sync::Arc;

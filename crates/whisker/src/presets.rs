@@ -15,7 +15,8 @@ impl Whisker {
             curvature: vec![Curvature::new(0.08, 0.0)],
             root_stiffness_n_m_rad: 0.17e-3,
             segments: 40,
-            // The released whisker's oscillation falls below the noise at rest within 1.4 s, as in Lin et al. (IROS 2022).
+            // The released whisker's oscillation falls below the noise at rest within 1.4 s, as in Lin et al. (IROS
+            // 2022).
             damping_s: 2.35e-3,
         }
     }

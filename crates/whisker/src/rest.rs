@@ -130,8 +130,8 @@ impl RestShape {
         self.piece(arc_m).curvature_per_m
     }
 
-    /// The nearest point of the undeflected whisker. `point(foot.arc_m)` plus `foot.left_m` along the left normal is `p`
-    /// again, unless the foot is an end.
+    /// The nearest point of the undeflected whisker. `point(foot.arc_m)` plus `foot.left_m` along the left normal is
+    /// `p` again, unless the foot is an end.
     pub fn foot(&self, p: Point<Base>) -> Foot {
         let mut best = Foot { arc_m: 0.0, left_m: f64::INFINITY };
         for piece in &self.pieces {
@@ -161,7 +161,8 @@ impl RestShape {
         if self.tip_radius_m <= radius_m {
             return high;
         }
-        // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held between bounds.
+        // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held
+        // between bounds.
         let close_enough = 4.0 * f64::EPSILON * high;
         let mut arc_m = radius_m;
         for _ in 0..60 {

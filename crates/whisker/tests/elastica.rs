@@ -491,7 +491,7 @@ fn robust_invalid_input_is_named() {
         (across(0.0, 1e-3), "arc length of the contact: found 0 m"),
         (across(0.081, 1e-3), "found 0.081 m, expected more than 0 and at most the whisker's length of 0.08 m"),
         (across(f64::NAN, 1e-3), "arc_m: found NaN, expected a finite number"),
-        (across(0.05, 1e12), "more than the whisker can bear"),
+        (across(0.05, 1e12), "exceeds the capacity of the whisker"),
     ] {
         let message = elastica.deflect(load).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
@@ -555,7 +555,8 @@ fn val_agrees_with_scipy() {
     );
 }
 
-/// Discs, solved by SciPy (`contact_with_disc` of `sim/whisker_sim/physics/scipy_elastica.py`): arc length, force, moment.
+/// Discs, solved by SciPy (`contact_with_disc` of `sim/whisker_sim/physics/scipy_elastica.py`): arc length, force,
+/// moment.
 #[test]
 fn val_discs_agree_with_scipy() {
     let tapered = Whisker {

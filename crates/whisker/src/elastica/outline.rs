@@ -69,7 +69,8 @@ pub struct Ellipse {
 }
 
 impl Outline for Ellipse {
-    /// With the normal `n` in the ellipse's axes and `h = sqrt(a^2 n_x^2 + b^2 n_y^2)`: `(a^2 n_x, b^2 n_y) / h`, radius `a^2 b^2 / h^3`.
+    /// With the normal `n` in the ellipse's axes and `h = sqrt(a^2 n_x^2 + b^2 n_y^2)`: `(a^2 n_x, b^2 n_y) / h`,
+    /// radius `a^2 b^2 / h^3`.
     fn support(&self, normal_rad: f64) -> Support {
         let [a, b] = self.semi_axes_m;
         let normal = direction(normal_rad - self.yaw_rad);

@@ -1,10 +1,10 @@
 //! The integration: Taylor series of the equilibrium, summed from the contact back to the root.
 //!
 //! All derivatives at a point follow from recurrences, for the curvature `q = kappa0 + C m` is a product of series and
-//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` (Jorba and Zou, "A software package for the numerical integration of ODEs by
-//! means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step of order 20 covers a third of a
-//! radian or more to the last digit; no table of coefficients, no trial steps. Derivatives with respect to the load are
-//! those of the recurrences themselves.
+//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` (Jorba and Zou, "A software package for the numerical integration of
+//! ODEs by means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step of order 20 covers a third
+//! of a radian or more to the last digit; no table of coefficients, no trial steps. Derivatives with respect to the
+//! load are those of the recurrences themselves.
 
 use super::Load;
 
@@ -97,7 +97,8 @@ fn product(a: &Series, b: &Series, k: usize) -> f64 {
     a[..=k].iter().zip(b[..=k].iter().rev()).map(|(a, b)| a * b).sum()
 }
 
-/// Series of `1 / EI = C d^-4` in the distance from a point where the diameter is `diameter_m`, and its number of terms.
+/// Series of `1 / EI = C d^-4` in the distance from a point where the diameter is `diameter_m`, and its number of
+/// terms.
 fn compliance(coefficient: f64, diameter_m: f64, taper: f64) -> (Series, usize) {
     let mut series = [0.0; ORDER + 1];
     series[0] = coefficient / diameter_m.powi(4);

@@ -164,8 +164,9 @@ fn cantilever(knowledge: &Knowledge, contact: Point<Base>, sign: f64) -> Cantile
     }
 }
 
-/// Moment per unit of small normal deflection of a contact at `arc_m`, of the wire in series with the root: unit load, curved beam,
-/// `1 / compliance = M / (integral of lever^2 / EI + lever(0)^2 / k)`. A straight clamped wire gives `3 EI / r^2`.
+/// Moment per unit of small normal deflection of a contact at `arc_m`, of the wire in series with the root: unit load,
+/// curved beam, `1 / compliance = M / (integral of lever^2 / EI + lever(0)^2 / k)`. A straight clamped wire gives `3 EI
+/// / r^2`.
 fn onset_stiffness_n(knowledge: &Knowledge, arc_m: f64) -> f64 {
     let normal = direction(knowledge.rest.tangent_rad(arc_m) + std::f64::consts::FRAC_PI_2);
     let contact = knowledge.rest.point(arc_m).vector();

@@ -41,8 +41,8 @@ pub(super) struct Candidate {
 pub(super) struct Config {
     /// The candidates. The prior odds favour the most restrictive ones, since a contact determines little at its start.
     pub candidates: Vec<Candidate>,
-    /// Gate, in standard deviations: a larger innovation counts as evidence as if it lay at the gate, so that a single
-    /// outlier decides nothing.
+    /// Gate, in standard deviations: a larger innovation counts as evidence as if it lay at the gate, which bounds the
+    /// influence of an outlier.
     pub gate_sds: f64,
     /// Mean time between changes of the right candidate.
     pub sojourn_s: f64,

@@ -84,23 +84,23 @@ type Matrix = SMatrix<f64, COUNT, COUNT>;
 struct Config {
     /// Degree of the sensor's response to a rotation of its root: 1 (linear) or 3.
     response: usize,
-    /// Of the logarithm of the gain, whose prior mean is fitted to the readings.
+    /// Prior standard deviation of the logarithm of the gain; the prior mean is fitted to the readings.
     gain_sd: f64,
-    /// Of the logarithm of Young's modulus.
+    /// Prior standard deviation of the logarithm of Young's modulus.
     youngs_modulus_sd: f64,
-    /// Of the logarithm of the root's stiffness.
+    /// Prior standard deviation of the logarithm of the root's stiffness.
     root_stiffness_sd: f64,
-    /// Of the scale of the pre-curvature.
+    /// Prior standard deviation of the scale of the pre-curvature.
     curvature_scale_sd: f64,
-    /// Of the offset of the pre-curvature.
+    /// Prior standard deviation of the offset of the pre-curvature.
     curvature_shift_sd_per_m: f64,
-    /// Of the reading's offset, relative to the largest reading.
+    /// Prior standard deviation of the reading's offset, relative to the largest reading.
     reading_offset_sd: f64,
-    /// Of the coefficients of the second and third power of the rotation in radians, if `response` is 3.
+    /// Prior standard deviation of the coefficients of the second and third power of the rotation in radians, if `response` is 3.
     response_sd: f64,
-    /// Of the root's position along each axis.
+    /// Prior standard deviation of the root's position along each axis.
     root_sd_m: f64,
-    /// Of the root's yaw.
+    /// Prior standard deviation of the root's yaw.
     root_yaw_sd_rad: f64,
 }
 

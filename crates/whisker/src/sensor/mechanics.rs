@@ -181,8 +181,8 @@ impl Mechanics {
 }
 
 impl Sensitivities {
-    /// The derivatives of [`Mechanics::new`]. Of the moment `M(a, F)` at the place `p(a, F)`, at a fixed place: `dM = M_c - grad M . p_c` by the
-    /// parameter `c`, with `M_c` and `p_c` at fixed arc length and force.
+    /// The derivatives of [`Mechanics::new`]. Of the moment `M(a, F)` at the place `p(a, F)`, at a fixed place: `dM =
+    /// M_c - grad M . p_c` by the parameter `c`, with `M_c` and `p_c` at fixed arc length and force.
     pub(super) fn new(region: &Region<'_>, whisker: &Whisker) -> Option<Self> {
         let lattice = Lattice::new(region, COARSE_NODES)?;
         let mut pairs = Vec::new();
@@ -260,8 +260,8 @@ mod tests {
         Domain { lower_m: vec![0.0; arc_m.len()], upper_m, arc_m }
     }
 
-    /// Whiskers with the errors that their tables may have: of the moment, relative to the largest, and of the tangent, in radians. Where
-    /// the curvature jumps, so do the second derivative of the moment and the first of the tangent.
+    /// Whiskers with the errors that their tables may have: of the moment, relative to the largest, and of the tangent,
+    /// in radians. Where the curvature jumps, so do the second derivative of the moment and the first of the tangent.
     fn cases() -> [(Whisker, Face, [f64; 2]); 4] {
         let arc = Curvature::new;
         [

@@ -123,7 +123,7 @@ fn values_as_wide_as_here<const N: usize>(model: &Polynomial, x_m: &[f64], y_m: 
 }
 
 /// The products `T_i T_j` in the order of the coefficients.
-fn products<const N: usize>((u, v): (f64, f64), row: &mut [f64]) {
+fn products<const N: usize>(u: f64, v: f64, row: &mut [f64]) {
     let (by_u, by_v) = (chebyshev::<N>(u), chebyshev::<N>(v));
     let pairs = (0..N).flat_map(|i| (0..N - i).map(move |j| (i, j)));
     for (product, (i, j)) in row.iter_mut().zip(pairs) {
@@ -219,7 +219,7 @@ impl Polynomial {
     /// The products `T_i T_j` in the order of the coefficients.
     fn basis(&self, contact: Point<Base>, row: &mut [f64]) {
         let (u, v) = self.scaled(contact.x(), contact.y());
-        by_degree!(self.degree, products((u, v), row));
+        by_degree!(self.degree, products(u, v, row));
     }
 }
 

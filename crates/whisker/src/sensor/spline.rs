@@ -1,13 +1,13 @@
-//! Smooth map without mechanics: a penalised tensor-product spline (P-spline; Eilers and Marx, "Flexible smoothing with B-splines and
-//! penalties", Statistical Science 11, 1996).
+//! Smooth map without mechanics: a penalised tensor-product spline (P-spline; Eilers and Marx, "Flexible smoothing with
+//! B-splines and penalties", Statistical Science 11, 1996).
 //!
 //! ```text
 //! g(u, v) = sum c_ij B_i(u) B_j(v)    penalty = w_u sum (c_i-1,j - 2 c_ij + c_i+1,j)^2 + w_v sum (c_i,j-1 - 2 c_ij + c_i,j+1)^2
 //! ```
 //!
-//! `B_i` are cubic B-splines on even knots over the region's extent in the coordinates of [`super::polar`]. The weights `w_u`, `w_v`
-//! are those with the least generalised cross-validation score `n |e|^2 / (n - f)^2`, where `e` are the residuals of the `n` samples
-//! and `f` the degrees of freedom (Golub, Heath and Wahba, Technometrics 21, 1979).
+//! `B_i` are cubic B-splines on even knots over the region's extent in the coordinates of [`super::polar`]. The weights
+//! `w_u`, `w_v` are those with the least generalised cross-validation score `n |e|^2 / (n - f)^2`, where `e` are the
+//! residuals of the `n` samples and `f` the degrees of freedom (Golub, Heath and Wahba, Technometrics 21, 1979).
 
 use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};

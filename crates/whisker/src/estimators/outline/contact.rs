@@ -183,7 +183,8 @@ mod tests {
         let (side_cells, corner_cells) = (24, 12);
         let turn_rad = corner_cells as f64 * PITCH_M / (SCALE_M + WIRE_RADIUS_M);
         let first = knowledge().rest.beside(0.052, -5e-3).vector();
-        // The tangent angles of the sides before, between and after; an object on the left is traversed from the tip to the root's side.
+        // The tangent angles of the sides before, between and after; an object on the left is traversed from the tip to
+        // the root's side.
         let angles = [-0.45 - turn_rad, -0.45, -0.45 + turn_rad];
         let second = first + direction(angles[1]) * (side_cells as f64 * PITCH_M);
         let corners = [first - direction(angles[0]) * 0.05, first, second, second + direction(angles[2]) * 0.05];

@@ -66,15 +66,21 @@ pub(super) enum Effort {
     Last,
 }
 
+/// Arc with which the curve of an object begins.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FirstArc {
+    /// Contact on the whisker's centre line.
+    pub(super) point: Point<Start>,
+    /// Angle in Start of the whisker's tangent there.
+    pub(super) tangent_rad: f64,
+    /// Radius of object and wire together.
+    pub(super) radius_m: f64,
+}
+
 impl Object {
-    /// An object with a contact at a point, from its readings so far.
-    pub(super) fn new(
-        config: Config,
-        side: &Side,
-        (point, tangent_rad, radius_m): (Point<Start>, f64, f64),
-        readings: Vec<Reading>,
-    ) -> Self {
-        let curve = Curve::new(side.face.face.away_sign(), point.vector(), tangent_rad, radius_m);
+    /// An object whose curve begins with an arc, from its readings so far.
+    pub(super) fn new(config: Config, side: &Side, arc: FirstArc, readings: Vec<Reading>) -> Self {
+        let curve = Curve::new(side.face.face.away_sign(), arc.point.vector(), arc.tangent_rad, arc.radius_m);
         let covariance = DMatrix::identity(curve.size(), curve.size());
         let mut object = Self { config, curve, covariance, readings, near_m: 0.0, touched_m: (0.0, 0.0) };
         object.refine(side, Effort::Far);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::Config;
-use super::object::{Effort, Object};
+use super::object::{Effort, FirstArc, Object};
 use super::readings::{Reading, keep};
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
@@ -120,8 +120,9 @@ impl Tracer {
             let (at, radius_m) = (AlongAway::of_state(&advance.filtered.mean), advance.filtered.mean[2]);
             let point = self.base.apply(side.face.contact_at(at));
             let tangent_rad = self.base.yaw_rad() + side.tangent_rad(at).0;
-            let start = (point, tangent_rad, radius_m.clamp(FIRST_RADIUS_M.0, FIRST_RADIUS_M.1));
-            self.object = Some(Object::new(self.config, side, start, onset.readings));
+            let radius_m = radius_m.clamp(FIRST_RADIUS_M.0, FIRST_RADIUS_M.1);
+            let arc = FirstArc { point, tangent_rad, radius_m };
+            self.object = Some(Object::new(self.config, side, arc, onset.readings));
             self.pace = Pace { samples: onset.samples, last: onset.samples, ..Pace::default() };
             return Some(estimate);
         };
