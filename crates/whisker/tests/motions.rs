@@ -92,10 +92,10 @@ fn robust_invalid_candidates_are_named() {
     for (average, names, expected) in [
         ("recommended", vec!["ekfs"], "`ekfs` is unknown, expected one of: recommended, "),
         ("recommended", vec!["batch-recommended"], "`batch-recommended` is a model average itself"),
-        ("recommended", vec!["paper-ekf"], "`paper-ekf` is bound to a sensor model of its own"),
-        ("recommended", vec!["ekf", "batch"], "`batch` is one that looks back"),
-        ("batch-recommended", vec!["batch", "ekf"], "`ekf` is one that only knows the samples so far"),
-        ("batch-recommended", vec!["euler-bernoulli"], "`euler-bernoulli` is one that only knows the samples so far"),
+        ("recommended", vec!["paper-ekf"], "`paper-ekf` is bound to its own sensor model"),
+        ("recommended", vec!["ekf", "batch"], "`batch` is a hindsight method"),
+        ("batch-recommended", vec!["batch", "ekf"], "`ekf` is a recursive method"),
+        ("batch-recommended", vec!["euler-bernoulli"], "`euler-bernoulli` is a recursive method"),
         ("recommended", vec!["ekf", "ekf"], "`ekf` is named twice"),
         ("recommended", vec![], "`candidates`: found 0, expected 1 to 8"),
     ] {

@@ -177,7 +177,7 @@ impl Elastica {
     /// The whisker with these parameters.
     ///
     /// # Errors
-    /// [`Invalid`] where they do not describe one.
+    /// [`Invalid`] if they do not describe one.
     pub fn new(whisker: &Whisker) -> Result<Self, Invalid> {
         whisker.validate()?;
         let (rest, length_m) = (whisker.rest_shape(), whisker.length_m);
@@ -276,7 +276,7 @@ fn finite(what: &'static str, found: f64) -> Result<(), Failure> {
     if found.is_finite() { Ok(()) } else { Err(Failure::NotFinite { what, found }) }
 }
 
-/// +1 where the object lies on the left of the whisker, -1 where it lies on the right.
+/// +1 if the object lies on the left of the whisker, -1 if it lies on the right.
 fn side(face: Face) -> f64 {
     -face.away_sign()
 }

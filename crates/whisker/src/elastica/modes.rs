@@ -19,7 +19,7 @@ use crate::{Invalid, Whisker};
 /// `(n - 1) pi` and `n pi`.
 ///
 /// # Errors
-/// [`Invalid`] where the parameters do not describe a whisker that is straight and uniform.
+/// [`Invalid`] if the parameters do not describe a whisker that is straight and uniform.
 pub fn natural_frequencies_hz<const N: usize>(whisker: &Whisker) -> Result<[f64; N], Invalid> {
     whisker.validate()?;
     if whisker.tip_diameter_m != whisker.root_diameter_m {
