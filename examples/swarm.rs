@@ -1,4 +1,4 @@
-//! An estimator in one file: a swarm of places that may be the contact, each of which rests in the world.
+//! An estimator in one file: a set of candidate contacts, each at rest in the world, weighted by their likelihood.
 
 use std::sync::Arc;
 
@@ -9,29 +9,29 @@ use whisker::estimators::{
     Estimate, EstimatorRow, Knowledge, Method, MethodClass, Sample, SettingsError, Touch, Tracker,
 };
 use whisker::frames::{Base, Point};
-use whisker::sensor::CalibratedFace;
+use whisker::sensor::{AlongAway, CalibratedFace};
 
-/// The row of the registry.
+/// The registry row.
 pub(super) const ROW: EstimatorRow = EstimatorRow {
     name: "swarm",
-    about: "a swarm of resting places, weighed by the readings",
+    about: "candidate contacts at rest in the world, weighted by the readings",
     class: MethodClass::Recursive,
     sensor_model: None,
     defaults: || serde_json::to_value(Config::default()).expect("settings serialise"),
     build,
 };
 
-/// Places that are this much less probable than the best, as a logarithm, are given up.
+/// Difference of log-likelihood to the most probable candidate above which a candidate is dropped.
 const HOPELESS: f64 = 30.0;
 
-/// What a reading says of a place outside the calibrated region, as a logarithm: as much as five standard deviations.
+/// Log-likelihood of a reading for a candidate outside the calibrated region: that of five standard deviations.
 const OUTSIDE: f64 = -12.5;
 
 /// Settings.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Config {
-    /// Places along the calibrated region, and as many away from the undeflected whisker.
+    /// Number of candidates along the calibrated region, and away from the undeflected whisker.
     nodes: usize,
 }
 
@@ -49,7 +49,7 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, 
     Ok(Box::new(Swarms { config, noise_sd_n_m: knowledge.noise_sd_n_m }))
 }
 
-/// Begins a swarm at each touch.
+/// The method: begins a set of candidates at each touch.
 struct Swarms {
     config: Config,
     noise_sd_n_m: f64,
@@ -63,7 +63,8 @@ impl Method for Swarms {
         let places = (0..nodes).flat_map(|i| {
             let arc_m = low_m + share(i) * (high_m - low_m);
             let (lower_m, upper_m) = touch.face.domain.away_range_m(arc_m);
-            (0..nodes).map(move |j| touch.face.contact_at(arc_m, lower_m + share(j) * (upper_m - lower_m)))
+            (0..nodes)
+                .map(move |j| touch.face.contact_at(AlongAway::new(arc_m, lower_m + share(j) * (upper_m - lower_m))))
         });
         Box::new(Swarm {
             face: touch.face.clone(),
@@ -74,7 +75,7 @@ impl Method for Swarms {
     }
 }
 
-/// A place that may be the contact.
+/// A candidate contact.
 struct Place {
     contact: Point<Base>,
     log_weight: f64,
@@ -83,13 +84,13 @@ struct Place {
 struct Swarm {
     face: Arc<CalibratedFace>,
     noise_sd_n_m: f64,
-    /// Distance between neighbours along the whisker.
+    /// Distance between neighbouring candidates along the whisker.
     cell_m: f64,
     places: Vec<Place>,
 }
 
 impl Swarm {
-    /// Logarithm of the likelihood of a reading at a contact, but for a constant.
+    /// Logarithm of the likelihood of a reading at a contact, up to a constant.
     fn log_likelihood(&self, contact: Point<Base>, reading_n_m: f64) -> f64 {
         let Some(expected) = self.face.predict(contact) else { return OUTSIDE };
         let variance_n2_m2 = self.noise_sd_n_m.powi(2) + self.face.model_variance_n2_m2(contact);
@@ -114,7 +115,7 @@ impl Tracker for Swarm {
         let weighed =
             || self.places.iter().zip(&weights).map(|(place, weight)| (place.contact.vector(), weight / total));
         let mean: Vector2<f64> = weighed().map(|(contact, weight)| contact * weight).sum();
-        // A place stands for its cell, over which the contact may lie anywhere.
+        // A candidate represents its cell, over which the contact is uniformly distributed.
         let cell: Matrix2<f64> = Matrix2::identity() * (self.cell_m.powi(2) / 12.0);
         let spread: Matrix2<f64> =
             weighed().map(|(contact, weight)| (contact - mean) * (contact - mean).transpose() * weight).sum();
@@ -124,7 +125,7 @@ impl Tracker for Swarm {
             face: self.face.face,
             covariance_m2: Some(spread + cell),
             calibrated: self.face.predict(contact).is_some(),
-            // The estimator that runs this tracker finds that out.
+            // Set by the estimator that runs this tracker.
             at_tip: false,
             innovation: None,
             radius: None,

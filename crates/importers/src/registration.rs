@@ -232,18 +232,8 @@ mod tests {
     use super::*;
 
     fn drawing() -> Mounted {
-        let whisker = Whisker {
-            name: "drawn".into(),
-            length_m: 0.05,
-            root_diameter_m: 0.2e-3,
-            tip_diameter_m: 0.2e-3,
-            youngs_modulus_pa: 75e9,
-            density_kg_m3: 6450.0,
-            curvature: pieces(0.02, 0.05, -50.0),
-            root_stiffness_n_m_rad: 0.17e-3,
-            segments: 40,
-            damping_s: 0.0,
-        };
+        let whisker =
+            Whisker { curvature: pieces(0.02, 0.05, -50.0), damping_s: 0.0, ..Whisker::stanford() }.named("drawn");
         Mounted { whisker, base: Pose::new(0.0, 0.005, -1.8) }
     }
 

@@ -112,18 +112,11 @@ impl Sensor {
     /// The wire as drawn, in the frame of the rig with the reference as its origin: it hangs down along -y, the root somewhat within
     /// the suspension.
     fn drawing(&self, name: String) -> Mounted {
-        let length_m = 0.05;
         let whisker = Whisker {
             name,
-            length_m,
-            root_diameter_m: 0.2e-3,
-            tip_diameter_m: 0.2e-3,
-            youngs_modulus_pa: 75e9,
-            density_kg_m3: 6450.0,
-            curvature: pieces(self.straight_m, length_m, self.curvature_per_m),
-            root_stiffness_n_m_rad: 0.17e-3,
-            segments: 40,
+            curvature: pieces(self.straight_m, 0.05, self.curvature_per_m),
             damping_s: 0.0,
+            ..Whisker::stanford()
         };
         Mounted { whisker, base: Pose::new(0.0, 0.006, -1.8) }
     }

@@ -215,7 +215,6 @@ fn micrometres(value_m: f64) -> Whole {
 
 #[cfg(test)]
 mod tests {
-    use whisker::Curvature;
 
     use super::*;
 
@@ -247,19 +246,7 @@ mod tests {
 
     #[test]
     fn verif_the_wire_runs_from_the_base_through_the_contact() {
-        let wire = Wire::new(&Whisker {
-            name: "straight".into(),
-            length_m: 0.08,
-            root_diameter_m: 0.25e-3,
-            tip_diameter_m: 0.25e-3,
-            youngs_modulus_pa: 60e9,
-            density_kg_m3: 6450.0,
-            curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-            root_stiffness_n_m_rad: 0.17e-3,
-            segments: 40,
-            damping_s: 0.0,
-        })
-        .unwrap();
+        let wire = Wire::new(&Whisker { damping_s: 0.0, ..Whisker::straight() }).unwrap();
         let free = wire.spots(&row(None)).unwrap();
         assert_eq!((free[0], free[WIRE_POINTS - 1]), ([100_000, 0], [100_000, 80_000]));
         let bent = wire.spots(&row(Some((0.11, 0.05)))).unwrap();

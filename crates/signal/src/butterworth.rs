@@ -1,9 +1,11 @@
 //! Butterworth low-pass and band-pass filters of any order, as second-order sections.
 //!
-//! The design goes from the analogue low-pass prototype, whose poles lie evenly on the left half of the unit circle, to the digital filter with
-//! pre-warped edges by the bilinear transform (Oppenheim and Schafer, *Discrete-Time Signal Processing*, 2010, chapter 7). Poles and zeros are put into sections as SciPy's `zpk2sos` puts them: the poles nearest to the unit circle get the zeros nearest to
-//! them and come last, which keeps the values between the sections small; so the sections can be compared one by one with
-//! `scipy.signal.butter(order, [low, high], "bandpass", output="sos")` and with its `"lowpass"`.
+//! The design transforms the analogue low-pass prototype, whose poles are evenly spaced on the left half of the unit
+//! circle, into the digital filter with pre-warped edges by the bilinear transform (Oppenheim and Schafer,
+//! *Discrete-Time Signal Processing*, 2010, chapter 7). Poles and zeros are grouped into sections as by SciPy's
+//! `zpk2sos`: the poles nearest to the unit circle are paired with the zeros nearest to them and come last, which keeps
+//! the intermediate values small. So each section equals that of `scipy.signal.butter(order, [low, high], "bandpass",
+//! output="sos")`, or of `"lowpass"`.
 
 use std::f64::consts::PI;
 
@@ -11,30 +13,31 @@ use nalgebra::Complex;
 
 use crate::Section;
 
-/// A pole whose imaginary part is smaller than this share of it is real.
+/// A pole is real if its imaginary part is below this share of its absolute value.
 const REAL: f64 = 100.0 * f64::EPSILON;
 
 /// The band does not fit the sampling rate.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("band of {low_hz} to {high_hz} Hz: expected its edges in order above 0 and below {}, half the sampling rate", 0.5 * .rate_hz)]
+#[error("band of {low_hz} to {high_hz} Hz: expected edges in ascending order above 0 and below {}, half the sampling rate", 0.5 * .rate_hz)]
 pub struct NoSuchBand {
     low_hz: f64,
     high_hz: f64,
     rate_hz: f64,
 }
 
-/// The low-pass of `order` whose power is halved at `edge_hz`: half as many sections, rounded up.
+/// The low-pass of `order` whose power is halved at `edge_hz`, as `order / 2` sections, rounded up.
 ///
 /// # Errors
-/// [`NoSuchBand`] where the edge is not between zero and half the sampling rate.
+/// [`NoSuchBand`] if the edge is not between zero and half the sampling rate.
 pub fn low_pass(order: usize, edge_hz: f64, rate_hz: f64) -> Result<Vec<Section>, NoSuchBand> {
     if !(0.0 < edge_hz && 2.0 * edge_hz < rate_hz) {
         return Err(NoSuchBand { low_hz: 0.0, high_hz: edge_hz, rate_hz });
     }
-    // Time is counted as in `band_pass`. Every zero lies at infinity, and so at minus one in z.
+    // The unit of time is that of `band_pass`. Every zero lies at infinity, hence at minus one in z.
     let edge = 4.0 * (PI * edge_hz / rate_hz).tan();
     let digital = |s: Complex<f64>| (s + 4.0) / (-s + 4.0);
-    // The angle from the negative real axis grows, and so does the ringing: the poles nearest to the unit circle come last.
+    // In ascending order of the angle from the negative real axis, and so of the quality factor: the poles nearest to
+    // the unit circle come last.
     let first_angle = if order.is_multiple_of(2) { 0.5 } else { 0.0 };
     let sections = (0..order.div_ceil(2)).map(|index| {
         let angle = (index as f64 + first_angle) * PI / order as f64;
@@ -44,7 +47,7 @@ pub fn low_pass(order: usize, edge_hz: f64, rate_hz: f64) -> Result<Vec<Section>
         } else {
             ([1.0, 2.0, 1.0], [-2.0 * pole.re, pole.norm_sqr()])
         };
-        // Each section passes a constant as it is.
+        // Each section has unit gain at zero frequency.
         let gain = (1.0 + a.iter().sum::<f64>()) / b.iter().sum::<f64>();
         b = b.map(|coefficient| gain * coefficient);
         Section { b, a }
@@ -52,15 +55,16 @@ pub fn low_pass(order: usize, edge_hz: f64, rate_hz: f64) -> Result<Vec<Section>
     Ok(sections.collect())
 }
 
-/// The band-pass between two frequencies that a low-pass prototype of `order` turns into: `order` sections, hence a filter of twice that order.
+/// The band-pass between two frequencies with a low-pass prototype of `order`: a filter of twice that order, as `order`
+/// sections.
 ///
 /// # Errors
-/// [`NoSuchBand`] where the edges are not in order between zero and half the sampling rate.
+/// [`NoSuchBand`] if the edges are not in ascending order between zero and half the sampling rate.
 pub fn band_pass(order: usize, low_hz: f64, high_hz: f64, rate_hz: f64) -> Result<Vec<Section>, NoSuchBand> {
     if !(0.0 < low_hz && low_hz < high_hz && 2.0 * high_hz < rate_hz) {
         return Err(NoSuchBand { low_hz, high_hz, rate_hz });
     }
-    // Time is counted in half samples, for which the bilinear transform is z = (4 + s) / (4 - s).
+    // The unit of time is half a sample, for which the bilinear transform is z = (4 + s) / (4 - s).
     let [low, high] = [low_hz, high_hz].map(|edge_hz| 4.0 * (PI * edge_hz / rate_hz).tan());
     let (middle, width) = ((low * high).sqrt(), high - low);
     let digital = |s: Complex<f64>| (s + 4.0) / (-s + 4.0);
@@ -71,7 +75,7 @@ pub fn band_pass(order: usize, low_hz: f64, high_hz: f64, rate_hz: f64) -> Resul
         let apart = (scaled * scaled - middle * middle).sqrt();
         analogue.extend([scaled + apart, scaled - apart]);
     }
-    // Half the analogue zeros lie at zero, and so at one in z; the others at infinity, and so at minus one.
+    // Half of the analogue zeros lie at zero, hence at one in z; the others at infinity, hence at minus one.
     let gain =
         analogue.iter().fold(Complex::new((4.0 * width).powi(order as i32), 0.0), |gain, &s| gain / (-s + 4.0)).re;
     let mut poles: Vec<Complex<f64>> = analogue
@@ -86,7 +90,7 @@ pub fn band_pass(order: usize, low_hz: f64, high_hz: f64, rate_hz: f64) -> Resul
 
     let mut sections = Vec::with_capacity(order);
     while let Some(pole) = take_smallest(&mut poles, |pole| (1.0 - pole.norm()).abs()) {
-        // One of a pair of complex poles stands for both; real ones come in pairs too.
+        // One of a pair of complex poles represents both; real ones come in pairs too.
         let partner = if pole.im == 0.0 {
             take_smallest(&mut poles, |other| if other.im == 0.0 { (1.0 - other.norm()).abs() } else { f64::INFINITY })
                 .expect("a band-pass has an even number of real poles")
@@ -107,7 +111,7 @@ pub fn band_pass(order: usize, low_hz: f64, high_hz: f64, rate_hz: f64) -> Resul
     Ok(sections)
 }
 
-/// Takes out the first of the values for which `measure` is smallest.
+/// Removes the first of the values with the smallest `measure`.
 fn take_smallest<T: Copy>(values: &mut Vec<T>, measure: impl Fn(&T) -> f64) -> Option<T> {
     let place = (0..values.len()).min_by(|&a, &b| measure(&values[a]).total_cmp(&measure(&values[b])))?;
     Some(values.remove(place))
@@ -119,7 +123,7 @@ mod tests {
     use crate::Cascade;
 
     #[test]
-    fn val_the_edges_of_the_band_pass_half_the_power() {
+    fn val_the_band_edges_pass_half_the_power() {
         for (order, low_hz, high_hz) in [(1, 4.0, 16.0), (3, 4.0, 16.0), (3, 1.0, 100.0), (6, 5.0, 12.0)] {
             let mut filter = Cascade::new(band_pass(order, low_hz, high_hz, 250.0).unwrap());
             for (frequency_hz, power) in [(low_hz, 0.5), (high_hz, 0.5)] {

@@ -1,15 +1,15 @@
-//! Second-order sections in a row: digital filters that run sample by sample.
+//! Digital filters as cascades of second-order sections, evaluated sample by sample.
 
 /// One second-order section, `H(z) = (b0 + b1 / z + b2 / z^2) / (1 + a1 / z + a2 / z^2)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Section {
     /// Numerator `b0, b1, b2`.
     pub b: [f64; 3],
-    /// Denominator after its leading one: `a1, a2`.
+    /// Denominator without its leading one: `a1, a2`.
     pub a: [f64; 2],
 }
 
-/// Sections one after another, each with its memory (direct form II transposed). At first they are at rest.
+/// A cascade of sections with their states (direct form II transposed), initially zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
     sections: Vec<Section>,
@@ -17,7 +17,7 @@ pub struct Cascade {
 }
 
 impl Cascade {
-    /// Puts sections in a row; none at all pass everything.
+    /// A cascade of sections; without any, the output equals the input.
     pub fn new(sections: Vec<Section>) -> Self {
         let memory = vec![[0.0; 2]; sections.len()];
         Self { sections, memory }
@@ -28,7 +28,7 @@ impl Cascade {
         &self.sections
     }
 
-    /// Takes the next sample and gives the filtered one.
+    /// Takes the next sample and returns the filtered one.
     pub fn step(&mut self, input: f64) -> f64 {
         let mut value = input;
         for (Section { b, a }, memory) in self.sections.iter().zip(&mut self.memory) {
@@ -40,7 +40,7 @@ impl Cascade {
         value
     }
 
-    /// Sets the memory to what it would be had the input been `input` for ever, so that a filter does not ring at its start.
+    /// Sets the states to those after a constant input `input`, so that the filter starts without a transient.
     pub fn settle(&mut self, input: f64) {
         let mut value = input;
         for (Section { b, a }, memory) in self.sections.iter().zip(&mut self.memory) {
@@ -50,8 +50,8 @@ impl Cascade {
         }
     }
 
-    /// Standard deviation that white noise of standard deviation one has after its mean over each `mean_over` samples and this filter: the
-    /// root of the sum of squares of their response to a single one.
+    /// Gain of white noise: the standard deviation of the output if the input is white noise of unit standard
+    /// deviation, averaged over `mean_over` samples. It is the root of the sum of squares of the impulse response.
     pub fn noise_gain(&self, mean_over: usize) -> f64 {
         const MOST_SAMPLES: usize = 1_000_000;
         let mut filter = Self::new(self.sections.clone());
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_settled_filter_answers_a_constant_with_its_gain() {
+    fn verif_a_settled_filter_multiplies_a_constant_by_its_gain() {
         let mut filter = low_pass();
         filter.settle(3.0);
         let gain = 0.35 / 0.4 * 0.7 / 0.7;

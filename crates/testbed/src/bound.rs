@@ -105,11 +105,10 @@ struct InContact {
 
 impl InContact {
     fn begin(face: &CalibratedFace, base: &Pose<Base, World>, seen: Point<Base>, touch_s: f64) -> Self {
-        let (arc_m, away_m) = face.along_and_away(seen);
         let (low, high) = face.domain.arc_range_m();
         // An even spread over a length has the variance of its square over twelve.
         let prior = Matrix2::from_diagonal(&vector![(high - low).powi(2) / 12.0, START_AWAY_SD_M.powi(2)]);
-        let jacobian = base.rotation() * face.contact_jacobian(arc_m, away_m);
+        let jacobian = base.rotation() * face.contact_jacobian(face.along_and_away(seen));
         let bound = Bound::new(&(jacobian * prior * jacobian.transpose())).expect("the contact is near the whisker");
         Self { touch_s, bound, window: VecDeque::new() }
     }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 use trace::{CalibrationFile, FaceFile, Role, Sidecar, Trace, TruthInstant};
 use whisker::Whisker;
-use whisker::sensor::{self, CalibratedFace, Face, Fit, Material, ModelError, Sample};
+use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
 use crate::dataset::Dataset;
 use crate::front_end::{Choice, FrontEnd, Mounting, Played};
@@ -242,7 +242,7 @@ fn fit_face(
     let measured: Vec<Vec<Sample>> = read.iter().map(|read| contacts(read.trace, read.readings_n_m)).collect();
     let reference: Vec<Vec<Sample>> = read.iter().map(|read| clean_contacts(read.trace)).collect();
     let noise = read.iter().map(|read| read.trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / read.len() as f64;
-    let material = Material {
+    let material = FitData {
         whisker,
         face,
         measured: &measured,
@@ -346,7 +346,7 @@ fn surface(face: &CalibratedFace) -> Vec<SurfaceRow> {
         let (lower, upper) = face.domain.away_range_m(arc_m);
         for j in 0..across {
             let distance_m = lower + (upper - lower) * j as f64 / (across - 1) as f64;
-            let contact = face.contact_at(arc_m, distance_m);
+            let contact = face.contact_at(AlongAway::new(arc_m, distance_m));
             rows.push(SurfaceRow {
                 arc_m,
                 distance_m,

@@ -5,23 +5,12 @@ use std::path::Path;
 use files::{Watermark, read_json, write_json};
 use serde_json::Value;
 use trace::{CalibrationFile, FaceFile};
+use whisker::Whisker;
 use whisker::elastica::Elastica;
-use whisker::sensor::{self, Face, Fit, Material, Sample};
-use whisker::{Curvature, Whisker};
+use whisker::sensor::{self, Face, Fit, FitData, Sample};
 
 fn whisker() -> Whisker {
-    Whisker {
-        name: "straight".into(),
-        length_m: 0.08,
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    }
+    Whisker { damping_s: 0.0, ..Whisker::straight() }
 }
 
 /// Fits of each registered model with its default settings to the exact whisker.
@@ -41,7 +30,7 @@ fn fits() -> Vec<Fit> {
             .collect()
     };
     let traces = [trace(0.0), trace(0.5)];
-    let material = Material {
+    let material = FitData {
         whisker: &whisker,
         face: Face::Left,
         measured: &traces,

@@ -44,18 +44,9 @@ impl Rig {
     }
 
     fn new(curvature: [(f64, f64); 3], reference_mm: [f64; 3]) -> Self {
-        let wire = Whisker {
-            name: "wire".into(),
-            length_m: 0.056,
-            root_diameter_m: 0.2e-3,
-            tip_diameter_m: 0.2e-3,
-            youngs_modulus_pa: 40e9,
-            density_kg_m3: 6450.0,
-            curvature: curvature.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m }).into(),
-            root_stiffness_n_m_rad: 0.17e-3,
-            segments: 40,
-            damping_s: 0.0,
-        };
+        let wire = Whisker { youngs_modulus_pa: 40e9, damping_s: 0.0, ..Whisker::stanford() }
+            .named("wire")
+            .with_curvature(curvature.map(|(length_m, curvature_per_m)| Curvature::new(length_m, curvature_per_m)));
         let base: Pose<Base, World> = Pose::new(0.001, 0.0055, -1.85);
         Self { elastica: Elastica::new(&wire).unwrap(), base: base.inverse(), reference_mm }
     }

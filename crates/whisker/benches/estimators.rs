@@ -7,10 +7,10 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use whisker::estimators::{ESTIMATORS, estimator};
 
-/// Measurement noise that the estimators are contact_prior of.
+/// Standard deviation of the measurement noise given to the estimators.
 const NOISE_N_M: f64 = 3e-7;
 
-/// Simulated time a round.
+/// Simulated time per round.
 const DURATION_S: f64 = 2.0;
 
 fn main() {

@@ -1,4 +1,5 @@
-//! Time of one evaluation of each registered sensor model: the reading, the reading with its gradient, and of a cloud's worth at once.
+//! Time of one evaluation of each registered sensor model: the reading, the reading with its gradient, and the readings
+//! of many contacts at once.
 
 #[allow(dead_code, reason = "shared with tests that use the rest of it")]
 #[path = "../tests/world/mod.rs"]
@@ -9,7 +10,7 @@ use divan::{Bencher, black_box};
 use whisker::frames::{Base, Point};
 use whisker::sensor::MODELS;
 
-/// Contacts that are evaluated in turn: no model may answer from what it found last.
+/// Number of contacts, evaluated in turn so that no model can reuse its last result.
 const CONTACTS: usize = 1000;
 
 fn main() {

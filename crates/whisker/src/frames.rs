@@ -1,4 +1,4 @@
-//! Planar frames as types: a point, a pose and a twist know the frame they are written in, and mixing frames does not
+//! Planar frames as types: the type of a point, a pose or a twist includes its frame, and mixing frames does not
 //! compile.
 //!
 //! ```
@@ -10,7 +10,7 @@
 //! assert!((seen.x() - 0.1).abs() < 1e-15 && (seen.y() - 0.05).abs() < 1e-15);
 //! ```
 //!
-//! The same pose does not take a point of the world:
+//! The same pose does not accept a point of the world:
 //!
 //! ```compile_fail
 //! use whisker::frames::{Base, Point, Pose, World};
@@ -29,7 +29,7 @@ use nalgebra::{Matrix2, Rotation2, Vector2};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum World {}
 
-/// The base's frame at the start of a recording: fixed like [`World`], and known to a robot that counts its own motion from there.
+/// The base's frame at the start of a recording: fixed like [`World`], and the reference of a robot's odometry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {}
 
@@ -93,7 +93,7 @@ impl<F> Point<F> {
     }
 }
 
-/// Where frame `From` lies in frame `To`: takes coordinates from the one to the other.
+/// Pose of frame `From` in frame `To`: transforms coordinates from the former to the latter.
 #[derive(Debug, PartialEq)]
 pub struct Pose<From, To> {
     translation: Vector2<f64>,
@@ -111,7 +111,7 @@ impl<From, To> Clone for Pose<From, To> {
 impl<From, To> Copy for Pose<From, To> {}
 
 impl<From, To> Pose<From, To> {
-    /// `From` has its origin at (`x_m`, `y_m`) in `To` and is turned by `yaw_rad`.
+    /// The pose of a frame with its origin at (`x_m`, `y_m`) in `To`, rotated by `yaw_rad`.
     pub fn new(x_m: f64, y_m: f64, yaw_rad: f64) -> Self {
         let (translation, rotation) = (Vector2::new(x_m, y_m), Rotation2::new(yaw_rad));
         Self { translation, yaw_rad, rotation, frames: PhantomData }
@@ -142,14 +142,14 @@ impl<From, To> Pose<From, To> {
         mapped(self.rotation.matrix(), &covariance)
     }
 
-    /// Where `To` lies in `From`.
+    /// Pose of `To` in `From`.
     pub fn inverse(&self) -> Pose<To, From> {
         let rotation = self.rotation.inverse();
         let translation = -product(rotation.matrix(), &self.translation);
         Pose { translation, yaw_rad: -self.yaw_rad, rotation, frames: PhantomData }
     }
 
-    /// This pose, then one from `To` onwards.
+    /// This pose followed by one from `To` to `Next`.
     pub fn then<Next>(&self, next: &Pose<To, Next>) -> Pose<From, Next> {
         let translation = product(next.rotation.matrix(), &self.translation) + next.translation;
         let rotation = Rotation2::from_matrix_unchecked(product(next.rotation.matrix(), self.rotation.matrix()));
@@ -169,9 +169,9 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// Motion of the base under this twist held for `duration_s`, as the pose of its earlier frame in its later one: the
-    /// exponential of the twist, inverted. A point at rest in the world moves in the base's frame by
-    /// `dp_x/dt = -v_x + w p_y`, `dp_y/dt = -v_y - w p_x` (Lin et al. 2022, with the sign that rotation needs).
+    /// Motion of the base under this twist held for `duration_s`, as the pose of its earlier frame in its later one:
+    /// the inverse of the twist's exponential. A point at rest in the world moves in the base's frame by `dp_x/dt =
+    /// -v_x + w p_y`, `dp_y/dt = -v_y - w p_x` (Lin et al. 2022, with corrected sign of the rotation).
     pub fn motion(&self, duration_s: f64) -> Pose<Base, Base> {
         let angle = self.wz_rad_s * duration_s;
         // sin(a)/a and (1 - cos a)/a, by series where the quotient would lose its digits.
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn val_twist_moves_a_fixed_point_as_the_differential_equation_says() {
+    fn val_twist_solves_the_differential_equation_of_a_fixed_point() {
         let twist = Twist { vx_m_s: 0.02, vy_m_s: -0.03, wz_rad_s: 0.8 };
         let (mut x, mut y) = (0.06, 0.01);
         let steps = 200_000;
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_slow_rotation_meets_pure_translation() {
+    fn verif_slow_rotation_tends_to_pure_translation() {
         let point = Point::<Base>::new(0.06, 0.01);
         let turning = Twist { vx_m_s: 0.02, vy_m_s: -0.03, wz_rad_s: 1e-9 };
         let straight = Twist { wz_rad_s: 0.0, ..turning };

@@ -24,7 +24,7 @@ pub struct RestShape {
     tip_radius_m: f64,
 }
 
-/// The point of the undeflected whisker nearest to a point of the plane, and how far away it is.
+/// Foot of the perpendicular from a point of the plane to the undeflected whisker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foot {
     /// Arc length of the nearest point.
@@ -65,7 +65,8 @@ impl Piece {
         let (arc_m, left_m) = if curvature == 0.0 {
             (along, left)
         } else {
-            // In units of the radius, seen from the centre of curvature; near one or a little more, so nothing can overflow.
+            // In units of the radius, relative to the centre of curvature; near one or a little more, so nothing can
+            // overflow.
             let (ahead, inwards) = (curvature * along, 1.0 - curvature * left);
             let radii = (ahead * ahead + inwards * inwards).sqrt();
             let left_m = (2.0 * left - curvature * (along * along + left * left)) / (1.0 + radii);
@@ -124,13 +125,13 @@ impl RestShape {
         piece.angle_rad(arc_m - piece.start_m)
     }
 
-    /// Curvature at arc length `arc_m`, positive where the whisker bends to the left.
+    /// Curvature at arc length `arc_m`, positive if the whisker bends to the left.
     pub fn curvature_per_m(&self, arc_m: f64) -> f64 {
         self.piece(arc_m).curvature_per_m
     }
 
-    /// The nearest point of the undeflected whisker. `point(foot.arc_m)` plus `foot.left_m` along the left normal is `p`
-    /// again, unless the foot is an end.
+    /// The nearest point of the undeflected whisker. `point(foot.arc_m)` plus `foot.left_m` along the left normal is
+    /// `p` again, unless the foot is an end.
     pub fn foot(&self, p: Point<Base>) -> Foot {
         let mut best = Foot { arc_m: 0.0, left_m: f64::INFINITY };
         for piece in &self.pieces {
@@ -147,20 +148,21 @@ impl RestShape {
         self.beside_with_tangent(arc_m, left_m).0
     }
 
-    /// The same with the direction of the whisker's tangent there.
+    /// As [`Self::beside`], with the direction of the whisker's tangent.
     pub fn beside_with_tangent(&self, arc_m: f64, left_m: f64) -> (Point<Base>, Vector2<f64>) {
         let (point, tangent) = self.frame(arc_m);
         (Point::from_vector(point + Vector2::new(-tangent.y, tangent.x) * left_m), tangent)
     }
 
-    /// Arc length of the point at distance `radius_m` from the root, the first one from the root outwards; the tip where
-    /// the whisker does not reach so far.
+    /// Arc length of the point at distance `radius_m` from the root, the first one from the root outwards; the length
+    /// if the whisker does not reach so far.
     pub fn arc_at_radius(&self, radius_m: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.length_m());
         if self.tip_radius_m <= radius_m {
             return high;
         }
-        // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held between bounds.
+        // The distance from the root grows along a whisker that turns by less than half a circle: Newton's method, held
+        // between bounds.
         let close_enough = 4.0 * f64::EPSILON * high;
         let mut arc_m = radius_m;
         for _ in 0..60 {
@@ -214,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_foot_finds_what_beside_placed() {
+    fn verif_foot_inverts_beside() {
         let shape = hook();
         for arc_m in [0.001, 0.012, 0.02, 0.021, 0.035, 0.049] {
             for left_m in [-0.02, -0.003, 0.0, 0.004, 0.01] {

@@ -16,7 +16,14 @@ pub struct Curvature {
     pub curvature_per_m: f64,
 }
 
-/// A thin, tapered, pre-curved elastic wire on a compliant root, and the chain that stands for it in the simulator.
+impl Curvature {
+    /// A piece of this length (m) and curvature (1/m).
+    pub fn new(length_m: f64, curvature_per_m: f64) -> Self {
+        Self { length_m, curvature_per_m }
+    }
+}
+
+/// A thin, tapered, pre-curved elastic wire on a compliant root, and the discretisation of its chain in the simulator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Whisker {
@@ -42,15 +49,15 @@ pub struct Whisker {
     pub damping_s: f64,
 }
 
-/// Why parameters do not describe a whisker.
+/// Invalid parameter of a whisker.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("whisker.{key}: found {found}, expected {expected}")]
 pub struct Invalid {
     /// Key of the parameter.
     pub key: &'static str,
-    /// What stands there.
+    /// Value found.
     pub found: f64,
-    /// What should.
+    /// Values expected.
     pub expected: String,
 }
 

@@ -1,4 +1,4 @@
-//! Steps that allocate no memory.
+//! Memory allocation of the estimators' steps.
 
 mod world;
 
@@ -10,21 +10,21 @@ const NOISE_N_M: f64 = 3e-7;
 /// Samples after which every touch has begun.
 const BEGUN: usize = 150;
 
-/// The estimators whose steps allocate, and what for. Every other must not.
+/// The estimators whose steps allocate, with the reason. All others must not.
 const ALLOCATING: &[(&str, &str)] = &[
-    ("recommended", "its candidates are any number, and `outline` is one of them"),
-    ("imm", "its modes are any number, and so the chances to change between them"),
-    ("smoother", "keeps every step of the touch to look back on"),
-    ("batch", "keeps every step of the touch to look back on"),
-    ("smoother-sliding", "keeps every step of the touch to look back on"),
-    ("batch-sliding", "keeps every step of the touch to look back on"),
-    ("batch-recommended", "its candidates keep every step of the touch to look back on"),
-    ("outline", "keeps what it needs of every reading since the first touch"),
-    ("outline-batch", "keeps what it needs of every reading since the first touch"),
+    ("recommended", "the number of its candidates is free, and `outline` is one of them"),
+    ("imm", "the number of modes, and of transition probabilities, is free"),
+    ("smoother", "keeps every step of the touch for smoothing"),
+    ("batch", "keeps every step of the touch for smoothing"),
+    ("smoother-sliding", "keeps every step of the touch for smoothing"),
+    ("batch-sliding", "keeps every step of the touch for smoothing"),
+    ("batch-recommended", "its candidates keep every step of the touch for smoothing"),
+    ("outline", "keeps the readings since the first touch"),
+    ("outline-batch", "keeps the readings since the first touch"),
 ];
 
 #[test]
-fn verif_no_step_allocates_but_where_it_must() {
+fn verif_only_listed_estimators_allocate() {
     let knowledge = world::knowledge(NOISE_N_M);
     let samples = world::samples(&knowledge, 2.0, |_| true);
     for row in ESTIMATORS {
@@ -45,6 +45,6 @@ fn verif_no_step_allocates_but_where_it_must() {
 }
 
 #[test]
-fn verif_what_is_said_to_allocate_is_registered() {
+fn verif_listed_estimators_are_registered() {
     assert!(ALLOCATING.iter().all(|(name, _)| estimator(name).is_some()));
 }

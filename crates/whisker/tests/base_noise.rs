@@ -1,4 +1,4 @@
-//! Robots that know their base with noise only: each pose is off by an error of its own.
+//! Estimators with a noisy base pose: the error of each pose is independent.
 
 mod world;
 
@@ -15,12 +15,12 @@ use world::{RATE_HZ, base, contact, estimator, knowledge, samples};
 
 const NOISE_N_M: f64 = 1e-7;
 
-/// Standard deviations of x, y and yaw, as encoders with 1e-4 rad give them.
+/// Standard deviations of x, y and yaw, as given by encoders with 1e-4 rad.
 const BASE_SD: [f64; 3] = [8e-5, 5e-5, 2e-4];
 
 const ESTIMATORS: [&str; 6] = ["ekf", "ukf", "sliding", "imm", "outline", "recommended"];
 
-/// Samples whose motion is that between noisy poses, with the noisy poses themselves.
+/// Samples whose motion is that between noisy poses, with the noisy poses.
 fn shaken(knowledge: &Knowledge, duration_s: f64, seed: u64) -> Vec<(Pose<Base, World>, Sample)> {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut normal = || rng.sample::<f64, _>(StandardNormal);
@@ -45,7 +45,7 @@ fn means(name: &str, knowledge: &Arc<Knowledge>) -> (f64, f64) {
             estimator(row, knowledge, seed).run(&samples.iter().map(|(_, sample)| *sample).collect::<Vec<_>>());
         let settled = samples.iter().zip(estimates).skip((2.0 * RATE_HZ) as usize);
         for ((known, _), estimate) in settled {
-            let estimate = estimate.expect("the contact is followed");
+            let estimate = estimate.expect("the contact is tracked");
             let error = estimate.contact.vector() - known.inverse().apply(contact()).vector();
             nees.push(error.dot(&estimate.covariance_m2.unwrap().cholesky().unwrap().solve(&error)));
             nis.extend(estimate.innovation.map(|innovation| innovation.nis));
@@ -55,15 +55,15 @@ fn means(name: &str, knowledge: &Arc<Knowledge>) -> (f64, f64) {
     (mean(&nis), mean(&nees))
 }
 
-/// Told of the noise, estimators err as they say; not contact_prior, what they read surprises them.
+/// With the covariance of the base's noise estimators are consistent; without it the NIS is too large.
 #[test]
-fn verif_estimators_that_know_the_noise_of_their_base_are_consistent() {
+fn verif_estimators_with_the_noise_of_their_base_are_consistent() {
     let covariance = Matrix3::from_diagonal(&Vector3::from(BASE_SD).map(|sd| sd * sd));
-    let untold = knowledge(NOISE_N_M);
-    let contact_prior = Arc::new(Knowledge { base_noise: BaseNoise(covariance), ..(*untold).clone() });
+    let exact = knowledge(NOISE_N_M);
+    let noisy = Arc::new(Knowledge { base_noise: BaseNoise(covariance), ..(*exact).clone() });
     for name in ESTIMATORS {
-        let ((nis, nees), (untold_nis, _)) = (means(name, &contact_prior), means(name, &untold));
+        let ((nis, nees), (exact_nis, _)) = (means(name, &noisy), means(name, &exact));
         assert!((0.7..1.25).contains(&nis) && nees < 3.0, "{name}: NIS {nis}, NEES {nees}");
-        assert!(untold_nis > 1.25, "{name}: untold, NIS {untold_nis}");
+        assert!(exact_nis > 1.25, "{name}: without the covariance, NIS {exact_nis}");
     }
 }

@@ -1,4 +1,4 @@
-//! The exact whisker against published values, closed forms, itself and an independent program.
+//! The exact whisker against published values, closed forms, itself and SciPy.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
@@ -17,18 +17,7 @@ use whisker::{Curvature, Whisker};
 const CLAMPED_N_M_RAD: f64 = 1e12;
 
 fn with_curvature(curvature_per_m: f64) -> Whisker {
-    Whisker {
-        name: "test".into(),
-        length_m: 0.08,
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature: vec![Curvature { length_m: 0.08, curvature_per_m }],
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    }
+    Whisker { damping_s: 0.0, ..Whisker::straight() }.with_curvature([Curvature::new(0.08, curvature_per_m)])
 }
 
 fn straight() -> Whisker {
@@ -76,7 +65,7 @@ fn random_whisker(rng: &mut Pcg64Mcg) -> Whisker {
     Whisker { root_stiffness_n_m_rad: stiffness_n_m_rad, ..whisker }
 }
 
-/// A force across the whisker that bends it and turns its root by about `angle_rad` in all, were it straight.
+/// A force across the whisker whose total rotation, if the whisker were straight, is about `angle_rad`.
 fn random_load(rng: &mut Pcg64Mcg, whisker: &Whisker, angle_rad: f64) -> Load {
     let arc_m = whisker.length_m * uniform(rng, 0.15, 1.0);
     let steps = 200;
@@ -89,9 +78,9 @@ fn random_load(rng: &mut Pcg64Mcg, whisker: &Whisker, angle_rad: f64) -> Load {
     across(arc_m, uniform(rng, -angle_rad, angle_rad) / (bend + arc_m / whisker.root_stiffness_n_m_rad))
 }
 
-/// Mattiasson, "Numerical results from large deflection beam and frame problems analysed by means of elliptic integrals",
-/// International Journal for Numerical Methods in Engineering 17, 1981: a cantilever under a load P at its tip that keeps its
-/// direction. P L^2 / EI, and by the length the deflection w and the shortening u.
+/// Mattiasson, "Numerical results from large deflection beam and frame problems analysed by means of elliptic
+/// integrals", International Journal for Numerical Methods in Engineering 17, 1981: a cantilever under a load P of
+/// constant direction at its tip. P L^2 / EI, and relative to the length the deflection w and the shortening u.
 const MATTIASSON: [(f64, f64, f64); 4] =
     [(1.0, 0.30172, 0.05643), (2.0, 0.49346, 0.16064), (5.0, 0.71379, 0.38763), (10.0, 0.81061, 0.55500)];
 
@@ -102,7 +91,8 @@ fn val_mattiasson() {
     let length_m = whisker.length_m;
     for (load, w, u) in MATTIASSON {
         let force_n = load * whisker.bending_stiffness_n_m2(0.0) / length_m.powi(2);
-        // The force keeps its direction in Base: its components along the tip's tangent follow from the angle, by fixed point.
+        // The force keeps its direction in Base: its components along the tip's tangent follow from the angle, by
+        // bisection.
         let (mut low, mut high) = (0.0, FRAC_PI_2);
         let pressed = |angle: f64| {
             let (sin, cos) = angle.sin_cos();
@@ -175,7 +165,7 @@ fn val_natural_frequencies() {
     assert!((clamped_hz[0] - 16.67).abs() < 0.005, "{}", clamped_hz[0]);
     let suspended_hz: [f64; 3] = natural_frequencies_hz(&straight()).unwrap();
     assert!((suspended_hz[0] - 7.89).abs() < 0.005, "{}", suspended_hz[0]);
-    // A root without stiffness: the rigid swing of a rod about its end, and the pinned beam above it.
+    // A root without stiffness: rotation of a rigid rod about its end, and the higher modes of a pinned beam.
     let soft = Whisker { root_stiffness_n_m_rad: 1e-9, ..straight() };
     let soft_hz: [f64; 3] = natural_frequencies_hz(&soft).unwrap();
     let inertia_kg_m2 = soft.density_kg_m3 * PI / 4.0 * soft.root_diameter_m.powi(2) * soft.length_m.powi(3) / 3.0;
@@ -201,7 +191,7 @@ fn verif_unloaded_is_the_rest_shape() {
 }
 
 #[test]
-fn verif_line_runs_from_root_to_tip_through_the_contact() {
+fn verif_centre_line_runs_from_root_to_tip_through_the_contact() {
     let mut rng = Pcg64Mcg::seed_from_u64(6);
     for _ in 0..100 {
         let whisker = random_whisker(&mut rng);
@@ -264,7 +254,7 @@ fn verif_gradients_against_central_differences() {
     for case in 0..200 {
         let whisker = random_whisker(&mut rng);
         let mut load = random_load(&mut rng, &whisker, 1.2);
-        // Derivatives by arc length jump where the pre-curvature does; the very tip has one side only.
+        // Derivatives by arc length jump where the pre-curvature does; at the tip they are one-sided.
         load.arc_m = load.arc_m.min(0.95 * whisker.length_m);
         let mut end_m = 0.0;
         let near_a_jump = whisker.curvature.iter().any(|piece| {
@@ -284,7 +274,7 @@ fn verif_gradients_against_central_differences() {
                 Vector2::new(value(&at(h, 0.0)) - value(&at(-h, 0.0)), value(&at(0.0, h)) - value(&at(0.0, -h)))
                     / (2.0 * h)
             };
-            // Richardson's extrapolation: the error falls with the fourth power of h.
+            // Richardson's extrapolation: the error decreases with the fourth power of h.
             (4.0 * central(0.5 * h) - central(h)) / 3.0
         };
         for (name, found, expected) in [
@@ -298,8 +288,8 @@ fn verif_gradients_against_central_differences() {
     }
 }
 
-/// What makes a contact one: the whisker's surface on the outline's support, the force along both normals, the load's own
-/// equilibrium.
+/// Conditions of a contact: the whisker's surface on the outline's support, the force along both normals, the
+/// equilibrium under the load.
 fn assert_touches(
     elastica: &Elastica,
     whisker: &Whisker,
@@ -333,7 +323,7 @@ fn assert_touches(
     let slope = 0.5 * (whisker.tip_diameter_m - whisker.root_diameter_m) / whisker.length_m;
     match touch.regime {
         Regime::Side => {
-            // Normal to the surface, which leans on the centre line by the slope of the radius.
+            // Normal to the surface, which is inclined to the centre line by the slope of the radius.
             assert!((touch.load.along_n - touch.force_n * slope).abs() < 1e-12 * touch.force_n);
             assert!(touch.load.left_n * side < 0.0 && touch.load.arc_m <= whisker.length_m);
         }
@@ -353,7 +343,7 @@ fn square(center: (f64, f64), half_m: f64, yaw_rad: f64) -> Polygon {
 }
 
 #[test]
-fn verif_contacts_touch() {
+fn verif_contacts_satisfy_the_contact_conditions() {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let (mut touches, mut tips, mut flats, mut lost, mut bridged) = (0, 0, 0, 0, 0);
     for case in 0..1500 {
@@ -398,7 +388,7 @@ fn verif_contacts_touch() {
 }
 
 #[test]
-fn verif_a_thin_pin_is_a_point() {
+fn verif_a_thin_pin_equals_a_point() {
     let whisker = Whisker {
         root_diameter_m: 1e-8,
         tip_diameter_m: 1e-8,
@@ -418,11 +408,11 @@ fn verif_a_thin_pin_is_a_point() {
 #[test]
 fn verif_a_sweep_is_continuous_from_side_to_tip() {
     sweep_off(&straight());
-    // Steep, so that a tip that did not begin where the side ends would show.
+    // A steep taper, on which a gap between side and tip would show.
     sweep_off(&Whisker { root_diameter_m: 0.4e-3, tip_diameter_m: 0.1e-3, ..straight() });
 }
 
-/// The base moves back along the whisker until the contact reaches the tip, then slips off.
+/// Moves the base back along the whisker until the contact reaches the tip and slips off.
 fn sweep_off(whisker: &Whisker) {
     let elastica = solver(whisker);
     let circle = Circle { center: Point::new(0.06, 0.01), radius_m: 0.015 };
@@ -455,7 +445,7 @@ fn sweep_off(whisker: &Whisker) {
 }
 
 #[test]
-fn verif_a_polygon_with_many_sides_is_a_circle() {
+fn verif_a_polygon_with_many_sides_tends_to_a_circle() {
     let elastica = solver(&with_curvature(-12.5));
     let (center, radius_m) = (Point::new(0.045, -0.005), 0.012);
     let circle = Circle { center, radius_m };
@@ -480,13 +470,13 @@ fn robust_no_contact_is_none() {
 }
 
 #[test]
-fn robust_no_equilibrium_is_said() {
+fn robust_a_missing_equilibrium_is_an_error() {
     let elastica = solver(&straight());
     assert!(matches!(elastica.at_point(Point::new(0.09, 0.01)), Err(Failure::SlippedOff { .. })));
     let base = Pose::new(0.0, 0.0, 0.0);
     let deep = Circle { center: Point::new(0.079, -0.04), radius_m: 0.0 };
     assert!(matches!(elastica.against(&deep, &base, Face::Left), Err(Failure::SlippedOff { .. })));
-    // A whisker with a bump and a hooked tip under a flat that lies on both.
+    // A whisker with a bump and a hooked tip under a flat that touches both.
     let pieces = [(0.02, 25.0), (0.03, -25.0), (0.025, 25.0)];
     let curvature = pieces.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m }).to_vec();
     let wavy = Whisker { length_m: 0.075, curvature, ..straight() };
@@ -495,13 +485,13 @@ fn robust_no_equilibrium_is_said() {
 }
 
 #[test]
-fn robust_wrong_input_is_named() {
+fn robust_invalid_input_is_named() {
     let elastica = solver(&straight());
     for (load, expected) in [
         (across(0.0, 1e-3), "arc length of the contact: found 0 m"),
         (across(0.081, 1e-3), "found 0.081 m, expected more than 0 and at most the whisker's length of 0.08 m"),
         (across(f64::NAN, 1e-3), "arc_m: found NaN, expected a finite number"),
-        (across(0.05, 1e12), "more than the whisker can bear"),
+        (across(0.05, 1e12), "exceeds the capacity of the whisker"),
     ] {
         let message = elastica.deflect(load).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
@@ -511,7 +501,7 @@ fn robust_wrong_input_is_named() {
     let nowhere = Circle { center: Point::new(f64::NAN, 0.0), radius_m: 0.01 };
     let message = elastica.against(&nowhere, &base, Face::Left).unwrap_err().to_string();
     assert!(message.contains("outline: found NaN"), "{message}");
-    // A contact with one object is a fair guess for another one.
+    // A contact with one object is a valid initial guess for another one.
     let touch = elastica.against(&square((0.05, 0.005), 0.01, 0.1), &base, Face::Left).unwrap().unwrap();
     let circle = Circle { center: Point::new(0.05, 0.005), radius_m: 0.01 };
     let near = elastica.against_near(&circle, &base, Face::Left, &touch).unwrap().unwrap();
@@ -521,8 +511,8 @@ fn robust_wrong_input_is_named() {
     assert_eq!(Polygon::new(&clockwise).unwrap_err().vertex, 0);
 }
 
-/// Random whiskers and loads, solved by SciPy (`sim/whisker_sim/physics/scipy_elastica.py`). The variable names another file of
-/// such cases.
+/// Random whiskers and loads, solved by SciPy (`sim/whisker_sim/physics/scipy_elastica.py`). The environment variable
+/// names another file of such cases.
 #[test]
 fn val_agrees_with_scipy() {
     let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/elastica.csv");
@@ -565,7 +555,8 @@ fn val_agrees_with_scipy() {
     );
 }
 
-/// Discs, solved by SciPy (`contact_with_disc` of `sim/whisker_sim/physics/scipy_elastica.py`): arc length, force, moment.
+/// Discs, solved by SciPy (`contact_with_disc` of `sim/whisker_sim/physics/scipy_elastica.py`): arc length, force,
+/// moment.
 #[test]
 fn val_discs_agree_with_scipy() {
     let tapered = Whisker {

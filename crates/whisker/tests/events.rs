@@ -1,4 +1,4 @@
-//! Contact detection: its filters against SciPy, its events on a whisker that rings.
+//! Contact detection: its filters against SciPy, its events on a ringing whisker.
 
 use std::f64::consts::PI;
 use std::fs;
@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
+use serde_json::json;
 use signal::{Cascade, Section, band_pass};
 use whisker::events::{ContactDetector, DETECTORS, FirstMode, Sensing, TouchConfig};
 use whisker::sensor::Face;
@@ -84,7 +85,7 @@ fn noise(seed: u64) -> impl FnMut() -> f64 {
     move || NOISE_N_M * rng.sample::<f64, _>(StandardNormal)
 }
 
-/// How a whisker rings that was released from a deflection of one.
+/// Oscillation of a whisker released from unit deflection.
 fn ringing(since_s: f64) -> f64 {
     let w = 2.0 * PI * FIRST_MODE.frequency_hz;
     let damped = w * (1.0 - FIRST_MODE.damping_ratio.powi(2)).sqrt();
@@ -100,7 +101,7 @@ fn press_and_release(t_s: f64, depth_n_m: f64) -> f64 {
     }
 }
 
-/// Instants at which a detector's mind changes.
+/// Instants at which the detector's output changes.
 fn changes(detector: &mut ContactDetector, rate_hz: f64, end_s: f64, mut reading: impl FnMut(f64) -> f64) -> Vec<f64> {
     let mut was = false;
     (0..(end_s * rate_hz) as usize)
@@ -113,7 +114,7 @@ fn changes(detector: &mut ContactDetector, rate_hz: f64, end_s: f64, mut reading
 }
 
 #[test]
-fn verif_every_detector_finds_a_press_and_its_release() {
+fn verif_every_detector_detects_a_press_and_its_release() {
     for row in DETECTORS {
         let mut detector = ContactDetector::new((row.config)(), &sensing(RATE_HZ));
         let mut noise = noise(1);
@@ -125,6 +126,15 @@ fn verif_every_detector_finds_a_press_and_its_release() {
         let mut named = serde_json::to_value((row.config)()).unwrap();
         assert_eq!(named["detector"].take(), row.name);
     }
+}
+
+#[test]
+fn verif_the_former_name_of_the_default_detector_is_accepted() {
+    let former: TouchConfig = serde_json::from_value(json!({"detector": "steadied", "noise_sds": 4.0})).unwrap();
+    let present: TouchConfig =
+        serde_json::from_value(json!({"detector": "ring-compensated", "noise_sds": 4.0})).unwrap();
+    assert_eq!(former, present);
+    assert!(former.is_of(&DETECTORS[0]));
 }
 
 #[test]
@@ -150,7 +160,7 @@ fn verif_noise_is_no_touch() {
 }
 
 #[test]
-fn verif_a_touch_on_the_other_side_is_found_while_the_whisker_rings() {
+fn verif_a_touch_on_the_other_side_is_detected_while_the_whisker_rings() {
     let mut detector = detector();
     let mut noise = noise(1);
     let again_s = 2.3;
@@ -165,7 +175,7 @@ fn verif_a_touch_on_the_other_side_is_found_while_the_whisker_rings() {
 }
 
 #[test]
-fn verif_a_press_is_found_on_a_shaking_arm() {
+fn verif_a_press_is_detected_on_a_vibrating_arm() {
     let mut noise = noise(1);
     let mut detector = detector();
     let shaken = |t_s: f64| 1e-6 * ((50.0 * t_s).sin() + (71.0 * t_s).sin() + (33.0 * t_s).cos());
@@ -175,8 +185,8 @@ fn verif_a_press_is_found_on_a_shaking_arm() {
 }
 
 #[test]
-fn robust_spikes_and_dropouts_are_no_events() {
-    // Two bad readings in five may be anything.
+fn robust_outliers_and_dropouts_are_no_events() {
+    // Two outliers among five readings may have any value.
     for bad_n_m in [0.0, 1e-3, -1e-3] {
         let mut noise = noise(1);
         let found = changes(&mut detector(), RATE_HZ, 2.0, |t_s| {
@@ -189,7 +199,7 @@ fn robust_spikes_and_dropouts_are_no_events() {
 }
 
 #[test]
-fn robust_missing_rows_are_bridged() {
+fn robust_missing_rows_are_interpolated() {
     let mut detector = detector();
     let mut noise = noise(1);
     let mut found = Vec::new();
@@ -207,13 +217,13 @@ fn robust_missing_rows_are_bridged() {
 }
 
 #[test]
-fn robust_a_recording_that_begins_in_contact_or_goes_silent() {
+fn robust_a_recording_that_begins_in_contact_or_has_a_long_gap() {
     let mut detector = detector();
     let held = |detector: &mut ContactDetector, rows: usize| {
         (0..rows)
             .map(|row| detector.step(2e-5, if row == 0 { 3.0 } else { DT_S }))
             .position(|touched| touched.is_some())
     };
-    assert_eq!(held(&mut detector, 20), Some(2), "a touch takes three samples on end");
+    assert_eq!(held(&mut detector, 20), Some(2), "a touch requires three consecutive samples");
     assert_eq!(held(&mut detector, 20), Some(2), "after a long gap as well");
 }

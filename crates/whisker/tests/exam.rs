@@ -22,11 +22,11 @@ fn error_m(samples: &[(f64, Sample)], estimates: &[Option<Estimate>]) -> f64 {
 
 const NOISE_N_M: f64 = 3e-7;
 
-/// Filters that have to find out the object's radius as well as the place: what is not known of the one is not known of the other.
+/// Filters that estimate the object's radius as well as the contact, whose errors are correlated.
 const FIND_THE_RADIUS: [&str; 2] = ["sliding", "smoother-sliding"];
 
-/// Error that an estimator may end with where readings are free of noise: the beam-theory baselines keep what they got wrong at the
-/// start, and the published filters forget what they learnt.
+/// Largest final error with noise-free readings: the beam-theory baselines keep their initial error, and the published
+/// filters have a fading memory.
 fn allowed_m(row: &EstimatorRow) -> f64 {
     match row.class {
         MethodClass::Baseline => 6e-3,
@@ -37,7 +37,7 @@ fn allowed_m(row: &EstimatorRow) -> f64 {
 }
 
 #[test]
-fn verif_finds_the_contact() {
+fn verif_estimates_the_contact() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
     for row in ESTIMATORS {
@@ -47,7 +47,7 @@ fn verif_finds_the_contact() {
 }
 
 #[test]
-fn verif_only_hindsight_differs_from_step_by_step() {
+fn verif_only_hindsight_differs_from_stepping() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 2.0, |_| true);
     for row in ESTIMATORS {
@@ -68,7 +68,7 @@ fn verif_same_seed_same_estimates() {
 }
 
 #[test]
-fn verif_free_stays_free() {
+fn verif_a_free_whisker_has_no_estimate() {
     let knowledge = knowledge(NOISE_N_M);
     let free: Vec<_> = samples(&knowledge, 2.0, |_| true)
         .into_iter()
@@ -80,7 +80,7 @@ fn verif_free_stays_free() {
 }
 
 #[test]
-fn verif_lets_go_and_starts_again() {
+fn verif_a_release_ends_the_contact_and_a_new_touch_starts() {
     let knowledge = knowledge(NOISE_N_M);
     let mut samples = samples(&knowledge, 6.0, |_| true);
     for (t_s, sample) in &mut samples {
@@ -96,7 +96,7 @@ fn verif_lets_go_and_starts_again() {
 }
 
 #[test]
-fn robust_dropped_samples_and_spikes_leave_a_number() {
+fn robust_dropped_samples_and_outliers_give_finite_estimates() {
     let knowledge = knowledge(NOISE_N_M);
     let mut samples = samples(&knowledge, 6.0, |i| i % 7 != 3 && !(600..640).contains(&i));
     for (i, (_, sample)) in samples.iter_mut().enumerate() {
@@ -108,7 +108,7 @@ fn robust_dropped_samples_and_spikes_leave_a_number() {
     }
     for row in ESTIMATORS {
         let estimates = run(row, &knowledge, &samples, 1);
-        // Nothing that is published bounds the influence of a reading.
+        // The published filters do not bound the influence of a reading.
         if matches!(row.class, MethodClass::Recursive | MethodClass::Hindsight) {
             let error = error_m(&samples, &estimates);
             assert!(error < 0.1e-3, "{}: {} mm", row.name, error * 1e3);
@@ -117,7 +117,7 @@ fn robust_dropped_samples_and_spikes_leave_a_number() {
             let Some(estimate) = estimate else { continue };
             assert!(estimate.contact.vector().iter().all(|v| v.is_finite()), "{} at {t_s} s", row.name);
             if let Some(covariance) = estimate.covariance_m2 {
-                // A cloud of which one particle outweighs all others has no spread, but for rounding.
+                // A particle set dominated by one particle has no spread, except for rounding.
                 let least = covariance.symmetric_eigenvalues().min();
                 assert!(least > -1e-15, "{} at {t_s} s: {least}", row.name);
             }
@@ -126,7 +126,7 @@ fn robust_dropped_samples_and_spikes_leave_a_number() {
 }
 
 #[test]
-fn verif_what_is_told_of_the_touch_is_corrected() {
+fn verif_a_wrong_contact_prior_is_corrected() {
     let noise_free = knowledge(NOISE_N_M);
     let samples = samples(&noise_free, 6.0, |_| true);
     for offset_m in [-5e-3, 5e-3] {

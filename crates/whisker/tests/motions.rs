@@ -1,4 +1,4 @@
-//! Every filter under every model of the contact's motion, and the choice among methods.
+//! Every filter under every model of the contact's motion, and model averaging.
 
 mod world;
 
@@ -9,7 +9,7 @@ use world::{base, configured, contact, estimator, knowledge, samples};
 
 const NOISE_N_M: f64 = 3e-7;
 
-/// The filters, and where among their settings the motion stands.
+/// The filters, each with the path of the motion among its settings.
 const FILTERS: [(&str, &str); 11] = [
     ("ekf", "/motion"),
     ("iekf", "/motion"),
@@ -52,7 +52,7 @@ fn verif_every_filter_takes_every_motion() {
 }
 
 #[test]
-fn verif_published_filters_rest_unless_told_otherwise() {
+fn verif_published_filters_rest_by_default() {
     for (name, place) in FILTERS.iter().filter(|(name, _)| name.starts_with("paper-")) {
         let defaults = (estimators::estimator(name).unwrap().defaults)();
         assert_eq!(defaults.pointer(place).unwrap()["kind"], "resting", "{name}");
@@ -60,7 +60,7 @@ fn verif_published_filters_rest_unless_told_otherwise() {
 }
 
 #[test]
-fn verif_a_contact_at_rest_is_chosen_to_be_static() {
+fn verif_a_contact_at_rest_is_most_probably_static() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
     for (name, winner) in [("recommended", "ukf"), ("imm", "static"), ("batch-recommended", "batch")] {
@@ -75,31 +75,31 @@ fn verif_a_contact_at_rest_is_chosen_to_be_static() {
 }
 
 #[test]
-fn verif_a_choice_of_one_is_that_one() {
+fn verif_the_average_of_one_candidate_is_that_candidate() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 2.0, |_| true);
-    let [choice, ekf] = ["recommended", "ekf"].map(|name| estimators::estimator(name).unwrap());
+    let [average, ekf] = ["recommended", "ekf"].map(|name| estimators::estimator(name).unwrap());
     let alone = json!({"candidates": [{"name": "ekf", "weight": 1.0}]});
-    let chosen = run(configured(choice, &alone, &knowledge, 1), &samples);
+    let chosen = run(configured(average, &alone, &knowledge, 1), &samples);
     for (chosen, own) in chosen.iter().zip(run(estimator(ekf, &knowledge, 1), &samples)) {
         assert_eq!(chosen.map(|estimate| Estimate { models: None, ..estimate }), own);
     }
 }
 
 #[test]
-fn robust_candidates_that_cannot_be_chosen_are_named() {
+fn robust_invalid_candidates_are_named() {
     let knowledge = knowledge(NOISE_N_M);
-    for (choice, names, expected) in [
+    for (average, names, expected) in [
         ("recommended", vec!["ekfs"], "`ekfs` is unknown, expected one of: recommended, "),
-        ("recommended", vec!["batch-recommended"], "`batch-recommended` is a choice itself"),
-        ("recommended", vec!["paper-ekf"], "`paper-ekf` is bound to a sensor model of its own"),
-        ("recommended", vec!["ekf", "batch"], "`batch` is one that looks back"),
-        ("batch-recommended", vec!["batch", "ekf"], "`ekf` is one that only knows the samples so far"),
-        ("batch-recommended", vec!["euler-bernoulli"], "`euler-bernoulli` is one that only knows the samples so far"),
+        ("recommended", vec!["batch-recommended"], "`batch-recommended` is a model average itself"),
+        ("recommended", vec!["paper-ekf"], "`paper-ekf` is bound to its own sensor model"),
+        ("recommended", vec!["ekf", "batch"], "`batch` is a hindsight method"),
+        ("batch-recommended", vec!["batch", "ekf"], "`ekf` is a recursive method"),
+        ("batch-recommended", vec!["euler-bernoulli"], "`euler-bernoulli` is a recursive method"),
         ("recommended", vec!["ekf", "ekf"], "`ekf` is named twice"),
         ("recommended", vec![], "`candidates`: found 0, expected 1 to 8"),
     ] {
-        let row = estimators::estimator(choice).unwrap();
+        let row = estimators::estimator(average).unwrap();
         let candidates: Vec<Value> = names.iter().map(|name| json!({"name": name, "weight": 1.0})).collect();
         let error = (row.build)(&json!({ "candidates": candidates }), &knowledge).err().expect(expected).to_string();
         assert!(error.contains(expected), "{error}");

@@ -1,4 +1,4 @@
-//! The outline that is remembered from touch to touch.
+//! The outline, kept from touch to touch.
 
 mod world;
 
@@ -12,7 +12,7 @@ const NOISE_N_M: f64 = 3e-7;
 /// Instants between which the whisker is lifted off.
 const LIFTED_S: std::ops::Range<f64> = 2.0..2.5;
 
-/// The world's samples with a lift-off; the base is then elsewhere by a `shift`, with the object or without it.
+/// The world's samples with a lift-off, after which the base is displaced by `shift`, with the object or without it.
 fn lifted(shift_m: f64) -> Vec<(f64, Sample)> {
     let knowledge = knowledge(NOISE_N_M);
     let mut samples = samples(&knowledge, 5.0, |_| true);
@@ -39,7 +39,7 @@ fn errors_m(samples: &[(f64, Sample)]) -> Vec<Option<f64>> {
 }
 
 #[test]
-fn verif_a_known_object_is_found_at_once() {
+fn verif_a_known_object_is_identified_immediately() {
     let samples = lifted(0.0);
     let errors = errors_m(&samples);
     let first = errors.iter().skip((LIFTED_S.end * RATE_HZ) as usize).flatten().next().unwrap();
@@ -47,14 +47,14 @@ fn verif_a_known_object_is_found_at_once() {
 }
 
 #[test]
-fn verif_another_object_is_told_from_it() {
+fn verif_another_object_is_distinguished_from_it() {
     let samples = lifted(12e-3);
     let last = errors_m(&samples).last().copied().flatten().unwrap();
     assert!(last < 0.3e-3, "{last}");
 }
 
-/// What is said of a second touch that ends before it is known which object it is: while it lasts, and in hindsight.
-fn said_of_brief(shift_m: f64) -> (Vec<Estimate>, Vec<Estimate>) {
+/// Estimates of a second touch that ends before the object is identified: at each sample, and smoothed.
+fn brief_estimates(shift_m: f64) -> (Vec<Estimate>, Vec<Estimate>) {
     const BRIEF: usize = 15;
     let (row, knowledge) = (row("outline-batch").unwrap(), knowledge(NOISE_N_M));
     let samples: Vec<Sample> = lifted(shift_m).into_iter().map(|(_, sample)| sample).collect();
@@ -63,41 +63,41 @@ fn said_of_brief(shift_m: f64) -> (Vec<Estimate>, Vec<Estimate>) {
     let lifted = (LIFTED_S.end * RATE_HZ) as usize;
     let first = lifted + at_once[lifted..].iter().position(Option::is_some).unwrap();
     let brief = first..first + BRIEF;
-    let looked_back = estimator(row, &knowledge, 1).run(&samples[..brief.end]);
-    let said = |all: &[Option<Estimate>]| all[brief.clone()].iter().map(|estimate| estimate.unwrap()).collect();
-    (said(&at_once), said(&looked_back))
+    let smoothed = estimator(row, &knowledge, 1).run(&samples[..brief.end]);
+    let estimates = |all: &[Option<Estimate>]| all[brief.clone()].iter().map(|estimate| estimate.unwrap()).collect();
+    (estimates(&at_once), estimates(&smoothed))
 }
 
 #[test]
-fn verif_hindsight_states_a_brief_touch_of_the_known_object() {
-    let (at_once, looked_back) = said_of_brief(0.0);
-    for (at_once, looked_back) in at_once.iter().zip(&looked_back) {
-        let moved_m = looked_back.contact.distance(&at_once.contact);
-        assert!(looked_back.innovation.is_none() && moved_m < 0.3e-3, "{moved_m}");
+fn verif_hindsight_estimates_a_brief_touch_of_the_known_object() {
+    let (at_once, smoothed) = brief_estimates(0.0);
+    for (at_once, smoothed) in at_once.iter().zip(&smoothed) {
+        let moved_m = smoothed.contact.distance(&at_once.contact);
+        assert!(smoothed.innovation.is_none() && moved_m < 0.3e-3, "{moved_m}");
     }
 }
 
 #[test]
-fn verif_hindsight_leaves_a_brief_touch_of_another_object_as_it_was() {
-    let (at_once, looked_back) = said_of_brief(12e-3);
-    // Of the first reading the known object speaks, which hindsight of the touch before has changed.
-    assert_eq!(at_once[1..], looked_back[1..]);
+fn verif_hindsight_does_not_revise_a_brief_touch_of_another_object() {
+    let (at_once, smoothed) = brief_estimates(12e-3);
+    // The first reading is predicted by the known object, which was revised at the end of the touch before.
+    assert_eq!(at_once[1..], smoothed[1..]);
 }
 
 #[test]
-fn verif_hindsight_is_of_its_own_touch_only() {
+fn verif_hindsight_revises_its_own_touch_only() {
     let samples: Vec<Sample> = lifted(0.0).into_iter().map(|(_, sample)| sample).collect();
     let (first, second) = samples.split_at((0.5 * (LIFTED_S.start + LIFTED_S.end) * RATE_HZ) as usize);
     let mut estimator = estimator(row("outline-batch").unwrap(), &knowledge(NOISE_N_M), 1);
     first.iter().for_each(|sample| {
         estimator.step(sample);
     });
-    let looked_back = estimator.run(second);
-    assert!(looked_back[0].is_none() && looked_back[second.len() - 1].is_some());
+    let smoothed = estimator.run(second);
+    assert!(smoothed[0].is_none() && smoothed[second.len() - 1].is_some());
 }
 
 #[test]
-fn verif_the_outline_lies_where_the_contact_is() {
+fn verif_the_outline_passes_through_the_contact() {
     let samples = lifted(0.0);
     let mut estimator = estimator(row("outline").unwrap(), &knowledge(NOISE_N_M), 1);
     assert!(estimator.outline().is_none());
@@ -109,7 +109,7 @@ fn verif_the_outline_lies_where_the_contact_is() {
     let outline = estimator.outline().unwrap();
     assert!(!outline.is_empty());
     for point in outline {
-        // The contact is that of the centre line: the surface lies the wire's radius off, towards the object.
+        // The contact is on the centre line, the wire's radius away from the surface.
         let off = seen.vector() - point.surface.vector();
         assert!(
             off.norm() < 0.6e-3

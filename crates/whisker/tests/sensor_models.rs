@@ -1,47 +1,24 @@
-//! The exam that every registered sensor model must pass, with every setting that a calibration tries by itself: fitted to noisy samples
-//! of the exact quasi-static whisker.
+//! The exam of every registered sensor model with each of its candidate settings: fitted to noisy samples of the exact
+//! quasi-static whisker.
 
 use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde_json::Value;
+use whisker::Whisker;
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point};
-use whisker::sensor::{self, Domain, Face, Fit, Learnt, Material, ModelError, ModelRow, Region, Sample};
-use whisker::{Curvature, Whisker};
+use whisker::sensor::{self, AlongAway, Domain, Face, Fit, FitData, FittedModel, ModelError, ModelRow, Region, Sample};
 
-/// Usual noise of the calibrations, relative to the largest reading.
+/// Typical noise of the calibrations, relative to the largest reading.
 const NOISE: f64 = 0.01;
 
-fn whisker(name: &str, curvature: Vec<Curvature>) -> Whisker {
-    Whisker {
-        name: name.into(),
-        length_m: curvature.iter().map(|piece| piece.length_m).sum(),
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature,
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    }
-}
-
-fn straight() -> Whisker {
-    whisker("straight", vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }])
-}
-
-fn curved() -> Whisker {
-    whisker("curved", vec![Curvature { length_m: 0.08, curvature_per_m: 12.5 }])
-}
-
 fn cases() -> [(Whisker, Face); 3] {
-    [(straight(), Face::Left), (curved(), Face::Left), (curved(), Face::Right)]
+    [(Whisker::straight(), Face::Left), (Whisker::curved(), Face::Left), (Whisker::curved(), Face::Right)]
 }
 
-/// Contacts on a grid beside a whisker, shifted within its meshes by `phase`, without the reading.
+/// Contacts on a grid beside a whisker, shifted by the share `phase` of a cell, without readings.
 fn contacts(whisker: &Whisker, face: Face, phase: f64) -> Vec<Point<Base>> {
     let rest = whisker.rest_shape();
     let places = (0..32).flat_map(|i| (0..20).map(move |j| (f64::from(i) + phase, f64::from(j) + phase)));
@@ -53,7 +30,7 @@ fn contacts(whisker: &Whisker, face: Face, phase: f64) -> Vec<Point<Base>> {
         .collect()
 }
 
-/// What the exact whisker reads there, as far as it reaches.
+/// Readings of the exact whisker at the contacts within its reach.
 fn samples(whisker: &Whisker, contacts: &[Point<Base>]) -> Vec<Sample> {
     let elastica = Elastica::new(whisker).unwrap();
     let reached = contacts.iter().filter_map(|&contact| Some((contact, elastica.at_point(contact).ok()?)));
@@ -71,7 +48,7 @@ fn noisy(samples: &[Sample], noise: f64, seed: u64) -> Vec<Sample> {
     samples.iter().map(|sample| Sample { reading_n_m: sample.reading_n_m + noise(), ..*sample }).collect()
 }
 
-/// Every model with every setting that is tried by itself.
+/// Every model with each of its candidate settings.
 fn candidates() -> Vec<(&'static ModelRow, Value)> {
     let of_row = |row: &'static ModelRow| (row.candidates)().into_iter().map(move |config| (row, config));
     sensor::MODELS.iter().flat_map(of_row).collect()
@@ -81,7 +58,7 @@ fn fits(whisker: &Whisker, face: Face) -> Vec<Fit> {
     let reference: Vec<Vec<Sample>> =
         [0.0, 0.3, 0.6].map(|phase| samples(whisker, &contacts(whisker, face, phase))).into();
     let measured: Vec<Vec<Sample>> = reference.iter().zip(1..).map(|(trace, seed)| noisy(trace, NOISE, seed)).collect();
-    let material = Material {
+    let material = FitData {
         whisker,
         face,
         measured: &measured,
@@ -92,7 +69,7 @@ fn fits(whisker: &Whisker, face: Face) -> Vec<Fit> {
     candidates().iter().map(|(row, config)| sensor::fit(row, config, &material).unwrap()).collect()
 }
 
-/// Contacts off the grid, well inside.
+/// Contacts off the grid, well within the region.
 fn probes(whisker: &Whisker, face: Face) -> Vec<Point<Base>> {
     let rest = whisker.rest_shape();
     let places = [(0.03, 0.1), (0.043, 0.3), (0.0512, 0.02), (0.06, 0.21), (0.068, 0.26)];
@@ -141,7 +118,7 @@ fn val_tangents_are_those_of_the_exact_whisker() {
 #[test]
 fn verif_gradients_are_those_of_the_reading() {
     const STEP_M: f64 = 1e-6;
-    let (whisker, face) = (curved(), Face::Right);
+    let (whisker, face) = (Whisker::curved(), Face::Right);
     for fit in fits(&whisker, face) {
         let model = &fit.face.model;
         for contact in probes(&whisker, face) {
@@ -158,8 +135,8 @@ fn verif_gradients_are_those_of_the_reading() {
 }
 
 #[test]
-fn verif_survives_writing_and_reading_bit_by_bit() {
-    let (whisker, face) = (curved(), Face::Left);
+fn verif_storing_and_loading_preserves_every_bit() {
+    let (whisker, face) = (Whisker::curved(), Face::Left);
     for fit in fits(&whisker, face) {
         let model = &fit.face.model;
         let text = serde_json::to_string(&model.to_json()).unwrap();
@@ -175,8 +152,8 @@ fn verif_survives_writing_and_reading_bit_by_bit() {
 }
 
 #[test]
-fn verif_labels_tell_the_models_apart() {
-    let fits = fits(&straight(), Face::Left);
+fn verif_labels_are_unique() {
+    let fits = fits(&Whisker::straight(), Face::Left);
     for (i, fit) in fits.iter().enumerate() {
         assert!(fits[..i].iter().all(|other| other.face.label != fit.face.label), "{}", fit.face.label);
     }
@@ -184,24 +161,25 @@ fn verif_labels_tell_the_models_apart() {
 
 #[test]
 fn verif_model_error_is_never_zero_and_of_the_size_of_the_residuals() {
-    for fit in fits(&curved(), Face::Left) {
+    for fit in fits(&Whisker::curved(), Face::Left) {
         let face = &fit.face;
-        let samples = samples(&curved(), &contacts(&curved(), Face::Left, 0.1));
+        let samples = samples(&Whisker::curved(), &contacts(&Whisker::curved(), Face::Left, 0.1));
         let variances: Vec<f64> = samples.iter().map(|s| face.model_variance_n2_m2(s.contact)).collect();
         assert!(variances.iter().all(|variance| *variance > 0.0), "{}", face.label);
-        // The final fit has more samples than those that did not see the residuals, so its error is no larger.
+        // The final fit has more samples than those of the cross-validation, so its error is no larger.
         let ratio = (variances.iter().sum::<f64>() / samples.len() as f64).sqrt() / face.heldout_rms_n_m;
         assert!((0.5..1.25).contains(&ratio), "{}: {ratio}", face.label);
     }
 }
 
-/// A fit to samples that are dense over the inner half of the whisker and sparse over the outer.
-fn unevenly_learnt(row: &ModelRow, config: &Value) -> Learnt {
-    let (whisker, face) = (straight(), Face::Left);
+/// A fit to samples that are dense along the inner half of the whisker and sparse along the outer half.
+fn unevenly_fitted(row: &ModelRow, config: &Value) -> FittedModel {
+    let (whisker, face) = (Whisker::straight(), Face::Left);
     let clean = samples(&whisker, &contacts(&whisker, face, 0.5));
     let rest = whisker.rest_shape();
     let foot = |sample: &Sample| rest.foot(sample.contact);
-    let places: Vec<(f64, f64)> = clean.iter().map(|s| (foot(s).arc_m, foot(s).left_m * face.away_sign())).collect();
+    let at = |sample: &Sample| AlongAway::new(foot(sample).arc_m, foot(sample).left_m * face.away_sign());
+    let places: Vec<AlongAway> = clean.iter().map(at).collect();
     let domain = Domain::covering(&places).unwrap();
     let kept: Vec<Sample> = noisy(&clean, NOISE, 5)
         .into_iter()
@@ -215,10 +193,10 @@ fn unevenly_learnt(row: &ModelRow, config: &Value) -> Learnt {
 #[test]
 fn val_variance_is_positive_and_grows_where_samples_are_sparse() {
     for (row, config) in candidates() {
-        let variance_n2_m2 = unevenly_learnt(row, &config).variance_n2_m2;
+        let variance_n2_m2 = unevenly_fitted(row, &config).variance_n2_m2;
         let at = |arc_m: f64| variance_n2_m2(Point::new(arc_m, -0.17 * arc_m));
         assert!(at(0.03) > 0.0, "{}", row.kind);
-        // Mechanics with a handful of parameters know one place from another.
+        // Mechanics with few parameters interpolate between positions.
         let factor = if row.kind == "elastica" { 0.3 } else { 1.5 };
         assert!(at(0.065) > factor * at(0.03), "{} {config}: {} {}", row.kind, at(0.065), at(0.03));
     }
@@ -226,7 +204,7 @@ fn val_variance_is_positive_and_grows_where_samples_are_sparse() {
 
 #[test]
 fn robust_data_that_do_not_determine_a_model_are_refused() {
-    let whisker = straight();
+    let whisker = Whisker::straight();
     let rest = whisker.rest_shape();
     let at_rest: Vec<Sample> =
         (0..400).map(|i| Sample { contact: rest.point(0.02 + 1e-4 * f64::from(i)), reading_n_m: 0.0 }).collect();
@@ -234,7 +212,7 @@ fn robust_data_that_do_not_determine_a_model_are_refused() {
     for (row, config) in candidates() {
         for data in [&at_rest, &few] {
             let traces = [data.clone()];
-            let material = Material {
+            let material = FitData {
                 whisker: &whisker,
                 face: Face::Left,
                 measured: &traces,
@@ -250,11 +228,11 @@ fn robust_data_that_do_not_determine_a_model_are_refused() {
 }
 
 #[test]
-fn robust_settings_that_make_no_sense_are_refused() {
-    let whisker = straight();
+fn robust_invalid_settings_are_refused() {
+    let whisker = Whisker::straight();
     let data = samples(&whisker, &contacts(&whisker, Face::Left, 0.5));
     let traces = [data];
-    let material = Material {
+    let material = FitData {
         whisker: &whisker,
         face: Face::Left,
         measured: &traces,
@@ -275,12 +253,12 @@ fn robust_settings_that_make_no_sense_are_refused() {
     }
 }
 
-/// A whisker that is stiffer, more curved, turned and shifted against the one that the calibration names, under a sensor with a
+/// A whisker that is stiffer, more curved, rotated and displaced compared with the nominal one, under a sensor with a
 /// gain.
 #[test]
-fn val_physical_parameters_are_found() {
-    let nominal = curved();
-    let mut real = curved();
+fn val_physical_parameters_are_recovered() {
+    let nominal = Whisker::curved();
+    let mut real = Whisker::curved();
     real.youngs_modulus_pa *= 1.2;
     real.curvature[0].curvature_per_m *= 1.05;
     let (gain, shift, yaw_rad) = (3.0e6, Vector2::new(0.4e-3, -0.2e-3), 0.01_f64);
@@ -294,7 +272,7 @@ fn val_physical_parameters_are_found() {
         })
         .collect();
     let traces = [noisy(&data, 1e-3, 3), noisy(&data, 1e-3, 4)];
-    let material = Material {
+    let material = FitData {
         whisker: &nominal,
         face: Face::Left,
         measured: &traces,
@@ -312,15 +290,15 @@ fn val_physical_parameters_are_found() {
         let found = parameters.iter().find(|parameter| parameter["name"] == name).unwrap();
         (found["value"].as_f64().unwrap(), found["sd"].as_f64().unwrap(), found["told"].as_bool().unwrap())
     };
-    let ((modulus, _, modulus_told), (stiffness, _, stiffness_told)) =
+    let ((modulus, _, modulus_informed), (stiffness, _, stiffness_informed)) =
         (find("youngs_modulus_pa"), find("root_stiffness_n_m_rad"));
     let ratio = modulus / stiffness / (real.youngs_modulus_pa / real.root_stiffness_n_m_rad);
     assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
-    assert!(!modulus_told && !stiffness_told);
+    assert!(!modulus_informed && !stiffness_informed);
     let scale = find("gain").0 * stiffness / (gain * real.root_stiffness_n_m_rad);
     assert!((scale - 1.0).abs() < 0.01, "{scale}");
     for (name, expected) in [("root_x_m", shift.x), ("root_y_m", shift.y), ("root_yaw_rad", yaw_rad)] {
-        let (value, sd, told) = find(name);
-        assert!((value - expected).abs() < 4.0 * sd && told, "{name}: {value} +- {sd}, expected {expected}");
+        let (value, sd, informed) = find(name);
+        assert!((value - expected).abs() < 4.0 * sd && informed, "{name}: {value} +- {sd}, expected {expected}");
     }
 }

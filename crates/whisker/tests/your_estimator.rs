@@ -1,4 +1,4 @@
-//! The worked example of `docs/your-estimator.md` compiles, works, and stands there as it is.
+//! The worked example of `docs/your-estimator.md` compiles, works, and is shown there unchanged.
 
 #[path = "../../../examples/swarm.rs"]
 mod swarm;
@@ -13,7 +13,7 @@ fn verif_the_example_finds_the_contact() {
     let samples = samples(&knowledge, 6.0, |_| true);
     let mut estimator = estimator(&swarm::ROW, &knowledge, 1);
     let estimates: Vec<_> = samples.iter().map(|(_, sample)| estimator.step(sample)).collect();
-    let estimate = estimates.last().unwrap().expect("the contact is followed to the end");
+    let estimate = estimates.last().unwrap().expect("the contact is tracked to the end");
     let error_m = base(samples.last().unwrap().0).apply(estimate.contact).distance(&contact());
     assert!(error_m < 0.3e-3, "{} mm", 1e3 * error_m);
 }
@@ -30,7 +30,7 @@ fn robust_its_settings_are_checked() {
 }
 
 #[test]
-fn verif_the_page_shows_the_example_as_it_is() {
+fn verif_the_page_shows_the_example_unchanged() {
     let page = include_str!("../../../docs/your-estimator.md");
     assert!(
         page.contains(include_str!("../../../examples/swarm.rs")),

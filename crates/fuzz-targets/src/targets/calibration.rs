@@ -3,6 +3,7 @@
 use serde_json::Value;
 use strict_json::parse_json;
 use trace::CalibrationFile;
+use whisker::sensor::AlongAway;
 
 use crate::claims::{one_error, same_json};
 use crate::golden::with_hash;
@@ -29,7 +30,7 @@ pub(super) fn run(bytes: &[u8]) {
                 let share = |node: u32| f64::from(node) / f64::from(NODES);
                 let arc_m = low_m + share(i) * (high_m - low_m);
                 let (lower_m, upper_m) = face.domain.away_range_m(arc_m);
-                let contact = face.contact_at(arc_m, lower_m + share(j) * (upper_m - lower_m));
+                let contact = face.contact_at(AlongAway::new(arc_m, lower_m + share(j) * (upper_m - lower_m)));
                 face.predict(contact);
                 face.model_variance_n2_m2(contact);
                 face.model.tangent_rad(contact);

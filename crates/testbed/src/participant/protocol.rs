@@ -7,7 +7,7 @@ use strict_json::{one_line, shown};
 use whisker::Whisker;
 use whisker::estimators::{BaseNoise, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
-use whisker::sensor::{CalibratedFace, Domain, Face};
+use whisker::sensor::{AlongAway, CalibratedFace, Domain, Face};
 
 /// Version of the protocol, in the first line that a program reads.
 pub const PROTOCOL: u32 = 1;
@@ -148,7 +148,7 @@ impl<'a> FaceTable<'a> {
         for arc_m in evenly(low_m, high_m, NODES[0]) {
             let (lower_m, upper_m) = face.domain.away_range_m(arc_m);
             for away_m in evenly(lower_m, upper_m, NODES[1]) {
-                let contact = face.contact_at(arc_m, away_m);
+                let contact = face.contact_at(AlongAway::new(arc_m, away_m));
                 let expected = face.model.predict(contact);
                 let here = plain_estimate(contact, face.face);
                 table.arc_m.push(arc_m);
@@ -264,10 +264,7 @@ impl Answer {
             return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));
         }
         let contact = Point::new(self.contact_x_m, self.contact_y_m);
-        let calibrated = knowledge.face(face).is_some_and(|face| {
-            let (arc_m, away_m) = face.along_and_away(contact);
-            face.domain.contains(arc_m, away_m)
-        });
+        let calibrated = knowledge.face(face).is_some_and(|face| face.domain.contains(face.along_and_away(contact)));
         let estimate = Estimate {
             covariance_m2: self.covariance_m2()?,
             innovation: self.innovation()?,

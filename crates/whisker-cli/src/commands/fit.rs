@@ -11,7 +11,7 @@ use testbed::dataset::Dataset;
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::{FrontEnd, Mounting};
 use trace::{CalibrationFile, is_plain_name};
-use whisker::sensor::Face;
+use whisker::sensor::{AlongAway, Face};
 
 use super::{front_end, json, noise_fraction, print, table};
 
@@ -126,8 +126,8 @@ fn evaluation_ns(calibration: &CalibrationFile, path: &Path, label: &str, face: 
     for i in 0..ALONG {
         let arc_m = low + (high - low) * i as f64 / (ALONG - 1) as f64;
         let (lower, upper) = face.domain.away_range_m(arc_m);
-        contacts
-            .extend((0..AWAY).map(|j| face.contact_at(arc_m, lower + (upper - lower) * j as f64 / (AWAY - 1) as f64)));
+        let away_m = |j: usize| lower + (upper - lower) * j as f64 / (AWAY - 1) as f64;
+        contacts.extend((0..AWAY).map(|j| face.contact_at(AlongAway::new(arc_m, away_m(j)))));
     }
     let round = || {
         let start = Instant::now();

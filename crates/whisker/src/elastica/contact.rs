@@ -1,19 +1,20 @@
 //! The contact with a convex object.
 //!
-//! The whisker's surface is the envelope of circles of the wire's radius `r` about its centre line: its side, which ends in a round
-//! tip. The normal leans forwards from across the centre line by the angle `beta`: on the side by as much as the surface tapers,
-//! `sin beta = -r'`, on the tip from there on. One coordinate runs along the surface: the arc length `a` on the side, then `beta` on
-//! the tip. With `nu` the angle of the object's outward normal, the object being on the side `e` (+1 left):
+//! The whisker's surface is the envelope of circles of the wire's radius `r` around its centre line: a side that ends
+//! in a round tip. The normal is inclined forwards from the direction across the centre line by the angle `beta`: on
+//! the side by the slope of the taper, `sin beta = -r'`, on the tip by more. One coordinate runs along the surface: the
+//! arc length `a` on the side, then `beta` on the tip. With `nu` the angle of the object's outward normal, the object
+//! being on the side `e` (+1 left):
 //!
 //! ```text
 //! nu = phi - e (pi/2 + beta)    S = p - r (cos nu, sin nu)    force F (cos nu, sin nu), F >= 0
 //! ```
 //!
-//! and contact means that `S` is the outline's support `P(nu)`. Where `nu` is the normal of a straight side, the support is
-//! the whole side: then `nu` is given and `S` lies on the side's line. Two unknowns (`a` or `beta`, and `F`), two equations,
-//! in four forms: side or tip of the whisker, against a straight side or what lies between two of them (a corner, or a curve).
-//! Solved in one form, the solution shows whether it belongs in the next. All forms share the sign of their determinant, so a
-//! fold is seen in each.
+//! In contact `S` is the outline's support `P(nu)`. If `nu` is the normal of a straight side, the support is the whole
+//! side: then `nu` is given and `S` lies on the side's line. There are two unknowns (`a` or `beta`, and `F`) and two
+//! equations in four forms: side or tip of the whisker, against a straight side or the part between two of them (a
+//! corner, or a curve). The solution in one form shows whether it belongs to the next. All forms share the sign of
+//! their determinant, so each detects a fold.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -21,33 +22,33 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::newton::{self, Equations};
 use super::{Deflection, Elastica, Failure, Load, Outline, Parameter, Rate, finite, side};
+use crate::face::Face;
 use crate::frames::{Base, Point, Pose, World};
 use crate::rest::direction;
-use crate::sensor::Face;
 
 /// Places on the side and on the tip at which the undeflected whisker is compared with the outline.
 const SIDE_PLACES: usize = 96;
 const TIP_PLACES: usize = 16;
 
-/// The tip is round as far as this angle from across the whisker; beyond lies what the other face touches first.
+/// Largest angle of the tip from the direction across the whisker; beyond it the other face touches first.
 const TIP_END_RAD: f64 = FRAC_PI_2;
 
-/// Depth, in lengths of the whisker, from which on another part of it is in the object: what a contact's own place, found by
-/// bisection, does not reach.
+/// Depth, in lengths of the whisker, above which another part of it is in the object; larger than the error of a
+/// contact found by bisection.
 const CLEAR: f64 = 1e-8;
 
 /// An angle within which a first guess takes the whisker for parallel to a straight side.
 const PARALLEL_RAD: f64 = 1e-7;
 
-/// Changes of form within one solution; more are going in circles.
+/// Maximum number of changes of form within one solution.
 const MOST_CHANGES: usize = 10;
 
 /// The part of the whisker that touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regime {
-    /// Its side: the force is across the whisker, but for the slope of a taper.
+    /// Side: the force is across the whisker, except for the slope of a taper.
     Side,
-    /// Its tip: the force is along the object's normal, at an angle to the whisker.
+    /// Tip: the force is along the object's normal, at an angle to the whisker.
     Tip,
 }
 
@@ -62,9 +63,9 @@ pub struct Touch {
     pub normal_rad: f64,
     /// Magnitude of the force.
     pub force_n: f64,
-    /// Where and how it acts.
+    /// Load on the whisker.
     pub load: Load,
-    /// The whisker under it.
+    /// Deflection of the whisker.
     pub deflection: Deflection,
     form: Form,
 }
@@ -73,7 +74,7 @@ pub struct Touch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Flat(usize),
-    /// What follows the flat of this index, counter-clockwise, as far as the next one.
+    /// The part from the flat of this index, counter-clockwise, to the next flat.
     Between(usize),
 }
 
@@ -95,7 +96,7 @@ struct Surface {
     normal_rates: Vector2<f64>,
 }
 
-/// A place of the whisker that runs parallel to the outline.
+/// A point of the whisker that is parallel to the outline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Nearby {
     regime: Regime,
@@ -114,7 +115,7 @@ struct Placed<'a> {
     shift: Vector2<f64>,
 }
 
-/// The angle's equivalent nearest to another one.
+/// The equivalent angle nearest to another one.
 fn near(angle_rad: f64, other_rad: f64) -> f64 {
     angle_rad - TAU * ((angle_rad - other_rad) / TAU).round()
 }
@@ -150,11 +151,11 @@ impl Placed<'_> {
         (middle - 0.5 * width, middle + 0.5 * width)
     }
 
-    /// The support of one part, continued past the part's ends as a circle of the radius it has there, so that an
-    /// iteration that looks beyond does not see a jump.
+    /// The support of one part, extrapolated beyond its ends by a circle of the radius there, so that an iteration sees
+    /// no jump.
     fn support_between(&self, index: usize, normal_rad: f64) -> (Vector2<f64>, f64) {
         let (low, high) = self.range_rad(index, normal_rad);
-        // A hair inside: at the very end it is for the outline to say which end of the flat it gives.
+        // Slightly inside: at the very end the outline chooses which end of the flat it returns.
         let hair = 1e-9;
         let inside = normal_rad.max(low + hair).min(high - hair);
         let (point, radius_m) = self.support(inside);
@@ -176,14 +177,14 @@ impl Placed<'_> {
 }
 
 impl Elastica {
-    /// The contact with `outline`, where the whisker's base lies at `base`; None where they do not touch.
+    /// The contact with `outline`, with the whisker's base at `base`. `None` if they do not touch.
     ///
-    /// Of several, the one that is reached from the undeflected whisker when the object comes straight from where it just
-    /// touches to its place. `face` is the side of the whisker on which the object lies.
+    /// Of several, the one reached from the undeflected whisker when the object moves straight from its first touch to
+    /// its place. `face` is the side of the whisker on which the object lies.
     ///
     /// # Errors
-    /// [`Failure::SlippedOff`], [`Failure::Buckled`] where there is no equilibrium, [`Failure::Bridged`] where the contact is in
-    /// more than one place, [`Failure::NotFinite`].
+    /// [`Failure::SlippedOff`] or [`Failure::Buckled`] if there is no equilibrium, [`Failure::Bridged`] if the contact
+    /// is at more than one point, [`Failure::NotFinite`].
     pub fn against(
         &self,
         outline: &dyn Outline,
@@ -204,10 +205,11 @@ impl Elastica {
         self.touch(&placed, side(face), form)
     }
 
-    /// As [`Self::against`], from a contact nearby, such as the last sample's, by which the solution is chosen.
+    /// As [`Self::against`], starting from a nearby contact, such as that of the last sample, which selects the
+    /// solution.
     ///
     /// # Errors
-    /// Those of [`Self::against`], which is asked where the contact nearby does not lead to a solution.
+    /// Those of [`Self::against`], which is used if the nearby contact does not lead to a solution.
     pub fn against_near(
         &self,
         outline: &dyn Outline,
@@ -216,7 +218,7 @@ impl Elastica {
         near: &Touch,
     ) -> Result<Option<Touch>, Failure> {
         let placed = place(outline, base)?;
-        // The contact nearby may be one with another object, of fewer sides.
+        // The nearby contact may be one with another object, of fewer sides.
         let known = match near.form.part {
             Part::Flat(index) => index < placed.flats(),
             Part::Between(index) => index < placed.flats().max(1),
@@ -323,7 +325,7 @@ impl Elastica {
                 _ => next,
             };
             if (next.regime, next.part) == (form.regime, form.part) {
-                // Where side and tip meet, a solution may come out a rounding past its own.
+                // Where side and tip meet, a solution may exceed its range by rounding.
                 let slide = &mut form.unknowns.x;
                 *slide = if form.regime == Regime::Side { slide.min(self.length_m) } else { slide.max(side_lean_rad) };
                 return Some(form);
@@ -333,8 +335,8 @@ impl Elastica {
         None
     }
 
-    /// Where the undeflected whisker first touches an object that comes straight to its place, and how far the object has
-    /// to go back for that; None where it does not reach the whisker.
+    /// First contact of the undeflected whisker with an object that moves straight to its place, and the displacement
+    /// of the object from its place to there. `None` if it does not reach the whisker.
     fn first_touch(&self, placed: &Placed, side: f64) -> Option<(Form, Vector2<f64>)> {
         let at_rest = |arc_m: f64| (self.rest.point(arc_m), self.rest.tangent_rad(arc_m));
         let deepest = self.deepest(placed, side, at_rest).filter(|near| near.gap_m < 0.0)?;
@@ -346,11 +348,11 @@ impl Elastica {
         Some((form, deepest.gap_m * direction(deepest.normal_rad)))
     }
 
-    /// Of the places where the whisker in the given shape (point and tangent at an arc length) runs parallel to the outline
-    /// as in a contact, the one deepest in the object.
+    /// Of the points where the whisker in the given shape (point and tangent at an arc length) is parallel to the
+    /// outline as in a contact, the one deepest in the object.
     fn deepest(&self, placed: &Placed, side: f64, shape: impl Fn(f64) -> (Point<Base>, f64)) -> Option<Nearby> {
         let side_lean_rad = self.side_lean_rad();
-        // How far the whisker at `u` (0 to 1 on its side, on to 2 on its tip) lies ahead of the outline's support.
+        // Angle by which the whisker at `u` (0 to 1 on its side, up to 2 on its tip) is ahead of the outline's support.
         let compare = |u: f64| {
             let (regime, slide) = if u <= 1.0 {
                 (Regime::Side, u * self.length_m)
@@ -392,9 +394,9 @@ impl Elastica {
         deepest
     }
 
-    /// Whether the whisker in this contact runs into the object elsewhere.
+    /// Whether the whisker in this contact penetrates the object elsewhere.
     ///
-    /// A force from the object bends the whisker away from it, so that takes a pre-curvature towards the object.
+    /// A force from the object bends the whisker away from it, so this requires a pre-curvature towards the object.
     fn bridges(&self, placed: &Placed, side: f64, load: Load) -> Result<bool, Failure> {
         if self.stretches.iter().all(|stretch| side * stretch.curvature_per_m <= 0.0) {
             return Ok(false);
@@ -427,7 +429,7 @@ impl Elastica {
     }
 }
 
-/// The part of the outline to which a solution belongs, one step from where it was looked for.
+/// The part of the outline to which a solution belongs, one step from the assumed one.
 fn next_part(placed: &Placed, part: Part, surface: &Surface) -> Part {
     let flats = placed.flats();
     match part {

@@ -1,4 +1,4 @@
-//! The centre line of the loaded whisker, for drawing it and for seeing what else of it touches.
+//! The centre line of the loaded whisker, for drawing and for the detection of further contacts.
 
 use nalgebra::Vector2;
 
@@ -50,7 +50,8 @@ impl Elastica {
 impl CenterLine {
     /// The point at arc length `arc_m`, from the root (0) to the tip, and the angle of the tangent there.
     pub fn at(&self, arc_m: f64) -> (Point<Base>, f64) {
-        // Beyond the contact the whisker keeps its undeflected shape; up to it the series are those of the contact's frame.
+        // Beyond the contact the whisker keeps its undeflected shape; up to it the series are those of the contact's
+        // frame.
         let (offset, angle_rad) = if arc_m >= self.arc_m {
             let turn_rad = -self.rest.tangent_rad(self.arc_m);
             let offset = self.rest.point(arc_m).vector() - self.rest.point(self.arc_m).vector();

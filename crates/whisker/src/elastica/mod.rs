@@ -1,4 +1,4 @@
-//! The exact quasi-static whisker: an inextensible, unshearable elastic wire on a compliant root, pressed in one place.
+//! The exact quasi-static whisker: an inextensible, unshearable elastic wire on a compliant root, loaded at one point.
 //!
 //! # Notation
 //! | letter | meaning |
@@ -7,53 +7,44 @@
 //! | `a` | arc length of the contact |
 //! | `x, y, t` | position and tangent angle of the centre line in the contact's frame: the contact at the origin, its tangent along +x |
 //! | `f_t, f_n` | force on the whisker along the tangent at the contact, and to the left of it |
-//! | `kappa0(s)` | pre-curvature, constant by pieces, positive to the left |
+//! | `kappa0(s)` | pre-curvature, piecewise constant, positive to the left |
 //! | `EI(s)` | bending stiffness `E pi d^4 / 64`, the diameter `d` linear in `s` |
 //! | `k` | stiffness of the root |
 //! | `m(s)` | bending moment; `M = m(0)` is the reading |
 //! | `phi` | tangent angle at the contact in Base |
 //!
-//! # The equilibrium
-//! Past the contact the whisker bears no load. Up to the contact the moment about a section is that of the one force:
+//! # Equilibrium
+//! The whisker is free of load beyond the contact. Up to the contact the moment about a section is that of the contact
+//! force:
 //!
 //! ```text
 //! dx/ds = cos t    dy/ds = sin t    dt/ds = kappa0 + m / EI    m = y f_t - x f_n
 //! ```
 //!
-//! with `x = y = t = 0` at `s = a`. Walking back to `s = 0` is an initial-value problem, whatever the load: no shooting, no
-//! boundary-value problem (Euler's elastica; Frisch-Fay, "Flexible Bars", 1962). The suspension turns by `M / k`, hence
-//! `phi = M / k - t(0)` and the contact lies at `-R(phi) (x(0), y(0))` in Base. A frictionless contact pushes along the
-//! normal that object and whisker share: across the whisker, `f_t = 0`, where the whisker does not taper. The surface of a tapered
-//! one leans on the centre line, and with it the force by the slope `r'` of the radius, `f_t = r' F`; at the tip it is the object
-//! that gives the direction.
+//! with `x = y = t = 0` at `s = a`. Integration from `s = a` back to `s = 0` is an initial-value problem for any load,
+//! without shooting or a boundary-value problem (Euler's elastica; Frisch-Fay, "Flexible Bars", 1962). The suspension
+//! turns by `M / k`, hence `phi = M / k - t(0)` and the contact lies at `-R(phi) (x(0), y(0))` in Base. The force of a
+//! frictionless contact acts along the common normal of object and whisker: across the whisker, `f_t = 0`, if the
+//! whisker is not tapered. The surface of a tapered whisker, and with it the force, is inclined by the slope `r'` of
+//! the radius, `f_t = r' F`; at the tip the force has the direction of the object's normal.
 //!
-//! [`Elastica::deflect`] is this forward map. Its derivatives with respect to `(a, f_t, f_n)` come from the same recurrences
-//! (the variational equations), so the inverses are Newton iterations: [`Elastica::at_point`] for a contact at a known point,
-//! [`Elastica::against`] for a convex object in a known pose. Where several equilibria exist, they give the one that is reached
-//! from the undeflected whisker without passing a fold (a point where the determinant of the equations changes its sign and
-//! the whisker would snap).
+//! [`Elastica::deflect`] is this forward map. Its derivatives with respect to `(a, f_t, f_n)` follow from the same
+//! recurrences (the variational equations), so the inverse maps are Newton iterations: [`Elastica::at_point`] for a
+//! contact at a known point, [`Elastica::against`] for a convex object in a known pose. Of several equilibria they give
+//! the one reached from the undeflected whisker without passing a fold (a point where the determinant of the equations
+//! changes its sign and the whisker would snap).
 //!
-//! Not in the model: friction, shear, stretch (their shares are of the order of the square of diameter over length), weight,
-//! more than one contact at a time, touch elsewhere of a wire that has curled up. [`Elastica::at_point`] knows of no surface: its
+//! # Limitations
+//! Friction, shear, extension (of the order of the square of diameter over length), weight, several simultaneous
+//! contacts and self-contact of a curled wire are neglected. [`Elastica::at_point`] does not model the surface: its
 //! force is across the centre line, on a tapered whisker too.
 //!
+//! # Example
 //! ```
+//! use whisker::Whisker;
 //! use whisker::elastica::{Elastica, Load};
-//! use whisker::{Curvature, Whisker};
 //!
-//! let whisker = Whisker {
-//!     name: "straight".into(),
-//!     length_m: 0.08,
-//!     root_diameter_m: 0.25e-3,
-//!     tip_diameter_m: 0.25e-3,
-//!     youngs_modulus_pa: 60e9,
-//!     density_kg_m3: 6450.0,
-//!     curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-//!     root_stiffness_n_m_rad: 0.17e-3,
-//!     segments: 40,
-//!     damping_s: 0.0,
-//! };
-//! let elastica = Elastica::new(&whisker)?;
+//! let elastica = Elastica::new(&Whisker::straight())?;
 //! let pressed = elastica.deflect(Load { arc_m: 0.05, along_n: 0.0, left_n: 1e-3 })?;
 //! let contact = elastica.at_point(pressed.point)?;
 //! assert!((contact.load.left_n - 1e-3).abs() < 1e-15);
@@ -73,9 +64,9 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector2;
 
+use crate::face::Face;
 use crate::frames::{Base, Point};
 use crate::rest::direction;
-use crate::sensor::Face;
 use crate::{Invalid, RestShape, Whisker};
 use series::{Parameter, Stretch};
 
@@ -85,12 +76,13 @@ pub use modes::natural_frequencies_hz;
 pub use outline::{Circle, Ellipse, Flat, NotConvex, Outline, Polygon, Support};
 pub use point::PointContact;
 
-/// A force on the whisker in one place.
+/// A force on the whisker at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
     /// Arc length of the contact.
     pub arc_m: f64,
-    /// Force along the whisker's tangent at the contact, towards the tip; zero on the side of a whisker without friction or taper.
+    /// Force along the whisker's tangent at the contact, towards the tip; zero on the side of a whisker without
+    /// friction or taper.
     pub along_n: f64,
     /// Force across the whisker, positive to its left: positive from an object on its right.
     pub left_n: f64,
@@ -103,7 +95,7 @@ pub struct Deflection {
     pub point: Point<Base>,
     /// Angle of the tangent at the contact, in Base, not wrapped.
     pub tangent_rad: f64,
-    /// Moment at the root, the reading: negative where the object lies on the left.
+    /// Moment at the root, the reading: negative if the object lies on the left.
     pub moment_n_m: f64,
     /// Rotation of the root against the base.
     pub rotation_rad: f64,
@@ -119,13 +111,13 @@ struct Rate {
     moment: f64,
 }
 
-/// Why there is no equilibrium to tell of.
+/// Reason for a missing equilibrium.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Failure {
     /// A number is not finite.
     #[error("{what}: found {found}, expected a finite number")]
     NotFinite {
-        /// What it stands for.
+        /// Name of the quantity.
         what: &'static str,
         /// The number.
         found: f64,
@@ -140,30 +132,30 @@ pub enum Failure {
         /// Length of the whisker.
         length_m: f64,
     },
-    /// The load would wind the whisker up.
-    #[error("force of {force_n} N: more than the whisker can bear at {arc_m} m")]
+    /// The load exceeds the capacity of the whisker.
+    #[error("force of {force_n} N at {arc_m} m: exceeds the capacity of the whisker")]
     TooStrong {
         /// Magnitude of the force.
         force_n: f64,
         /// Arc length of the contact.
         arc_m: f64,
     },
-    /// The point is beyond the whisker's reach, or the tip slips off the object: no equilibrium this far.
+    /// The point is out of the whisker's reach, or the tip slips off the object.
     #[error("the whisker slips off: no equilibrium beyond {:.1} % of the deflection", 100.0 * reached)]
     SlippedOff {
         /// Share of the way from the undeflected whisker that has an equilibrium.
         reached: f64,
     },
-    /// The whisker snaps to another shape before it comes so far.
+    /// The whisker snaps to another shape before it reaches the deflection.
     #[error("the whisker buckles: no equilibrium beyond {:.1} % of the deflection", 100.0 * reached)]
     Buckled {
         /// Share of the way from the undeflected whisker that has an equilibrium.
         reached: f64,
     },
-    /// The concave side of the whisker bridges the object and touches it in more than one place.
-    #[error("the whisker's concave side bridges the object around {arc_m} m: it touches in more than one place")]
+    /// The concave side of the whisker bridges the object: the contact is at more than one point.
+    #[error("the whisker's concave side bridges the object around {arc_m} m: it touches at more than one point")]
     Bridged {
-        /// Arc length around which it does.
+        /// Arc length around which it bridges the object.
         arc_m: f64,
     },
 }
@@ -185,7 +177,7 @@ impl Elastica {
     /// The whisker with these parameters.
     ///
     /// # Errors
-    /// [`Invalid`] where they do not describe one.
+    /// [`Invalid`] if they do not describe one.
     pub fn new(whisker: &Whisker) -> Result<Self, Invalid> {
         whisker.validate()?;
         let (rest, length_m) = (whisker.rest_shape(), whisker.length_m);
@@ -197,7 +189,7 @@ impl Elastica {
             stretches.push(Stretch { start_m, curvature_per_m, diameter_m: whisker.diameter_m(start_m), taper });
             start_m += piece.length_m;
         }
-        // The whisker goes on beyond its tip, for iterations that end on it may pass it.
+        // The whisker is continued beyond its tip, which iterations may pass.
         let curvature_per_m = stretches[stretches.len() - 1].curvature_per_m;
         stretches.push(Stretch { start_m: length_m, curvature_per_m, diameter_m: whisker.tip_diameter_m, taper: 0.0 });
         Ok(Self {
@@ -258,7 +250,7 @@ impl Elastica {
         Some((Deflection { point, tangent_rad, moment_n_m, rotation_rad, tip }, rates))
     }
 
-    /// Radius of the wire. Its surface goes on straight beyond the tip.
+    /// Radius of the wire. Its surface is continued straight beyond the tip.
     fn radius_m(&self, arc_m: f64) -> f64 {
         0.5 * self.root_diameter_m + self.radius_slope() * arc_m
     }
@@ -284,7 +276,7 @@ fn finite(what: &'static str, found: f64) -> Result<(), Failure> {
     if found.is_finite() { Ok(()) } else { Err(Failure::NotFinite { what, found }) }
 }
 
-/// +1 where the object lies on the left of the whisker, -1 where it lies on the right.
+/// +1 if the object lies on the left of the whisker, -1 if it lies on the right.
 fn side(face: Face) -> f64 {
     -face.away_sign()
 }

@@ -4,21 +4,22 @@ use std::f64::consts::PI;
 
 use crate::{Invalid, Whisker};
 
-/// The first `N` natural frequencies of a straight whisker of uniform diameter on its compliant root, without damping, ascending.
+/// The first `N` natural frequencies of a straight whisker of uniform diameter on its compliant root, without damping,
+/// ascending.
 ///
-/// Euler-Bernoulli beam, free at the tip, on a rotational spring at the root: `f = (lambda / L)^2 sqrt(EI / (rho A)) / (2 pi)`
-/// with `lambda` the positive roots of
+/// Euler-Bernoulli beam, free at the tip, on a rotational spring at the root: `f = (lambda / L)^2 sqrt(EI / (rho A)) /
+/// (2 pi)` with `lambda` the positive roots of
 ///
 /// ```text
 /// K (1 + cos l cosh l) = l (sin l cosh l - cos l sinh l)    K = k L / EI
 /// ```
 ///
-/// (Blevins, "Formulas for Natural Frequency and Mode Shape", 1979, beams on springs). The limit of a stiff root is the clamped
-/// beam, 1.8751, 4.6941, 7.8548; that of a soft root the pinned one, 0, 3.9266, 7.0686. Root `n` lies between `(n - 1) pi` and
-/// `n pi`.
+/// (Blevins, "Formulas for Natural Frequency and Mode Shape", 1979, beams on springs). The limit of a stiff root is the
+/// clamped beam, 1.8751, 4.6941, 7.8548; that of a soft root the pinned one, 0, 3.9266, 7.0686. Root `n` lies between
+/// `(n - 1) pi` and `n pi`.
 ///
 /// # Errors
-/// [`Invalid`] where the parameters do not describe a whisker that is straight and uniform.
+/// [`Invalid`] if the parameters do not describe a whisker that is straight and uniform.
 pub fn natural_frequencies_hz<const N: usize>(whisker: &Whisker) -> Result<[f64; N], Invalid> {
     whisker.validate()?;
     if whisker.tip_diameter_m != whisker.root_diameter_m {

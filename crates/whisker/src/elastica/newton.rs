@@ -1,14 +1,14 @@
-//! What the inverses share: Newton's iteration in two unknowns, and the way from the undeflected whisker.
+//! Newton's iteration in two unknowns and continuation from the undeflected whisker, common to the inverse maps.
 
 use nalgebra::{Matrix2, Vector2};
 
 /// Residual, relative to the whisker's length, below which one more step is the last: it squares the residual.
 const NEARLY: f64 = 1e-9;
 
-/// Iterations after which a solution is not worth waiting for; shorter ways converge in three to five.
+/// Maximum number of iterations; sufficiently small steps converge in three to five.
 const MOST_ITERATIONS: usize = 12;
 
-/// Shortest share of the way that is tried.
+/// Smallest step of the continuation, as a share.
 const SHORTEST: f64 = 1.0 / 4096.0;
 
 /// Residual (in metres) and its derivatives by the unknowns.
@@ -17,8 +17,9 @@ pub(super) struct Equations {
     pub(super) jacobian: Matrix2<f64>,
 }
 
-/// Solves two equations from a guess. None where the iteration does not converge, or converges on a solution beyond a fold,
-/// where the determinant is negative: from the undeflected whisker, where it is positive, that takes a snap.
+/// Solves two equations from an initial guess. `None` if the iteration does not converge, or converges to a solution
+/// beyond a fold, where the determinant is negative: from the undeflected whisker, where it is positive, it can be
+/// reached by a snap only.
 pub(super) fn solve(
     mut unknowns: Vector2<f64>,
     length_m: f64,
@@ -28,7 +29,7 @@ pub(super) fn solve(
     for iteration in 0..MOST_ITERATIONS {
         let Equations { residual_m, jacobian } = equations(unknowns)?;
         let size = residual_m.norm() / length_m;
-        // The first step may overshoot; after it, a residual that does not shrink is no way to a solution.
+        // The first step may overshoot; after it, a residual that does not decrease does not lead to a solution.
         if !size.is_finite() || (iteration > 1 && size > NEARLY && size > 0.5 * last) {
             return None;
         }
@@ -43,8 +44,8 @@ pub(super) fn solve(
     None
 }
 
-/// Follows a solution from the undeflected whisker (share 0) to the wanted place (share 1), in one stride where that
-/// converges, in shorter ones where it does not.
+/// Continues a solution from the undeflected whisker (share 0) to the wanted state (share 1), in one step if that
+/// converges, else in smaller ones.
 ///
 /// # Errors
 /// The largest share that was reached, and its solution.

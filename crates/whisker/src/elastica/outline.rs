@@ -31,8 +31,9 @@ pub struct Flat {
 
 /// A closed convex curve.
 pub trait Outline {
-    /// The point that lies farthest in the direction `normal_rad` (an angle in World, any number of turns). Across the normal
-    /// of a straight side it jumps from one end to the other; everywhere else it moves with the normal at the rate `radius_m`.
+    /// The point that lies farthest in the direction `normal_rad` (an angle in World, any number of turns). Across the
+    /// normal of a straight side it jumps from one end to the other; everywhere else its derivative by the normal is
+    /// `radius_m`.
     fn support(&self, normal_rad: f64) -> Support;
 
     /// The straight sides, by ascending angle of their normals, from 0 to one turn.
@@ -68,7 +69,8 @@ pub struct Ellipse {
 }
 
 impl Outline for Ellipse {
-    /// With the normal `n` in the ellipse's axes and `h = sqrt(a^2 n_x^2 + b^2 n_y^2)`: `(a^2 n_x, b^2 n_y) / h`, radius `a^2 b^2 / h^3`.
+    /// With the normal `n` in the ellipse's axes and `h = sqrt(a^2 n_x^2 + b^2 n_y^2)`: `(a^2 n_x, b^2 n_y) / h`,
+    /// radius `a^2 b^2 / h^3`.
     fn support(&self, normal_rad: f64) -> Support {
         let [a, b] = self.semi_axes_m;
         let normal = direction(normal_rad - self.yaw_rad);
@@ -86,7 +88,7 @@ pub struct Polygon {
     flats: Vec<Flat>,
 }
 
-/// Why vertices do not make a convex polygon.
+/// Error of vertices that do not form a convex polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "vertex {vertex}: found a straight or clockwise turn, expected three or more vertices counter-clockwise around a convex polygon"
@@ -100,7 +102,7 @@ impl Polygon {
     /// The polygon with these vertices, counter-clockwise.
     ///
     /// # Errors
-    /// [`NotConvex`] where they are not those of a convex polygon.
+    /// [`NotConvex`] if they are not those of a convex polygon.
     pub fn new(vertices: &[Point<World>]) -> Result<Self, NotConvex> {
         let count = vertices.len();
         let side = |i: usize| vertices[(i + 1) % count].vector() - vertices[i % count].vector();

@@ -7,15 +7,15 @@ use super::{Deflection, Elastica, Failure, Load, Parameter, Rate, finite};
 use crate::frames::{Base, Point};
 use crate::rest::direction;
 
-/// The farthest that an iteration may pass the tip, in lengths of the whisker.
+/// Largest distance by which an iteration may pass the tip, in lengths of the whisker.
 const BEYOND: f64 = 1.5;
 
-/// A contact on the side of the whisker, frictionless, and how it changes with its place.
+/// A frictionless contact on the side of the whisker, and its derivatives by its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointContact {
-    /// Where the force acts and how strong it is.
+    /// Load on the whisker.
     pub load: Load,
-    /// The whisker under it.
+    /// Deflection of the whisker.
     pub deflection: Deflection,
     /// Derivatives of the moment by the contact's coordinates in Base, in N (N m per m).
     pub moment_gradient_n: Vector2<f64>,
@@ -25,7 +25,7 @@ pub struct PointContact {
     pub arc_gradient: Vector2<f64>,
 }
 
-/// Derivatives of a contact's place by arc length and force: columns in the order of the unknowns.
+/// Derivatives of a contact's position by arc length and force: columns in the order of the unknowns.
 fn place(rates: &[Rate; 2]) -> Matrix2<f64> {
     Matrix2::from_columns(&[rates[0].point, rates[1].point])
 }
@@ -33,20 +33,19 @@ fn place(rates: &[Rate; 2]) -> Matrix2<f64> {
 impl Elastica {
     /// The contact whose centre line passes through `point`, with a force across the whisker.
     ///
-    /// Of several, the one that is reached from the undeflected whisker when the point turns about the root from there to its
-    /// place: for a whisker much stiffer than its root, the rotation that the root makes.
+    /// Of several, the one reached from the undeflected whisker when the point turns about the root from there to its
+    /// place, which for a whisker much stiffer than its root is the rotation of the root.
     ///
     /// # Errors
-    /// [`Failure::SlippedOff`] where the point is out of the whisker's reach, [`Failure::Buckled`] where it snaps before it
-    /// comes so far, [`Failure::NotFinite`].
+    /// [`Failure::SlippedOff`] if the point is out of the whisker's reach, [`Failure::Buckled`] if the whisker snaps
+    /// before, [`Failure::NotFinite`].
     pub fn at_point(&self, point: Point<Base>) -> Result<PointContact, Failure> {
         finite("point.x", point.x())?;
         finite("point.y", point.y())?;
         self.point_contact(self.follow_to(point.vector())?)
     }
 
-    /// As [`Self::at_point`] on the whisker continued beyond its tip; with a contact nearby the solution to which that leads, if it leads
-    /// to one.
+    /// As [`Self::at_point`] on the whisker continued beyond its tip; `near` selects the solution if it leads to one.
     pub(crate) fn continued_at_point(&self, point: Point<Base>, near: Option<&Load>) -> Option<PointContact> {
         let goal = point.vector();
         let unknowns = match near {
@@ -56,7 +55,7 @@ impl Elastica {
         self.contact_of(unknowns?)
     }
 
-    /// The point of the undeflected whisker at this distance from the root, or its tip where it does not reach so far.
+    /// The point of the undeflected whisker at this distance from the root, or its tip if it does not reach so far.
     pub(crate) fn rest_at_radius(&self, radius_m: f64) -> Point<Base> {
         self.rest.point(self.rest.arc_at_radius(radius_m))
     }
@@ -72,10 +71,10 @@ impl Elastica {
         let arc_m = self.rest.arc_at_radius(radius_m);
         let start = self.rest.point(arc_m).vector();
         let (from_m, from_rad) = (start.norm(), start.y.atan2(start.x));
-        // Left and right are those of the undeflected whisker: the shorter way round.
+        // Left and right are those of the undeflected whisker: the shorter rotation.
         let turn_rad = (start.x * goal.y - start.y * goal.x).atan2(start.dot(&goal));
         let way = |share: f64| {
-            // Ends exactly on the point, which sine and cosine would miss by a rounding.
+            // Ends exactly at the point, which sine and cosine would miss by rounding.
             if share == 1.0 {
                 goal
             } else {
@@ -89,10 +88,11 @@ impl Elastica {
         unknowns.map_err(|(reached, last)| lost(reached, last.x))
     }
 
-    /// As [`Self::at_point`], from a contact nearby, such as the last sample's, by which the solution is chosen.
+    /// As [`Self::at_point`], starting from a nearby contact, such as that of the last sample, which selects the
+    /// solution.
     ///
     /// # Errors
-    /// Those of [`Self::at_point`], which is asked where the contact nearby does not lead to a solution.
+    /// Those of [`Self::at_point`], which is used if the nearby contact does not lead to a solution.
     pub fn at_point_near(&self, point: Point<Base>, near: &Load) -> Result<PointContact, Failure> {
         finite("point.x", point.x())?;
         finite("point.y", point.y())?;
@@ -118,7 +118,7 @@ impl Elastica {
     }
 
     fn point_contact(&self, unknowns: Vector2<f64>) -> Result<PointContact, Failure> {
-        // A contact at the very tip may come out a rounding beyond it.
+        // A contact at the tip may lie beyond it by rounding.
         let arc_m =
             if unknowns.x <= self.length_m * (1.0 + 1e-12) { unknowns.x.min(self.length_m) } else { unknowns.x };
         if arc_m > self.length_m {

@@ -1,20 +1,20 @@
 //! The integration: Taylor series of the equilibrium, summed from the contact back to the root.
 //!
 //! All derivatives at a point follow from recurrences, for the curvature `q = kappa0 + C m` is a product of series and
-//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` (Jorba and Zou, "A software package for the numerical integration of ODEs by
-//! means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step of order 20 covers a third of a
-//! radian or more to the last digit; no table of coefficients, no trial steps. Derivatives with respect to the load are
-//! those of the recurrences themselves.
+//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` (Jorba and Zou, "A software package for the numerical integration of
+//! ODEs by means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step of order 20 covers a third
+//! of a radian or more to the last digit; no table of coefficients, no trial steps. Derivatives with respect to the
+//! load are those of the recurrences themselves.
 
 use super::Load;
 
-/// Order of the series. Work a step grows with its square, the step with `eps^(-1/order)`: near 18 is cheapest.
+/// Order of the series. The work per step grows with its square, the step with `eps^(-1/order)`: near 18 is cheapest.
 const ORDER: usize = 20;
 
 /// Size of the last terms kept: in angle in radians, in position relative to the arc length of the contact.
 const TOLERANCE: f64 = 1e-16;
 
-/// More steps than any load within reason needs; beyond, the load is refused.
+/// Maximum number of steps, beyond which a load is refused as unreasonable.
 const MOST_STEPS: usize = 2000;
 
 type Series = [f64; ORDER + 1];
@@ -30,7 +30,7 @@ pub(super) struct Stretch {
     pub(super) taper: f64,
 }
 
-/// What the equilibrium is differentiated by.
+/// Parameter by which the equilibrium is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Parameter {
     /// The arc length of the contact.
@@ -43,7 +43,7 @@ impl Parameter {
     /// The force to the left.
     pub(super) const LEFT: Self = Self::Force { along: 0.0, left: 1.0 };
 
-    /// Moment by which the section at `x, y` notices the parameter, its own place held fixed.
+    /// Derivative of the moment of the section at `x, y` by the parameter, with the section held fixed.
     pub(super) fn moment(self, x: f64, y: f64) -> f64 {
         match self {
             Self::Arc => 0.0,
@@ -81,8 +81,8 @@ impl Expansion {
         State { x_m: horner(&self.x), y_m: horner(&self.y), t_rad: horner(&self.t) }
     }
 
-    /// The step whose last terms have the size of the tolerance. The last three, for a symmetric state has every second
-    /// term equal to zero.
+    /// The step at which the last terms have the size of the tolerance. The last three, since every second term of a
+    /// symmetric state is zero.
     fn step_m(&self, arc_m: f64) -> f64 {
         let step = |order: usize| {
             let size = self.t[order].abs().max(self.x[order].abs() / arc_m).max(self.y[order].abs() / arc_m);
@@ -97,7 +97,8 @@ fn product(a: &Series, b: &Series, k: usize) -> f64 {
     a[..=k].iter().zip(b[..=k].iter().rev()).map(|(a, b)| a * b).sum()
 }
 
-/// Series of `1 / EI = C d^-4` in the distance from a point where the diameter is `diameter_m`, and its number of terms.
+/// Series of `1 / EI = C d^-4` in the distance from a point where the diameter is `diameter_m`, and its number of
+/// terms.
 fn compliance(coefficient: f64, diameter_m: f64, taper: f64) -> (Series, usize) {
     let mut series = [0.0; ORDER + 1];
     series[0] = coefficient / diameter_m.powi(4);
@@ -113,9 +114,9 @@ fn compliance(coefficient: f64, diameter_m: f64, taper: f64) -> (Series, usize) 
 
 /// The state at the root under `load`, and its derivatives by `parameters`.
 ///
-/// `compliance_coefficient` is `64 / (pi E)`, so that `1 / EI` is this over the fourth power of the diameter. The last stretch
-/// has no end. `visit` is given each step: the arc length around which it is expanded, the one where it ends, the series.
-/// None where the load is out of all proportion.
+/// `compliance_coefficient` is `64 / (pi E)`, so that `1 / EI` is this over the fourth power of the diameter. The last
+/// stretch has no end. `visit` is called for each step with the arc length of the expansion, the one at its end, and
+/// the series. `None` if the load is unreasonably large.
 pub(super) fn root<const N: usize>(
     stretches: &[Stretch],
     compliance_coefficient: f64,
@@ -125,7 +126,8 @@ pub(super) fn root<const N: usize>(
 ) -> Option<(State, [State; N])> {
     let mut s_m = load.arc_m;
     let first = stretches.partition_point(|stretch| stretch.start_m < s_m).max(1);
-    // At the contact the moment is zero. Where the contact moves up the wire, the state at an arc length held fixed moves back.
+    // At the contact the moment is zero. If the contact moves along the wire, the state at a fixed arc length moves in
+    // the opposite direction.
     let start = State { x_m: -1.0, y_m: 0.0, t_rad: -stretches[first - 1].curvature_per_m };
     let mut state = State::default();
     let mut rates = parameters.map(|by| if by == Parameter::Arc { start } else { State::default() });

@@ -1,15 +1,17 @@
-//! How well a robot knows where the base of a whisker is.
+//! Noise of the measured pose of a whisker's base.
 
 use filters::mapped;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 
 use crate::frames::{Base, Point};
 
-/// Covariance of the error of the base's measured pose, of its x, y and yaw in Base, in m2, m rad and rad2. Without noise the pose is exact.
+/// Covariance of the error of the base's measured pose: its x, y and yaw in Base, in m2, m rad and rad2. Zero for an
+/// exact pose.
 ///
-/// A pose that joint encoders tell is off at each instant by an error of its own and does not drift. The contact, which an estimator carries along by the
-/// differences of such poses, is then wrong by the error of the present pose alone, whatever the errors on the way were. So this is no noise of the process.
-/// It is noise of the measurement: what is read is the reading of a contact that lies off by the base's error.
+/// A pose from joint encoders has an independent error at each instant and does not drift. An estimator carries the
+/// contact along by the differences of such poses, so its error is that of the present pose alone, whatever the errors
+/// before. Hence this is no process noise but measurement noise: the reading is that of a contact displaced by the
+/// base's error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BaseNoise(pub Matrix3<f64>);
 
@@ -19,14 +21,15 @@ impl BaseNoise {
         self.0 == Matrix3::zeros()
     }
 
-    /// Covariance in m2 of the place in Base of a point at rest in World, as far as the base's error goes. A base that is off by `(x, y)` and turned by `yaw`
-    /// has the point `p` off by `-(x, y) - yaw x p`.
+    /// Covariance (m2) in Base of the position of a point at rest in World that the error of the base's pose causes. A
+    /// base displaced by `(x, y)` and rotated by `yaw` displaces the point `p` by `-(x, y) - yaw x p`.
     pub fn of_point_m2(&self, point: Point<Base>) -> Matrix2<f64> {
         let by_pose = Matrix2x3::new(1.0, 0.0, -point.y(), 0.0, 1.0, point.x());
         mapped(&by_pose, &self.0)
     }
 
-    /// Variance that it adds to the reading of a contact, by which the reading has the derivative `gradient_n`.
+    /// Variance that the error adds to the reading of a contact whose reading has the gradient `gradient_n` by the
+    /// contact's position.
     pub fn of_reading_n2_m2(&self, contact: Point<Base>, gradient_n: &Vector2<f64>) -> f64 {
         gradient_n.dot(&(self.of_point_m2(contact) * gradient_n))
     }
@@ -37,9 +40,9 @@ mod tests {
     use super::*;
     use crate::frames::{Pose, World};
 
-    /// Against small displacements of the base itself.
+    /// Compares with small displacements of the base itself.
     #[test]
-    fn verif_a_point_is_off_by_the_error_of_the_base() {
+    fn verif_covariance_of_a_point_is_that_of_a_displaced_base() {
         let base: Pose<Base, World> = Pose::new(0.3, -0.2, 0.7);
         let seen: Point<Base> = Point::new(0.06, -0.01);
         let error = nalgebra::vector![2e-6, -1e-6, 3e-5];

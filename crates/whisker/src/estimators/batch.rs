@@ -1,4 +1,4 @@
-//! Hindsight: the most probable trajectory, given all readings of the contact.
+//! Batch estimator: the most probable trajectory, given all readings of a contact.
 
 use std::sync::Arc;
 
@@ -12,21 +12,21 @@ use serde_json::Value;
 
 use super::gaussian::Follower;
 use super::motion::{AnyMotion, Motion};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::Side;
 use super::smoother::{self, Recorder};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::Pose;
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// Most steps of the search.
+    /// Maximum number of steps of the search.
     pub iterations: usize,
-    /// Step, in standard deviations of the result, that ends it.
+    /// Step, in standard deviations of the result, below which the search ends.
     pub tolerance_sds: f64,
-    /// The filter and smoother that give the first guess, and the model of the contact's motion.
+    /// Settings of the filter and smoother that give the initial guess, and the model of the contact's motion.
     pub guess: smoother::Config,
 }
 
@@ -37,7 +37,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// For contacts that slide round objects of any size.
+    /// Settings for contacts that slide around objects of any size.
     pub(super) fn sliding() -> Self {
         Self { guess: smoother::Config::sliding(), ..Self::default() }
     }
@@ -75,16 +75,17 @@ impl AnyMotion for Batch {
     }
 }
 
-/// A recorder that keeps the samples as well.
+/// A recorder that keeps the samples too.
 struct Collector<Model, const N: usize> {
     search: Search,
     recorder: Recorder<Model, N>,
-    /// Samples that the recorder has a step of, and how much noisier than usual their readings count.
+    /// Samples for which the recorder has a step, each with the factor that inflates the noise of its reading.
     samples: Vec<(Sample, f64)>,
 }
 
 impl<Model: Motion<N>, const N: usize> Collector<Model, N> {
-    /// The most probable trajectory, from the smoothed one; nothing where no prediction is possible on the way.
+    /// The most probable trajectory, from the smoothed one as initial guess. `None` if no prediction is possible along
+    /// it.
     fn solved(&self, smoothed: &[Gaussian<N>]) -> Option<Vec<Gaussian<N>>> {
         let Recorder { follower, .. } = &self.recorder;
         let side = &follower.side;
@@ -107,7 +108,7 @@ impl<Model: Motion<N>, const N: usize> Collector<Model, N> {
     }
 }
 
-/// A belief that leaves the contact's place to the readings.
+/// A prior that is diffuse in the contact's position.
 fn anywhere(side: &Side) -> Gaussian<2> {
     let (low_m, high_m) = side.face.domain.arc_range_m();
     let variance_m2 = (high_m - low_m).powi(2);
@@ -119,7 +120,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Collector<Model, N> {
         let estimate = self.recorder.step(sample)?;
         let gate = self.recorder.follower.gate_sds();
         let excess = estimate.innovation.map_or(1.0, |innovation| (innovation.nis / (gate * gate)).max(1.0));
-        // At the touch, the motion since the last instant leads from nowhere.
+        // The first sample of a touch has no preceding position, so its motion does not count.
         let is_first = self.samples.is_empty();
         let motion = if is_first { Pose::new(0.0, 0.0, 0.0) } else { sample.motion };
         self.samples.push((Sample { motion, ..*sample }, excess));

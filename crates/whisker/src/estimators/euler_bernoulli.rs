@@ -1,15 +1,16 @@
-//! The baseline: slip along the whisker inferred from Euler-Bernoulli beam theory (Solomon and Hartmann 2010, "Extracting object
-//! contours with the sweep of a robotic whisker using torque information").
+//! The baseline: slip along the whisker inferred from Euler-Bernoulli beam theory (Solomon and Hartmann 2010,
+//! "Extracting object contours with the sweep of a robotic whisker using torque information").
 //!
-//! A small push past the touch gives the distance of the contact from the base; from then on each change of moment that the base's motion over a
-//! resting contact does not explain is put down to slip along the whisker. Their whisker is clamped, straight and only
-//! rotates; here the base may move in any way, the root is compliant, and the whisker may be pre-curved:
+//! A small push past the touch gives the distance of the contact from the base. From then on, each change of moment
+//! that the base's motion over a resting contact does not explain is attributed to slip along the whisker. In the
+//! publication the whisker is clamped, straight and only rotates; here the base may move in any way, the root is
+//! compliant, and the whisker may be pre-curved:
 //! - the root takes its share of the deflection;
-//! - deflection counts from the undeflected wire;
+//! - deflection is measured from the undeflected wire;
 //! - the touch is evaluated for curved beams on the compliant root, over many samples instead of one;
 //! - slip is bounded by the base's motion.
 //!
-//! Errors across the whisker stay for good: the method corrects along it only.
+//! Errors across the whisker persist: the method corrects along it only.
 //!
 //! Notation: `r` distance of the contact from the clamp, `theta` polar angle of the deflection (positive away from the
 //! object), `M` moment (positive likewise), `EI` bending stiffness.
@@ -20,11 +21,11 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Settings, SettingsError, parse, within};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
-use crate::sensor::CalibratedFace;
+use crate::sensor::{AlongAway, CalibratedFace};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Candidate distances along the whisker at the touch.
 const CANDIDATES: usize = 240;
@@ -36,12 +37,12 @@ const PANELS: usize = 32;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// Push past the touch from which the contact's distance is taken, as an angle about the root. A smaller deflection says too little
-    /// about slip to be used later, either.
+    /// Push past the touch at which the contact's distance is estimated, as an angle about the root (rad). Smaller
+    /// deflections determine slip too poorly to be used later, either.
     pub onset_rad: f64,
-    /// Most slip at a sample, as a share of the way that the contact goes in Base because of the base's motion. Without a bound the method runs off
-    /// to an end of the whisker: on a root this soft, moment hardly depends on the place along the whisker, so a small error across it
-    /// is put down to a large slip.
+    /// Largest slip per sample, as a share of the contact's displacement in Base that the base's motion causes. Without
+    /// a bound the estimate drifts to an end of the whisker: on a root this soft the moment hardly depends on the
+    /// position along the whisker, so a small error across it is attributed to a large slip.
     pub most_slip: f64,
 }
 
@@ -58,7 +59,7 @@ impl Settings for Config {
     }
 }
 
-/// Where moment and slope come from.
+/// Source of moment and slope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
     Cantilever,
@@ -114,24 +115,24 @@ struct Baseline {
     state: State,
 }
 
-/// What is expected of a contact that rested in the world.
+/// Prediction for a contact that rested in the world.
 struct Expectation {
-    /// Its moment, positive when the object pushes.
+    /// Moment (N m), positive if the object pushes.
     moment_n_m: f64,
-    /// Slope of the moment along the whisker towards the root.
+    /// Slope of the moment along the whisker towards the root (N).
     slope_n: f64,
-    /// That direction.
+    /// Unit vector along the whisker towards the root.
     towards_root: Vector2<f64>,
     /// Deflection as a polar angle about the clamp.
     theta_rad: f64,
 }
 
-/// Step over which the cantilever's slope is taken.
+/// Step of the finite difference for the cantilever's slope.
 const SLOPE_STEP_M: f64 = 1e-5;
 
 /// A cantilever on the compliant root, bent so that it passes through a contact.
 struct Cantilever {
-    /// Moment, positive when the object pushes.
+    /// Moment (N m), positive if the object pushes.
     moment_n_m: f64,
     /// Polar angle of the contact about the root against the undeflected wire, positive away from the object.
     theta_rad: f64,
@@ -139,8 +140,9 @@ struct Cantilever {
     tangent_rad: f64,
 }
 
-/// The clamped wire obeys `M r / EI = 3.0063 t - 0.0341 t^2 - 0.6683 t^3` (fitted to the exact cantilever; Solomon and Hartmann 2010 give the
-/// like), its tangent at the contact is 1.5 t; the root takes `M / k` of the whole angle `theta`, so `t = theta - M / k`.
+/// The clamped wire obeys `M r / EI = 3.0063 t - 0.0341 t^2 - 0.6683 t^3` (fitted to the exact cantilever; Solomon and
+/// Hartmann 2010 give a similar law), and its tangent at the contact is 1.5 t. The root takes `M / k` of the whole
+/// angle `theta`, so `t = theta - M / k`.
 fn cantilever(knowledge: &Knowledge, contact: Point<Base>, sign: f64) -> Cantilever {
     let radius_m = contact.vector().norm();
     let arc_m = knowledge.rest.arc_at_radius(radius_m);
@@ -150,7 +152,7 @@ fn cantilever(knowledge: &Knowledge, contact: Point<Base>, sign: f64) -> Cantile
     let root = knowledge.whisker.root_stiffness_n_m_rad;
     let wire = |t: f64| stiffness * ((-0.6683 * t - 0.0341) * t + 3.0063) * t;
     let slope = |t: f64| stiffness * ((-3.0 * 0.6683 * t - 2.0 * 0.0341) * t + 3.0063);
-    // Newton on `wire(t) = k (theta - t)`, which is all but linear.
+    // Newton's method on `wire(t) = k (theta - t)`, which is nearly linear.
     let mut t = theta_rad * root / (root + slope(0.0));
     for _ in 0..4 {
         t -= (wire(t) - root * (theta_rad - t)) / (slope(t) + root);
@@ -162,8 +164,9 @@ fn cantilever(knowledge: &Knowledge, contact: Point<Base>, sign: f64) -> Cantile
     }
 }
 
-/// Moment per unit of small normal deflection of a contact at `arc_m`, of the wire in series with the root: unit load, curved beam,
-/// `1 / compliance = M / (integral of lever^2 / EI + lever(0)^2 / k)`. A straight clamped wire gives `3 EI / r^2`.
+/// Moment per unit of small normal deflection of a contact at `arc_m`, of the wire in series with the root: unit load,
+/// curved beam, `1 / compliance = M / (integral of lever^2 / EI + lever(0)^2 / k)`. A straight clamped wire gives `3 EI
+/// / r^2`.
 fn onset_stiffness_n(knowledge: &Knowledge, arc_m: f64) -> f64 {
     let normal = direction(knowledge.rest.tangent_rad(arc_m) + std::f64::consts::FRAC_PI_2);
     let contact = knowledge.rest.point(arc_m).vector();
@@ -184,8 +187,9 @@ fn onset_stiffness_n(knowledge: &Knowledge, arc_m: f64) -> f64 {
 }
 
 impl Baseline {
-    /// The contact at the touch, moved along with the base since: the place along the undeflected whisker whose stiffness explains
-    /// how the reading grew. The push before the touch was noticed is unknown and fitted with it.
+    /// The contact at the touch, carried along with the base since: the position along the undeflected whisker whose
+    /// stiffness explains the growth of the reading. The unknown push before the detection of the touch is fitted with
+    /// it.
     fn onset(&self, history: &[(Pose<Base, Base>, f64)]) -> Point<Base> {
         let (low, high) = self.face.domain.arc_range_m();
         let sign = self.face.face.away_sign();
@@ -195,7 +199,7 @@ impl Baseline {
             let stiffness = onset_stiffness_n(&self.knowledge, arc_m);
             let touched = self.knowledge.rest.point(arc_m);
             let unexplained = |(motion, reading): &(Pose<Base, Base>, f64)| {
-                sign * reading - stiffness * self.face.along_and_away(motion.apply(touched)).1
+                sign * reading - stiffness * self.face.along_and_away(motion.apply(touched)).away_m
             };
             let count = history.len() as f64;
             let before = history.iter().map(unexplained).sum::<f64>() / count;
@@ -206,10 +210,10 @@ impl Baseline {
         }
         let (_, arc_m, before_m) = best;
         let (motion, _) = history[history.len() - 1];
-        motion.apply(self.face.contact_at(arc_m, before_m.max(0.0)))
+        motion.apply(self.face.contact_at(AlongAway::new(arc_m, before_m.max(0.0))))
     }
 
-    /// What theory or map say of a contact that rested in the world.
+    /// Prediction of the theory, or of the map, for a contact that rested in the world.
     fn expect(&self, contact: Point<Base>) -> Expectation {
         let sign = self.face.face.away_sign();
         let cantilever = |contact| cantilever(&self.knowledge, contact, sign);
@@ -241,7 +245,7 @@ impl Tracker for Baseline {
                 history.push((motion, sample.reading_n_m));
                 let (low, high) = self.face.domain.arc_range_m();
                 let middle = 0.5 * (low + high);
-                let (_, pushed_m) = self.face.along_and_away(motion.apply(self.knowledge.rest.point(middle)));
+                let pushed_m = self.face.along_and_away(motion.apply(self.knowledge.rest.point(middle))).away_m;
                 if pushed_m < self.config.onset_rad.tan() * middle {
                     return None;
                 }

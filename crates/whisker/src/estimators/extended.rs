@@ -4,14 +4,14 @@ use filters::{Gaussian, Innovation, Measurement, Process, UpdateError, extended}
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
-use super::gaussian::Verbs;
+use super::gaussian::GaussianFilter;
 
-/// It has no settings of its own.
+/// The filter; it has no settings of its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Extended {}
 
-impl Verbs for Extended {
+impl GaussianFilter for Extended {
     fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
         extended::predict(belief, process);
         Ok(())

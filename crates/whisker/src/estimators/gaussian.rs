@@ -1,4 +1,4 @@
-//! What the filters with Gaussian hypotheses share: they differ in their two verbs only.
+//! Common part of the filters with Gaussian hypotheses, which differ in prediction and update only.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -10,19 +10,21 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 
-/// The two verbs of a filter with a Gaussian belief; the type holds its own settings.
-pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + Send + Sync + 'static {
+/// Prediction and update of a filter whose belief is Gaussian; the type holds the filter's own settings.
+pub(super) trait GaussianFilter:
+    Copy + Debug + Default + Serialize + DeserializeOwned + Send + Sync + 'static
+{
     /// Checks every value.
     fn validate(&self) -> Result<(), SettingsError> {
         Ok(())
     }
 
-    /// Carries the belief through the process.
+    /// Propagates the belief through the process.
     fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError>;
 
     /// Conditions the belief on a reading.
@@ -36,25 +38,26 @@ pub(super) trait Verbs: Copy + Debug + Default + Serialize + DeserializeOwned + 
 
 /// Settings of a filter with Gaussian hypotheses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields, bound = "Filter: Verbs")]
+#[serde(default, deny_unknown_fields, bound = "Filter: GaussianFilter")]
 pub(super) struct Config<Filter> {
-    /// One Gaussian, or several along the whisker.
+    /// Initial hypotheses: one Gaussian, or several along the whisker.
     pub start: Start,
-    /// How the contact moves.
+    /// Model of the contact's motion.
     pub motion: MotionSettings,
-    /// Fading memory: the prior covariance is scaled by it at each step.
+    /// Fading memory: factor of the prior covariance at each step.
     pub fading: f64,
-    /// A reading farther off than this, in standard deviations, is taken to be as noisy as to lie there.
+    /// Gate, in standard deviations: the noise of a reading with a larger innovation is inflated until the innovation
+    /// lies at the gate.
     pub gate_sds: f64,
     /// Weight of a hypothesis, relative to the heaviest, below which it is dropped.
     pub prune_share: f64,
-    /// Loss, as a divergence between the beliefs before and after, below which two hypotheses are merged.
+    /// Divergence between the beliefs before and after below which two hypotheses are merged.
     pub merge_loss: f64,
-    /// What only this filter has.
+    /// Settings of this filter alone.
     pub filter: Filter,
 }
 
-impl<Filter: Verbs> Default for Config<Filter> {
+impl<Filter: GaussianFilter> Default for Config<Filter> {
     fn default() -> Self {
         Self {
             start: Start::Hypotheses { count: 16 },
@@ -68,14 +71,14 @@ impl<Filter: Verbs> Default for Config<Filter> {
     }
 }
 
-impl<Filter: Verbs> Config<Filter> {
-    /// For contacts that slide round objects of any size.
+impl<Filter: GaussianFilter> Config<Filter> {
+    /// Settings for contacts that slide around objects of any size.
     pub(super) fn sliding() -> Self {
         Self { motion: MotionSettings::Round(Round::of_any_size()), ..Self::default() }
     }
 }
 
-impl<Filter: Verbs> Settings for Config<Filter> {
+impl<Filter: GaussianFilter> Settings for Config<Filter> {
     fn validate(&self) -> Result<(), SettingsError> {
         self.start.validate()?;
         self.motion.validate()?;
@@ -87,8 +90,8 @@ impl<Filter: Verbs> Settings for Config<Filter> {
     }
 }
 
-/// A filter as a method.
-pub(super) fn build<Filter: Verbs>(
+/// The method that runs a filter with these settings.
+pub(super) fn build<Filter: GaussianFilter>(
     config: &Value,
     knowledge: &Arc<Knowledge>,
 ) -> Result<Box<dyn Method>, SettingsError> {
@@ -101,7 +104,7 @@ struct Filtering<Filter> {
     knowledge: Arc<Knowledge>,
 }
 
-impl<Filter: Verbs> Method for Filtering<Filter> {
+impl<Filter: GaussianFilter> Method for Filtering<Filter> {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         self.config.motion.begin(self, touch)
     }
@@ -111,7 +114,7 @@ impl<Filter: Verbs> Method for Filtering<Filter> {
     }
 }
 
-impl<Filter: Verbs> AnyMotion for Filtering<Filter> {
+impl<Filter: GaussianFilter> AnyMotion for Filtering<Filter> {
     fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
         Box::new(Follower::new(self.config, motion, touch, &self.knowledge))
     }
@@ -126,11 +129,11 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     contact_prior: Option<ContactPrior>,
     /// Samples before the touch, until the first step.
     history: Vec<Sample>,
-    /// Nothing before the first step.
+    /// `None` before the first step.
     bank: Option<Bank<N>>,
 }
 
-impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
+impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
     pub(super) fn new(config: Config<Filter>, motion: Model, touch: &Touch<'_>, knowledge: &Knowledge) -> Self {
         Self {
             config,
@@ -143,17 +146,17 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
         }
     }
 
-    /// The gate of the readings, in standard deviations.
+    /// Gate of the readings, in standard deviations.
     pub(super) fn gate_sds(&self) -> f64 {
         self.config.gate_sds
     }
 
-    /// The measurement.
+    /// The measurement model.
     pub(super) fn reading(&self) -> ContactReading<'_> {
-        ContactReading::of::<Model, N>(&self.side)
+        ContactReading::new(&self.side, Model::MODEL_ERROR)
     }
 
-    /// The bank at the touch: what the start says, and what the readings before it do.
+    /// The bank at the touch: the initial hypotheses, conditioned on the readings before the touch.
     fn begin(&self, touch: &Sample) -> Bank<N> {
         let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
         let beliefs = places.iter().flat_map(|(place, log_weight)| {
@@ -163,7 +166,7 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
             let reading = EarlierReading { back, reading: self.reading() };
-            // A reading that says nothing leaves the bank as it is.
+            // A reading without a valid update leaves the bank as it is.
             let _ = self.condition(&mut bank, &reading, sample.reading_n_m);
         }
         bank
@@ -187,11 +190,11 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
         innovation
     }
 
-    /// Takes a sample; what the whole mixture believes before and after it.
+    /// Takes a sample and returns the moments of the whole mixture before and after its reading.
     pub(super) fn advance(&mut self, sample: &Sample) -> Option<Advance<N>> {
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
-            // Should all hypotheses be lost later on, these samples lie too far back to begin with again.
+            // If all hypotheses are lost later on, these samples are too old for a new start.
             self.history.clear();
             let belief = bank.moments()?;
             self.bank = Some(bank);
@@ -211,18 +214,18 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Follower<Filter, Model, N>
     }
 }
 
-/// What a sample changed.
+/// Result of one step.
 pub(super) struct Advance<const N: usize> {
-    /// Belief before the reading.
+    /// Prior: the belief before the reading.
     pub(super) predicted: Gaussian<N>,
-    /// Belief after it.
+    /// Posterior: the belief after the reading.
     pub(super) filtered: Gaussian<N>,
     pub(super) innovation: Option<Innovation<1>>,
 }
 
-impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
+impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Advance { filtered, innovation, .. } = self.advance(sample)?;
-        Some(self.side.estimate(&self.motion, &filtered, innovation))
+        Some(self.side.estimate(self.motion.radius(), &filtered, innovation))
     }
 }

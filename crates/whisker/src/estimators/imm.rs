@@ -1,8 +1,10 @@
-//! The interacting-multiple-model estimator ([`filters::imm`]) on the contact: the contact rests on a thin object, slides over a round one, or is lost.
+//! The interacting-multiple-model estimator ([`filters::imm`]) on the contact: the contact rests on a thin object,
+//! slides over a round one, or is lost.
 //!
-//! All modes share the state of a sliding contact, `(s, d, rho, e)`. In the mode *static* the radius is that of a thin object, which every step puts in
-//! anew; in the mode *sliding* it is found out, beginning with nothing known whenever the mode is entered from another; in the mode *lost* the sensor reads
-//! zero whatever the state, and the contact drifts away from where it was. Each of several hypotheses at the touch is such an estimator; they are weighed, pruned and
+//! All modes share the state of a sliding contact, `(s, d, rho, e)`. In the mode *static* every step resets the radius
+//! to that of a thin object. In the mode *sliding* the radius is estimated, from a diffuse prior whenever the mode is
+//! entered from another one. In the mode *lost* the sensor reads zero whatever the state, and the contact drifts from
+//! its last position. Each of several hypotheses at the touch is such an estimator; they are weighted, pruned and
 //! merged as in the other filters.
 
 use std::ops::RangeInclusive;
@@ -15,11 +17,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::motion::{Motion, Round};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::ModelShares;
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Names of the modes, in their order.
 const MODES: [&str; 3] = ["static", "sliding", "lost"];
@@ -46,23 +48,25 @@ impl OfModes {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// One Gaussian, or several along the whisker.
+    /// Initial hypotheses: one Gaussian, or several along the whisker.
     pub start: Start,
-    /// The mode *static*.
+    /// Motion model of the mode *static*.
     pub thin: Round,
-    /// The mode *sliding*.
+    /// Motion model of the mode *sliding*.
     pub round: Round,
-    /// How far a lost contact drifts, as the standard deviation after one second.
+    /// Drift of a lost contact, as the standard deviation after one second.
     pub lost_wander_m_sqrt_s: f64,
-    /// Probabilities of the modes at the touch, when none is lost, relative to one another; in this proportion they follow on others, too.
+    /// Relative probabilities of the modes at the touch, where *lost* has none. The probabilities of a transition into
+    /// the modes have the same proportion.
     pub weights: OfModes,
-    /// How long each mode lasts on average, in seconds.
+    /// Mean duration of each mode (s).
     pub sojourn_s: OfModes,
-    /// A reading farther off than this, in standard deviations, is taken to be as noisy as to lie there.
+    /// Gate, in standard deviations: the noise of a reading with a larger innovation is inflated until the innovation
+    /// lies at the gate.
     pub gate_sds: f64,
     /// Weight of a hypothesis, relative to the heaviest, below which it is dropped.
     pub prune_share: f64,
-    /// Loss, as a divergence between the beliefs before and after, below which two hypotheses are merged.
+    /// Divergence between the beliefs before and after below which two hypotheses are merged.
     pub merge_loss: f64,
 }
 
@@ -134,12 +138,12 @@ struct Follower {
     contact_prior: Option<ContactPrior>,
     /// Samples before the touch, until the first step.
     history: Vec<Sample>,
-    /// Nothing before the first step.
+    /// `None` before the first step.
     bank: Option<Bank<4, Imm<4>>>,
 }
 
 impl Follower {
-    /// The bank at the touch: not lost yet.
+    /// The bank at the touch, with zero probability of *lost*.
     fn begin(&self, touch: &Sample) -> Bank<4, Imm<4>> {
         let Config { thin, round, weights, .. } = self.config;
         let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
@@ -153,7 +157,7 @@ impl Follower {
         });
         let mut bank = Bank::new(hypotheses);
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
-            // A reading that says nothing leaves the bank as it is.
+            // A reading without a valid update leaves the bank as it is.
             let _ = self.condition(&mut bank, sample.reading_n_m, |mode| EarlierReading {
                 back: self.process(mode, &sample),
                 reading: self.reading(),
@@ -163,7 +167,7 @@ impl Follower {
     }
 
     fn reading(&self) -> ContactReading<'_> {
-        ContactReading::of::<Round, 4>(&self.side)
+        ContactReading::new(&self.side, Round::MODEL_ERROR)
     }
 
     fn process(&self, mode: usize, sample: &Sample) -> ModeProcess<'_> {
@@ -178,7 +182,7 @@ impl Follower {
         }
     }
 
-    /// Conditions the bank on a reading, of which `reading` is the measurement in a mode.
+    /// Conditions the bank on a reading; `reading` gives the measurement model of a mode.
     fn condition<Reading: Measurement<4, 1>>(
         &self,
         bank: &mut Bank<4, Imm<4>>,
@@ -218,17 +222,17 @@ impl Follower {
         .ok()
     }
 
-    /// What the bank says; nothing while it takes the contact to be lost.
+    /// The estimate of the bank. `None` while the contact is more probably lost.
     fn estimate(&self, bank: &Bank<4, Imm<4>>, innovation: Option<Innovation<1>>) -> Option<Estimate> {
         let share = |mode: usize| -> f64 {
             bank.hypotheses().iter().map(|one| one.weight() * one.belief.probabilities()[mode]).sum()
         };
-        let belief = believed(bank, STATIC..=SLIDING).filter(|_| share(LOST) < 0.5)?;
+        let belief = moments(bank, STATIC..=SLIDING).filter(|_| share(LOST) < 0.5)?;
         let models = ModelShares::new(MODES.iter().enumerate().map(|(mode, name)| (*name, share(mode))));
-        let stated = self.side.estimate(&self.config.round, &belief, innovation);
-        // The static mode has no radius to tell.
-        let sliding = believed(bank, SLIDING..=SLIDING).filter(|_| share(SLIDING) > share(STATIC));
-        let radius = sliding.and_then(|sliding| self.side.radius(&self.config.round, &sliding, stated.contact));
+        let stated = self.side.estimate(self.config.round.radius(), &belief, innovation);
+        // The static mode does not estimate a radius.
+        let sliding = moments(bank, SLIDING..=SLIDING).filter(|_| share(SLIDING) > share(STATIC));
+        let radius = sliding.and_then(|sliding| self.side.radius(self.config.round.radius(), &sliding, stated.contact));
         Some(Estimate { models: Some(models), radius, ..stated })
     }
 }
@@ -242,7 +246,7 @@ impl Tracker for Follower {
             }
             None => {
                 let bank = self.begin(sample);
-                // Should all hypotheses be lost later on, these samples lie too far back to begin with again.
+                // If all hypotheses are lost later on, these samples are too old for a new start.
                 self.history.clear();
                 (bank, None)
             }
@@ -253,8 +257,8 @@ impl Tracker for Follower {
     }
 }
 
-/// What the bank believes in some of the modes together.
-fn believed(bank: &Bank<4, Imm<4>>, modes: RangeInclusive<usize>) -> Option<Gaussian<4>> {
+/// Moments of the bank over some of the modes together. `None` if they have no probability.
+fn moments(bank: &Bank<4, Imm<4>>, modes: RangeInclusive<usize>) -> Option<Gaussian<4>> {
     let parts = bank.hypotheses().iter().flat_map(|one| {
         let (beliefs, shares) = (one.belief.beliefs(), one.belief.probabilities());
         modes.clone().map(move |mode| (beliefs[mode], one.weight() * shares[mode]))
@@ -262,7 +266,7 @@ fn believed(bank: &Bank<4, Imm<4>>, modes: RangeInclusive<usize>) -> Option<Gaus
     Gaussian::of_mixture(parts)
 }
 
-/// A belief with nothing known of the radius.
+/// The belief with a diffuse radius.
 fn unknown(round: &Round, belief: &Gaussian<4>) -> Gaussian<4> {
     let mut entered = *belief;
     let (radius_m, radius_sd_m) = round.expected_radius_m();
@@ -276,14 +280,14 @@ fn unknown(round: &Round, belief: &Gaussian<4>) -> Gaussian<4> {
 /// One step of a mode.
 struct ModeProcess<'a> {
     step: <Round as Motion<4>>::Step<'a>,
-    /// Puts in the radius of this motion's prior.
+    /// Prior motion whose radius replaces that of the state.
     thin: Option<Round>,
-    /// Variance that it adds to the place besides.
+    /// Additional variance of the position (m2).
     drift_m2: f64,
 }
 
 impl ModeProcess<'_> {
-    /// The state that the step is taken from.
+    /// The state from which the step starts.
     fn from(&self, x: &Vector4<f64>) -> Vector4<f64> {
         let mut from = *x;
         from[2] = self.thin.map_or(x[2], |thin| thin.expected_radius_m().0);
@@ -313,7 +317,7 @@ impl Process<4> for ModeProcess<'_> {
     }
 }
 
-/// The reading in a mode.
+/// Measurement model of a mode.
 struct ModeReading<'a> {
     contact: ContactReading<'a>,
     is_lost: bool,
@@ -343,7 +347,7 @@ mod tests {
     use crate::estimators::testing::knowledge;
 
     #[test]
-    fn verif_radius_is_that_of_the_sliding_mode_alone() {
+    fn verif_radius_is_that_of_the_sliding_mode() {
         let knowledge = knowledge();
         let config = Config::default();
         let follower = Follower {

@@ -5,16 +5,16 @@ use filters::{Gaussian, Innovation, Measurement, Process, UpdateError};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
-use super::gaussian::Verbs;
-use super::settings::{SettingsError, within};
+use super::gaussian::GaussianFilter;
+use crate::settings::{SettingsError, within};
 
-/// Its own settings.
+/// Settings of this filter alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Iterated {
-    /// Most steps of an update.
+    /// Maximum number of steps of an update.
     iterations: usize,
-    /// Step, in standard deviations of the prior, that ends it.
+    /// Step, in standard deviations of the prior, below which the update ends.
     tolerance_sds: f64,
 }
 
@@ -24,7 +24,7 @@ impl Default for Iterated {
     }
 }
 
-impl Verbs for Iterated {
+impl GaussianFilter for Iterated {
     fn validate(&self) -> Result<(), SettingsError> {
         within("filter.iterations", self.iterations as f64, 1.0..=1000.0)?;
         within("filter.tolerance_sds", self.tolerance_sds, 0.0..=1.0)

@@ -1,24 +1,24 @@
-//! Estimators of the contact's place, under test.
+//! Estimators of the contact point.
 //!
-//! A robot knows how its base moved between two samples and what the sensor read: a [`Sample`]. An [`Estimator`] takes samples in the
-//! order of time and answers with an [`Estimate`] while the whisker touches. Touch and release are found the same way for all
-//! ([`crate::events`]); what differs is the [`Method`], which begins a [`Tracker`] at each touch.
+//! The input of an estimator is a sequence of [`Sample`]s: the motion of the base between two instants, and the
+//! sensor's reading. An [`Estimator`] takes samples in the order of time and returns an [`Estimate`] while the whisker
+//! touches. Contact detection is common to all ([`crate::events`]); estimators differ in the [`Method`], which begins a
+//! [`Tracker`] at each touch.
 //!
 //! To add an estimator: one file with a `Method`, and one row in [`ESTIMATORS`].
 
 mod base_noise;
 mod batch;
-mod choice;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
 mod imm;
 mod iterated;
+mod model_averaging;
 mod motion;
 mod outline;
 mod paper;
 mod particle;
-pub(crate) mod settings;
 mod shares;
 mod side;
 mod smoother;
@@ -27,8 +27,8 @@ mod start;
 mod testing;
 mod unscented;
 
+pub use crate::settings::{Settings, SettingsError, parse, within};
 pub use base_noise::BaseNoise;
-pub use settings::{Settings, SettingsError, parse, within};
 pub use shares::ModelShares;
 
 use std::collections::VecDeque;
@@ -45,39 +45,39 @@ use crate::rest::direction;
 use crate::sensor::{CalibratedFace, Face};
 use crate::{RestShape, Whisker};
 
-/// What the robot learns from one instant to the next.
+/// One sample: the motion since the last instant, and the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// The base's frame at the last instant, seen from its frame now.
+    /// Pose of the base's frame at the last instant in its present frame.
     pub motion: Pose<Base, Base>,
     /// Time since the last instant.
     pub dt_s: f64,
-    /// The sensor's reading now.
+    /// Present reading of the sensor.
     pub reading_n_m: f64,
 }
 
-/// Where an estimator believes the contact to be.
+/// Estimate of the contact at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Contact on the centre line.
+    /// Contact point on the centre line.
     pub contact: Point<Base>,
     /// Side of the whisker on which the object lies.
     pub face: Face,
-    /// Its covariance, in m2, where the method states one.
+    /// Posterior covariance of the contact in Base (m2), 2x2. `None` for methods without one.
     pub covariance_m2: Option<Matrix2<f64>>,
-    /// Whether the contact lies where the sensor model was calibrated.
+    /// Whether the contact lies within the region in which the sensor model was calibrated.
     pub calibrated: bool,
-    /// Whether the contact may lie at the very tip, where the reading means something else.
+    /// Whether the contact may lie at the tip, where the reading has another meaning.
     pub at_tip: bool,
-    /// What the last update learnt, where the method has such a thing.
+    /// Innovation of the last update. `None` for methods without one.
     pub innovation: Option<Innovation<1>>,
-    /// Radius of the object alone where it is touched, where the method has one.
+    /// Radius of the object at the contact, without the wire's. `None` if the method does not estimate it.
     pub radius: Option<Radius>,
-    /// How probable the models are that the method weighs against one another, where it does.
+    /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,
 }
 
-/// Radius of an object, without the wire's.
+/// Estimated radius of an object, without the wire's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Radius {
     /// The radius.
@@ -86,12 +86,12 @@ pub struct Radius {
     pub sd_m: f64,
 }
 
-/// What an honest robot knows before it touches anything.
+/// Prior information available to an estimator.
 #[derive(Clone, Debug)]
 pub struct Knowledge {
     /// The whisker.
     pub whisker: Whisker,
-    /// Its undeflected shape.
+    /// Undeflected shape of the whisker.
     pub rest: RestShape,
     /// Calibrated sensor model of each face, at least one.
     pub faces: Vec<Arc<CalibratedFace>>,
@@ -99,38 +99,40 @@ pub struct Knowledge {
     pub noise_sd_n_m: f64,
     /// Noise of the base's measured pose.
     pub base_noise: BaseNoise,
-    /// Readings a second, for the filters of the contact detection.
+    /// Sampling rate of the readings (Hz), for the filters of the contact detection.
     pub rate_hz: f64,
-    /// Where the robot was contact_prior that it touches; without it the first touch lies anywhere along the undeflected whisker.
+    /// Prior of the first contact. Without it the first touch may lie anywhere along the undeflected whisker.
     pub contact_prior: Option<ContactPrior>,
 }
 
-/// What somebody claims of the place of the first touch.
+/// Prior of the first contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactPrior {
-    /// The contact at the touch.
+    /// Mean of the contact at the touch.
     pub contact: Point<Base>,
-    /// Standard deviation of the claim, in every direction.
+    /// Standard deviation in every direction.
     pub sd_m: f64,
 }
 
 impl Knowledge {
-    /// What the contact detection is fitted to.
+    /// Parameters of the contact detection.
     pub fn sensing(&self) -> Sensing {
         let largest_reading_n_m = self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
         Sensing::new(&self.whisker, self.rate_hz, self.noise_sd_n_m, largest_reading_n_m)
     }
 
-    /// The calibration of a face, if there is one.
+    /// The calibration of a face. `None` if that face was not calibrated.
     pub fn face(&self, face: Face) -> Option<&Arc<CalibratedFace>> {
         self.faces.iter().find(|calibrated| calibrated.face == face)
     }
 
-    /// Tangent angle of the deflected whisker at an estimated contact, in Base: the sensor model's, where that knows mechanics.
+    /// Tangent angle of the deflected whisker at an estimated contact, in Base: that of the sensor model if it includes
+    /// mechanics.
     ///
-    /// Otherwise the root is turned by reading over stiffness. In the clamped wire's frame a straight cantilever whose loaded point
-    /// lies at polar angle theta has the tangent 1.5 theta there (within 1.6 % to 60 degrees, Solomon and Hartmann 2010);
-    /// for a pre-curved one theta counts from the undeflected point at the same distance from the root. \[inferred\]
+    /// Otherwise the root is turned by reading over stiffness. In the clamped wire's frame a straight cantilever whose
+    /// loaded point lies at the polar angle theta has the tangent angle 1.5 theta there (within 1.6 % up to 60 degrees,
+    /// Solomon and Hartmann 2010); for a pre-curved wire theta is measured from the undeflected point at the same
+    /// distance from the root. \[inferred\]
     pub fn tangent_rad(&self, estimate: &Estimate, reading_n_m: f64) -> f64 {
         let known = self.face(estimate.face).and_then(|face| face.model.tangent_rad(estimate.contact));
         known.unwrap_or_else(|| {
@@ -145,10 +147,12 @@ impl Knowledge {
         })
     }
 
-    /// Whether an estimated contact may lie at the tip: whether the arc length up to it comes within three standard deviations of the whole.
+    /// Whether an estimated contact may lie at the tip: whether three standard deviations beyond its arc length reach
+    /// the whisker's length.
     ///
-    /// A contact pushed aside by `d` at the foot `s` lies at the arc length `s + c d^2 / s` of the bent whisker, to second order, with c from 0.5 for a
-    /// straight wire that only turns at its root to 0.6 for a clamped one; here their mean.
+    /// A contact displaced by `d` at the foot `s` lies at the arc length `s + c d^2 / s` of the bent whisker, to second
+    /// order, with c from 0.5 for a straight wire that only turns at its root to 0.6 for a clamped one; their mean is
+    /// used.
     pub fn may_be_tip(&self, estimate: &Estimate) -> bool {
         const STRETCH: f64 = 0.55;
         const SDS: f64 = 3.0;
@@ -159,12 +163,13 @@ impl Knowledge {
         arc_m + SDS * sd_m >= self.rest.length_m()
     }
 
-    /// The point of the object's surface that belongs to an estimate: the wire's radius towards the object.
+    /// Point of the object's surface that belongs to an estimate: the contact shifted by the wire's radius towards the
+    /// object.
     pub fn surface(&self, estimate: &Estimate, reading_n_m: f64) -> Point<Base> {
         self.surface_beside(estimate, direction(self.tangent_rad(estimate, reading_n_m)))
     }
 
-    /// The same where the deflected whisker's tangent at the estimated contact is known, a unit vector.
+    /// As [`Self::surface`], with the known tangent of the deflected whisker at the contact, a unit vector.
     pub fn surface_beside(&self, estimate: &Estimate, tangent: Vector2<f64>) -> Point<Base> {
         let left = Vector2::new(-tangent.y, tangent.x);
         let radius_m = 0.5 * self.whisker.diameter_m(self.rest.foot(estimate.contact).arc_m);
@@ -172,62 +177,63 @@ impl Knowledge {
     }
 }
 
-/// Follows one contact from touch to release.
+/// Tracks one contact from touch to release.
 pub trait Tracker: Send {
-    /// Takes one sample; the first is that of the touch. No estimate means that the method does not know yet.
+    /// Takes one sample; the first is that of the touch. `None` until the method has an estimate.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
 
-    /// Called once, at the release or at the end of the recording: what hindsight says of every sample since the touch, in their order.
-    /// Nothing where the method does not look back.
+    /// Smoothed estimates of every sample since the touch, in their order. Called once, at the release or at the end of
+    /// the recording. `None` for methods that do not smooth.
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
         None
     }
 
-    /// Called with the next touch after a release: whether this tracker follows it, too, with what it remembers of the object. Otherwise a new one
-    /// begins.
+    /// Resumes tracking at the next touch after a release, with what was learnt of the object. Returns whether it does;
+    /// if not, a new tracker is begun.
     fn resume(&mut self, _touch: &Touch<'_>) -> bool {
         false
     }
 
-    /// The object's outline as far as it was touched, in the order in which the whisker's tangent turns to the left; nothing where the method knows
-    /// contacts only.
+    /// Outline of the object as far as it was touched, ordered by the whisker's tangent turning to the left. `None` for
+    /// methods that estimate contacts only.
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
         None
     }
 }
 
-/// A point of an object's outline, in the frame in which the base started.
+/// A point of an object's outline, in Start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutlinePoint {
     /// The point of the object's surface.
     pub surface: Point<Start>,
     /// Outward normal there, a unit vector.
     pub normal: Vector2<f64>,
-    /// Covariance of the point, in so far as it leads out of the outline: along a straight stretch there is next to none.
+    /// Covariance of the point (m2), as far as it leads out of the outline: along a straight stretch it is nearly zero.
     pub covariance_m2: Matrix2<f64>,
 }
 
-/// A touch that begins.
+/// The beginning of a touch.
 #[derive(Clone, Copy, Debug)]
 pub struct Touch<'a> {
     /// The face that is touched.
     pub face: &'a Arc<CalibratedFace>,
-    /// The samples before that of the touch, in the order of time: the whisker was free then, or had touched without its being noticed.
+    /// Samples before that of the touch, in the order of time: the whisker was free, or its contact was not detected
+    /// yet.
     pub history: &'a [Sample],
-    /// Where the base was at the last sample before that of the touch.
+    /// Pose of the base at the last sample before that of the touch.
     pub before: Pose<Base, Start>,
-    /// Where the robot was contact_prior that it touches.
+    /// Prior of this contact.
     pub contact_prior: Option<ContactPrior>,
-    /// For methods that draw random numbers.
+    /// Seed for methods that draw random numbers.
     pub seed: u64,
 }
 
-/// A way to follow contacts.
+/// An estimation method.
 pub trait Method: Send + Sync {
-    /// Begins at a touch, the sample of which is the first that the tracker is given.
+    /// Begins to track a contact; the first sample that the tracker takes is that of the touch.
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker>;
 
-    /// Whether what its trackers hold is of one size from their second step on, so that no step allocates: they can run where memory is counted.
+    /// Whether its trackers have a constant size from their second step on, so that no step allocates memory.
     fn is_of_fixed_size(&self) -> bool {
         false
     }
@@ -236,7 +242,7 @@ pub trait Method: Send + Sync {
 /// Samples of the free whisker that are kept for the next touch.
 const HISTORY: usize = 50;
 
-/// Runs a method over a recording whose contacts are known: waits for the touch, follows the contact, lets go.
+/// Runs a method over a recording whose contacts are known: waits for a touch, tracks the contact until its release.
 pub struct Runner {
     method: Box<dyn Method>,
     knowledge: Arc<Knowledge>,
@@ -245,22 +251,22 @@ pub struct Runner {
     released: Option<Box<dyn Tracker>>,
     /// The last samples of the free whisker.
     history: VecDeque<Sample>,
-    /// Where the base is.
+    /// Present pose of the base.
     base: Pose<Base, Start>,
     seed: u64,
     touches: u64,
 }
 
 impl Runner {
-    /// One that follows contacts by `method`.
+    /// A runner of `method`.
     pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, seed: u64) -> Self {
         let history = VecDeque::with_capacity(HISTORY);
         let base = Pose::new(0.0, 0.0, 0.0);
         Self { method, knowledge, tracker: None, released: None, history, base, seed, touches: 0 }
     }
 
-    /// Takes the next sample in the order of time, with the side on which the object lies while the whisker touches. Nothing while free, or while the method
-    /// does not know yet, or on a face that was not calibrated.
+    /// Takes the next sample in the order of time and, while the whisker touches, the side on which the object lies.
+    /// `None` while the whisker is free, while the method has no estimate yet, or on a face without calibration.
     pub fn step(&mut self, sample: &Sample, touched: Option<Face>) -> Option<Estimate> {
         let Some(face) = touched else {
             self.release();
@@ -270,7 +276,7 @@ impl Runner {
         self.follow(sample, face)
     }
 
-    /// Steps through a whole recording, and where the method has hindsight puts what it says in the place of what was said at the time.
+    /// Steps through a whole recording. Estimates of a method that smooths are replaced by the smoothed ones.
     pub fn run(&mut self, samples: &[Sample], touched: &[Option<Face>]) -> Vec<Option<Estimate>> {
         let mut estimates = Vec::with_capacity(samples.len());
         for (sample, touched) in samples.iter().zip(touched) {
@@ -280,8 +286,8 @@ impl Runner {
         estimates
     }
 
-    /// Takes the next sample of a recording and puts its estimate behind those before. Where the method has hindsight those of a touch are revised when it
-    /// ends: as long as the whisker touches ([`Self::is_following`]) they must stay.
+    /// Takes the next sample of a recording and appends its estimate. If the method smooths, the estimates of a touch
+    /// are revised when it ends: they must be kept while the whisker touches ([`Self::is_following`]).
     pub fn push(&mut self, sample: &Sample, touched: Option<Face>, estimates: &mut Vec<Option<Estimate>>) {
         if touched.is_none() {
             self.look_back(estimates);
@@ -289,17 +295,17 @@ impl Runner {
         estimates.push(self.step(sample, touched));
     }
 
-    /// Ends the recording.
+    /// Ends the recording and revises the estimates of a touch that has not ended.
     pub fn end(&mut self, estimates: &mut [Option<Estimate>]) {
         self.look_back(estimates);
     }
 
-    /// Whether a touch is being followed.
+    /// Whether a contact is being tracked.
     pub fn is_following(&self) -> bool {
         self.tracker.is_some()
     }
 
-    /// The outline of the object that is touched, or was last; see [`Tracker::outline`].
+    /// Outline of the object that is touched, or was touched last; see [`Tracker::outline`].
     pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
         self.tracker.as_ref().or(self.released.as_ref())?.outline()
     }
@@ -339,7 +345,7 @@ impl Runner {
         estimate
     }
 
-    /// Adds to an estimate what its place says about the tip. In its place, for estimates are long.
+    /// Sets whether the estimated contact may lie at the tip. In place, since estimates are large.
     fn place(&self, estimate: &mut Option<Estimate>) {
         if let Some(estimate) = estimate {
             estimate.at_tip = self.knowledge.may_be_tip(estimate);
@@ -366,7 +372,7 @@ pub struct Estimator {
 }
 
 impl Estimator {
-    /// One that detects contacts with these settings.
+    /// An estimator with these settings of the contact detection.
     pub fn new(runner: Runner, touch: TouchConfig) -> Self {
         Self { detector: ContactDetector::new(touch, &runner.knowledge.sensing()), runner }
     }
@@ -427,34 +433,34 @@ pub enum MethodClass {
 pub struct EstimatorRow {
     /// Name.
     pub name: &'static str,
-    /// One line about it.
+    /// One-line description.
     pub about: &'static str,
-    /// What it may know of the recording, and what it is there for.
+    /// Class of the method.
     pub class: MethodClass,
-    /// Label of the sensor model that it insists on; without one it takes the calibration's choice.
+    /// Label of the sensor model that the method requires. `None` if it uses that selected by the calibration.
     pub sensor_model: Option<&'static str>,
     /// Default settings.
     pub defaults: fn() -> Value,
-    /// Makes the method from its settings and what the robot knows.
+    /// Builds the method from its settings and the prior information.
     pub build: Build,
 }
 
-/// Makes a method from its settings and what the robot knows.
+/// Builds a method from its settings and the prior information.
 pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError>;
 
 /// The registry of estimators.
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "what to use: `ukf` for thin things, `sliding` for round ones, `outline` for others, as far as the readings speak for each",
+        about: "Bayesian average of `ukf` (thin objects), `sliding` (round ones) and `outline` (others)",
         class: MethodClass::Recursive,
         sensor_model: None,
-        defaults: defaults::<choice::Config>,
-        build: choice::build_recursive,
+        defaults: defaults::<model_averaging::Config>,
+        build: model_averaging::build_recursive,
     },
     EstimatorRow {
         name: "sliding",
-        about: "`ekf` for round objects of any size, whose radius it finds out; slower to be sure of a pin",
+        about: "`ekf` for round objects of any size, with estimated radius; converges more slowly on a pin",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: || to_json(&gaussian::Config::<extended::Extended>::sliding()),
@@ -462,7 +468,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "ekf",
-        about: "extended Kalman filter on the round contact of a thin object, from several hypotheses",
+        about: "extended Kalman filter for the contact with a thin object, from several hypotheses",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<gaussian::Config<extended::Extended>>,
@@ -486,7 +492,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "particle",
-        about: "particle filter whose proposal looks at the reading",
+        about: "particle filter whose proposal depends on the reading",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<particle::Config>,
@@ -502,7 +508,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "smoother",
-        about: "fixed-interval smoother behind the iterated filter (Rauch, Tung and Striebel 1965)",
+        about: "fixed-interval smoother after the iterated filter (Rauch, Tung and Striebel 1965)",
         class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: defaults::<smoother::Config>,
@@ -510,7 +516,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "batch",
-        about: "the most probable trajectory given the whole contact, by Gauss-Newton (Bell 1994)",
+        about: "most probable trajectory given the whole contact, by Gauss-Newton (Bell 1994)",
         class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: defaults::<batch::Config>,
@@ -534,15 +540,15 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "batch-recommended",
-        about: "`batch` for thin things, `batch-sliding` for round ones and `outline-batch` for others, as far as all readings speak for each",
+        about: "Bayesian average of `batch` (thin objects), `batch-sliding` (round ones) and `outline-batch` (others)",
         class: MethodClass::Hindsight,
         sensor_model: None,
-        defaults: || to_json(&choice::Config::hindsight()),
-        build: choice::build_hindsight,
+        defaults: || to_json(&model_averaging::Config::hindsight()),
+        build: model_averaging::build_hindsight,
     },
     EstimatorRow {
         name: "outline",
-        about: "the object's convex outline as the state: what one stroke has contact_prior of it serves the next",
+        about: "the object's convex outline as the state, kept from one stroke to the next",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<outline::Config>,
@@ -550,7 +556,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "outline-batch",
-        about: "the object's convex outline that explains the whole contact, by robust Gauss-Newton",
+        about: "the object's convex outline given the whole contact, by robust Gauss-Newton",
         class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: defaults::<outline::Config>,
@@ -558,7 +564,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "euler-bernoulli",
-        about: "slip along an analytic cantilever (Solomon and Hartmann 2010), on the compliant root",
+        about: "slip along an analytic cantilever on the compliant root (Solomon and Hartmann 2010)",
         class: MethodClass::Baseline,
         sensor_model: None,
         defaults: defaults::<euler_bernoulli::Config>,
@@ -566,7 +572,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "euler-bernoulli-calibrated",
-        about: "the same with moment and its slope from the calibrated map (as in Lin et al. 2022)",
+        about: "`euler-bernoulli` with moment and slope from the calibrated map (as in Lin et al. 2022)",
         class: MethodClass::Baseline,
         sensor_model: None,
         defaults: defaults::<euler_bernoulli::Config>,

@@ -1,40 +1,42 @@
-//! The published configuration (Lin, Reyes, Bohg and Cutkosky 2022), so that anyone can see what it does.
+//! The published configuration (Lin, Reyes, Bohg and Cutkosky 2022), for comparison.
 //!
-//! The state is the contact in Cartesian coordinates of the base's frame; it rests in the world; the prior covariance is scaled by 1.004 at each
-//! step; the sensor model is a polynomial of degree 5. The belief begins as one Gaussian, of which the paper does not say where. Its plots
-//! begin 8 to 10 mm off; here the mean lies on the undeflected whisker, at four fifths of its calibrated part, and the standard deviation is
-//! 8 mm in every direction. On a curved whisker such a Gaussian reaches over places to which the whisker never comes, and the extended filter,
-//! linearised at its mean, concludes from the first readings what it takes seconds to forget.
+//! The state is the contact in Cartesian coordinates of Base. It rests in the world; the prior covariance is scaled by
+//! 1.004 at each step; the sensor model is a polynomial of degree 5. The initial belief is one Gaussian, whose mean the
+//! publication does not state. Its plots begin 8 to 10 mm off; here the mean lies on the undeflected whisker, at four
+//! fifths of its calibrated part, and the standard deviation is 8 mm in every direction. On a curved whisker such a
+//! Gaussian covers positions that the whisker never reaches, and the extended filter, linearised at its mean, draws
+//! conclusions from the first readings that take seconds to correct.
 
 use std::sync::Arc;
 
 use filters::{Gaussian, Innovation, Measurement, ParticleSet};
-use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, vector};
+use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::gaussian::Verbs;
+use super::gaussian::GaussianFilter;
 use super::motion::{AnyMotion, Motion, MotionSettings, Resting};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::Side;
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Point};
+use crate::sensor::AlongAway;
+use crate::settings::{Settings, SettingsError, parse, within};
 
-/// Label of its sensor model.
+/// Label of the sensor model.
 pub(super) const SENSOR_MODEL: &str = "polynomial-5";
 
-/// What all three share.
+/// Settings common to the three filters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Published {
-    /// Fading memory: the prior covariance is scaled by it at each step.
+    /// Fading memory: factor of the prior covariance at each step.
     pub fading: f64,
-    /// Mean of the first belief: a share of the calibrated part of the undeflected whisker, from the root.
+    /// Mean of the initial belief, as a share of the calibrated part of the undeflected whisker from the root.
     pub start_share: f64,
-    /// Its standard deviation, in every direction.
+    /// Standard deviation of the initial belief in every direction.
     pub start_sd_m: f64,
 }
 
@@ -51,7 +53,7 @@ impl Published {
         within("paper.start_sd_m", self.start_sd_m, 1e-6..=0.1)
     }
 
-    /// The first belief.
+    /// The initial belief.
     fn start(&self, side: &Side, touch: &Touch<'_>) -> Gaussian<2> {
         let (low_m, high_m) = side.face.domain.arc_range_m();
         let middle = side.face.rest.point(low_m + self.start_share * (high_m - low_m));
@@ -62,26 +64,27 @@ impl Published {
     }
 }
 
-/// The reading of a contact in Cartesian coordinates; beyond the calibrated region continued linearly.
+/// Measurement model of a contact in Cartesian coordinates, extrapolated linearly beyond the calibrated region.
 struct Reading<'a> {
     side: &'a Side,
-    /// Which number of the state is the sensor model's error, in standard deviations; without one the error is part of the noise.
+    /// Index of the sensor model's error in the state, in standard deviations. `None` if the error is part of the
+    /// measurement noise.
     model_error: Option<usize>,
 }
 
 impl<'a> Reading<'a> {
-    /// The measurement that belongs to a model of the contact's motion.
+    /// The measurement model that belongs to a model of the contact's motion.
     fn of<Model: Motion<N>, const N: usize>(side: &'a Side) -> Self {
         Self { side, model_error: Model::MODEL_ERROR }
     }
 
-    /// The contact of a state, and its place along and away.
-    fn place<const N: usize>(&self, x: &SVector<f64, N>) -> (Point<Base>, (f64, f64)) {
+    /// The contact of a state, in Base and in coordinates along and away.
+    fn place<const N: usize>(&self, x: &SVector<f64, N>) -> (Point<Base>, AlongAway) {
         let contact = Point::new(x[0], x[1]);
         (contact, self.side.face.along_and_away(contact))
     }
 
-    fn expect(&self, contact: Point<Base>, place: (f64, f64)) -> (f64, RowVector2<f64>) {
+    fn expect(&self, contact: Point<Base>, place: AlongAway) -> (f64, RowVector2<f64>) {
         let held = self.side.face.nearest_calibrated_at(contact, place);
         let expected = self.side.face.model.predict(held);
         let gradient = expected.gradient_n.transpose();
@@ -92,13 +95,13 @@ impl<'a> Reading<'a> {
         &self,
         x: &SVector<f64, N>,
         contact: Point<Base>,
-        place: (f64, f64),
+        place: AlongAway,
     ) -> (Vector1<f64>, SMatrix<f64, 1, N>) {
         let (mut expected_n_m, gradient) = self.expect(contact, place);
         let mut jacobian = SMatrix::<f64, 1, N>::zeros();
         jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
         if let Some(e) = self.model_error {
-            let sd_n_m = self.side.model_variance_n2_m2(place.0, place.1).sqrt();
+            let sd_n_m = self.side.model_variance_n2_m2(place).sqrt();
             expected_n_m += x[e] * sd_n_m;
             jacobian[e] = sd_n_m;
         }
@@ -109,8 +112,7 @@ impl<'a> Reading<'a> {
 impl<const N: usize> Measurement<N, 1> for Reading<'_> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
         let (contact, place) = self.place(x);
-        let error_n_m =
-            self.model_error.map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(place.0, place.1).sqrt());
+        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(place).sqrt());
         Some(Vector1::new(self.expect(contact, place).0 + error_n_m))
     }
 
@@ -118,7 +120,7 @@ impl<const N: usize> Measurement<N, 1> for Reading<'_> {
         Some(self.linearised(x)?.1)
     }
 
-    /// The sensor model is asked once.
+    /// Evaluates the sensor model once.
     fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
         let (contact, place) = self.place(x);
         Some(self.linearised_at(x, contact, place))
@@ -126,18 +128,18 @@ impl<const N: usize> Measurement<N, 1> for Reading<'_> {
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
         let (_, place) = self.place(x);
-        Matrix1::new(self.side.variance_n2_m2(place.0, place.1))
+        Matrix1::new(self.side.variance_n2_m2(place))
     }
 
-    /// The place along and away is found once.
+    /// Computes the coordinates along and away once.
     fn linearised_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>, Matrix1<f64>)> {
         let (contact, place) = self.place(x);
         let (expected, jacobian) = self.linearised_at(x, contact, place);
-        Some((expected, jacobian, Matrix1::new(self.side.variance_n2_m2(place.0, place.1))))
+        Some((expected, jacobian, Matrix1::new(self.side.variance_n2_m2(place))))
     }
 }
 
-/// Holds the place of a state within the calibrated region.
+/// Moves the contact of a state into the calibrated region.
 fn held<const N: usize>(side: &Side, x: &SVector<f64, N>) -> SVector<f64, N> {
     let contact = side.face.nearest_calibrated(Point::new(x[0], x[1]));
     let mut held = *x;
@@ -154,31 +156,32 @@ fn estimate<Model: Motion<N>, const N: usize>(
     let held = held(side, &belief.mean);
     let covariance_m2 = belief.covariance.fixed_view::<2, 2>(0, 0).into();
     let contact = Point::new(held[0], held[1]);
-    let radius = side.radius(motion, belief, contact);
+    let radius = side.radius(motion.radius(), belief, contact);
     Estimate { radius, ..side.estimate_at(contact, held == belief.mean, covariance_m2, innovation) }
 }
 
-/// The first belief under a model of the motion: what the publication says of the place, and what the model says of the rest.
+/// The initial belief under a motion model: the contact's position as published, the other entries from the motion
+/// model.
 fn beginning<Model: Motion<N>, const N: usize>(motion: &Model, side: &Side, place: &Gaussian<2>) -> Gaussian<N> {
-    let (arc_m, away_m) = side.face.along_and_away(Point::from_vector(place.mean));
-    let mut belief = motion.belief(&Gaussian::new(vector![arc_m, away_m], place.covariance));
+    let at = side.face.along_and_away(Point::from_vector(place.mean));
+    let mut belief = motion.belief(&Gaussian::new(at.vector(), place.covariance));
     belief.mean.fixed_rows_mut::<2>(0).copy_from(&place.mean);
     belief
 }
 
 /// Settings of the Gaussian filters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields, bound = "Filter: Verbs")]
+#[serde(default, deny_unknown_fields, bound = "Filter: GaussianFilter")]
 pub(super) struct Config<Filter> {
-    /// Memory and start.
+    /// Fading memory and initial belief.
     pub paper: Published,
-    /// How the contact moves; as published it rests.
+    /// Model of the contact's motion; as published, rest.
     pub motion: MotionSettings,
-    /// What only this filter has.
+    /// Settings of this filter alone.
     pub filter: Filter,
 }
 
-impl<Filter: Verbs> Default for Config<Filter> {
+impl<Filter: GaussianFilter> Default for Config<Filter> {
     fn default() -> Self {
         Self { paper: Published::default(), motion: at_rest(), filter: Filter::default() }
     }
@@ -189,7 +192,7 @@ fn at_rest() -> MotionSettings {
     MotionSettings::Resting(Resting::default())
 }
 
-impl<Filter: Verbs> Settings for Config<Filter> {
+impl<Filter: GaussianFilter> Settings for Config<Filter> {
     fn validate(&self) -> Result<(), SettingsError> {
         self.paper.validate()?;
         self.motion.validate()?;
@@ -202,14 +205,14 @@ struct Filtering<Filter> {
     knowledge: Arc<Knowledge>,
 }
 
-pub(super) fn build<Filter: Verbs>(
+pub(super) fn build<Filter: GaussianFilter>(
     config: &Value,
     knowledge: &Arc<Knowledge>,
 ) -> Result<Box<dyn Method>, SettingsError> {
     Ok(Box::new(Filtering::<Filter> { config: parse(config)?, knowledge: knowledge.clone() }))
 }
 
-impl<Filter: Verbs> Method for Filtering<Filter> {
+impl<Filter: GaussianFilter> Method for Filtering<Filter> {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         self.config.motion.begin(self, touch)
     }
@@ -219,7 +222,7 @@ impl<Filter: Verbs> Method for Filtering<Filter> {
     }
 }
 
-impl<Filter: Verbs> AnyMotion for Filtering<Filter> {
+impl<Filter: GaussianFilter> AnyMotion for Filtering<Filter> {
     fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let side = Side::new(touch.face, &self.knowledge);
         let belief = beginning(&motion, &side, &self.config.paper.start(&side, touch));
@@ -235,11 +238,11 @@ struct Follower<Filter, Model, const N: usize> {
     is_first: bool,
 }
 
-impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
+impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !std::mem::take(&mut self.is_first) {
             let process = self.motion.cartesian_step(&self.side, sample);
-            // A belief whose covariance has lost its definiteness says nothing any more.
+            // A covariance that is no longer positive definite gives no estimate.
             self.config.filter.predict(&mut self.belief, &process).ok()?;
             self.belief.fade(self.config.paper.fading);
         }
@@ -257,15 +260,15 @@ impl<Filter: Verbs, Model: Motion<N>, const N: usize> Tracker for Follower<Filte
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ParticleConfig {
-    /// Memory and start.
+    /// Fading memory and initial belief.
     pub paper: Published,
-    /// How the contact moves; as published it rests.
+    /// Model of the contact's motion; as published, rest.
     pub motion: MotionSettings,
     /// Number of particles.
     pub particles: usize,
-    /// Resample where the effective sample size falls below this share of the particles.
+    /// Share of the particles; the set is resampled if the effective sample size falls below it.
     pub resample_share: f64,
-    /// Kernel of the resampling, in standard deviations of the cloud.
+    /// Kernel of the resampling, in standard deviations of the set.
     pub kernel: f64,
 }
 

@@ -12,28 +12,29 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
-use super::settings::{Settings, SettingsError, parse, within};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// From what the particles are drawn, in equal numbers: one Gaussian, or several along the whisker.
+    /// Initial hypotheses, from which equal numbers of particles are drawn: one Gaussian, or several along the whisker.
     pub start: Start,
-    /// How the contact moves.
+    /// Model of the contact's motion.
     pub motion: MotionSettings,
-    /// Fading memory: the cloud's covariance is scaled by it at each step.
+    /// Fading memory: factor of the set's covariance at each step.
     pub fading: f64,
-    /// A reading farther off than this, in standard deviations, is taken to be as noisy as to lie there.
+    /// Gate, in standard deviations: the noise of a reading with a larger innovation is inflated until the innovation
+    /// lies at the gate.
     pub gate_sds: f64,
     /// Number of particles.
     pub particles: usize,
-    /// The cloud is drawn anew where the effective sample size falls below this share of the particles.
+    /// Share of the particles; a new set is drawn if the effective sample size falls below it.
     pub renew_share: f64,
-    /// Kernel of the new cloud, in standard deviations of the old.
+    /// Kernel of the new set, in standard deviations of the old one.
     pub kernel: f64,
 }
 
@@ -103,7 +104,7 @@ struct Follower<Model, const N: usize> {
     /// Samples before the touch, until the first step.
     history: Vec<Sample>,
     rng: Pcg64,
-    /// Nothing before the first step.
+    /// `None` before the first step.
     cloud: Option<ParticleSet<N>>,
 }
 
@@ -121,7 +122,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         }
     }
 
-    /// The cloud at the touch: drawn from what the start says, and weighed by the readings before it.
+    /// The particles at the touch: drawn from the initial hypotheses and weighted by the readings before the touch.
     fn begin(&mut self, touch: &Sample) -> ParticleSet<N> {
         let beliefs = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
         let total: f64 = beliefs.iter().map(|(_, log_weight)| log_weight.exp()).sum();
@@ -140,8 +141,8 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         let renewal = self.config.renewal();
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
-            let reading = EarlierReading { back, reading: ContactReading::of::<Model, N>(&self.side) };
-            // A reading that says nothing leaves the cloud as it is.
+            let reading = EarlierReading { back, reading: ContactReading::new(&self.side, Model::MODEL_ERROR) };
+            // A reading without a valid update leaves the particles as they are.
             let _ = cloud.update_or_renew(&reading, &Vector1::new(sample.reading_n_m), &renewal, &mut self.rng);
         }
         cloud
@@ -157,19 +158,20 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Some(mut cloud) = self.cloud.take() else {
             let cloud = self.begin(sample);
-            let estimate = self.side.estimate(&self.motion, &cloud.moments(), None);
+            let estimate = self.side.estimate(self.motion.radius(), &cloud.moments(), None);
             self.cloud = Some(cloud);
             return Some(estimate);
         };
         cloud.predict(&self.motion.step(&self.side, sample), &mut self.rng);
         cloud.fade(self.config.fading);
         cloud.map(|x| self.held(*x));
-        // The sensor model's error is a part of the noise and comes back at the same place instead of scattering from reading to reading. Were each
-        // particle weighed with its own noise, a series of quiet readings would count as evidence for places where the sensor model errs little.
-        let reading = ConstantNoise::new(ContactReading::of::<Model, N>(&self.side), &cloud.mean());
+        // The sensor model's error is part of the noise, but it is systematic: it recurs at the same position. If each
+        // particle were weighted with its own noise, a series of small residuals would count as evidence for positions
+        // where the sensor model is accurate.
+        let reading = ConstantNoise::new(ContactReading::new(&self.side, Model::MODEL_ERROR), &cloud.mean());
         let z = Vector1::new(sample.reading_n_m);
         let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
-        let estimate = self.side.estimate(&self.motion, &cloud.moments(), innovation);
+        let estimate = self.side.estimate(self.motion.radius(), &cloud.moments(), innovation);
         self.cloud = Some(cloud);
         Some(estimate)
     }

@@ -1,20 +1,20 @@
-//! How probable rival models of a contact are.
+//! Probabilities of competing models of a contact.
 
 use std::fmt;
 
-/// Models that a method may weigh against one another, at most.
+/// Maximum number of models that a method may average over.
 pub(super) const MOST_MODELS: usize = 8;
 
-/// Probabilities of rival models, adding up to 1, the most probable first. It prints as `sliding=0.970 ekf=0.030`.
+/// Probabilities of competing models, which add up to 1, in descending order. Displayed as `sliding=0.970 ekf=0.030`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ModelShares {
-    /// Those after `count` are empty.
+    /// Entries from `count` on are empty.
     entries: [(&'static str, f64); MOST_MODELS],
     count: usize,
 }
 
 impl ModelShares {
-    /// The shares of models by their names; equally probable ones stay in the order given.
+    /// The probabilities of models by name; equally probable ones keep the given order.
     ///
     /// # Panics
     /// If there are more than eight.
@@ -28,12 +28,12 @@ impl ModelShares {
         found
     }
 
-    /// The probability of a model; nothing where it is not among them.
+    /// The probability of a model. `None` if it is not among them.
     pub fn of(&self, name: &str) -> Option<f64> {
         self.iter().find(|(known, _)| *known == name).map(|(_, share)| share)
     }
 
-    /// Names and probabilities, the most probable first.
+    /// Names and probabilities in descending order of probability.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, f64)> {
         self.entries[..self.count].iter().copied()
     }

@@ -1,4 +1,4 @@
-//! Hindsight: the iterated filter forwards, the smoother back.
+//! Fixed-interval smoother: the iterated filter forwards, the smoother backwards.
 
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use serde_json::Value;
 use super::gaussian::{self, Follower};
 use super::iterated::Iterated;
 use super::motion::{AnyMotion, Motion};
-use super::settings::{SettingsError, parse};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::settings::{SettingsError, parse};
 
 /// Settings: those of the filter.
 pub(super) type Config = gaussian::Config<Iterated>;
@@ -42,7 +42,7 @@ impl AnyMotion for Smoother {
 pub(super) struct Recorder<Model, const N: usize> {
     pub(super) follower: Follower<Iterated, Model, N>,
     steps: Vec<Step<N>>,
-    /// For each sample, its step, unless the filter had none.
+    /// Index of each sample's step. `None` if the filter had none.
     places: Vec<Option<usize>>,
 }
 
@@ -51,8 +51,8 @@ impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
         Self { follower, steps: Vec::new(), places: Vec::new() }
     }
 
-    /// Number of steps up to the last at which the whisker was pushed aside: between the loss of a contact and its being noticed there is
-    /// nothing that hindsight could say.
+    /// Number of steps up to the last at which the whisker was deflected: between the loss of a contact and its
+    /// detection the smoother has no information.
     pub(super) fn touching(&self) -> usize {
         self.steps.iter().rposition(|step| step.filtered.mean[1] > 0.0).map_or(0, |last| last + 1)
     }
@@ -68,7 +68,7 @@ impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
     /// Estimates of all samples from beliefs of all steps.
     pub(super) fn estimates(&self, beliefs: &[Gaussian<N>]) -> Vec<Option<Estimate>> {
         let Follower { side, motion, .. } = &self.follower;
-        let estimate = |step: usize| side.estimate(motion, &beliefs[step], None);
+        let estimate = |step: usize| side.estimate(motion.radius(), &beliefs[step], None);
         self.places.iter().map(|place| place.map(estimate)).collect()
     }
 }
@@ -82,7 +82,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Recorder<Model, N> {
             self.follower.motion.step(&self.follower.side, sample).jacobian(&last.filtered.mean)
         });
         self.steps.push(Step { jacobian, predicted: advance.predicted, filtered: advance.filtered });
-        Some(self.follower.side.estimate(&self.follower.motion, &advance.filtered, advance.innovation))
+        Some(self.follower.side.estimate(self.follower.motion.radius(), &advance.filtered, advance.innovation))
     }
 
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {

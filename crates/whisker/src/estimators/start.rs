@@ -1,31 +1,33 @@
-//! What is believed at a touch: where along the whisker, how far pushed already, and what the readings just before it add.
+//! Initial belief at a touch: hypotheses along the whisker, with the deflection from the first reading, conditioned on
+//! the readings just before.
 
 use filters::{Gaussian, Measurement, Process};
 use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, vector};
 use serde::{Deserialize, Serialize};
 
-use super::settings::{SettingsError, within};
 use super::side::{ContactReading, Side};
 use super::{ContactPrior, Sample};
 use crate::frames::{Base, Pose};
+use crate::sensor::AlongAway;
+use crate::settings::{SettingsError, within};
 
-/// How a filter starts.
+/// Initial hypotheses of a filter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum Start {
     /// One Gaussian.
     Single,
-    /// Several along the whisker, to be weighed by their evidence.
+    /// Several Gaussians along the whisker, weighted by their evidence.
     Hypotheses {
-        /// How many.
+        /// Number of hypotheses.
         count: usize,
     },
 }
 
-/// Stretch on either side of a contact_prior place that is looked at, in standard deviations of what was contact_prior.
-const TOLD_REACH_SDS: f64 = 3.0;
+/// Range on either side of the mean of a contact prior that the hypotheses cover, in its standard deviations.
+const PRIOR_REACH_SDS: f64 = 3.0;
 
-/// Newton steps for the push that explains a reading.
+/// Newton steps for the deflection that explains a reading.
 const NEWTON_STEPS: usize = 8;
 
 impl Start {
@@ -37,10 +39,10 @@ impl Start {
         }
     }
 
-    /// Beliefs about the place at the touch, with the logarithms of their weights. The calibrated part of the whisker, or what of it lies
-    /// near a contact_prior place, is cut into equal stretches; the standard deviation along is half a stretch. How far the whisker is pushed
-    /// already follows from the reading, with the reading's uncertainty; so no place along the whisker is favoured before it is known
-    /// how the reading grows.
+    /// Gaussians of the contact at the touch, with the logarithms of their weights. The calibrated part of the whisker,
+    /// or its part near the contact prior, is divided into equal intervals; the standard deviation along the whisker is
+    /// half an interval. The deflection follows from the reading, with the reading's uncertainty, so no position along
+    /// the whisker is favoured before it is known how the reading grows.
     pub(super) fn beliefs(
         self,
         side: &Side,
@@ -53,44 +55,44 @@ impl Start {
         };
         let (mut low_m, mut high_m) = side.face.domain.arc_range_m();
         let contact_prior = contact_prior.map(|contact_prior| {
-            (side.face.along_and_away(contact_prior.contact).0.clamp(low_m, high_m), contact_prior.sd_m)
+            (side.face.along_and_away(contact_prior.contact).along_m.clamp(low_m, high_m), contact_prior.sd_m)
         });
         if let Some((arc_m, sd_m)) = contact_prior {
-            low_m = low_m.max(arc_m - TOLD_REACH_SDS * sd_m);
-            high_m = high_m.min(arc_m + TOLD_REACH_SDS * sd_m);
+            low_m = low_m.max(arc_m - PRIOR_REACH_SDS * sd_m);
+            high_m = high_m.min(arc_m + PRIOR_REACH_SDS * sd_m);
         }
         let stretch_m = (high_m - low_m) / count as f64;
         (0..count)
             .map(|i| {
                 let arc_m = low_m + (i as f64 + 0.5) * stretch_m;
-                let log_weight = contact_prior.map_or(0.0, |(told_m, sd_m)| -0.5 * ((arc_m - told_m) / sd_m).powi(2));
+                let log_weight = contact_prior.map_or(0.0, |(prior_m, sd_m)| -0.5 * ((arc_m - prior_m) / sd_m).powi(2));
                 (pushed(side, arc_m, 0.5 * stretch_m, reading_n_m), log_weight)
             })
             .collect()
     }
 }
 
-/// The belief that the contact lies about `arc_m`, pushed so far that it reads `reading_n_m`.
+/// The belief that the contact lies about `arc_m`, with the deflection at which it reads `reading_n_m`.
 fn pushed(side: &Side, arc_m: f64, sd_m: f64, reading_n_m: f64) -> Gaussian<2> {
     let (lowest_m, highest_m) = side.face.domain.away_range_m(arc_m);
     let mut away_m = 0.0;
     for _ in 0..NEWTON_STEPS {
-        let (expected_n_m, slope) = side.expect(arc_m, away_m);
+        let (expected_n_m, slope) = side.expect(AlongAway::new(arc_m, away_m));
         away_m = (away_m + (reading_n_m - expected_n_m) / slope[1]).clamp(lowest_m, highest_m);
     }
-    let (_, slope) = side.expect(arc_m, away_m);
+    let (_, slope) = side.expect(AlongAway::new(arc_m, away_m));
     // Along a line of equal reading, and across it.
     let along = vector![1.0, -slope[0] / slope[1]] * sd_m;
     let mut covariance: Matrix2<f64> = along * along.transpose();
-    covariance[(1, 1)] += side.variance_n2_m2(arc_m, away_m) / slope[1].powi(2);
+    covariance[(1, 1)] += side.variance_n2_m2(AlongAway::new(arc_m, away_m)) / slope[1].powi(2);
     Gaussian::new(vector![arc_m, away_m], covariance)
 }
 
-/// The samples before a touch that tell how it began, the latest first, each with the motion
-/// from now back to it.
+/// The samples before a touch that belong to its onset, the latest first, each with the motion from now back to it.
 ///
-/// `history` holds the samples since the whisker was last known to be free, in the order of time; `touch` is the first of the touch. A reading of the
-/// other sign, or one that was larger before, is that of a swinging whisker, and nothing before it is taken.
+/// `history` holds the samples since the whisker was last known to be free, in the order of time; `touch` is the first
+/// of the touch. A reading of the opposite sign, or a larger one, belongs to an oscillating whisker; it and the samples
+/// before it are left out.
 pub(super) fn earlier(history: &[Sample], touch: &Sample, noise_sd_n_m: f64) -> Vec<Sample> {
     const SWING_SDS: f64 = 4.0;
     let sign = touch.reading_n_m.signum();
@@ -110,9 +112,10 @@ pub(super) fn earlier(history: &[Sample], touch: &Sample, noise_sd_n_m: f64) -> 
     found
 }
 
-/// A reading taken before now, of a whisker that may not have touched yet: then it read zero.
+/// A reading taken before the present instant, of a whisker that may not have touched yet; without contact it reads
+/// zero.
 pub(super) struct EarlierReading<'a, Step> {
-    /// The process from now back to then.
+    /// The process from the present back to that instant.
     pub(super) back: Step,
     pub(super) reading: ContactReading<'a>,
 }

@@ -1,26 +1,15 @@
-//! What unit tests of estimators share.
+//! Fixture shared by the unit tests of estimators.
 
 use std::sync::Arc;
 
 use super::Knowledge;
 use crate::elastica::{Elastica, Load};
-use crate::sensor::{self, Face, Material};
+use crate::sensor::{self, Face, FitData};
 use crate::{Curvature, Whisker};
 
 /// A curved whisker, its left face calibrated by the elastica.
 pub(super) fn knowledge() -> Knowledge {
-    let whisker = Whisker {
-        name: "curved".into(),
-        length_m: 0.08,
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: -6.0 }],
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    };
+    let whisker = Whisker { damping_s: 0.0, ..Whisker::curved() }.with_curvature([Curvature::new(0.08, -6.0)]);
     let elastica = Elastica::new(&whisker).unwrap();
     let lines: Vec<Vec<sensor::Sample>> = (0..24)
         .map(|i| {
@@ -33,7 +22,7 @@ pub(super) fn knowledge() -> Knowledge {
             pressed.collect()
         })
         .collect();
-    let material = Material {
+    let material = FitData {
         whisker: &whisker,
         face: Face::Left,
         measured: &lines,

@@ -5,10 +5,10 @@ use filters::{Gaussian, Innovation, Measurement, Process, UpdateError};
 use nalgebra::Vector1;
 use serde::{Deserialize, Serialize};
 
-use super::gaussian::Verbs;
-use super::settings::{SettingsError, within};
+use super::gaussian::GaussianFilter;
+use crate::settings::{SettingsError, within};
 
-/// Its own settings: how far the sigma points spread, as [`Spread`] says.
+/// Settings of this filter alone: the spread of the sigma points, see [`Spread`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Unscented {
@@ -32,7 +32,7 @@ impl Unscented {
     }
 }
 
-impl Verbs for Unscented {
+impl GaussianFilter for Unscented {
     fn validate(&self) -> Result<(), SettingsError> {
         within("filter.alpha", self.alpha, 1e-3..=2.0)?;
         within("filter.beta", self.beta, 0.0..=10.0)?;

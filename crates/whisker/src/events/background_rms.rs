@@ -1,12 +1,13 @@
-//! How restless the whisker is while it is free.
+//! Background level of a signal while the whisker is free.
 
 use std::collections::VecDeque;
 
-/// Running mean square of what is watched while the whisker is free. It lags, so that the rise of a touch does not raise it.
+/// Running mean square of a signal while the whisker is free. It is delayed, so that the rise at a touch does not
+/// increase it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BackgroundRms {
     mean_square: f64,
-    /// Samples that the mean counts, at most `most`.
+    /// Number of samples that the mean covers, at most `most`.
     counted: f64,
     most: f64,
     waiting: VecDeque<f64>,
@@ -14,7 +15,8 @@ pub(super) struct BackgroundRms {
 }
 
 impl BackgroundRms {
-    /// Begins with `sd`, which counts like the observation of half the lag. The memory is `memory` samples long.
+    /// Begins with the standard deviation `sd`, weighted like the observation of half the lag. `memory` and `lag` are
+    /// in samples.
     pub(super) fn new(sd: f64, memory: f64, lag: usize) -> Self {
         Self {
             mean_square: sd * sd,
@@ -36,12 +38,12 @@ impl BackgroundRms {
         }
     }
 
-    /// Drops what was not yet counted: it may belong to a touch.
+    /// Drops the delayed samples, which may belong to a touch.
     pub(super) fn interrupt(&mut self) {
         self.waiting.clear();
     }
 
-    /// Root mean square.
+    /// Root of the mean square.
     pub(super) fn sd(&self) -> f64 {
         self.mean_square.sqrt()
     }

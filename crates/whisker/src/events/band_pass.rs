@@ -1,29 +1,31 @@
-//! Contacts as Lin et al. (IROS 2022) find them: a released whisker rings, and a band-pass about its natural frequency shows that.
+//! Contact detection as in Lin et al. (IROS 2022): a released whisker rings, which a band-pass around its natural
+//! frequency detects.
 //!
-//! A touch starts where the reading exceeds a threshold while the whisker does not ring, and is lost where the band-passed reading exceeds a
-//! threshold of its own, or where the reading sinks away without ringing. The publication names the filter, a Butterworth band-pass of sixth
-//! order, but neither band nor threshold: the band reaches here from half to twice the natural frequency \[inferred\], and thresholds follow from the noise and
-//! the calibration. Where the sampling is too slow for the band, the reading alone is judged.
+//! A touch starts when the reading exceeds a threshold while the whisker does not ring. It ends when the band-passed
+//! reading exceeds its own threshold, or when the reading decays without ringing. The publication names the filter, a
+//! Butterworth band-pass of sixth order, but neither band nor threshold: here the band is half to twice the natural
+//! frequency \[inferred\], and the thresholds follow from the noise and the calibration. If the sampling rate is too
+//! low for the band, only the reading is used.
 
 use serde::{Deserialize, Serialize};
 use signal::Cascade;
 
 use super::{Rule, Sensing, Signals, first_mode_band};
-use crate::estimators::SettingsError;
-use crate::estimators::settings::within;
-use crate::sensor::Face;
+use crate::face::Face;
+use crate::settings::{SettingsError, within};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// The reading and the band-passed reading count above this many standard deviations that measurement noise gives them ...
+    /// Threshold of the reading and of the band-passed reading, in standard deviations of the measurement noise in each
+    /// ...
     pub noise_sds: f64,
-    /// ... and above this share of the largest calibrated reading.
+    /// ... but at least this share of the largest calibrated reading.
     pub largest_share: f64,
-    /// A touch starts where the reading is above its threshold for this many samples on end.
+    /// A touch starts when the reading exceeds its threshold for this many consecutive samples.
     pub touch_samples: u32,
-    /// A touch ends, if not by ringing, where the smoothed reading falls below this share of the threshold.
+    /// A touch ends, if not by ringing, when the smoothed reading falls below this share of the threshold.
     pub release_share: f64,
     /// Time constant of that smoothing.
     pub release_time_s: f64,
@@ -45,7 +47,7 @@ impl Config {
     }
 }
 
-/// The rule of [`Config`].
+/// Detector of [`Config`].
 #[derive(Clone, Debug)]
 pub(super) struct BandPass {
     config: Config,
@@ -53,7 +55,8 @@ pub(super) struct BandPass {
     threshold_n_m: f64,
     ringing_n_m: f64,
     smoothing: f64,
-    /// Samples for which the band-passed reading must stay low for the whisker to count as quiet: a period.
+    /// Samples for which the band-passed reading must stay below its threshold for the whisker to count as quiet: one
+    /// period.
     quiet_samples: u32,
     quiet: u32,
     above: u32,

@@ -1,4 +1,4 @@
-//! How the free whisker swings.
+//! First mode of the free whisker.
 
 use std::f64::consts::PI;
 
@@ -12,14 +12,15 @@ const PANELS: usize = 200;
 pub struct FirstMode {
     /// Natural frequency.
     pub frequency_hz: f64,
-    /// Ratio of the damping to the critical one.
+    /// Damping ratio: damping relative to the critical one.
     pub damping_ratio: f64,
 }
 
 impl FirstMode {
-    /// The first mode by Rayleigh's quotient, for the deflection under a load that grows along the whisker as the inertia of a rigid swing does:
-    /// for uniform wires within 0.1 % of the beam's. Pre-curvature is left out; a radius as long as the whisker raises the frequency by
-    /// 2 %. Hinges whose damping is `damping_s` times their stiffness damp a mode of angular frequency w by the ratio `w damping_s / 2`.
+    /// The first mode by Rayleigh's quotient, with the deflection under the inertial load of a rigid rotation: within
+    /// 0.1 % of beam theory for uniform wires. Pre-curvature is neglected; a radius of curvature equal to the length
+    /// raises the frequency by 2 %. Hinges whose damping is `damping_s` times their stiffness damp a mode of angular
+    /// frequency w by the ratio `w damping_s / 2`.
     pub fn of(whisker: &Whisker) -> Self {
         let step_m = whisker.length_m / PANELS as f64;
         let arcs_m: Vec<f64> = (0..PANELS).map(|panel| (panel as f64 + 0.5) * step_m).collect();
@@ -53,24 +54,12 @@ impl FirstMode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Curvature;
     use crate::elastica::natural_frequencies_hz;
 
     #[test]
-    fn val_the_beam_on_a_spring() {
+    fn val_first_mode_of_a_beam_on_a_spring() {
         for root_stiffness_n_m_rad in [0.17e-3, 3.2e-3, 1.0] {
-            let whisker = Whisker {
-                name: "test".into(),
-                length_m: 0.08,
-                root_diameter_m: 0.25e-3,
-                tip_diameter_m: 0.25e-3,
-                youngs_modulus_pa: 60e9,
-                density_kg_m3: 6450.0,
-                curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-                root_stiffness_n_m_rad,
-                segments: 40,
-                damping_s: 2.35e-3,
-            };
+            let whisker = Whisker { root_stiffness_n_m_rad, ..Whisker::straight() };
             let [beam_hz] = natural_frequencies_hz(&whisker).unwrap();
             let first_mode = FirstMode::of(&whisker);
             assert!((first_mode.frequency_hz / beam_hz - 1.0).abs() < 1e-3, "{} {beam_hz}", first_mode.frequency_hz);

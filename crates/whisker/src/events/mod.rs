@@ -1,13 +1,14 @@
-//! Contact events: the first touch, the lost contact, the next touch, told from the reading alone, sample by sample.
+//! Contact detection: first touch, loss of contact and renewed touch, from the reading alone, sample by sample.
 //!
-//! A whisker that is released rings at its natural frequency, first as far as it was deflected, for a second or more. A [`ContactDetector`] must
-//! neither take that for touches nor miss the touch that comes meanwhile. How it judges is one of [`DETECTORS`].
+//! A released whisker rings at its natural frequency, initially with the amplitude of its deflection, for a second or
+//! more. A [`ContactDetector`] must neither report the ringing as touches nor miss a touch that occurs meanwhile. Its
+//! methods are the rows of [`DETECTORS`].
 //!
-//! Filters want readings at equal intervals: those of the recording's nominal rate. Where a recording skips some, the gap is filled in a straight
-//! line; after a gap of more than [`LONGEST_GAP_S`] nothing is known any more and detection starts anew. A recording without a clock has the nominal rate that it
-//! is given; if that is too low to show the whisker's swing, detectors judge the reading itself.
+//! Filters require readings at equal intervals: those of the recording's nominal rate. Missing samples are interpolated
+//! linearly; after a gap of more than [`LONGEST_GAP_S`] detection restarts. A recording without a clock has the nominal
+//! rate that it is given; if that is too low for the whisker's first mode, detectors use the reading itself.
 //!
-//! That the contact has reached the tip is told by an estimate of its place, not by the reading: see
+//! Contact at the tip follows from an estimate of the contact, not from the reading: see
 //! [`Estimate::at_tip`](crate::estimators::Estimate::at_tip).
 //!
 //! To add a detector: one file with a [`Rule`], a variant of [`TouchConfig`] and a row in [`DETECTORS`].
@@ -25,18 +26,19 @@ use serde::{Deserialize, Serialize};
 use signal::{LONGEST_GAP_S, NoSuchBand, Section, band_pass};
 
 use crate::Whisker;
-use crate::estimators::SettingsError;
-use crate::sensor::Face;
+use crate::face::Face;
+use crate::settings::SettingsError;
 
 pub use first_mode::FirstMode;
 
-/// How contacts are detected, with the settings of that way.
+/// Method of contact detection, with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "detector", rename_all = "kebab-case")]
 pub enum TouchConfig {
-    /// By the reading with the whisker's swing taken out.
+    /// Thresholds on the ring-compensated reading. Formerly named `steadied`, which is still accepted.
+    #[serde(alias = "steadied")]
     RingCompensated(ring_compensated::Config),
-    /// By a band-pass, as published.
+    /// Thresholds on the reading and its band-pass, as published.
     BandPass(band_pass::Config),
 }
 
@@ -58,7 +60,7 @@ impl TouchConfig {
         }
     }
 
-    /// Whether these are settings of a registered detector.
+    /// Whether these are the settings of a registered detector.
     pub fn is_of(&self, row: &DetectorRow) -> bool {
         discriminant(self) == discriminant(&(row.config)())
     }
@@ -76,7 +78,7 @@ impl TouchConfig {
 pub struct DetectorRow {
     /// Name, the `detector` of its settings.
     pub name: &'static str,
-    /// One line about it.
+    /// One-line description.
     pub about: &'static str,
     /// Its default settings.
     pub config: fn() -> TouchConfig,
@@ -85,32 +87,32 @@ pub struct DetectorRow {
 /// The registry of detectors; the first is the default.
 pub const DETECTORS: &[DetectorRow] = &[
     DetectorRow {
-        name: "steadied",
-        about: "thresholds on the reading with the whisker's own swing taken out",
+        name: "ring-compensated",
+        about: "thresholds on the reading without the whisker's own oscillation",
         config: || TouchConfig::RingCompensated(ring_compensated::Config::default()),
     },
     DetectorRow {
         name: "band-pass",
-        about: "thresholds on the reading and on its Butterworth band-pass of sixth order (Lin et al. 2022)",
+        about: "thresholds on the reading and its Butterworth band-pass of sixth order (Lin et al. 2022)",
         config: || TouchConfig::BandPass(band_pass::Config::default()),
     },
 ];
 
-/// What a detector is fitted to.
+/// Parameters to which a detector is adapted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensing {
-    /// Readings a second.
+    /// Sampling rate (Hz).
     pub rate_hz: f64,
     /// Standard deviation of the measurement noise.
     pub noise_sd_n_m: f64,
     /// Largest calibrated reading.
     pub largest_reading_n_m: f64,
-    /// How the free whisker swings.
+    /// First mode of the free whisker.
     pub first_mode: FirstMode,
 }
 
 impl Sensing {
-    /// With this whisker.
+    /// The parameters for a whisker.
     pub fn new(whisker: &Whisker, rate_hz: f64, noise_sd_n_m: f64, largest_reading_n_m: f64) -> Self {
         Self { rate_hz, noise_sd_n_m, largest_reading_n_m, first_mode: FirstMode::of(whisker) }
     }
@@ -119,36 +121,36 @@ impl Sensing {
 /// Order of the prototype of [`first_mode_band`], half that of the band-pass.
 const BAND_ORDER: usize = 3;
 
-/// Edges of that band over the whisker's natural frequency.
+/// Edges of that band relative to the whisker's natural frequency.
 const BAND: [f64; 2] = [0.5, 2.0];
 
-/// The Butterworth band-pass of sixth order in which the whisker's ringing shows.
+/// The Butterworth band-pass of sixth order around the first mode.
 fn first_mode_band(sensing: &Sensing) -> Result<Vec<Section>, NoSuchBand> {
     let [low_hz, high_hz] = BAND.map(|edge| edge * sensing.first_mode.frequency_hz);
     band_pass(BAND_ORDER, low_hz, high_hz, sensing.rate_hz)
 }
 
-/// What a detector saw and concluded at one sample.
+/// Signals of a detector at one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signals {
-    /// The filtered reading that was judged.
+    /// The filtered reading.
     pub watched_n_m: f64,
-    /// The threshold that its absolute value was held against.
+    /// The threshold of its absolute value.
     pub threshold_n_m: f64,
-    /// The side on which the object lies, while the whisker touches.
+    /// Side on which the object lies. `None` while the whisker is free.
     pub touched: Option<Face>,
 }
 
-/// A way to judge readings at equal intervals.
+/// A detection method for readings at equal intervals.
 pub trait Rule: Debug + Send {
-    /// Starts anew, free, as if the reading had stood at this value for ever.
+    /// Resets to a free whisker with a constant reading.
     fn settle(&mut self, reading_n_m: f64);
 
     /// Takes the next reading.
     fn step(&mut self, reading_n_m: f64) -> Signals;
 }
 
-/// Tells touch from free motion, sample by sample.
+/// Detects contact, sample by sample.
 #[derive(Debug)]
 pub struct ContactDetector {
     rule: Box<dyn Rule>,
@@ -157,18 +159,18 @@ pub struct ContactDetector {
 }
 
 impl ContactDetector {
-    /// A detector of these settings, fitted to what senses.
+    /// A detector with these settings, adapted to the sensor.
     pub fn new(config: TouchConfig, sensing: &Sensing) -> Self {
         Self { rule: config.rule(sensing), rate_hz: sensing.rate_hz, last: None }
     }
 
-    /// Takes the next reading, `dt_s` after the last, and says on which side the object lies while the whisker touches. Ringing can give the reading the
-    /// other sign for a while.
+    /// Takes the next reading, `dt_s` after the last, and returns the side on which the object lies. `None` while the
+    /// whisker is free. Ringing can temporarily reverse the sign of the reading.
     pub fn step(&mut self, reading_n_m: f64, dt_s: f64) -> Option<Face> {
         self.judge(reading_n_m, dt_s).touched
     }
 
-    /// The same, with all that was seen.
+    /// As [`Self::step`], with all signals.
     pub fn judge(&mut self, reading_n_m: f64, dt_s: f64) -> Signals {
         let known = self.last.filter(|_| dt_s <= LONGEST_GAP_S);
         let signals = match known {

@@ -1,17 +1,18 @@
-//! Contacts from the *steadied* reading: the reading with the whisker's own swing taken out.
+//! Contact detection from the *ring-compensated* reading: the reading without the whisker's own oscillation.
 //!
-//! While it is free the whisker is an oscillator. With its first mode's angular frequency w and damping ratio z the reading M obeys
+//! A free whisker is an oscillator. With its first mode's angular frequency w and damping ratio z the reading M obeys
 //!
 //! ```text
 //! M'' / w^2 + 2 z M' / w + M = P
 //! ```
 //!
-//! where P is the moment by which objects press on it and, small beside that, by which the base shakes it. After a release P falls to zero
-//! at once, however long M rings on, and it rises at the next touch even while M still rings. So what is watched is P, smoothed by a Butterworth
-//! low-pass of second order at 1.5 w without which its derivatives would drown in noise: one section, whose zeros lie on the whisker's own poles.
-//! In contact the whisker is stiffer and follows the base, M changes slowly, and P is M.
+//! where P is the moment by which objects press on it, plus a small one by the base's acceleration. After a release P
+//! falls to zero immediately, however long M rings, and it rises at the next touch even while M still rings. The
+//! detector therefore uses P, smoothed by a Butterworth low-pass of second order at 1.5 w that limits the noise of the
+//! derivatives: one section, whose zeros are the whisker's own poles. In contact the whisker is stiffer and follows the
+//! base, M changes slowly, and P equals M.
 //!
-//! Where the sampling is too slow to show the swing, the reading itself is watched.
+//! If the sampling rate is too low for the first mode, the reading itself is used.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -21,47 +22,48 @@ use signal::{Cascade, Section};
 use super::background_rms::BackgroundRms;
 use super::median::MedianOfFive;
 use super::{Rule, Sensing, Signals, first_mode_band};
-use crate::estimators::SettingsError;
-use crate::estimators::settings::within;
-use crate::sensor::Face;
+use crate::face::Face;
+use crate::settings::{SettingsError, within};
 
-/// Edge of the low-pass over the whisker's natural frequency: the smaller, the less noise and the more delay.
+/// Edge of the low-pass relative to the whisker's natural frequency: a lower edge gives less noise and more delay.
 const EDGE: f64 = 1.5;
 
-/// A contact that has pressed this many times as much as the threshold is a firm one, whose drop noise does not feign.
+/// Factor of the threshold above which a contact counts as firm, so that noise cannot imitate its drop.
 const FIRM: f64 = 2.0;
 
-/// Samples that a period of that edge needs at least.
+/// Smallest number of samples per period of that edge.
 const LEAST_SAMPLES: f64 = 8.0;
 
-/// Settings. The thresholds are thresholds of the steadied reading.
+/// Settings. Thresholds are those of the ring-compensated reading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// A touch starts above this many standard deviations of the measurement noise ...
+    /// Threshold of a touch, in standard deviations of the measurement noise ...
     pub noise_sds: f64,
-    /// ... and above this share of the largest calibrated reading ...
+    /// ... but at least this share of the largest calibrated reading, ...
     pub largest_share: f64,
-    /// ... and above this many standard deviations of what the free whisker has shown so far in the band of its swing, on a vibrating arm for
-    /// example ...
+    /// ... this many times the background RMS of the free whisker in the band of its first mode, for example on a
+    /// vibrating arm, ...
     pub unrest_sds: f64,
-    /// ... and above this share of the swing, which is what a frequency that is wrong by a tenth leaves of it ...
+    /// ... and this share of the oscillation's amplitude, the remainder if the assumed frequency is wrong by a tenth.
     pub swing_share: f64,
-    /// ... for this many samples on end.
+    /// A touch starts when the threshold is exceeded for this many consecutive samples.
     pub touch_samples: u32,
-    /// A touch ends where the steadied reading, smoothed, is below this share of the threshold, the swing left out ...
+    /// A touch ends when the smoothed ring-compensated reading is below this share of the threshold without the
+    /// oscillation's part, ...
     pub release_share: f64,
-    /// ... with this time constant; ...
+    /// ... with this time constant of the smoothing, ...
     pub release_time_s: f64,
-    /// ... or, after a firm contact, where no more than this share is left of what pressed within the last period of the swing ...
+    /// ... or, after a firm contact, when it is below this share of its maximum within the last period of the
+    /// oscillation ...
     pub drop_share: f64,
-    /// ... for this many samples on end.
+    /// ... for this many consecutive samples.
     pub drop_samples: u32,
-    /// Time in which the swing is taken to fall to 1 / e.
+    /// Time constant of the decay of the oscillation.
     pub swing_decay_s: f64,
-    /// Memory of the unrest.
+    /// Memory of the background RMS.
     pub unrest_memory_s: f64,
-    /// Time by which the unrest lags behind, so that a touch does not hide itself.
+    /// Delay of the background RMS, so that a touch does not mask itself.
     pub unrest_lag_s: f64,
 }
 
@@ -106,51 +108,51 @@ impl Config {
 struct Touched {
     face: Face,
     smoothed_n_m: f64,
-    /// What pressed on the whisker lately.
+    /// Recent maximum of the pressing moment.
     held_n_m: f64,
 }
 
-/// The rule of [`Config`].
+/// Detector of [`Config`].
 #[derive(Clone, Debug)]
 pub(super) struct RingCompensated {
     config: Config,
     median: MedianOfFive,
-    steady: Cascade,
-    /// The band in which unrest shows; a slow touch does not.
+    compensator: Cascade,
+    /// Band-pass of the background RMS; a slow touch does not pass.
     band: Option<Cascade>,
     base_n_m: f64,
-    unrest: BackgroundRms,
-    /// How far the whisker swings, were it free now.
-    swing_n_m: f64,
-    /// What is left of the swing after a sample.
-    swing_left: f64,
+    background: BackgroundRms,
+    /// Amplitude of the oscillation if the whisker were free now.
+    ringing_n_m: f64,
+    /// Factor of the oscillation's decay per sample.
+    ringing_decay: f64,
     touched: Option<Touched>,
     smoothing: f64,
-    /// What is left after a sample of what pressed lately.
-    held_left: f64,
-    /// Samples on end that speak for a touch, or for a drop.
+    /// Factor of the recent maximum's decay per sample.
+    held_decay: f64,
+    /// Number of consecutive samples in favour of a touch, or of a drop.
     in_favour: u32,
 }
 
 impl RingCompensated {
     pub(super) fn new(config: Config, sensing: &Sensing) -> Self {
-        let steady = Cascade::new(swing_remover(sensing).into_iter().collect());
-        let noise_n_m = MedianOfFive::noise_gain(|mean_over| steady.noise_gain(mean_over)) * sensing.noise_sd_n_m;
+        let compensator = Cascade::new(ring_compensator(sensing).into_iter().collect());
+        let noise_n_m = MedianOfFive::noise_gain(|mean_over| compensator.noise_gain(mean_over)) * sensing.noise_sd_n_m;
         let base_n_m = (config.noise_sds * noise_n_m).max(config.largest_share * sensing.largest_reading_n_m);
         let start_n_m = if config.unrest_sds > 0.0 { base_n_m / config.unrest_sds } else { 0.0 };
         let lag = (config.unrest_lag_s * sensing.rate_hz).round() as usize;
         Self {
             config,
             median: MedianOfFive::default(),
-            steady,
+            compensator,
             band: first_mode_band(sensing).ok().map(Cascade::new),
             base_n_m,
-            unrest: BackgroundRms::new(start_n_m, config.unrest_memory_s * sensing.rate_hz, lag),
-            swing_n_m: 0.0,
-            swing_left: (-1.0 / (sensing.rate_hz * config.swing_decay_s)).exp(),
+            background: BackgroundRms::new(start_n_m, config.unrest_memory_s * sensing.rate_hz, lag),
+            ringing_n_m: 0.0,
+            ringing_decay: (-1.0 / (sensing.rate_hz * config.swing_decay_s)).exp(),
             touched: None,
             smoothing: 1.0 - (-1.0 / (sensing.rate_hz * config.release_time_s)).exp(),
-            held_left: (-sensing.first_mode.frequency_hz / sensing.rate_hz).exp(),
+            held_decay: (-sensing.first_mode.frequency_hz / sensing.rate_hz).exp(),
             in_favour: 0,
         }
     }
@@ -159,12 +161,12 @@ impl RingCompensated {
 impl Rule for RingCompensated {
     fn settle(&mut self, reading_n_m: f64) {
         self.median.settle(reading_n_m);
-        self.steady.settle(reading_n_m);
+        self.compensator.settle(reading_n_m);
         if let Some(band) = &mut self.band {
             band.settle(reading_n_m);
         }
-        self.unrest.interrupt();
-        self.swing_n_m = 0.0;
+        self.background.interrupt();
+        self.ringing_n_m = 0.0;
         self.touched = None;
         self.in_favour = 0;
     }
@@ -172,17 +174,17 @@ impl Rule for RingCompensated {
     fn step(&mut self, reading_n_m: f64) -> Signals {
         let config = &self.config;
         let reading_n_m = self.median.step(reading_n_m);
-        let steadied_n_m = self.steady.step(reading_n_m);
-        let unrest_n_m = self.band.as_mut().map_or(0.0, |band| band.step(steadied_n_m));
-        self.swing_n_m = reading_n_m.abs().max(self.swing_left * self.swing_n_m);
-        let restless_n_m = self.base_n_m.max(config.unrest_sds * self.unrest.sd());
+        let compensated_n_m = self.compensator.step(reading_n_m);
+        let background_n_m = self.band.as_mut().map_or(0.0, |band| band.step(compensated_n_m));
+        self.ringing_n_m = reading_n_m.abs().max(self.ringing_decay * self.ringing_n_m);
+        let base_threshold_n_m = self.base_n_m.max(config.unrest_sds * self.background.sd());
         let threshold_n_m = match &mut self.touched {
             Some(Touched { face, smoothed_n_m, held_n_m }) => {
-                let pressing_n_m = face.away_sign() * steadied_n_m;
+                let pressing_n_m = face.away_sign() * compensated_n_m;
                 *smoothed_n_m += self.smoothing * (pressing_n_m - *smoothed_n_m);
-                *held_n_m = pressing_n_m.max(self.held_left * *held_n_m);
-                let drop_n_m = if *held_n_m > FIRM * restless_n_m { config.drop_share * *held_n_m } else { 0.0 };
-                let release_n_m = config.release_share * restless_n_m;
+                *held_n_m = pressing_n_m.max(self.held_decay * *held_n_m);
+                let drop_n_m = if *held_n_m > FIRM * base_threshold_n_m { config.drop_share * *held_n_m } else { 0.0 };
+                let release_n_m = config.release_share * base_threshold_n_m;
                 self.in_favour = if pressing_n_m < drop_n_m { self.in_favour + 1 } else { 0 };
                 if *smoothed_n_m < release_n_m || self.in_favour >= config.drop_samples {
                     self.touched = None;
@@ -191,33 +193,33 @@ impl Rule for RingCompensated {
                 release_n_m.max(drop_n_m)
             }
             None => {
-                let touch_n_m = restless_n_m.max(config.swing_share * self.swing_n_m);
-                // What is far out is rather the start of a touch than unrest.
+                let touch_n_m = base_threshold_n_m.max(config.swing_share * self.ringing_n_m);
+                // A large value is more likely the start of a touch than background.
                 let most_n_m = FRAC_1_SQRT_2 * touch_n_m;
-                self.unrest.watch(unrest_n_m.clamp(-most_n_m, most_n_m));
-                self.in_favour = if steadied_n_m.abs() > touch_n_m { self.in_favour + 1 } else { 0 };
+                self.background.watch(background_n_m.clamp(-most_n_m, most_n_m));
+                self.in_favour = if compensated_n_m.abs() > touch_n_m { self.in_favour + 1 } else { 0 };
                 if self.in_favour >= config.touch_samples {
-                    let pressing_n_m = steadied_n_m.abs();
-                    let face = Face::of_reading(steadied_n_m);
+                    let pressing_n_m = compensated_n_m.abs();
+                    let face = Face::of_reading(compensated_n_m);
                     self.touched = Some(Touched { face, smoothed_n_m: pressing_n_m, held_n_m: pressing_n_m });
-                    self.unrest.interrupt();
+                    self.background.interrupt();
                     self.in_favour = 0;
                 }
                 touch_n_m
             }
         };
         let touched = self.touched.map(|touched| touched.face);
-        Signals { watched_n_m: steadied_n_m, threshold_n_m, touched }
+        Signals { watched_n_m: compensated_n_m, threshold_n_m, touched }
     }
 }
 
-/// The section that turns the reading into what presses on the whisker; none where the sampling is too slow for it.
-fn swing_remover(sensing: &Sensing) -> Option<Section> {
+/// The section that turns the reading into the pressing moment. `None` if the sampling rate is too low.
+fn ring_compensator(sensing: &Sensing) -> Option<Section> {
     let first_mode = sensing.first_mode;
     if sensing.rate_hz < LEAST_SAMPLES * EDGE * first_mode.frequency_hz {
         return None;
     }
-    // The bilinear transform s = k (z - 1) / (z + 1), with k such that the whisker's frequency stays in its place.
+    // The bilinear transform s = k (z - 1) / (z + 1), with k such that the whisker's frequency is preserved.
     let tangent = (PI * first_mode.frequency_hz / sensing.rate_hz).tan();
     // s^2 / w^2 + 2 d s / w + 1 times (z + 1)^2, for w = `over` times the whisker's, as coefficients of z^2, z and 1.
     let polynomial = |over: f64, damping_ratio: f64| {
@@ -241,8 +243,8 @@ mod tests {
     };
 
     #[test]
-    fn verif_ringing_vanishes_and_a_press_stays() {
-        let mut steady = Cascade::new(vec![swing_remover(&SENSING).unwrap()]);
+    fn verif_ringing_is_removed_and_a_press_is_kept() {
+        let mut compensator = Cascade::new(vec![ring_compensator(&SENSING).unwrap()]);
         let w = 2.0 * PI * SENSING.first_mode.frequency_hz;
         let ringing = |t: f64| {
             (-SENSING.first_mode.damping_ratio * w * t).exp() * (w * (1.0_f64 - 0.058 * 0.058).sqrt() * t).cos()
@@ -250,18 +252,18 @@ mod tests {
         let mut worst: f64 = 0.0;
         for sample in 0..500 {
             let t = f64::from(sample) / 250.0;
-            let steadied = steady.step(ringing(t));
+            let compensated = compensator.step(ringing(t));
             if t > 0.1 {
-                worst = worst.max(steadied.abs());
+                worst = worst.max(compensated.abs());
             }
         }
         assert!(worst < 0.02, "{worst} of the ringing is left");
-        steady.settle(1.0);
-        assert!((steady.step(1.0) - 1.0).abs() < 1e-12);
+        compensator.settle(1.0);
+        assert!((compensator.step(1.0) - 1.0).abs() < 1e-12);
     }
 
     #[test]
-    fn verif_too_slow_a_sampling_leaves_the_reading_alone() {
-        assert!(swing_remover(&Sensing { rate_hz: 60.0, ..SENSING }).is_none());
+    fn verif_a_low_sampling_rate_gives_no_compensation() {
+        assert!(ring_compensator(&Sensing { rate_hz: 60.0, ..SENSING }).is_none());
     }
 }

@@ -1,14 +1,17 @@
-//! The region that was calibrated, in coordinates along and away from the undeflected whisker.
+//! The calibrated region, in coordinates along and away from the undeflected whisker.
 
 use serde::{Deserialize, Serialize};
 
-/// Largest number of nodes along the whisker; fewer where the calibration is sparse.
+use super::AlongAway;
+
+/// Largest number of nodes along the whisker; fewer if the calibration is sparse.
 const MOST_NODES: usize = 32;
 
-/// Samples that the extremes at a node are taken from: where lines cross the whisker aslant, one sample tells little of how far they go.
+/// Smallest number of samples from which the extremes at a node are taken: one sample of a line that crosses the
+/// whisker obliquely does not show its extent.
 const LEAST_SAMPLES: usize = 5;
 
-/// Nodes that the gap between two lines of a calibration may span.
+/// Number of nodes that a gap between two lines of a calibration may span.
 const GAP: usize = 2;
 
 /// Calibrated range of the distance from the undeflected whisker, as a function of arc length, linear between nodes.
@@ -23,25 +26,34 @@ pub struct Domain {
     pub upper_m: Vec<f64>,
 }
 
+/// Position within the calibrated region, each share from 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shares {
+    /// Share of the way from the first calibrated arc length to the last.
+    pub along: f64,
+    /// Share of the way from the smallest calibrated distance at that arc length to the largest.
+    pub away: f64,
+}
+
 impl Domain {
-    /// The region covered by samples given as (arc length, distance away): around each node the extremes of the samples that
-    /// are nearest to it, with as many nodes as have `LEAST_SAMPLES` each, or one where there are too few for that; a calibration goes
-    /// along lines, and what lies between two of them counts as calibrated. Nothing where the samples do not spread along the whisker.
-    pub fn covering(samples: &[(f64, f64)]) -> Option<Self> {
-        let low = samples.iter().map(|s| s.0).fold(f64::INFINITY, f64::min);
-        let high = samples.iter().map(|s| s.0).fold(f64::NEG_INFINITY, f64::max);
+    /// The region covered by samples: around each node the extremes of the nearest samples, with as many nodes as have
+    /// `LEAST_SAMPLES` each, or one if there are too few. A calibration proceeds along lines, and gaps between them
+    /// count as calibrated. `None` if the samples do not spread along the whisker.
+    pub fn covering(samples: &[AlongAway]) -> Option<Self> {
+        let low = samples.iter().map(|sample| sample.along_m).fold(f64::INFINITY, f64::min);
+        let high = samples.iter().map(|sample| sample.along_m).fold(f64::NEG_INFINITY, f64::max);
         let finest =
             |least| (2..=MOST_NODES).rev().find_map(|nodes| Self::with_nodes(samples, low, high, nodes, least));
         (high > low).then(|| finest(LEAST_SAMPLES).or_else(|| finest(1)))?
     }
 
-    fn with_nodes(samples: &[(f64, f64)], low: f64, high: f64, nodes: usize, least: usize) -> Option<Self> {
+    fn with_nodes(samples: &[AlongAway], low: f64, high: f64, nodes: usize, least: usize) -> Option<Self> {
         let pitch = (high - low) / (nodes - 1) as f64;
         let mut lower_m = vec![0.0; nodes];
         let mut upper_m = vec![f64::NEG_INFINITY; nodes];
         let mut counts = vec![0; nodes];
-        for &(arc_m, away_m) in samples {
-            let node = ((arc_m - low) / pitch).round() as usize;
+        for &AlongAway { along_m, away_m } in samples {
+            let node = ((along_m - low) / pitch).round() as usize;
             counts[node] += 1;
             lower_m[node] = away_m.min(lower_m[node]);
             upper_m[node] = away_m.max(upper_m[node]);
@@ -83,34 +95,36 @@ impl Domain {
         (between(&self.lower_m), between(&self.upper_m))
     }
 
-    /// Where a contact lies in the region, from 0 to 1: along, from the first calibrated arc length to the last, and away, from the
-    /// smallest calibrated distance there to the largest. What lies outside is taken for the border.
-    pub fn shares(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
+    /// Position of a contact within the region, from 0 to 1 in each direction. Positions outside are moved to the
+    /// border.
+    pub fn shares(&self, at: AlongAway) -> Shares {
+        let AlongAway { along_m, away_m } = at;
         let (low, high) = self.arc_range_m();
-        let (lower, upper) = self.away_range_m(arc_m);
-        let along = ((arc_m - low) / (high - low)).clamp(0.0, 1.0);
+        let (lower, upper) = self.away_range_m(along_m);
+        let along = ((along_m - low) / (high - low)).clamp(0.0, 1.0);
         let away = if upper > lower { ((away_m - lower) / (upper - lower)).clamp(0.0, 1.0) } else { 0.0 };
-        (along, away)
+        Shares { along, away }
     }
 
     /// Whether a contact with these coordinates was calibrated.
-    pub fn contains(&self, arc_m: f64, away_m: f64) -> bool {
+    pub fn contains(&self, at: AlongAway) -> bool {
+        let AlongAway { along_m, away_m } = at;
         let (low, high) = self.arc_range_m();
-        let (lower, upper) = self.away_range_m(arc_m);
-        low <= arc_m && arc_m <= high && lower <= away_m && away_m <= upper
+        let (lower, upper) = self.away_range_m(along_m);
+        low <= along_m && along_m <= high && lower <= away_m && away_m <= upper
     }
 
-    /// The coordinates moved into the region: first along, then away.
-    pub fn clamp(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
+    /// The nearest coordinates within the region: first along, then away.
+    pub fn clamp(&self, at: AlongAway) -> AlongAway {
         let (low, high) = self.arc_range_m();
-        let arc_m = arc_m.clamp(low, high);
-        let (lower, upper) = self.away_range_m(arc_m);
-        (arc_m, away_m.clamp(lower, upper))
+        let along_m = at.along_m.clamp(low, high);
+        let (lower, upper) = self.away_range_m(along_m);
+        AlongAway { along_m, away_m: at.away_m.clamp(lower, upper) }
     }
 }
 
-/// Fills notches of up to [`GAP`] nodes: each value is raised to the lower of what stands within that reach on either side (a morphological
-/// closing).
+/// Fills gaps of up to [`GAP`] nodes: each value is raised to the lower of the maxima within that distance on either
+/// side (a morphological closing).
 fn closed(values: &[f64]) -> Vec<f64> {
     let highest = |range: &[f64]| range.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     (0..values.len())
@@ -127,26 +141,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_covers_its_samples_and_not_more() {
-        let samples: Vec<(f64, f64)> = (0..=60)
-            .flat_map(|i| (0..=20).map(move |j| (0.02 + 1e-3 * f64::from(i), 2e-2 * f64::from(j) / 20.0)))
+    fn verif_covers_its_samples_only() {
+        let at = AlongAway::new;
+        let samples: Vec<AlongAway> = (0..=60)
+            .flat_map(|i| (0..=20).map(move |j| at(0.02 + 1e-3 * f64::from(i), 2e-2 * f64::from(j) / 20.0)))
             .collect();
         let domain = Domain::covering(&samples).unwrap();
         assert!(domain.is_valid(0.08));
-        assert!(samples.iter().all(|&(arc_m, away_m)| domain.contains(arc_m, away_m)));
-        assert!(!domain.contains(0.05, 0.021) && !domain.contains(0.019, 0.01) && !domain.contains(0.081, 0.01));
-        assert_eq!(domain.clamp(0.1, -1.0), (0.08, 0.0));
+        assert!(samples.iter().all(|&sample| domain.contains(sample)));
+        assert!([at(0.05, 0.021), at(0.019, 0.01), at(0.081, 0.01)].iter().all(|&outside| !domain.contains(outside)));
+        assert_eq!(domain.clamp(at(0.1, -1.0)), at(0.08, 0.0));
     }
 
     #[test]
-    fn verif_gaps_between_lines_are_closed_and_slopes_stay() {
+    fn verif_gaps_between_lines_are_closed_and_slopes_unchanged() {
         assert_eq!(closed(&[1.0, 2.0, 0.5, 3.0, 1.0, 1.0, 2.5, 0.0]), [1.0, 2.0, 2.0, 3.0, 2.5, 2.5, 2.5, 0.0]);
     }
 
     #[test]
     fn robust_sparse_samples_get_fewer_nodes() {
-        let domain = Domain::covering(&[(0.02, 0.0), (0.05, 0.01), (0.08, 0.002)]).unwrap();
+        let domain = Domain::covering(
+            &[(0.02, 0.0), (0.05, 0.01), (0.08, 0.002)].map(|(along_m, away_m)| AlongAway::new(along_m, away_m)),
+        )
+        .unwrap();
         assert_eq!(domain.arc_m.len(), 3);
-        assert!(Domain::covering(&[(0.02, 0.0)]).is_none());
+        assert!(Domain::covering(&[AlongAway::new(0.02, 0.0)]).is_none());
     }
 }

@@ -5,21 +5,22 @@
 //! kappa(s) = scale kappa0(s) + shift
 //! ```
 //!
-//! `M` is the moment of [`crate::elastica`] at a contact `q`, for Young's modulus `E`, stiffness `k` of the root and pre-curvature `kappa`, hence
-//! `w` the rotation of the root, which the sensor sees. A sensor that answers a moment in proportion has `r2 = r3 = 0` (`response` 1); a
-//! Hall sensor under a magnet that turns does not (`response` 3). The place `(x, y)` and `yaw` of the root in Base allow for a whisker that
-//! is mounted a little off.
+//! `M` is the moment of [`crate::elastica`] at a contact `q`, for Young's modulus `E`, stiffness `k` of the root and
+//! pre-curvature `kappa`; `w` is the rotation of the root, which the sensor measures. A sensor linear in the moment has
+//! `r2 = r3 = 0` (`response` 1); a Hall sensor under a rotating magnet does not (`response` 3). The position `(x, y)`
+//! and `yaw` of the root in Base allow for an imprecise mounting.
 //!
-//! The parameters start from those of the whisker that the calibration names, which are known to within the standard deviations of
-//! [`Config`]. With residuals `e`, their derivatives `J` and the noise's variance `v`, Gauss and Newton's step solves
+//! The prior of the parameters is that of the whisker that the calibration names, with the standard deviations of
+//! [`Config`]. With residuals `e`, their derivatives `J` and the noise's variance `v`, the Gauss-Newton step solves
 //!
 //! ```text
 //! (J' J / v + P^-1) dc = -J' e / v - P^-1 (c - c0)
 //! ```
 //!
-//! (`P` diagonal), and its matrix inverted is the parameters' covariance `C`; `j' C j` is the variance of a reading. A direction that
-//! the data do not tell stays where it was and keeps its variance: `gain`, `E` and `k` multiply one another, so of these the data
-//! tell `gain k` and `E / k` only; a straight whisker's curvature has no scale; a turned root looks like an offset of the reading.
+//! (`P` diagonal); the inverse of its matrix is the parameters' covariance `C`, and `j' C j` is the variance of a
+//! reading. A direction that the data do not determine keeps its prior mean and variance: `gain`, `E` and `k` are
+//! multiplied by one another, so the data determine `gain k` and `E / k` only; a straight whisker's curvature has no
+//! scale; a rotated root is nearly indistinguishable from an offset of the reading.
 
 use std::sync::Arc;
 
@@ -28,7 +29,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::mechanics::{Mechanics, Parameter, Sensitivities};
-use super::{Learnt, Made, ModelError, Prediction, Region, Sample, SensorModel};
+use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::Whisker;
 use crate::frames::{Base, Point, Pose};
 
@@ -37,7 +38,7 @@ pub(super) const KIND: &str = "elastica";
 /// Number of parameters.
 const COUNT: usize = 11;
 
-/// Names of the parameters, in their order, with their units.
+/// Names of the parameters with their units, in order.
 const NAMES: [&str; COUNT] = [
     "gain",
     "youngs_modulus_pa",
@@ -52,55 +53,54 @@ const NAMES: [&str; COUNT] = [
     "root_yaw_rad",
 ];
 
-/// Parameters that are positive: the first few, which are fitted by their logarithms.
+/// Number of leading parameters that are positive and fitted by their logarithms.
 const POSITIVE: usize = 3;
 
-/// Steps after which a fit is given up.
+/// Maximum number of steps of a fit.
 const MOST_STEPS: usize = 60;
 
-/// A fit has settled when a step descends by no more than this, in twice the logarithm of the likelihood: a tenth of a standard
-/// deviation.
+/// Decrease of twice the negative log-likelihood below which a fit has converged: a tenth of a standard deviation.
 const SETTLED: f64 = 1e-2;
 
-/// Levenberg and Marquardt's damping: relative addition to the diagonal.
+/// Levenberg-Marquardt damping: relative addition to the diagonal.
 const FIRST_DAMPING: f64 = 1e-2;
 const MOST_DAMPING: f64 = 1e4;
 
 const POSITIVE_DEFINITE: &str = "a sum of squares and the identity is positive definite";
 
-/// A parameter counts as told by the data if they reduce its standard deviation to this share or less.
-const TOLD: f64 = 0.5;
+/// Share of its prior standard deviation to which the data must reduce that of a parameter that counts as informed by
+/// them.
+const INFORMED_SHARE: f64 = 0.5;
 
-/// Least noise that is assumed, relative to the largest reading: what the tabulated mechanics may miss.
+/// Lower bound of the noise, relative to the largest reading: the error of the tabulated mechanics.
 const SMALLEST_NOISE: f64 = 1e-6;
 
 type Vector = SVector<f64, COUNT>;
 type Matrix = SMatrix<f64, COUNT, COUNT>;
 
-/// Degree of the sensor's answer, and how well the parameters are known before the calibration, as standard deviations; 0 holds a
-/// parameter fixed.
+/// Degree of the sensor's response, and prior standard deviations of the parameters; 0 holds a parameter fixed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Config {
-    /// Degree of the sensor's answer to a rotation of its root: 1, in proportion, or 3.
+    /// Degree of the sensor's response to a rotation of its root: 1 (linear) or 3.
     response: usize,
-    /// Of the logarithm of the gain. Its first guess is that of the readings, not 1.
+    /// Prior standard deviation of the logarithm of the gain; the prior mean is fitted to the readings.
     gain_sd: f64,
-    /// Of the logarithm of Young's modulus.
+    /// Prior standard deviation of the logarithm of Young's modulus.
     youngs_modulus_sd: f64,
-    /// Of the logarithm of the root's stiffness.
+    /// Prior standard deviation of the logarithm of the root's stiffness.
     root_stiffness_sd: f64,
-    /// Of the factor of the pre-curvature.
+    /// Prior standard deviation of the scale of the pre-curvature.
     curvature_scale_sd: f64,
-    /// Of the pre-curvature's addition.
+    /// Prior standard deviation of the offset of the pre-curvature.
     curvature_shift_sd_per_m: f64,
-    /// Of the reading's offset, relative to the largest reading.
+    /// Prior standard deviation of the reading's offset, relative to the largest reading.
     reading_offset_sd: f64,
-    /// Of the coefficients of the second and third power of the rotation in radians, where `response` is 3.
+    /// Prior standard deviation of the coefficients of the second and third power of the rotation in radians, if `response` is 3.
     response_sd: f64,
-    /// Of the root's place along each axis.
+    /// Prior standard deviation of the root's position along each axis.
     root_sd_m: f64,
-    /// Of the root's yaw.
+    /// Prior standard deviation of the root's yaw.
     root_yaw_sd_rad: f64,
 }
 
@@ -121,19 +121,20 @@ impl Default for Config {
     }
 }
 
-/// One parameter, as it is stored.
+/// One fitted parameter, as stored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Stated {
+struct StoredParameter {
     name: String,
     value: f64,
-    /// Standard deviation after the calibration; of a positive parameter, its logarithm's times the value.
+    /// Posterior standard deviation; of a positive parameter, that of the logarithm times the value.
     sd: f64,
-    /// The same before it.
+    /// Prior standard deviation, likewise.
     prior_sd: f64,
-    /// Whether the calibration tells it; otherwise it stays near what was known before, alone or in company.
-    told: bool,
-    /// Correlations with the parameters before it.
+    /// Whether the calibration determines it; otherwise it stays near its prior, alone or in combination with others.
+    #[serde(rename = "told")]
+    informed_by_data: bool,
+    /// Correlations with the preceding parameters.
     correlations: Vec<f64>,
 }
 
@@ -142,7 +143,7 @@ struct Stated {
 struct Stored {
     kind: String,
     response: usize,
-    parameters: Vec<Stated>,
+    parameters: Vec<StoredParameter>,
 }
 
 /// Values of the parameters.
@@ -155,30 +156,30 @@ impl Parameters {
         Self(Vector::from([gain, modulus, stiffness, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     }
 
-    /// Moved by a step: in its logarithm where a parameter is positive.
+    /// The parameters changed by a step, which is one of the logarithm for a positive parameter.
     fn moved(&self, step: Vector) -> Self {
         Self(Vector::from_fn(|i, _| if i < POSITIVE { self.0[i] * step[i].exp() } else { self.0[i] + step[i] }))
     }
 
-    /// The step that leads here from other values.
+    /// The step from other parameters to these.
     fn step_from(&self, other: &Self) -> Vector {
         Vector::from_fn(|i, _| if i < POSITIVE { (self.0[i] / other.0[i]).ln() } else { self.0[i] - other.0[i] })
     }
 
-    /// The whisker that these parameters make of the nominal one.
+    /// The nominal whisker with these parameters.
     fn whisker(&self, nominal: &Whisker) -> Whisker {
         let scaled = Parameter::CurvatureScale.changed(nominal, self.0[3] - 1.0);
         let shifted = Parameter::CurvatureOffset.changed(&scaled, self.0[4]);
         Whisker { youngs_modulus_pa: self.0[1], root_stiffness_n_m_rad: self.0[2], ..shifted }
     }
 
-    /// The root's frame in Base; what it maps from is written like Base, for the mechanics know no other.
+    /// Pose of the root's frame in Base; both frames have the type of Base, the only one that the mechanics use.
     fn root(&self) -> Pose<Base, Base> {
         Pose::new(self.0[8], self.0[9], self.0[10])
     }
 
     /// Reading at a moment, and its derivative.
-    fn answer(&self, moment_n_m: f64) -> (f64, f64) {
+    fn respond(&self, moment_n_m: f64) -> (f64, f64) {
         let [gain, _, stiffness, _, _, offset, r2, r3, ..]: [f64; COUNT] = self.0.into();
         let w = moment_n_m / stiffness;
         let (value, slope) = (w * (1.0 + w * (r2 + w * r3)), 1.0 + w * (2.0 * r2 + w * 3.0 * r3));
@@ -186,7 +187,7 @@ impl Parameters {
     }
 }
 
-/// The map of one set of parameters.
+/// The sensor model of one set of parameters.
 struct Tuned {
     parameters: Parameters,
     base_in_root: Pose<Base, Base>,
@@ -212,7 +213,7 @@ impl Tuned {
         let seen = self.base_in_root.apply(contact);
         let Prediction { reading_n_m: moment, gradient_n: gradient } = self.mechanics.predict(seen);
         let [by_modulus, by_scale, by_shift] = sensitivities.at(seen);
-        let (reading, slope) = self.parameters.answer(moment);
+        let (reading, slope) = self.parameters.respond(moment);
         let without_offset = reading - values[5];
         let (gain, stiffness) = (values[0], values[2]);
         let w = moment / stiffness;
@@ -220,7 +221,7 @@ impl Tuned {
         let derivatives = [
             without_offset,
             slope * by_modulus,
-            // Stiffening wire and root alike scales the moment and turns the root no further.
+            // Scaling the stiffness of wire and root alike scales the moment and leaves the root's rotation unchanged.
             without_offset - slope * by_modulus,
             slope * by_scale,
             slope * by_shift,
@@ -239,7 +240,7 @@ impl Tuned {
 pub(super) struct ElasticaModel {
     response: usize,
     tuned: Arc<Tuned>,
-    stated: Vec<Stated>,
+    stated: Vec<StoredParameter>,
 }
 
 impl std::fmt::Debug for ElasticaModel {
@@ -267,15 +268,17 @@ impl SensorModel for ElasticaModel {
     }
 
     fn about(&self) -> String {
-        let told = self.stated.iter().filter(|parameter| parameter.told).count();
-        let answer = if self.response > 1 { "a cubic answer" } else { "an answer in proportion" };
-        format!("exact quasi-static whisker with {answer}, {told} of its {COUNT} parameters told by the calibration")
+        let informed = self.stated.iter().filter(|parameter| parameter.informed_by_data).count();
+        let response = if self.response > 1 { "cubic" } else { "linear" };
+        format!(
+            "exact quasi-static whisker with a {response} response, {informed} of its {COUNT} parameters determined by the calibration"
+        )
     }
 
     fn predict(&self, contact: Point<Base>) -> Prediction {
         let Tuned { parameters, base_in_root, mechanics } = &*self.tuned;
         let moment = mechanics.predict(base_in_root.apply(contact));
-        let (reading_n_m, slope) = parameters.answer(moment.reading_n_m);
+        let (reading_n_m, slope) = parameters.respond(moment.reading_n_m);
         Prediction { reading_n_m, gradient_n: base_in_root.rotation().tr_mul(&moment.gradient_n) * slope }
     }
 
@@ -304,7 +307,7 @@ fn no_solution() -> ModelError {
     ModelError::Data("the whisker's parameters have no equilibrium over the calibrated region".into())
 }
 
-pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<Learnt, ModelError> {
+pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
     let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_response(config.response)?;
     if samples.len() <= COUNT {
@@ -329,7 +332,7 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
                     return prior.learnt(region, config.response, best);
                 }
             }
-            // No step descends: this is the bottom, as well as the tabulated mechanics show it.
+            // No step decreases the cost: this is the minimum, up to the error of the tabulated mechanics.
             _ if damping > MOST_DAMPING => return prior.learnt(region, config.response, best),
             _ => damping = 10.0 * damping.max(1e-3),
         }
@@ -337,7 +340,7 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
     Err(ModelError::Data(format!("the whisker's parameters do not settle in {MOST_STEPS} steps")))
 }
 
-/// The nominal whisker, with the gain that suits the readings best.
+/// The nominal whisker, with the gain that fits the readings best.
 fn first_guess(region: &Region<'_>, samples: &[Sample]) -> Result<Parameters, ModelError> {
     let nominal = Mechanics::rough(region, region.whisker).ok_or_else(no_solution)?;
     let (mut products, mut squares) = (0.0, 0.0);
@@ -379,14 +382,14 @@ impl Config {
     }
 }
 
-/// What is known of the parameters before the calibration.
+/// Prior of the parameters.
 struct Prior {
     mean: Parameters,
     sd: Vector,
 }
 
-/// A set of parameters with what the samples say around it. Derivatives are by the parameters in units of their prior standard
-/// deviations, so that one that is held fixed drops out.
+/// A set of parameters with the linearised residuals. Derivatives are by the parameters in units of their prior
+/// standard deviations, so that those of a fixed one vanish.
 struct Look {
     tuned: Tuned,
     sensitivities: Sensitivities,
@@ -435,7 +438,7 @@ impl Prior {
         look.squares / look.noise_variance + Matrix::identity()
     }
 
-    /// Levenberg and Marquardt's step; without damping Gauss and Newton's.
+    /// Levenberg-Marquardt step; without damping, Gauss-Newton step.
     fn step(&self, look: &Look, damping: f64) -> Vector {
         let mut damped = Self::information(look);
         for i in 0..COUNT {
@@ -445,7 +448,7 @@ impl Prior {
         -damped.cholesky().expect(POSITIVE_DEFINITE).solve(&slope)
     }
 
-    fn learnt(&self, region: &Region<'_>, response: usize, look: Look) -> Result<Learnt, ModelError> {
+    fn learnt(&self, region: &Region<'_>, response: usize, look: Look) -> Result<FittedModel, ModelError> {
         let covariance = Self::information(&look).cholesky().expect(POSITIVE_DEFINITE).inverse();
         let parameters = look.tuned.parameters;
         let own_sd = covariance.diagonal().map(f64::sqrt);
@@ -453,12 +456,12 @@ impl Prior {
             .map(|i| {
                 let value = parameters.0[i];
                 let unit = if i < POSITIVE { value } else { 1.0 };
-                Stated {
+                StoredParameter {
                     name: NAMES[i].into(),
                     value,
                     sd: own_sd[i] * self.sd[i] * unit,
                     prior_sd: self.sd[i] * unit,
-                    told: self.sd[i] > 0.0 && own_sd[i] <= TOLD,
+                    informed_by_data: self.sd[i] > 0.0 && own_sd[i] <= INFORMED_SHARE,
                     correlations: (0..i).map(|j| covariance[(i, j)] / (own_sd[i] * own_sd[j])).collect(),
                 }
             })
@@ -471,11 +474,11 @@ impl Prior {
             row.dot(&(covariance * row))
         };
         let model = Box::new(ElasticaModel { response, tuned, stated });
-        Ok(Learnt { model, variance_n2_m2: Box::new(variance_n2_m2) })
+        Ok(FittedModel { model, variance_n2_m2: Box::new(variance_n2_m2) })
     }
 }
 
-pub(super) fn load(region: &Region<'_>, value: &Value) -> Made {
+pub(super) fn load(region: &Region<'_>, value: &Value) -> Loaded {
     let Stored { response, parameters: stated, .. } =
         Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_response(response)?;
@@ -483,7 +486,7 @@ pub(super) fn load(region: &Region<'_>, value: &Value) -> Made {
         return Err(ModelError::Data(format!("expected the parameters {}, in this order", NAMES.join(", "))));
     }
     let mut parameters = Parameters(Vector::zeros());
-    for (i, Stated { name, value, .. }) in stated.iter().enumerate() {
+    for (i, StoredParameter { name, value, .. }) in stated.iter().enumerate() {
         let value = *value;
         if !value.is_finite() || (i < POSITIVE && value <= 0.0) {
             return Err(ModelError::Data(format!("`{name}`: found {value}, expected what a whisker can have")));

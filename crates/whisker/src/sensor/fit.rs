@@ -1,16 +1,16 @@
-//! Fitting a sensor model to calibration traces and judging it on data it has not seen.
+//! Fit of a sensor model to calibration traces, with cross-validation on held-out data.
 
 use serde_json::Value;
 
 use super::error_map::{ErrorMap, Residual};
-use super::{CalibratedFace, Domain, Face, ModelError, ModelRow, Region, Sample};
+use super::{AlongAway, CalibratedFace, Domain, Face, ModelError, ModelRow, Region, Sample, Shares};
 use crate::Whisker;
 use crate::frames::{Base, Point};
 
-/// Blocks into which a single calibration trace is cut so that parts of it can be held out.
+/// Number of blocks into which a single calibration trace is divided for cross-validation.
 const BLOCKS: usize = 5;
 
-/// Smallest error that a model is granted, relative to the largest reading.
+/// Lower bound of a model's error, relative to the largest reading.
 const SMALLEST_ERROR: f64 = 1e-6;
 
 /// A fitted face and its residuals on held-out data.
@@ -18,46 +18,46 @@ const SMALLEST_ERROR: f64 = 1e-6;
 pub struct Fit {
     /// The face.
     pub face: CalibratedFace,
-    /// Samples that were fitted.
+    /// Number of fitted samples.
     pub samples: usize,
-    /// Predicted less true reading of each sample, under the model fitted without the trace it belongs to; in the order
-    /// of the input.
+    /// Predicted less true reading of each sample, under the model fitted without its trace; in the order of the input.
     pub residuals_n_m: Vec<Vec<f64>>,
 }
 
-/// What a model is fitted to: the calibration traces of one face.
+/// Data of a fit: the calibration traces of one face.
 #[derive(Clone, Copy, Debug)]
-pub struct Material<'a> {
+pub struct FitData<'a> {
     /// The whisker.
     pub whisker: &'a Whisker,
     /// Side of the whisker on which the object lies.
     pub face: Face,
-    /// The samples of each trace as the sensor gave them. The fit sees these.
+    /// Samples of each trace with the readings of the sensor, which are fitted.
     pub measured: &'a [Vec<Sample>],
-    /// The same samples with readings that held-out predictions are compared with: free of noise, where that is known.
+    /// The same samples with the readings that held-out predictions are compared with: free of noise, if known.
     pub reference: &'a [Vec<Sample>],
-    /// Standard deviation of the noise that is left in the reference.
+    /// Standard deviation of the remaining noise of the reference.
     pub reference_noise_sd_n_m: f64,
-    /// Mean distance of the contacts from the middle of the object that touched.
+    /// Mean distance of the contacts from the centre of the object that touched.
     pub pin_radius_m: f64,
 }
 
 /// Fits the model `row` with `config` to the traces of one face.
 ///
-/// Each trace is judged by the model fitted to the others; a single trace is cut into blocks that take the part of traces. The noise of
-/// the reference is taken off the residuals' mean square, so that they show the model's error alone.
+/// Each trace is compared with the model fitted to the others; a single trace is divided into blocks that replace the
+/// traces. The noise of the reference is subtracted from the residuals' mean square, so that they show the model's
+/// error alone.
 ///
 /// # Errors
-/// [`ModelError`] where the settings are wrong or the data do not determine the model.
-pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fit, ModelError> {
-    let &Material { whisker, face, measured, reference, .. } = material;
+/// [`ModelError`] if the settings are invalid or the data do not determine the model.
+pub fn fit(row: &ModelRow, config: &Value, material: &FitData<'_>) -> Result<Fit, ModelError> {
+    let &FitData { whisker, face, measured, reference, .. } = material;
     let all = measured.concat();
     let rest = whisker.rest_shape();
-    let coordinates: Vec<(f64, f64)> = all
+    let coordinates: Vec<AlongAway> = all
         .iter()
         .map(|sample| {
             let foot = rest.foot(sample.contact);
-            (foot.arc_m, foot.left_m * face.away_sign())
+            AlongAway::new(foot.arc_m, foot.left_m * face.away_sign())
         })
         .collect();
     let domain = Domain::covering(&coordinates)
@@ -91,15 +91,12 @@ pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fi
 
     let flat = || residuals_n_m.iter().flatten();
     let noise_n2_m2 = material.reference_noise_sd_n_m.powi(2);
-    // What the noise of so many samples may hide counts as error, and so does a millionth of the range: no model is exact.
+    // An error that the noise of so many samples may hide counts as error, and so does a millionth of the range.
     let count = all.len() as f64;
     let least_n2_m2 = (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2));
     let mean_square = flat().map(|r| r * r).sum::<f64>() / count;
-    let residuals: Vec<Residual> = coordinates
-        .iter()
-        .zip(flat())
-        .map(|(&(arc_m, away_m), r)| Residual { shares: domain.shares(arc_m, away_m), squared: r * r })
-        .collect();
+    let residuals: Vec<Residual> =
+        coordinates.iter().zip(flat()).map(|(&at, r)| Residual { shares: domain.shares(at), squared: r * r }).collect();
     let remaining: Vec<f64> = nodes.iter().map(|&node| (learnt.variance_n2_m2)(node)).collect();
     Ok(Fit {
         face: CalibratedFace {
@@ -121,13 +118,13 @@ pub fn fit(row: &ModelRow, config: &Value, material: &Material<'_>) -> Result<Fi
 }
 
 impl Region<'_> {
-    /// Contacts at places given as shares of the region.
-    fn places(&self, shares: &[(f64, f64)]) -> Vec<Point<Base>> {
+    /// Contacts at positions within the region.
+    fn places(&self, shares: &[Shares]) -> Vec<Point<Base>> {
         let rest = self.whisker.rest_shape();
         let (low, high) = self.domain.arc_range_m();
         shares
             .iter()
-            .map(|&(along, away)| {
+            .map(|&Shares { along, away }| {
                 let arc_m = low + along * (high - low);
                 let (lower, upper) = self.domain.away_range_m(arc_m);
                 rest.beside(arc_m, (lower + away * (upper - lower)) * self.face.away_sign())
@@ -138,7 +135,7 @@ impl Region<'_> {
 
 struct Folds {
     count: usize,
-    /// Length of a block where one trace is cut; without it every trace is a fold.
+    /// Length of a block if one trace is divided. `None` if every trace is a fold.
     block: Option<usize>,
 }
 

@@ -1,8 +1,9 @@
-//! The moment of the exact quasi-static whisker as a function of the contact's place, tabulated.
+//! Tabulated moment of the exact quasi-static whisker as a function of the contact's position.
 //!
-//! Solving the elastica for a contact takes tens of microseconds ([`Elastica::at_point`]), and a filter asks thousands of times a second.
-//! The map is smooth, so it is solved once on a grid ([`super::polar`]), with its exact gradient, and interpolated ([`super::table`]). Beyond
-//! its tip the whisker is continued, so that a contact at the tip lies within the grid.
+//! Solving the elastica for a contact takes tens of microseconds ([`Elastica::at_point`]), and a filter evaluates
+//! thousands of contacts per second. The map is smooth, so it is solved once on a grid ([`super::polar`]), with its
+//! exact gradient, and interpolated ([`super::table`]). The whisker is continued beyond its tip, so that a contact at
+//! the tip lies within the grid.
 
 use nalgebra::Vector2;
 
@@ -16,17 +17,17 @@ use crate::frames::{Base, Point};
 /// Nodes by distance from the root and by angle.
 const NODES: [usize; 2] = [28, 20];
 
-/// The same for the derivatives by mechanical parameters, which need no more than three digits.
+/// The same for the derivatives by mechanical parameters, for which three digits suffice.
 const COARSE_NODES: [usize; 2] = [14, 10];
 
-/// How much denser the nodes by distance are where the pre-curvature jumps: where the contact passes that place, so does the second
-/// derivative of the moment.
+/// Factor of the density of nodes by distance if the pre-curvature jumps: the second derivative of the moment jumps
+/// where the contact passes that point.
 const DENSER: usize = 3;
 
-/// What the grid covers beyond the calibrated region on each side, relative to the region's extent.
+/// Extent of the grid beyond the calibrated region on each side, relative to the region's extent.
 const MARGIN: f64 = 0.06;
 
-/// Shorter strides that are tried from a node to the next where one does not lead to a solution.
+/// Number of shorter steps from a node to the next if one step does not lead to a solution.
 const SHORTER: i32 = 8;
 
 /// Relative step of the derivatives by mechanical parameters.
@@ -39,7 +40,7 @@ pub(super) enum Parameter {
     Modulus,
     /// Factor of the pre-curvature.
     CurvatureScale,
-    /// Addition to the pre-curvature, the same everywhere.
+    /// Uniform addition to the pre-curvature.
     CurvatureOffset,
 }
 
@@ -53,7 +54,7 @@ struct Lattice {
     grid: Grid,
 }
 
-/// The map of one face.
+/// The tabulated map of one face.
 #[derive(Clone, Debug)]
 pub(super) struct Mechanics {
     lattice: Lattice,
@@ -61,7 +62,7 @@ pub(super) struct Mechanics {
     tangent_rad: Table,
 }
 
-/// Derivatives of the map by [`PARAMETERS`], at fixed places.
+/// Derivatives of the map by [`PARAMETERS`], at fixed positions.
 #[derive(Clone, Debug)]
 pub(super) struct Sensitivities {
     lattice: Lattice,
@@ -72,7 +73,7 @@ impl Lattice {
     fn new(region: &Region<'_>, nodes: [usize; 2]) -> Option<Self> {
         let frame = Frame::new(region)?;
         let margin = [0, 1].map(|axis| MARGIN * (frame.last[axis] - frame.first[axis]));
-        // Towards the root less, where the region comes near it.
+        // A smaller margin towards the root, if the region comes near it.
         let first = [(frame.first[0] - margin[0]).max(0.5 * frame.first[0]), frame.first[1] - margin[1]];
         let last = [0, 1].map(|axis| frame.last[axis] + margin[axis]);
         Some(Self { grid: Grid::new(first, last, nodes), frame })
@@ -82,8 +83,8 @@ impl Lattice {
         table.look(&self.grid.place(polar.at))
     }
 
-    /// What `solved` makes of the elastica's solution at each node. Where the whisker does not reach a node, that of the last one that it
-    /// reaches is carried on: `beyond` does so over an angle.
+    /// The values of `solved` at the elastica's solution for each node. At a node out of the whisker's reach, the last
+    /// value within reach is extrapolated: `beyond` does so over an angle.
     fn solve<Node: Copy>(
         &self,
         elastica: &Elastica,
@@ -98,7 +99,8 @@ impl Lattice {
                 let found = elastica.continued_at_point(contact, near)?;
                 Some((solved(&self.frame.polar(contact), &found)?, found.load))
             };
-            // From the node nearest to the undeflected whisker to either side, each solution the next one's first guess.
+            // From the node nearest to the undeflected whisker to either side; each solution is the initial guess of
+            // the next.
             let [_, rest_rad] = self.frame.polar(elastica.rest_at_radius(r_m)).at;
             let distance = |j: &usize| (angles[*j] - rest_rad).abs();
             let start = (0..angles.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
@@ -129,14 +131,14 @@ impl Lattice {
 }
 
 impl Mechanics {
-    /// The map of `whisker` over the region, whose own whisker gives the coordinates alone. Nothing where the whisker has no equilibrium
-    /// beside its undeflected shape.
+    /// The map of `whisker` over the region, whose own whisker defines the coordinates only. `None` if the whisker has
+    /// no equilibrium beside its undeflected shape.
     pub(super) fn new(region: &Region<'_>, whisker: &Whisker) -> Option<Self> {
         let jumps = whisker.curvature.windows(2).any(|pair| pair[0].curvature_per_m != pair[1].curvature_per_m);
         Self::on_grid(region, whisker, if jumps { [DENSER * NODES[0], NODES[1]] } else { NODES })
     }
 
-    /// The same for a search, which does not look at the last digit.
+    /// A coarser map for a search.
     pub(super) fn rough(region: &Region<'_>, whisker: &Whisker) -> Option<Self> {
         Self::on_grid(region, whisker, NODES)
     }
@@ -179,8 +181,8 @@ impl Mechanics {
 }
 
 impl Sensitivities {
-    /// The derivatives of [`Mechanics::new`]. Of the moment `M(a, F)` at the place `p(a, F)`, at a fixed place: `dM = M_c - grad M . p_c` by the
-    /// parameter `c`, with `M_c` and `p_c` at fixed arc length and force.
+    /// The derivatives of [`Mechanics::new`]. Of the moment `M(a, F)` at the place `p(a, F)`, at a fixed place: `dM =
+    /// M_c - grad M . p_c` by the parameter `c`, with `M_c` and `p_c` at fixed arc length and force.
     pub(super) fn new(region: &Region<'_>, whisker: &Whisker) -> Option<Self> {
         let lattice = Lattice::new(region, COARSE_NODES)?;
         let mut pairs = Vec::new();
@@ -247,21 +249,9 @@ mod tests {
     use crate::Curvature;
     use crate::sensor::{Domain, Face};
 
-    fn whisker(curvature: &[(f64, f64)]) -> Whisker {
-        let curvature: Vec<Curvature> =
-            curvature.iter().map(|&(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m }).collect();
-        Whisker {
-            name: "tabulated".into(),
-            length_m: curvature.iter().map(|piece| piece.length_m).sum(),
-            root_diameter_m: 0.25e-3,
-            tip_diameter_m: 0.2e-3,
-            youngs_modulus_pa: 60e9,
-            density_kg_m3: 6450.0,
-            curvature,
-            root_stiffness_n_m_rad: 0.17e-3,
-            segments: 40,
-            damping_s: 0.0,
-        }
+    fn whisker(curvature: &[Curvature]) -> Whisker {
+        let tapered = Whisker { tip_diameter_m: 0.2e-3, damping_s: 0.0, ..Whisker::straight() };
+        tapered.named("tabulated").with_curvature(curvature)
     }
 
     fn domain(whisker: &Whisker) -> Domain {
@@ -270,14 +260,15 @@ mod tests {
         Domain { lower_m: vec![0.0; arc_m.len()], upper_m, arc_m }
     }
 
-    /// Whiskers with the errors that their tables may have: of the moment, relative to the largest, and of the tangent, in radians. Where
-    /// the curvature jumps, so do the second derivative of the moment and the first of the tangent.
+    /// Whiskers with the errors that their tables may have: of the moment, relative to the largest, and of the tangent,
+    /// in radians. Where the curvature jumps, so do the second derivative of the moment and the first of the tangent.
     fn cases() -> [(Whisker, Face, [f64; 2]); 4] {
+        let arc = Curvature::new;
         [
-            (whisker(&[(0.08, 0.0)]), Face::Left, [1e-7, 1e-6]),
-            (whisker(&[(0.08, 12.5)]), Face::Left, [1e-7, 1e-6]),
-            (whisker(&[(0.08, 12.5)]), Face::Right, [1e-7, 1e-6]),
-            (whisker(&[(0.02, 0.0), (0.03, 50.0)]), Face::Right, [2e-5, 5e-3]),
+            (whisker(&[arc(0.08, 0.0)]), Face::Left, [1e-7, 1e-6]),
+            (whisker(&[arc(0.08, 12.5)]), Face::Left, [1e-7, 1e-6]),
+            (whisker(&[arc(0.08, 12.5)]), Face::Right, [1e-7, 1e-6]),
+            (whisker(&[arc(0.02, 0.0), arc(0.03, 50.0)]), Face::Right, [2e-5, 5e-3]),
         ]
     }
 

@@ -1,11 +1,12 @@
-//! Sensor models: from a contact to the reading it is expected to give.
+//! Sensor models: the expected reading of a contact.
 //!
-//! A calibration presses a pin against one [`Face`] of the whisker at known places. A [`SensorModel`] is a formula fitted to
-//! these samples; a [`CalibratedFace`] is that formula together with the [`Domain`] that was really calibrated. Outside it the answer is
-//! "no prediction": a formula that is good inside can be anything outside.
+//! A calibration presses a pin against one [`Face`] of the whisker at known positions. A [`SensorModel`] is a formula
+//! fitted to these samples; a [`CalibratedFace`] is that formula together with the calibrated region, its [`Domain`].
+//! Outside the domain there is no prediction: a formula that fits within can be arbitrarily wrong outside.
 //!
 //! To add a model: one file beside `polynomial.rs`, and one row in [`MODELS`].
 
+mod along_away;
 mod domain;
 mod elastica;
 mod error_map;
@@ -22,50 +23,17 @@ use std::fmt::Debug;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Matrix2, Vector2};
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::frames::{Base, Point};
 use crate::{RestShape, Whisker};
 
-pub use domain::Domain;
+pub use crate::face::Face;
+pub use along_away::AlongAway;
+pub use domain::{Domain, Shares};
 pub use error_map::ErrorMap;
-pub use fit::{Fit, Material, fit};
+pub use fit::{Fit, FitData, fit};
 pub(crate) use turn::Turn;
-
-/// The side of the whisker on which the object lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Face {
-    /// The object lies on the left (+y) and pushes the whisker to the right: the reading is negative.
-    Left,
-    /// The object lies on the right and pushes the whisker to the left: the reading is positive.
-    Right,
-}
-
-impl Face {
-    /// The face that a reading of this sign belongs to.
-    pub fn of_reading(reading_n_m: f64) -> Self {
-        if reading_n_m < 0.0 { Self::Left } else { Self::Right }
-    }
-
-    /// +1 where "away from the object" is to the left of the whisker, -1 where it is to the right. It is also the sign of
-    /// the reading.
-    pub fn away_sign(self) -> f64 {
-        match self {
-            Self::Left => -1.0,
-            Self::Right => 1.0,
-        }
-    }
-
-    /// Lower-case name, as in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-        }
-    }
-}
 
 /// One calibration sample: a known contact and its reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +44,7 @@ pub struct Sample {
     pub reading_n_m: f64,
 }
 
-/// What a model expects of a contact.
+/// Prediction of a model for a contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction {
     /// Expected reading.
@@ -85,10 +53,10 @@ pub struct Prediction {
     pub gradient_n: Vector2<f64>,
 }
 
-/// Why a model could not be fitted or loaded.
+/// Error of fitting or loading a model.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// No model of this name.
+    /// No model has this name.
     #[error("unknown sensor model `{found}`, expected one of: {known}")]
     Unknown {
         /// The name.
@@ -101,7 +69,7 @@ pub enum ModelError {
     Settings {
         /// Name of the model.
         kind: &'static str,
-        /// What the parser says.
+        /// Error of the parser.
         reason: serde_json::Error,
     },
     /// The data do not determine the model.
@@ -109,13 +77,13 @@ pub enum ModelError {
     Data(String),
 }
 
-/// A formula from contact to reading. It answers everywhere; that it is asked only where it was calibrated is the duty of
-/// [`CalibratedFace`].
+/// A formula from contact to reading. It is defined everywhere; [`CalibratedFace`] restricts it to the calibrated
+/// region.
 pub trait SensorModel: Debug + Send + Sync {
     /// Name in the registry.
     fn kind(&self) -> &'static str;
 
-    /// Name that tells it from the others of a calibration: the kind, and what of its settings sets it apart.
+    /// Unique name within a calibration: the kind, and the settings that distinguish it.
     fn label(&self) -> String {
         self.kind().into()
     }
@@ -123,20 +91,21 @@ pub trait SensorModel: Debug + Send + Sync {
     /// Expected reading of a contact.
     fn reading_n_m(&self, contact: Point<Base>) -> f64;
 
-    /// Writes the expected readings of many contacts, given by their coordinates in Base; one by one unless given.
+    /// Writes the expected readings of many contacts, given by their coordinates in Base. By default evaluates them one
+    /// by one.
     fn readings_n_m(&self, x_m: &[f64], y_m: &[f64], readings_n_m: &mut [f64]) {
         for ((reading_n_m, &x_m), &y_m) in readings_n_m.iter_mut().zip(x_m).zip(y_m) {
             *reading_n_m = self.reading_n_m(Point::new(x_m, y_m));
         }
     }
 
-    /// Everything needed to load it again.
+    /// The stored model, which the registry's `load` restores.
     fn to_json(&self) -> Value;
 
-    /// One line for people.
+    /// One-line description.
     fn about(&self) -> String;
 
-    /// Expected reading and gradient; by central differences over 2 micrometres unless given.
+    /// Expected reading and gradient. By default central differences over 2 micrometres.
     fn predict(&self, contact: Point<Base>) -> Prediction {
         const STEP_M: f64 = 1e-6;
         let slope = |step: Vector2<f64>| {
@@ -148,7 +117,7 @@ pub trait SensorModel: Debug + Send + Sync {
         }
     }
 
-    /// Angle in Base of the deflected whisker's tangent at the contact, where the model knows mechanics.
+    /// Angle in Base (rad) of the deflected whisker's tangent at the contact. `None` for models without mechanics.
     fn tangent_rad(&self, _contact: Point<Base>) -> Option<f64> {
         None
     }
@@ -161,7 +130,7 @@ pub struct Region<'a> {
     pub whisker: &'a Whisker,
     /// Side of the whisker on which the object lies.
     pub face: Face,
-    /// What is calibrated there.
+    /// The calibrated region.
     pub domain: &'a Domain,
 }
 
@@ -169,29 +138,29 @@ pub struct Region<'a> {
 pub struct ModelRow {
     /// Name.
     pub kind: &'static str,
-    /// One line about it.
+    /// One-line description.
     pub about: &'static str,
     /// Default settings.
     pub defaults: fn() -> Value,
-    /// Settings that a calibration tries where it is to find the best model by itself.
+    /// Settings that a calibration compares to select the best model.
     pub candidates: fn() -> Vec<Value>,
     /// Fits the model to samples of one face.
-    pub fit: fn(&Region<'_>, &[Sample], &Value) -> Result<Learnt, ModelError>,
-    /// Loads what [`SensorModel::to_json`] wrote.
-    pub load: fn(&Region<'_>, &Value) -> Made,
+    pub fit: fn(&Region<'_>, &[Sample], &Value) -> Result<FittedModel, ModelError>,
+    /// Loads a model stored by [`SensorModel::to_json`].
+    pub load: fn(&Region<'_>, &Value) -> Loaded,
 }
 
-/// What a fit yields.
-pub struct Learnt {
+/// Result of a fit.
+pub struct FittedModel {
     /// The model.
     pub model: Box<dyn SensorModel>,
-    /// Variance of its reading at a contact that is left by the noise and the number of the samples, in N2 m2. What the formula
-    /// itself cannot follow is not in it: held-out data show that.
+    /// Variance of its reading at a contact due to the noise and the number of samples (N2 m2). The misfit of the
+    /// formula is not included: it is estimated on held-out data.
     pub variance_n2_m2: Box<dyn Fn(Point<Base>) -> f64 + Send>,
 }
 
-/// A model that was loaded.
-pub type Made = Result<Box<dyn SensorModel>, ModelError>;
+/// Result of loading a model.
+pub type Loaded = Result<Box<dyn SensorModel>, ModelError>;
 
 /// The registry of sensor models.
 pub const MODELS: &[ModelRow] = &[
@@ -237,79 +206,80 @@ pub fn model(kind: &str) -> Result<&'static ModelRow, ModelError> {
 pub struct CalibratedFace {
     /// The face.
     pub face: Face,
-    /// The undeflected whisker, to which the domain refers.
+    /// The undeflected whisker, on which the domain is based.
     pub rest: RestShape,
     /// The calibrated region.
     pub domain: Domain,
-    /// Name of the formula among those of the calibration.
+    /// Name of the formula within the calibration.
     pub label: String,
     /// The formula.
     pub model: Arc<dyn SensorModel>,
-    /// The formula's own error over the region.
+    /// Error of the formula over the region.
     pub error: ErrorMap,
-    /// Root mean square residual on data that the fit did not see.
+    /// Root mean square residual on held-out data.
     pub heldout_rms_n_m: f64,
-    /// The largest such residual, absolute.
+    /// Largest absolute residual on held-out data.
     pub heldout_worst_n_m: f64,
     /// Largest absolute reading of the calibration.
     pub largest_reading_n_m: f64,
-    /// How far the calibration's contacts lay from the middle of its pin: the radius of pin and wire together, and nothing where the
-    /// contacts are themselves the pin's middle, as on a rig that knows no better.
+    /// Distance of the calibration's contacts from the centre of its pin: the radius of pin and wire together. Zero if
+    /// the recorded contacts are the pin's centre.
     pub pin_radius_m: f64,
-    /// How the whisker turns at a contact, once that was asked for.
+    /// Rotation of the whisker at its contacts, computed on first use.
     pub turn: OnceTurn,
 }
 
-/// The turn of a whisker at its contacts, which is fitted when it is first asked for and then the same for all estimators.
+/// Rotation of a whisker at its contacts, fitted on first use and shared by all estimators.
 #[derive(Clone, Debug, Default)]
 pub struct OnceTurn(Arc<OnceLock<Turn>>);
 
 impl CalibratedFace {
-    /// How the whisker, which is the calibrated one, turns at a contact.
+    /// Rotation of the calibrated whisker at its contacts.
     pub(crate) fn turn(&self, whisker: &Whisker) -> &Turn {
         self.turn.0.get_or_init(|| Turn::fitted(self, whisker))
     }
 
-    /// Coordinates of a contact along and away from the undeflected whisker: arc length of the nearest point, and distance from it,
-    /// positive away from the object.
-    pub fn along_and_away(&self, contact: Point<Base>) -> (f64, f64) {
+    /// Coordinates of a contact along and away from the undeflected whisker.
+    pub fn along_and_away(&self, contact: Point<Base>) -> AlongAway {
         let foot = self.rest.foot(contact);
-        (foot.arc_m, foot.left_m * self.face.away_sign())
+        AlongAway::new(foot.arc_m, foot.left_m * self.face.away_sign())
     }
 
     /// The contact with these coordinates.
-    pub fn contact_at(&self, arc_m: f64, away_m: f64) -> Point<Base> {
-        self.rest.beside(arc_m, away_m * self.face.away_sign())
+    pub fn contact_at(&self, at: AlongAway) -> Point<Base> {
+        self.rest.beside(at.along_m, at.away_m * self.face.away_sign())
     }
 
-    /// Derivative of [`Self::contact_at`]: its columns are where the contact goes along and away. They are orthogonal; the
-    /// first is shorter than one on the inside of a curved whisker and longer outside.
-    pub fn contact_jacobian(&self, arc_m: f64, away_m: f64) -> Matrix2<f64> {
-        self.contact_with_jacobian(arc_m, away_m).1
+    /// Derivative of [`Self::contact_at`], 2x2; its columns are the derivatives along and away. They are orthogonal;
+    /// the first is shorter than one on the inside of a curved whisker and longer outside.
+    pub fn contact_jacobian(&self, at: AlongAway) -> Matrix2<f64> {
+        self.contact_with_jacobian(at).1
     }
 
-    /// The contact and that derivative.
-    pub fn contact_with_jacobian(&self, arc_m: f64, away_m: f64) -> (Point<Base>, Matrix2<f64>) {
+    /// The contact and its derivative.
+    pub fn contact_with_jacobian(&self, at: AlongAway) -> (Point<Base>, Matrix2<f64>) {
+        let AlongAway { along_m, away_m } = at;
         let sign = self.face.away_sign();
-        let (contact, tangent) = self.rest.beside_with_tangent(arc_m, away_m * sign);
-        let stretch = 1.0 - self.rest.curvature_per_m(arc_m) * away_m * sign;
+        let (contact, tangent) = self.rest.beside_with_tangent(along_m, away_m * sign);
+        let stretch = 1.0 - self.rest.curvature_per_m(along_m) * away_m * sign;
         (contact, Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign]))
     }
 
-    /// Expected reading and gradient, or nothing outside the calibrated region.
+    /// Expected reading and gradient. `None` outside the calibrated region.
     pub fn predict(&self, contact: Point<Base>) -> Option<Prediction> {
-        let (arc_m, away_m) = self.along_and_away(contact);
-        self.domain.contains(arc_m, away_m).then(|| self.model.predict(contact))
+        self.domain.contains(self.along_and_away(contact)).then(|| self.model.predict(contact))
     }
 
-    /// The same face, read by a sensor that is itself off by something that stays through a recording: an offset and a share of the reading, both known by their standard
-    /// deviations. That comes back at the same place as the formula's own error does, and is added to it.
+    /// The same face read by a sensor with an error that is constant over a recording: an offset and a relative gain
+    /// error, given by their standard deviations. Like the formula's error it recurs at the same position, and is added
+    /// to it.
     pub fn read_by(&self, offset_sd_n_m: f64, gain_sd: f64) -> Self {
         let (first_m, last_m) = self.domain.arc_range_m();
-        let variance_n2_m2 = |along: f64, away: f64| {
-            let arc_m = first_m + along * (last_m - first_m);
-            let (lower_m, upper_m) = self.domain.away_range_m(arc_m);
-            let reading_n_m = self.model.reading_n_m(self.contact_at(arc_m, lower_m + away * (upper_m - lower_m)));
+        let variance_n2_m2 = |Shares { along, away }| {
+            let along_m = first_m + along * (last_m - first_m);
+            let (lower_m, upper_m) = self.domain.away_range_m(along_m);
+            let at = AlongAway::new(along_m, lower_m + away * (upper_m - lower_m));
+            let reading_n_m = self.model.reading_n_m(self.contact_at(at));
             offset_sd_n_m.powi(2) + (gain_sd * reading_n_m).powi(2)
         };
         Self {
@@ -323,31 +293,28 @@ impl CalibratedFace {
         }
     }
 
-    /// Variance by which the true reading scatters around the expected one, measurement noise apart: the model's own error, as
-    /// held-out data and the number of samples show it. An estimator adds it to the variance of the measurement noise. It is an error
-    /// that comes back at the same place, not one that averages out.
+    /// Variance of the true reading about the expected one, without measurement noise: the model's error, from held-out
+    /// data and the number of samples. An estimator adds it to the variance of the measurement noise. The error recurs
+    /// at the same position and does not average out.
     pub fn model_variance_n2_m2(&self, contact: Point<Base>) -> f64 {
-        let (arc_m, away_m) = self.along_and_away(contact);
-        self.model_variance_at_n2_m2(arc_m, away_m)
+        self.model_variance_at_n2_m2(self.along_and_away(contact))
     }
 
-    /// The same of the contact with these coordinates.
-    pub fn model_variance_at_n2_m2(&self, arc_m: f64, away_m: f64) -> f64 {
-        let (along, away) = self.domain.shares(arc_m, away_m);
-        self.error.variance_n2_m2(along, away)
+    /// As [`Self::model_variance_n2_m2`], for a contact with these coordinates.
+    pub fn model_variance_at_n2_m2(&self, at: AlongAway) -> f64 {
+        self.error.variance_n2_m2(self.domain.shares(at))
     }
 
-    /// The contact itself where it is calibrated, else a near one at the border of the calibrated region.
+    /// The contact itself if it is calibrated, else a near one at the border of the calibrated region.
     pub fn nearest_calibrated(&self, contact: Point<Base>) -> Point<Base> {
         self.nearest_calibrated_at(contact, self.along_and_away(contact))
     }
 
-    /// The same where its place along and away is known.
-    pub(crate) fn nearest_calibrated_at(&self, contact: Point<Base>, (arc_m, away_m): (f64, f64)) -> Point<Base> {
-        if self.domain.contains(arc_m, away_m) {
+    /// As [`Self::nearest_calibrated`], with the known coordinates of the contact.
+    pub(crate) fn nearest_calibrated_at(&self, contact: Point<Base>, at: AlongAway) -> Point<Base> {
+        if self.domain.contains(at) {
             return contact;
         }
-        let (arc_m, away_m) = self.domain.clamp(arc_m, away_m);
-        self.contact_at(arc_m, away_m)
+        self.contact_at(self.domain.clamp(at))
     }
 }

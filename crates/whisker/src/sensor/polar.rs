@@ -1,7 +1,8 @@
-//! Coordinates in which the region that a whisker can reach is nearly a rectangle, whatever its curvature.
+//! Coordinates in which the region within a whisker's reach is nearly a rectangle, whatever its curvature.
 //!
-//! They are polar: the distance `r` from the root, and the polar angle less that of a parabola `b(r)` through the undeflected whisker,
-//! counted away from the object. Unlike distance along and from the undeflected whisker they have no kink where its curvature jumps.
+//! They are polar: the distance `r` from the root, and the polar angle less that of a parabola `b(r)` through the
+//! undeflected whisker, positive away from the object. Unlike the coordinates along and away from the undeflected
+//! whisker they have no kink where its curvature jumps.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -9,18 +10,18 @@ use super::Region;
 use crate::frames::{Base, Point};
 use crate::rest::direction;
 
-/// Smallest distance from the root, relative to the whisker's length: at the root itself there is no angle.
+/// Smallest distance from the root, relative to the whisker's length: at the root the angle is undefined.
 const NEAREST: f64 = 0.02;
 
-/// Points along the region's border by which its extent is found.
+/// Number of points along the region's border from which its extent is computed.
 const BORDER: usize = 65;
 
 /// The coordinates beside one face of a whisker.
 #[derive(Clone, Debug)]
 pub(super) struct Frame {
-    /// Towards the middle of the region; angles count from here.
+    /// Direction of the middle of the region, from which angles are measured.
     ahead: Vector2<f64>,
-    /// +1 where away from the object is to the left.
+    /// +1 if away from the object is to the left, -1 otherwise.
     sign: f64,
     /// `b(r)`, by powers of `r`.
     parabola: Vector3<f64>,
@@ -34,12 +35,12 @@ pub(super) struct Frame {
 pub(super) struct Polar {
     /// Distance from the root and angle.
     pub(super) at: [f64; 2],
-    /// Derivatives of the two by the place in Base.
+    /// Derivatives of both by the position in Base.
     slopes: [Vector2<f64>; 2],
 }
 
 impl Frame {
-    /// The coordinates beside the region's whisker. Nothing where it has no extent.
+    /// The coordinates beside the region's whisker. `None` if the region has no extent.
     pub(super) fn new(region: &Region<'_>) -> Option<Self> {
         let rest = region.whisker.rest_shape();
         let (low, high) = region.domain.arc_range_m();
@@ -101,14 +102,14 @@ impl Frame {
 }
 
 impl Polar {
-    /// A gradient by the coordinates, from one by the place in Base.
+    /// Converts a gradient by the position in Base into one by the coordinates.
     pub(super) fn by_coordinates(&self, gradient: Vector2<f64>) -> Vector2<f64> {
         // The transposed inverse of the coordinates' derivatives.
         let [r, angle] = self.slopes;
         Vector2::new(gradient.perp(&angle), r.perp(&gradient)) / r.perp(&angle)
     }
 
-    /// A gradient by the place in Base, from one by the coordinates.
+    /// Converts a gradient by the coordinates into one by the position in Base.
     pub(super) fn by_place(&self, slopes: Vector2<f64>) -> Vector2<f64> {
         slopes.x * self.slopes[0] + slopes.y * self.slopes[1]
     }

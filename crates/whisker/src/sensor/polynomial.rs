@@ -1,8 +1,8 @@
 //! Bivariate polynomial of total degree `n` in the contact's coordinates in Base (Lin et al. 2022 use `n` = 5).
 //!
-//! With `u = (x - x0) / a`, `v = (y - y0) / b`, both within [-1, 1] over the calibration: `g(x, y) = sum c_ij T_i(u) T_j(v)`, `i + j <= n`,
-//! `T_i` the Chebyshev polynomials. They span what the monomials `x^i y^j` do, and stay apart from one another where those of a high
-//! degree look alike to the last digit.
+//! With `u = (x - x0) / a`, `v = (y - y0) / b`, both within [-1, 1] over the calibration: `g(x, y) = sum c_ij T_i(u)
+//! T_j(v)`, `i + j <= n`, `T_i` the Chebyshev polynomials. They span the same space as the monomials `x^i y^j`, but
+//! remain well conditioned at high degrees.
 
 use filters::vectorised;
 use nalgebra::{DMatrix, DVector, Vector2};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::regression::Triangle;
-use super::{Learnt, Made, ModelError, Prediction, Region, Sample, SensorModel};
+use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::frames::{Base, Point};
 
 pub(super) const KIND: &str = "polynomial";
@@ -44,7 +44,8 @@ pub(super) struct Polynomial {
     coefficients_n_m: Vec<f64>,
 }
 
-/// `T_0` to `T_(N-1)` of an argument, by `T_(m+n) = 2 T_m T_n - T_(m-n)` with `m - n` 0 or 1: so a high one waits for few others.
+/// `T_0` to `T_(N-1)` of an argument, by `T_(m+n) = 2 T_m T_n - T_(m-n)` with `m - n` 0 or 1, a short chain of
+/// dependent operations.
 #[inline(always)]
 fn chebyshev<const N: usize>(u: f64) -> [f64; N] {
     let mut values = [1.0; N];
@@ -68,7 +69,7 @@ fn chebyshev_slopes<const N: usize>(u: f64, values: &[f64; N]) -> [f64; N] {
 /// `sum a_i c_ij b_j`, `i + j < N`.
 #[inline(always)]
 fn product<const N: usize>(coefficients: &[f64], by_u: &[f64; N], by_v: &[f64; N]) -> f64 {
-    // From the highest down: what is known first is added first, and the longest row last.
+    // In descending order: the values known first are added first, the longest row last.
     let (mut value, mut start) = (0.0, coefficients.len());
     for i in (0..N).rev() {
         start -= N - i;
@@ -87,7 +88,7 @@ fn value<const N: usize>(model: &Polynomial, contact: Point<Base>) -> f64 {
     product::<N>(model.coefficients::<N>(), &chebyshev(u), &chebyshev(v))
 }
 
-/// What [`product`] says of the value, bit by bit, and the slopes from the same sums over `j`.
+/// The value of [`product`], bit by bit, and the slopes from the same sums over `j`.
 fn value_and_slopes<const N: usize>(model: &Polynomial, contact: Point<Base>) -> Prediction {
     let (u, v) = model.scaled(contact.x(), contact.y());
     let coefficients = model.coefficients::<N>();
@@ -122,7 +123,7 @@ fn values_as_wide_as_here<const N: usize>(model: &Polynomial, x_m: &[f64], y_m: 
 }
 
 /// The products `T_i T_j` in the order of the coefficients.
-fn products<const N: usize>((u, v): (f64, f64), row: &mut [f64]) {
+fn products<const N: usize>(u: f64, v: f64, row: &mut [f64]) {
     let (by_u, by_v) = (chebyshev::<N>(u), chebyshev::<N>(v));
     let pairs = (0..N).flat_map(|i| (0..N - i).map(move |j| (i, j)));
     for (product, (i, j)) in row.iter_mut().zip(pairs) {
@@ -130,8 +131,8 @@ fn products<const N: usize>((u, v): (f64, f64), row: &mut [f64]) {
     }
 }
 
-/// Calls a function compiled for the number of Chebyshev polynomials, one more than the degree: then the compiler unrolls its loops and puts contacts
-/// side by side.
+/// Calls a function compiled for the number of Chebyshev polynomials, one more than the degree, so that the compiler
+/// unrolls its loops and vectorises over contacts.
 macro_rules! by_degree {
     ($degree:expr, $function:ident($($argument:expr),*)) => {
         by_degree!(@ $degree, $function, ($($argument),*),
@@ -167,11 +168,11 @@ fn middle_and_half(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 }
 
 impl Polynomial {
-    /// Least-squares fit, and the variance that it leaves to a prediction.
+    /// Least-squares fit, and the variance of its predictions.
     ///
     /// # Errors
-    /// [`ModelError::Data`] where the samples do not determine the coefficients.
-    fn fit(samples: &[Sample], degree: usize) -> Result<Learnt, ModelError> {
+    /// [`ModelError::Data`] if the samples do not determine the coefficients.
+    fn fit(samples: &[Sample], degree: usize) -> Result<FittedModel, ModelError> {
         check_degree(degree)?;
         let count = terms(degree);
         if samples.len() <= count {
@@ -200,10 +201,10 @@ impl Polynomial {
             of_basis.basis(contact, basis.as_mut_slice());
             estimate.variance(&basis)
         };
-        Ok(Learnt { model: Box::new(model), variance_n2_m2: Box::new(variance_n2_m2) })
+        Ok(FittedModel { model: Box::new(model), variance_n2_m2: Box::new(variance_n2_m2) })
     }
 
-    /// The coefficients, with their number where the compiler sees it: what it need not check it can put side by side.
+    /// The coefficients as an array of known length, so that bounds checks do not prevent vectorisation.
     #[inline(always)]
     fn coefficients<const N: usize>(&self) -> &[f64] {
         &self.coefficients_n_m[..N * (N + 1) / 2]
@@ -211,14 +212,14 @@ impl Polynomial {
 
     #[inline(always)]
     fn scaled(&self, x_m: f64, y_m: f64) -> (f64, f64) {
-        // In a loop over many contacts the divisions are done once, before it.
+        // In a loop over many contacts the divisions are hoisted.
         ((x_m - self.center_m[0]) * (1.0 / self.scale_m[0]), (y_m - self.center_m[1]) * (1.0 / self.scale_m[1]))
     }
 
     /// The products `T_i T_j` in the order of the coefficients.
     fn basis(&self, contact: Point<Base>, row: &mut [f64]) {
         let (u, v) = self.scaled(contact.x(), contact.y());
-        by_degree!(self.degree, products((u, v), row));
+        by_degree!(self.degree, products(u, v, row));
     }
 }
 
@@ -260,12 +261,12 @@ pub(super) fn candidates() -> Vec<Value> {
     [5, 7, 9].map(|degree| json!({ "degree": degree })).into()
 }
 
-pub(super) fn fit(_: &Region<'_>, samples: &[Sample], config: &Value) -> Result<Learnt, ModelError> {
+pub(super) fn fit(_: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
     let config = PolynomialConfig::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     Polynomial::fit(samples, config.degree)
 }
 
-pub(super) fn load(_: &Region<'_>, value: &Value) -> Made {
+pub(super) fn load(_: &Region<'_>, value: &Value) -> Loaded {
     let model = Polynomial::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_degree(model.degree)?;
     let expected = terms(model.degree);
@@ -276,7 +277,7 @@ pub(super) fn load(_: &Region<'_>, value: &Value) -> Made {
             model.degree
         )));
     }
-    // A scale is half the extent of a calibration; one below a nanometre is none.
+    // A scale is half the extent of a calibration; one below a nanometre is invalid.
     if !model.scale_m.iter().all(|scale| *scale > 1e-9) {
         return Err(ModelError::Data(format!(
             "`scale_m`: found {:?}, expected half the extent of the calibration",
@@ -315,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_many_contacts_read_what_each_does() {
+    fn verif_readings_of_many_contacts_equal_those_one_by_one() {
         let contacts = samples(|x, y| (60.0 * x).sin() * (80.0 * y).exp());
         let x_m: Vec<f64> = contacts.iter().map(|sample| sample.contact.x()).collect();
         let y_m: Vec<f64> = contacts.iter().map(|sample| sample.contact.y()).collect();
@@ -331,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn val_high_degrees_keep_their_digits() {
+    fn val_high_degrees_are_well_conditioned() {
         let g = |x: f64, y: f64| (60.0 * x).sin() * (80.0 * y).exp();
         let worst = |degree: usize| {
             let model = Polynomial::fit(&samples(g), degree).unwrap().model;

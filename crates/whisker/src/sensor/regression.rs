@@ -1,19 +1,20 @@
 //! Linear least squares in square-root form.
 //!
-//! For a reading `y = x' c + e` with regressors `x`, coefficients `c` and white noise `e` of variance `v`, everything that `n` samples
-//! say is in the triangle `R`, `z`, `rho` to which a QR decomposition brings the rows `[x' | y]`: `|y - X c|^2 = |z - R c|^2 + rho^2`. It
-//! is built up block by block, without the normal equations, which would square the condition number (Golub and Van Loan, "Matrix
-//! Computations", 5.3). A penalty `w |D c|^2` is further rows `[sqrt(w) D | 0]`.
+//! For a reading `y = x' c + e` with regressors `x`, coefficients `c` and white noise `e` of variance `v`, the triangle
+//! `R`, `z`, `rho` of a QR decomposition of the rows `[x' | y]` is a sufficient statistic of `n` samples: `|y - X c|^2
+//! = |z - R c|^2 + rho^2`. It is built up block by block, without the normal equations, which would square the
+//! condition number (Golub and Van Loan, "Matrix Computations", 5.3). A penalty `w |D c|^2` corresponds to further rows
+//! `[sqrt(w) D | 0]`.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Rows that are reduced at a time.
+/// Number of rows that are reduced at a time.
 const BLOCK: usize = 512;
 
 /// Smallest diagonal element of a triangle that determines its coefficients, relative to the largest.
 const DETERMINED: f64 = 1e-12;
 
-/// What some samples say of the coefficients.
+/// Sufficient statistic of some samples for the coefficients.
 #[derive(Clone, Debug)]
 pub(super) struct Triangle {
     /// `[R z; 0 rho]`.
@@ -21,13 +22,13 @@ pub(super) struct Triangle {
     samples: usize,
 }
 
-/// Coefficients and how well they are known.
+/// Coefficients and their covariance.
 #[derive(Clone, Debug)]
 pub(super) struct Estimate {
     pub(super) coefficients: DVector<f64>,
     /// Variance of the noise.
     pub(super) noise_variance: f64,
-    /// Degrees of freedom that the coefficients take up: their number, less what a penalty holds.
+    /// Effective degrees of freedom of the coefficients: their number, reduced by a penalty.
     pub(super) freedom: f64,
     /// `v^(1/2) R^-T`: the covariance of the coefficients is its transpose times itself.
     scatter: DMatrix<f64>,
@@ -39,8 +40,7 @@ fn reduce(rows: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl Triangle {
-    /// Samples with `count` regressors; `fill` writes those of a sample into the row of zeros that it is given, and answers with the
-    /// reading.
+    /// Samples with `count` regressors; `fill` writes those of a sample into a row of zeros and returns the reading.
     pub(super) fn new<Sample>(count: usize, samples: &[Sample], fill: impl Fn(&Sample, &mut [f64]) -> f64) -> Self {
         let mut reduced = DMatrix::zeros(count + 1, count + 1);
         let mut row = vec![0.0; count + 1];
@@ -60,8 +60,8 @@ impl Triangle {
         self.reduced.ncols() - 1
     }
 
-    /// The coefficients under a penalty `sum |D c|^2` with the rows `penalty`, which may be none. Nothing where they are not
-    /// determined, or no samples are left to tell the noise.
+    /// The coefficients under a penalty `sum |D c|^2` with the rows `penalty`, which may be empty. `None` if they are
+    /// not determined, or no degrees of freedom remain to estimate the noise.
     pub(super) fn estimate(&self, penalty: &DMatrix<f64>) -> Option<Estimate> {
         let count = self.count();
         let held = penalty.nrows();
@@ -70,7 +70,7 @@ impl Triangle {
         let reduced = if held == 0 { stacked } else { reduce(stacked) };
         let square = reduced.view((0, 0), (count, count));
         let diagonal = square.diagonal().abs();
-        // Samples without extent have no scale, and NaN for a diagonal, which is not greater either.
+        // Samples without extent have no scale, and a diagonal of NaN, for which the comparison is false too.
         let is_determined = diagonal.min() > DETERMINED * diagonal.max();
         if !is_determined {
             return None;

@@ -1,13 +1,13 @@
-//! Smooth map without mechanics: a penalised tensor-product spline (P-spline; Eilers and Marx, "Flexible smoothing with B-splines and
-//! penalties", Statistical Science 11, 1996).
+//! Smooth map without mechanics: a penalised tensor-product spline (P-spline; Eilers and Marx, "Flexible smoothing with
+//! B-splines and penalties", Statistical Science 11, 1996).
 //!
 //! ```text
 //! g(u, v) = sum c_ij B_i(u) B_j(v)    penalty = w_u sum (c_i-1,j - 2 c_ij + c_i+1,j)^2 + w_v sum (c_i,j-1 - 2 c_ij + c_i,j+1)^2
 //! ```
 //!
-//! `B_i` are cubic B-splines on even knots over the region's extent in the coordinates of [`super::polar`]. The weights `w_u`, `w_v`
-//! are those with the least generalised cross-validation score `n |e|^2 / (n - f)^2`, where `e` are the residuals of the `n` samples
-//! and `f` the degrees of freedom (Golub, Heath and Wahba, Technometrics 21, 1979).
+//! `B_i` are cubic B-splines on even knots over the region's extent in the coordinates of [`super::polar`]. The weights
+//! `w_u`, `w_v` are those with the least generalised cross-validation score `n |e|^2 / (n - f)^2`, where `e` are the
+//! residuals of the `n` samples and `f` the degrees of freedom (Golub, Heath and Wahba, Technometrics 21, 1979).
 
 use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ use serde_json::Value;
 
 use super::polar::Frame;
 use super::regression::{Estimate, Triangle};
-use super::{Learnt, Made, ModelError, Prediction, Region, Sample, SensorModel};
+use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::frames::{Base, Point};
 
 pub(super) const KIND: &str = "spline";
@@ -23,7 +23,7 @@ pub(super) const KIND: &str = "spline";
 /// Largest number of knot intervals in one direction.
 const MOST_INTERVALS: usize = 20;
 
-/// Powers of ten that are tried as weights, relative to an average sample's square in the basis.
+/// Exponents of ten that are tried as weights, relative to an average sample's square in the basis.
 const WEIGHTS: std::ops::RangeInclusive<i32> = -7..=3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,13 +73,13 @@ fn basis(t: f64) -> ([f64; 4], [f64; 4]) {
     (values, slopes)
 }
 
-/// A place among the knots.
+/// A position among the knots.
 struct Spot {
     /// First of the four splines in each direction.
     first: [usize; 2],
     values: [[f64; 4]; 2],
     slopes: [[f64; 4]; 2],
-    /// How far the place lies beyond the knots, in intervals.
+    /// Distance beyond the knots, in intervals.
     beyond: Vector2<f64>,
 }
 
@@ -95,7 +95,7 @@ fn spot(frame: &Frame, intervals: [usize; 2], at: [f64; 2]) -> Spot {
     spot
 }
 
-/// Knot intervals in a unit of a coordinate.
+/// Knot intervals per unit of a coordinate.
 fn per_unit(frame: &Frame, intervals: [usize; 2], axis: usize) -> f64 {
     intervals[axis] as f64 / (frame.last[axis] - frame.first[axis])
 }
@@ -114,7 +114,7 @@ fn fill(frame: &Frame, intervals: [usize; 2], contact: Point<Base>, row: &mut [f
     }
 }
 
-/// Second differences of the coefficients along and away, by the roots of their weights.
+/// Second differences of the coefficients along and away, multiplied by the roots of their weights.
 fn penalty(intervals: [usize; 2], weights: [f64; 2]) -> DMatrix<f64> {
     let [along, away] = intervals.map(|n| n + 3);
     let index = |i: usize, j: usize| i * away + j;
@@ -138,7 +138,8 @@ fn penalty(intervals: [usize; 2], weights: [f64; 2]) -> DMatrix<f64> {
     rows
 }
 
-/// The estimate with the weights of least score: the two are tried in turn, each power of ten, until neither changes.
+/// The estimate with the weights of the smallest score: both are varied in turn over the powers of ten until neither
+/// changes.
 fn smooth(triangle: &Triangle, intervals: [usize; 2], samples: usize) -> Option<([f64; 2], Estimate)> {
     let scale = samples as f64 / count(intervals) as f64;
     let weights = |powers: [i32; 2]| powers.map(|power| scale * 10_f64.powi(power));
@@ -231,7 +232,7 @@ fn frame(region: &Region<'_>) -> Result<Frame, ModelError> {
     Frame::new(region).ok_or_else(|| ModelError::Data("the calibrated region has no extent".into()))
 }
 
-pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<Learnt, ModelError> {
+pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
     let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     let intervals = [config.along, config.away];
     check(intervals)?;
@@ -253,10 +254,10 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
         fill(&own, intervals, contact, row.as_mut_slice());
         estimate.variance(&row)
     };
-    Ok(Learnt { model: Box::new(Spline { frame, stored }), variance_n2_m2: Box::new(variance_n2_m2) })
+    Ok(FittedModel { model: Box::new(Spline { frame, stored }), variance_n2_m2: Box::new(variance_n2_m2) })
 }
 
-pub(super) fn load(region: &Region<'_>, value: &Value) -> Made {
+pub(super) fn load(region: &Region<'_>, value: &Value) -> Loaded {
     let stored = Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check(stored.intervals)?;
     let (found, expected) = (stored.coefficients_n_m.len(), count(stored.intervals));

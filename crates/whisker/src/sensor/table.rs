@@ -1,8 +1,8 @@
-//! Smooth functions of two coordinates, tabulated.
+//! Tabulated smooth functions of two coordinates.
 //!
-//! Between the nodes of an even grid stands the bicubic Hermite polynomial of the values, the slopes and the mixed derivatives at the
-//! four nodes around: with pitch `h` the value errs by `h^4 / 384` times the fourth derivative, and value and gradient are
-//! continuous. Beyond the grid a function goes on linearly.
+//! Between the nodes of an even grid the function is the bicubic Hermite polynomial of the values, the slopes and the
+//! mixed derivatives at the four surrounding nodes: with the pitch `h` the error of the value is `h^4 / 384` times the
+//! fourth derivative, and value and gradient are continuous. Beyond the grid it is extrapolated linearly.
 
 use nalgebra::Vector2;
 
@@ -14,12 +14,12 @@ pub(super) struct Grid {
     nodes: [usize; 2],
 }
 
-/// A place in a grid: the cell and the position in it, in pitches.
+/// A position in a grid: the cell and the position within it, in pitches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     node: usize,
     part: [f64; 2],
-    /// How far the place lies beyond the grid, in pitches.
+    /// Distance beyond the grid, in pitches.
     beyond: Vector2<f64>,
 }
 
@@ -56,7 +56,7 @@ impl Grid {
         self.nodes[0] * self.nodes[1]
     }
 
-    /// The place of a pair of coordinates.
+    /// The position of a pair of coordinates.
     pub(super) fn place(&self, at: [f64; 2]) -> Place {
         let mut cell = [0; 2];
         let mut part = [0.0; 2];
@@ -92,8 +92,8 @@ fn differences(values: &[f64]) -> Vec<f64> {
 }
 
 impl Table {
-    /// The function with these values and slopes at the nodes; the second coordinate runs fastest. Where the slopes are not known,
-    /// they are differences of the values.
+    /// The function with these values and slopes at the nodes; the second coordinate varies fastest. Without `slopes`,
+    /// differences of the values are used.
     pub(super) fn new(grid: Grid, values: &[f64], slopes: Option<&[Vector2<f64>]>) -> Self {
         let along = |values: &[f64], axis: usize| -> Vec<f64> {
             let [rows, columns] = grid.nodes;
@@ -114,13 +114,13 @@ impl Table {
             None => along(values, axis),
         };
         let (first, second) = (by(0), by(1));
-        // Differences of one slope along the other coordinate; either is as good.
+        // Differences of each slope along the other coordinate, equally accurate; the mean is used.
         let (one, other) = (along(&first, 1), along(&second, 0));
         let node = |i: usize| [values[i], first[i], second[i], 0.5 * (one[i] + other[i])];
         Self { grid, nodes: (0..values.len()).map(node).collect() }
     }
 
-    /// The function at a place of its grid.
+    /// The function at a position in its grid.
     pub(super) fn look(&self, place: &Place) -> Looked {
         // Weights of value and slope at the two ends of a pitch, and the weights' derivatives.
         let weights = |t: f64| {
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_goes_on_linearly() {
+    fn verif_extrapolates_linearly() {
         let (grid, table) = table(21, true);
         let edge = table.look(&grid.place([2.5, 0.3]));
         let beyond = table.look(&grid.place([2.7, 0.3]));

@@ -1,13 +1,13 @@
-//! How far the whisker is turned where it touches.
+//! Rotation of the whisker at a contact.
 
 use nalgebra::{DMatrix, DVector, Vector2, vector};
 
-use super::CalibratedFace;
+use super::{AlongAway, CalibratedFace};
 use crate::Whisker;
 use crate::elastica::Elastica;
 
-/// The turn of the whisker at a contact as a smooth function of its place: `d` times a polynomial in `s` and `d`, fitted to what the sensor
-/// model, or else the exact whisker, says all over the calibrated region.
+/// Rotation of the whisker at a contact as a smooth function of its coordinates: `d` times a polynomial in `s` and `d`,
+/// fitted over the calibrated region to that of the sensor model or, if it has none, of the exact whisker.
 #[derive(Debug)]
 pub(crate) struct Turn {
     centre_m: f64,
@@ -20,7 +20,7 @@ pub(crate) struct Turn {
 const TERMS: [(i32, i32); 14] =
     [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2), (0, 3), (1, 3)]; // fmt: skip
 
-/// Places along and away that are fitted.
+/// Number of positions along and away that are fitted.
 const PLACES: (usize, usize) = (12, 6);
 
 impl Turn {
@@ -36,16 +36,16 @@ impl Turn {
         let elastica = Elastica::new(whisker).ok();
         let places = (0..PLACES.0).flat_map(|i| (1..=PLACES.1).map(move |j| (i, j))).map(|(i, j)| {
             let arc_m = low + (high - low) * i as f64 / (PLACES.0 - 1) as f64;
-            (arc_m, face.domain.away_range_m(arc_m).1 * j as f64 / PLACES.1 as f64)
+            AlongAway::new(arc_m, face.domain.away_range_m(arc_m).1 * j as f64 / PLACES.1 as f64)
         });
         let (rows, turns): (Vec<_>, Vec<f64>) = places
-            .filter(|&(_, away_m)| away_m > 0.0)
-            .filter_map(|(arc_m, away_m)| {
-                let contact = face.contact_at(arc_m, away_m);
+            .filter(|at| at.away_m > 0.0)
+            .filter_map(|at| {
+                let contact = face.contact_at(at);
                 let solved = || Some(elastica.as_ref()?.at_point(contact).ok()?.deflection.tangent_rad);
                 let tangent_rad = face.model.tangent_rad(contact).or_else(solved)?;
-                let (u, v) = map.scaled(arc_m, away_m);
-                Some((TERMS.map(|(i, j)| v * u.powi(i) * v.powi(j)), tangent_rad - face.rest.tangent_rad(arc_m)))
+                let [u, v] = map.scaled(at);
+                Some((TERMS.map(|(i, j)| v * u.powi(i) * v.powi(j)), tangent_rad - face.rest.tangent_rad(at.along_m)))
             })
             .unzip();
         let matrix = DMatrix::from_fn(rows.len(), TERMS.len(), |row, term| rows[row][term]);
@@ -55,13 +55,13 @@ impl Turn {
         map
     }
 
-    fn scaled(&self, arc_m: f64, away_m: f64) -> (f64, f64) {
-        ((arc_m - self.centre_m) / self.half_m, away_m / self.away_m)
+    fn scaled(&self, at: AlongAway) -> [f64; 2] {
+        [(at.along_m - self.centre_m) / self.half_m, at.away_m / self.away_m]
     }
 
-    /// The turn at a contact with these coordinates, and its derivatives along and away.
-    pub(crate) fn at(&self, arc_m: f64, away_m: f64) -> (f64, Vector2<f64>) {
-        let (u, v) = self.scaled(arc_m, away_m);
+    /// The rotation (rad) at a contact, and its derivatives along and away.
+    pub(crate) fn at(&self, at: AlongAway) -> (f64, Vector2<f64>) {
+        let [u, v] = self.scaled(at);
         let powers = |x: f64| [1.0, x, x * x, x * x * x, x * x * x * x];
         let (us, vs) = (powers(u), powers(v));
         let (mut turn, mut by_u, mut by_v) = (0.0, 0.0, 0.0);

@@ -1,31 +1,21 @@
-//! A world whose sensor model is exact, for tests and benchmarks: a straight whisker pressed from the left; the reading is that of a polynomial fitted
-//! to a stiffness that falls along the whisker, and the contact rests in the world while the base moves.
+//! A world with an exact sensor model, for tests and benchmarks: a straight whisker pressed from the left; the reading
+//! is that of a polynomial fitted to a stiffness that decreases along the whisker, and the contact rests in the world
+//! while the base moves.
 
 use std::sync::Arc;
 
 use serde_json::Value;
+use whisker::Whisker;
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, Runner, Sample};
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::{self, CalibratedFace, Face};
-use whisker::{Curvature, Whisker};
 
-/// Samples a second.
+/// Sampling rate (Hz).
 pub(crate) const RATE_HZ: f64 = 250.0;
 
 fn straight() -> Whisker {
-    Whisker {
-        name: "exam".into(),
-        length_m: 0.08,
-        root_diameter_m: 0.25e-3,
-        tip_diameter_m: 0.25e-3,
-        youngs_modulus_pa: 60e9,
-        density_kg_m3: 6450.0,
-        curvature: vec![Curvature { length_m: 0.08, curvature_per_m: 0.0 }],
-        root_stiffness_n_m_rad: 0.17e-3,
-        segments: 40,
-        damping_s: 0.0,
-    }
+    Whisker { damping_s: 0.0, ..Whisker::straight().named("exam") }
 }
 
 /// A left face calibrated with a registered sensor model: moment of a small deflection on the compliant root.
@@ -46,7 +36,7 @@ pub(crate) fn face(model: &str) -> CalibratedFace {
         })
         .collect();
     let row = sensor::model(model).unwrap();
-    let material = sensor::Material {
+    let material = sensor::FitData {
         whisker: &whisker,
         face: Face::Left,
         measured: &traces,
@@ -57,7 +47,7 @@ pub(crate) fn face(model: &str) -> CalibratedFace {
     sensor::fit(row, &(row.defaults)(), &material).unwrap().face
 }
 
-/// The whisker with that face, by the polynomial.
+/// The whisker with that face, modelled by the polynomial.
 pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
     let whisker = straight();
     Arc::new(Knowledge {
@@ -71,7 +61,7 @@ pub(crate) fn knowledge(noise_sd_n_m: f64) -> Arc<Knowledge> {
     })
 }
 
-/// The base's pose: at rest and free for 0.2 s, then into touch and about.
+/// Pose of the base: at rest and free for 0.2 s, then moving into contact and about.
 pub(crate) fn base(t_s: f64) -> Pose<Base, World> {
     let touch = ((t_s - 0.2) / 0.3).clamp(0.0, 1.0);
     let roam = ((t_s - 0.5) / 0.5).clamp(0.0, 1.0);
@@ -84,7 +74,7 @@ pub(crate) fn contact() -> Point<World> {
     Point::new(0.05, 0.0)
 }
 
-/// Samples of the world over `duration_s`, without noise, at the instants that `keep` selects.
+/// Samples of the world over `duration_s`, without noise, at the instants selected by `keep`.
 pub(crate) fn samples(knowledge: &Knowledge, duration_s: f64, keep: impl Fn(usize) -> bool) -> Vec<(f64, Sample)> {
     let face = &knowledge.faces[0];
     let mut last: Option<f64> = None;
@@ -104,7 +94,7 @@ pub(crate) fn estimator(row: &EstimatorRow, knowledge: &Arc<Knowledge>, seed: u6
     configured(row, &(row.defaults)(), knowledge, seed)
 }
 
-/// A registered estimator.
+/// A registered estimator with these settings.
 pub(crate) fn configured(row: &EstimatorRow, settings: &Value, knowledge: &Arc<Knowledge>, seed: u64) -> Estimator {
     let method = (row.build)(settings, knowledge).unwrap_or_else(|error| panic!("{}: {error}", row.name));
     Estimator::new(Runner::new(method, knowledge.clone(), seed), TouchConfig::default())

@@ -1,28 +1,31 @@
-//! Motions in other coordinates.
+//! Motion models in Cartesian coordinates.
 
 use filters::{Process, mapped, product};
 use nalgebra::{SMatrix, SVector};
 
 use crate::estimators::side::Side;
 use crate::frames::Point;
+use crate::sensor::AlongAway;
 
-/// A motion of the contact with its place in Cartesian coordinates of Base instead of along and away from the whisker.
+/// A motion model whose state has the contact in Cartesian coordinates of Base instead of along and away from the
+/// whisker.
 pub(in crate::estimators) struct Cartesian<'a, Step> {
     pub(super) side: &'a Side,
     pub(super) step: Step,
 }
 
 impl<Step> Cartesian<'_, Step> {
-    /// The state with its place along and away.
+    /// The state with the contact in coordinates along and away.
     fn along_and_away<const N: usize>(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
         let mut found = *x;
-        (found[0], found[1]) = self.side.face.along_and_away(Point::new(x[0], x[1]));
+        let at = self.side.face.along_and_away(Point::new(x[0], x[1]));
+        (found[0], found[1]) = (at.along_m, at.away_m);
         found
     }
 
-    /// The state that has its place along and away at `x` as it stands here, and its derivatives.
+    /// The state with the contact in Base, of a state with the contact along and away, and its derivatives.
     fn in_base<const N: usize>(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
-        let (contact, of_contact) = self.side.face.contact_with_jacobian(x[0], x[1]);
+        let (contact, of_contact) = self.side.face.contact_with_jacobian(AlongAway::of_state(x));
         let mut found = *x;
         (found[0], found[1]) = (contact.x(), contact.y());
         let mut jacobian = SMatrix::<f64, N, N>::identity();
@@ -51,7 +54,8 @@ impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
         let (_, from) = self.in_base(&before);
         let (moved, by_before, noise) = self.step.linearised(&before);
         let (found, to) = self.in_base(&moved);
-        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
+        // The inverse fails only at the whisker's centre of curvature; a contact there does not determine its position
+        // along the whisker.
         let jacobian = product(&product(&to, &by_before), &from.try_inverse().unwrap_or_else(SMatrix::zeros));
         (found, jacobian, mapped(&from, &noise))
     }

@@ -1,6 +1,6 @@
-//! How a contact moves while the base moves: one file and one row of [`MotionSettings`] a model.
+//! Models of the contact's motion while the base moves: one file and one row of [`MotionSettings`] per model.
 //!
-//! The state begins with the contact's place `(s, d)`; a model may add what it needs to know of the object.
+//! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
 mod cartesian;
 mod resting;
@@ -12,49 +12,50 @@ pub(super) use round::Round;
 use filters::{Gaussian, Process};
 use serde::{Deserialize, Serialize};
 
-use super::settings::SettingsError;
 use super::side::Side;
 use super::{Sample, Touch, Tracker};
+use crate::settings::SettingsError;
 
-/// A model of the contact's motion, with `N` numbers in its state.
+/// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
-    /// Which number of the state is the sensor model's error at the contact, in standard deviations; without one that error counts as
-    /// noise.
+    /// Index of the sensor model's error at the contact in the state, in standard deviations. `None` if that error
+    /// counts as measurement noise.
     const MODEL_ERROR: Option<usize> = None;
 
-    /// One step of it.
+    /// Process of one step.
     type Step<'a>: Process<N>;
 
-    /// The same of a state whose place stands in Cartesian coordinates of Base, as in the publication.
+    /// The same for a state with the contact in Cartesian coordinates of Base, as published.
     type CartesianStep<'a>: Process<N>;
 
-    /// The belief that begins with a belief about the place.
+    /// The initial belief, from one about the contact's coordinates.
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<N>;
 
-    /// That belief in parts narrow enough for a filter that linearises, with the logarithms of their weights.
+    /// The initial belief split into parts narrow enough for a filter that linearises, with the logarithms of their
+    /// weights.
     fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<N>, f64)> {
         vec![(self.belief(place), 0.0)]
     }
 
-    /// Which number of the state is the radius of object and wire together, where the readings are to tell it.
+    /// Index of the radius of object and wire together in the state. `None` if it is not estimated.
     fn radius(&self) -> Option<usize> {
         None
     }
 
-    /// The step that belongs to a sample.
+    /// The process of the step to a sample.
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
 
-    /// The step that belongs to a sample in Cartesian coordinates.
+    /// The process of the step to a sample, in Cartesian coordinates.
     fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a>;
 }
 
-/// The registry of motions: which one, and its settings.
+/// The registry of motion models, with their settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum MotionSettings {
     /// The contact rests in the world.
     Resting(Resting),
-    /// The contact wanders over a round object at rest.
+    /// The contact slides over a round object at rest.
     Round(Round),
 }
 
@@ -67,7 +68,7 @@ impl MotionSettings {
         }
     }
 
-    /// Begins a touch by a method under this model.
+    /// Begins to track a contact by a method under this model.
     pub(super) fn begin(self, method: &impl AnyMotion, touch: &Touch<'_>) -> Box<dyn Tracker> {
         match self {
             Self::Resting(motion) => method.begin_with(motion, touch),
@@ -76,8 +77,8 @@ impl MotionSettings {
     }
 }
 
-/// A method that follows contacts under any model of their motion.
+/// A method that tracks contacts under any motion model.
 pub(super) trait AnyMotion {
-    /// Begins at a touch under one.
+    /// Begins to track a contact under the given model.
     fn begin_with<Model: Motion<N>, const N: usize>(&self, motion: Model, touch: &Touch<'_>) -> Box<dyn Tracker>;
 }

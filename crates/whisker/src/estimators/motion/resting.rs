@@ -1,23 +1,24 @@
 //! A contact at rest in the world.
 
 use filters::{Gaussian, Process, product};
-use nalgebra::{Matrix2, Vector2, vector};
+use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
 use crate::estimators::Sample;
-use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
 use crate::frames::{Base, Point, Pose};
+use crate::sensor::AlongAway;
+use crate::settings::{SettingsError, within};
 
-/// A contact that rests in the world, seen from the moving base, and wanders a little. The state is its place `(s, d)`.
+/// A contact at rest in the world, seen from the moving base, with a random walk. The state is `(s, d)`.
 ///
-/// With the twist (v, w) of the base it moves in Base by `dp/dt = -v - w x p` (Lin et al. 2022); here the step is exact, from the pose of the
-/// base's last frame in its present one.
+/// With the twist (v, w) of the base it moves in Base by `dp/dt = -v - w x p` (Lin et al. 2022); here the step is
+/// exact, from the pose of the base's last frame in its present one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(in crate::estimators) struct Resting {
-    /// How far the contact may wander in the world, as the standard deviation after one second.
+    /// Random walk of the contact in the world, as the standard deviation after one second.
     pub wander_m_sqrt_s: f64,
 }
 
@@ -29,7 +30,8 @@ impl Default for Resting {
 
 impl Resting {
     pub(super) fn validate(&self) -> Result<(), SettingsError> {
-        // Without any wander a covariance can lose its last digits; a whisker's length in a second forgets everything at once.
+        // Without process noise a covariance can lose its last digits; a whisker's length per second discards all
+        // memory.
         within("wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)
     }
 
@@ -39,7 +41,7 @@ impl Resting {
     }
 }
 
-/// One step.
+/// Process of one step.
 pub(in crate::estimators) struct Rest<'a> {
     side: &'a Side,
     motion: Pose<Base, Base>,
@@ -65,16 +67,15 @@ impl Motion<2> for Resting {
 }
 
 impl Rest<'_> {
-    /// Where a contact is along and away one step later.
+    /// Coordinates of a contact one step later.
     fn moved(&self, contact: Point<Base>) -> Vector2<f64> {
-        let (arc_m, away_m) = self.side.face.along_and_away(self.motion.apply(contact));
-        vector![arc_m, away_m]
+        self.side.face.along_and_away(self.motion.apply(contact)).vector()
     }
 }
 
 impl Process<2> for Rest<'_> {
     fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
-        self.moved(self.side.face.contact_at(x[0], x[1]))
+        self.moved(self.side.face.contact_at(AlongAway::of_state(x)))
     }
 
     fn jacobian(&self, x: &Vector2<f64>) -> Matrix2<f64> {
@@ -83,10 +84,11 @@ impl Process<2> for Rest<'_> {
 
     fn linearised(&self, x: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
         let face = &self.side.face;
-        let (contact, before) = face.contact_with_jacobian(x[0], x[1]);
+        let (contact, before) = face.contact_with_jacobian(AlongAway::of_state(x));
         let moved = self.moved(contact);
-        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
-        let after = face.contact_jacobian(moved[0], moved[1]).try_inverse().unwrap_or_default();
+        // The inverse fails only at the whisker's centre of curvature; a contact there does not determine its position
+        // along the whisker.
+        let after = face.contact_jacobian(AlongAway::of_state(&moved)).try_inverse().unwrap_or_default();
         (moved, product(&product(&after, &self.motion.rotation()), &before), self.noise(x))
     }
 
@@ -99,7 +101,7 @@ impl Process<2> for Rest<'_> {
     }
 }
 
-/// One step in Cartesian coordinates: linear, whatever the whisker's shape.
+/// Process of one step in Cartesian coordinates: linear, whatever the whisker's shape.
 pub(in crate::estimators) struct CartesianRest {
     motion: Pose<Base, Base>,
     /// Variance that it adds in each direction.

@@ -1,4 +1,4 @@
-//! A contact that wanders over a round object at rest, because the whisker turns on it.
+//! A contact that slides over a round object at rest as the whisker turns on it.
 
 use filters::{Gaussian, Process, product};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4, vector};
@@ -7,39 +7,42 @@ use serde::{Deserialize, Serialize};
 use super::Motion;
 use super::cartesian::Cartesian;
 use crate::estimators::Sample;
-use crate::estimators::settings::{SettingsError, within};
 use crate::estimators::side::Side;
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
-use crate::sensor::CalibratedFace;
+use crate::sensor::{AlongAway, CalibratedFace};
+use crate::settings::{SettingsError, within};
 
-/// A contact on a round object at rest. The state is `(s, d, rho, e)`: its place, the radius of the object and the wire together, and the
-/// sensor model's error there.
+/// A contact on a round object at rest. The state is `(s, d, rho, e)`: its coordinates along and away, the radius of
+/// object and wire together, and the sensor model's error.
 ///
-/// Without friction the contact lies where the whisker's tangent is the object's, at the distance `rho` from the object's middle along the
-/// whisker's normal. Where the tangent turns in the world by `dpsi`, the contact wanders along it by `ds = -rho dpsi` (the object on the right
-/// of the whisker; the other way on its left), and how far the tangent turns depends on where the contact goes. The step solves for both
-/// at once: the middle of the object rests in the world, and Newton's method finds the place on the whisker that has it on its normal,
-/// `rho` away. So nothing adds up over the steps, however small or large they are.
+/// Without friction the whisker is tangent to the object at the contact, and the object's centre lies at the distance
+/// `rho` on the whisker's normal. If the tangent turns in the world by `dpsi`, the contact slides along it by `ds =
+/// -rho dpsi` (the object on the right of the whisker; the opposite sign on its left), and the rotation of the tangent
+/// depends on the new position of the contact. The step solves for both at once: the centre rests in the world, and
+/// Newton's method finds the position on the whisker whose normal passes through the centre at the distance `rho`. So
+/// no error accumulates over the steps, whatever their size.
 ///
-/// The sensor model errs by `e` standard deviations of what its calibration states. That is no noise that averages out: it is nearly the same
-/// at nearby places. Over a way of length `l` in Base it is forgotten by `exp(-l / error_length_m)` (a first-order Gauss-Markov process).
+/// The sensor model errs by `e` standard deviations of its calibrated error. This error does not average out: it is
+/// nearly the same at nearby positions. Over a path of length `l` in Base its correlation is `exp(-l / error_length_m)`
+/// (an Ornstein-Uhlenbeck process, first-order Gauss-Markov).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(in crate::estimators) struct Round {
-    /// Radius of object and wire that is expected before anything is known, less that of the calibration's pin and wire.
+    /// Prior mean of the radius of object and wire, less that of the calibration's pin and wire.
     pub radius_m: f64,
-    /// Standard deviation of that.
+    /// Prior standard deviation of the radius.
     pub radius_sd_m: f64,
-    /// Into how many parts a filter cuts that: where the radius is not known, the contact's way is far from linear in it.
+    /// Number of parts into which a filter splits the prior of the radius: if the radius is unknown, the contact's
+    /// motion is strongly nonlinear in it.
     pub radius_parts: usize,
-    /// How far the radius may change, as the standard deviation after one second.
+    /// Random walk of the radius, as the standard deviation after one second.
     pub radius_wander_m_sqrt_s: f64,
-    /// How far the contact may stray from what the model says, as the standard deviation after one second.
+    /// Process noise of the contact's position, as the standard deviation after one second.
     pub wander_m_sqrt_s: f64,
-    /// Way over which the sensor model's error becomes another.
+    /// Correlation length of the sensor model's error.
     pub error_length_m: f64,
-    /// Radius of the calibration's pin and wire, where that is known.
+    /// Radius of the calibration's pin and wire, zero if unknown.
     #[serde(skip)]
     pin_radius_m: f64,
 }
@@ -59,7 +62,7 @@ impl Default for Round {
 }
 
 impl Round {
-    /// For an object of any size: nothing is known of the radius, and it may change on the way.
+    /// Settings for an object of any size: a diffuse radius that may change along the outline.
     pub(in crate::estimators) fn of_any_size() -> Self {
         Self {
             radius_m: 1e-2,
@@ -71,13 +74,13 @@ impl Round {
         }
     }
 
-    /// The same beyond a calibration's pin and wire.
+    /// The settings relative to the radius of the calibration's pin and wire.
     pub(in crate::estimators) fn beyond_pin(self, face: &CalibratedFace) -> Self {
         Self { pin_radius_m: face.pin_radius_m, ..self }
     }
 
-    /// What is believed of the radius of object and wire before anything is known, as mean and standard deviation: what the settings say beyond the
-    /// calibration's pin, from which what is touched differs by about its half.
+    /// Prior mean and standard deviation of the radius of object and wire: the settings added to the calibration's pin,
+    /// from which the object's radius differs by about half the pin's.
     pub(in crate::estimators) fn expected_radius_m(&self) -> (f64, f64) {
         (self.radius_m + self.pin_radius_m, self.radius_sd_m.hypot(PIN_SHARE_SD * self.pin_radius_m))
     }
@@ -87,34 +90,37 @@ impl Round {
         within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
         within("radius_parts", self.radius_parts as f64, 1.0..=100.0)?;
         within("radius_wander_m_sqrt_s", self.radius_wander_m_sqrt_s, 1e-9..=0.1)?;
-        // Without any wander a covariance can lose its last digits; a whisker's length in a second forgets everything at once.
+        // Without process noise a covariance can lose its last digits; a whisker's length per second discards all
+        // memory.
         within("wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)?;
         within("error_length_m", self.error_length_m, 1e-6..=10.0)
     }
 }
 
-/// Standard deviation of a thin thing's radius, over that of the calibration's pin: it may be a corner, or thicker than the pin.
+/// Prior standard deviation of a thin object's radius over the radius of the calibration's pin: it may be a corner, or
+/// thicker than the pin.
 const PIN_SHARE_SD: f64 = 0.5;
 
-/// Standard deviation in the settings up to which a radius counts as settled: a thin thing's.
+/// Standard deviation in the settings up to which a radius counts as known, that of a thin object.
 const SETTLED_SD_M: f64 = 5e-4;
 
-/// Least of `1 + rho dphi/ds`. At zero the whisker is as curved as the object and lies along it; such a contact is not in one place.
+/// Lower bound of `1 + rho dphi/ds`. At zero whisker and object have the same curvature, and the contact is not at one
+/// point.
 const LEAST_PLAY: f64 = 0.1;
 
-/// Most Newton steps for the place at which the whisker touches the object, and the step that ends them.
+/// Maximum number of Newton steps for the point of contact, and the step that ends them.
 const NEWTON_STEPS: usize = 8;
 const CLOSE_ENOUGH_M: f64 = 1e-9;
 
-/// Least variance of the error that a step makes anew. Where the base stands still it would be nothing, and the covariance of the step's noise
-/// singular.
+/// Lower bound of the error variance that a step adds. Without it the process noise would be singular while the base
+/// stands still.
 const LEAST_RENEWAL: f64 = 1e-9;
 
-/// One step.
+/// Process of one step.
 pub(in crate::estimators) struct Wandering<'a> {
     side: &'a Side,
     motion: Pose<Base, Base>,
-    /// Variances that it adds to the place and to the radius.
+    /// Variances that the step adds to the position and to the radius (m2).
     place_m2: f64,
     radius_m2: f64,
     error_length_m: f64,
@@ -133,7 +139,7 @@ impl Motion<4> for Round {
         Gaussian::new(vector![place.mean[0], place.mean[1], radius_m, 0.0], covariance)
     }
 
-    /// Equal stretches from nothing to twice the standard deviation beyond the mean.
+    /// Equal intervals from zero to two standard deviations above the mean.
     fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<4>, f64)> {
         if self.radius_parts == 1 {
             return vec![(self.belief(place), 0.0)];
@@ -149,7 +155,7 @@ impl Motion<4> for Round {
         parts.collect()
     }
 
-    /// One that is settled beforehand is no finding.
+    /// A radius that is known beforehand is not estimated.
     fn radius(&self) -> Option<usize> {
         (self.radius_sd_m > SETTLED_SD_M).then_some(2)
     }
@@ -169,52 +175,52 @@ impl Motion<4> for Round {
     }
 }
 
-/// A contact as the round object sees it.
+/// Tangency of whisker and object.
 struct Tangency {
-    /// Middle of the object, in Base.
+    /// Centre of the object in Base.
     middle_m: Vector2<f64>,
-    /// Unit vector from the contact to it.
+    /// Unit vector from the contact to the centre.
     inward: Vector2<f64>,
-    /// Inverse of the middle's derivatives by the place.
+    /// Inverse of the derivatives of the centre by the coordinates.
     inverse: Matrix2<f64>,
-    /// Those derivatives.
+    /// Derivatives of the centre by the coordinates.
     by_place: Matrix2<f64>,
 }
 
 impl Wandering<'_> {
-    /// The object of radius `rho` that touches the whisker at a place.
+    /// Tangency of the whisker and an object of radius `rho` at a contact.
     fn tangency(&self, place: &Vector2<f64>, radius_m: f64) -> Tangency {
         let face = &self.side.face;
-        let (arc_m, away_m) = (place[0], place[1]);
-        let (turn_rad, by_place) = self.side.turn_rad(arc_m, away_m);
-        let ahead = direction(face.rest.tangent_rad(arc_m) + turn_rad);
+        let at = AlongAway::of_state(place);
+        let (turn_rad, by_place) = self.side.turn_rad(at);
+        let ahead = direction(face.rest.tangent_rad(at.along_m) + turn_rad);
         let inward = vector![-ahead.y, ahead.x] * -face.face.away_sign();
-        // The inward normal turns against the tangent.
+        // The inward normal turns in the opposite direction to the tangent.
         let turning = product(
             &(ahead * face.face.away_sign() * radius_m),
-            &(vector![face.rest.curvature_per_m(arc_m), 0.0] + by_place).transpose(),
+            &(vector![face.rest.curvature_per_m(at.along_m), 0.0] + by_place).transpose(),
         );
-        let (contact, of_contact) = face.contact_with_jacobian(arc_m, away_m);
-        // Only in the whisker's centre of curvature there is no inverse; a contact there says nothing of where along the whisker it was.
+        let (contact, of_contact) = face.contact_with_jacobian(at);
+        // The inverse fails only at the whisker's centre of curvature; a contact there does not determine its position
+        // along the whisker.
         let to_place = of_contact.try_inverse().unwrap_or_default();
         let bent = product(&to_place, &turning);
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
         Tangency {
             middle_m: contact.vector() + inward * radius_m,
             inward,
-            // Sherman and Morrison's formula: the second part is of rank one.
+            // Sherman-Morrison formula: the second part is of rank one.
             inverse: to_place - product(&bent, &to_place) / play,
             by_place: of_contact + turning,
         }
     }
 
-    /// The place one step later, with the object's middle where it was in the world; and the tangencies before and after.
+    /// Coordinates one step later, with the object's centre at rest in the world; and the tangencies before and after.
     fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency, Tangency) {
         let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
         let middle_m = self.motion.apply(Point::from_vector(before.middle_m)).vector();
         let face = &self.side.face;
-        let (arc_m, away_m) = face.along_and_away(self.motion.apply(face.contact_at(x[0], x[1])));
-        let mut place = vector![arc_m, away_m];
+        let mut place = face.along_and_away(self.motion.apply(face.contact_at(AlongAway::of_state(x)))).vector();
         let mut after = self.tangency(&place, x[2]);
         for _ in 0..NEWTON_STEPS {
             let step = product(&after.inverse, &(middle_m - after.middle_m));
@@ -227,21 +233,21 @@ impl Wandering<'_> {
         (place, before, after)
     }
 
-    /// The noise of a step that keeps so much of the sensor model's error.
+    /// Process noise of a step over which the sensor model's error has the correlation `kept`.
     fn noise_that_keeps(&self, kept: f64) -> Matrix4<f64> {
         let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
         Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
     }
 
-    /// Way of the contact in Base by the base's motion. The noise of both measured poses between which that lies, which would make a way out of standing still,
-    /// is taken out of its square.
+    /// Displacement of the contact in Base by the base's motion. The variance of the two measured poses, which would
+    /// give a displacement even at standstill, is subtracted from its square.
     fn way_m(&self, x: &Vector4<f64>) -> f64 {
-        let before = self.side.face.contact_at(x[0], x[1]);
+        let before = self.side.face.contact_at(AlongAway::of_state(x));
         let noise_m2 = 2.0 * self.side.base_noise.of_point_m2(before).trace();
         (self.motion.apply(before).distance(&before).powi(2) - noise_m2).max(0.0).sqrt()
     }
 
-    /// What is left of the sensor model's error after the step.
+    /// Correlation of the sensor model's error over the step.
     fn kept(&self, x: &Vector4<f64>) -> f64 {
         (-self.way_m(x) / self.error_length_m).exp()
     }
@@ -261,7 +267,7 @@ impl Process<4> for Wandering<'_> {
         self.noise_that_keeps(self.kept(x))
     }
 
-    /// The move is solved for once.
+    /// Solves for the motion once.
     fn linearised(&self, x: &Vector4<f64>) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>) {
         let (place, before, after) = self.moved(x);
         let kept = self.kept(x);
@@ -297,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn val_contact_wanders_on_a_circle_as_the_exact_whisker_does() {
+    fn val_contact_slides_on_a_circle_as_on_the_exact_whisker() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
@@ -307,8 +313,8 @@ mod tests {
             let circle = Circle { center, radius_m };
             let state = |step: u32| {
                 let touch = elastica.against(&circle, &base(step), Face::Left).unwrap().unwrap();
-                let (arc_m, away_m) = side.face.along_and_away(touch.deflection.point);
-                vector![arc_m, away_m, radius_m + 0.125e-3, 0.0]
+                let AlongAway { along_m, away_m } = side.face.along_and_away(touch.deflection.point);
+                vector![along_m, away_m, radius_m + 0.125e-3, 0.0]
             };
             let mut followed = state(0);
             let mut rested = followed;
@@ -321,24 +327,24 @@ mod tests {
                 worst_m = worst_m.max((followed - state(step)).fixed_rows::<2>(0).norm());
             }
             let slid_m = (rested - state(249)).fixed_rows::<2>(0).norm();
-            // Within two hundredths of the way that the contact slides over the object in that time.
+            // Within two hundredths of the distance that the contact slides over the object in that time.
             assert!(worst_m < 0.02 * (slid_m + 0.2 * radius_m), "{radius_m}: {worst_m} of {slid_m}");
         }
     }
 
     #[test]
-    fn robust_a_radius_believed_to_be_negative_is_stated_as_zero() {
+    fn robust_a_negative_mean_radius_gives_the_estimate_zero() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let motion = Round::of_any_size();
         let mut belief = motion.belief(&Gaussian::new(vector![0.055, 3e-3], Matrix2::identity() * 1e-8));
         belief.mean[2] = -1e-3;
-        let radius = side.estimate(&motion, &belief, None).radius.unwrap();
+        let radius = side.estimate(motion.radius(), &belief, None).radius.unwrap();
         assert!(radius.radius_m == 0.0 && radius.sd_m == motion.radius_sd_m, "{radius:?}");
     }
 
     #[test]
-    fn verif_a_thin_thing_has_no_radius_to_tell_however_thick_the_pin_was() {
+    fn verif_the_radius_of_a_thin_object_is_not_estimated_for_any_pin() {
         let mut knowledge = knowledge();
         let thick = Arc::get_mut(&mut knowledge.faces[0]).unwrap();
         thick.pin_radius_m = 5e-3;
@@ -349,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_noise_of_the_base_is_no_way() {
+    fn verif_noise_of_the_base_is_no_displacement() {
         let knowledge = Knowledge { base_noise: BaseNoise(Matrix3::from_diagonal_element(1e-8)), ..knowledge() };
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let way_m = |motion| {
@@ -361,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_base_that_stands_still_leaves_the_noise_definite() {
+    fn robust_process_noise_is_definite_at_standstill() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let still = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 0.004, reading_n_m: 0.0 };
@@ -380,7 +386,7 @@ mod tests {
             let h = if i == 3 { 1e-3 } else { 1e-6 };
             let change = step.predict(&(x + Vector4::ith(i, h))) - step.predict(&(x - Vector4::ith(i, h)));
             let expected = change / (2.0 * h);
-            // How the error's decay depends on the place is left out.
+            // The derivative of the error's decay by the position is neglected.
             let found = jacobian.column(i);
             assert!((found.fixed_rows::<3>(0) - expected.fixed_rows::<3>(0)).norm() < 2e-3, "{i}: {found} {expected}");
         }

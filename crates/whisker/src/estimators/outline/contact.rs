@@ -1,43 +1,45 @@
-//! Where a whisker whose base is known touches a curve.
+//! Contact of a whisker in a known pose with a curve.
 //!
-//! Without friction the whisker's tangent at the contact is the curve's. With the base's yaw `theta`, the point `p = base^-1 P(tau)` and
-//! the tangent's angle `phi(p)` in Base, the contact solves
+//! Without friction the whisker's tangent at the contact is the curve's. With the base's yaw `theta`, the point `p =
+//! base^-1 P(tau)` and the tangent's angle `phi(p)` in Base, the contact solves
 //!
 //! ```text
 //! F(tau) = theta + phi(p(tau)) - psi(tau) = 0
 //! ```
 //!
-//! F falls wherever the whisker touches in one place: its slope is `-(e a dphi/ds + (1 - a) / l)`. By the implicit function theorem,
-//! what depends on the contact has the derivative `q_P . P_x + q_tau tau_x` by a number `x` of the state, with `tau_x = -(phi_P . P_x - psi_x) / F'`.
+//! F decreases wherever the whisker touches at one point: its slope is `-(e a dphi/ds + (1 - a) / l)`. By the implicit
+//! function theorem, a quantity `q` that depends on the contact has the derivative `q_P . P_x + q_tau tau_x` by an
+//! entry `x` of the state, with `tau_x = -(phi_P . P_x - psi_x) / F'`.
 
 use nalgebra::{Matrix2, RowVector2, Vector2};
 
 use super::curve::{Curve, PITCH_M, Place};
 use crate::estimators::side::Side;
 use crate::frames::{Base, Point, Pose, Start};
+use crate::sensor::AlongAway;
 
-/// Most steps of the search along the curve.
+/// Maximum number of steps of the search along the curve.
 const STEPS: usize = 60;
 
-/// Change of `tau`, or width of the bracket, that ends it.
+/// Change of `tau`, or width of the bracket, below which the search ends.
 const SETTLED_M: f64 = 1e-9;
 
-/// Longest first steps, before the root is bracketed.
+/// Largest step before the root is bracketed.
 const STRIDE_M: f64 = 20.0 * PITCH_M;
 
-/// Farthest that a contact is sought from the ends of the curve.
+/// Largest distance from the ends of the curve at which a contact is sought.
 const REACH_M: f64 = 30e-3;
 
-/// Least fall of F in a metre. A whisker as curved as the object lies along it, and its contact is not in one place.
+/// Smallest decrease of F per metre. If whisker and object have the same curvature, the contact is not at one point.
 const LEAST_FALL_RAD_PER_M: f64 = 0.2;
 
 /// A contact with a curve.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Contact {
     pub(super) place: Place,
-    /// In Base, and along and away from the undeflected whisker.
+    /// Contact in Base, and along and away from the undeflected whisker.
     pub(super) point: Point<Base>,
-    pub(super) place_m: (f64, f64),
+    pub(super) at: AlongAway,
     /// Expected reading, and its derivative by the contact's point in Start.
     pub(super) reading_n_m: f64,
     pub(super) reading_by_point: Vector2<f64>,
@@ -47,36 +49,36 @@ pub(super) struct Contact {
     slope_rad_per_m: f64,
 }
 
-/// F at a place.
+/// F at a position on the curve.
 struct Mismatch {
     place: Place,
     angle_rad: f64,
     slope_rad_per_m: f64,
     tangent_by_point: Vector2<f64>,
-    along_m: f64,
-    away_m: f64,
+    at: AlongAway,
 }
 
 fn mismatch(side: &Side, base: &Pose<Base, Start>, curve: &Curve, tau_m: f64) -> Mismatch {
     let place = curve.at(tau_m);
     let point = base.inverse().apply(Point::from_vector(place.knot.point));
-    let (along_m, away_m) = side.face.along_and_away(point);
-    let (tangent_rad, by_place) = side.tangent_rad(along_m, away_m);
-    let tangent_by_point = base.rotation() * in_base(side, along_m, away_m, by_place);
+    let at = side.face.along_and_away(point);
+    let (tangent_rad, by_place) = side.tangent_rad(at);
+    let tangent_by_point = base.rotation() * in_base(side, at, by_place);
     let angle_rad = base.yaw_rad() + tangent_rad - place.knot.tangent_rad;
     let slope_rad_per_m =
         (tangent_by_point.dot(&place.point_by_tau) - place.tangent_rad_per_m).min(-LEAST_FALL_RAD_PER_M);
-    Mismatch { place, angle_rad, slope_rad_per_m, tangent_by_point, along_m, away_m }
+    Mismatch { place, angle_rad, slope_rad_per_m, tangent_by_point, at }
 }
 
-/// A derivative along and away, by the point in Base.
-fn in_base(side: &Side, along_m: f64, away_m: f64, by_place: Vector2<f64>) -> Vector2<f64> {
-    let jacobian: Matrix2<f64> = side.face.contact_jacobian(along_m, away_m);
+/// A derivative by the coordinates along and away, converted to one by the point in Base.
+fn in_base(side: &Side, at: AlongAway, by_place: Vector2<f64>) -> Vector2<f64> {
+    let jacobian: Matrix2<f64> = side.face.contact_jacobian(at);
     // It is singular only at the whisker's centre of curvature.
     jacobian.transpose().try_inverse().map_or(by_place, |inverse| inverse * by_place)
 }
 
-/// The contact of a whisker with its base at `base`, sought from `near_m` on; nothing where it cannot touch within reach, or the search does not settle.
+/// The contact of a whisker with its base at `base`, sought from `near_m`. `None` if there is no contact within reach
+/// or the search does not converge.
 pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near_m: f64) -> Option<Contact> {
     let (first_m, last_m) = curve.range_m();
     let (mut low_m, mut high_m) = (first_m - REACH_M, last_m + REACH_M);
@@ -108,17 +110,17 @@ pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near
 impl Mismatch {
     /// The contact, where F is zero.
     fn contact(self, side: &Side, base: &Pose<Base, Start>) -> Contact {
-        let Self { place, slope_rad_per_m, tangent_by_point, along_m, away_m, .. } = self;
-        let (reading_n_m, by_place): (f64, RowVector2<f64>) = side.expect(along_m, away_m);
-        let reading_by_point = base.rotation() * in_base(side, along_m, away_m, by_place.transpose());
+        let Self { place, slope_rad_per_m, tangent_by_point, at, .. } = self;
+        let (reading_n_m, by_place): (f64, RowVector2<f64>) = side.expect(at);
+        let reading_by_point = base.rotation() * in_base(side, at, by_place.transpose());
         let point = base.inverse().apply(Point::from_vector(place.knot.point));
-        let place_m = (along_m, away_m);
-        Contact { place, point, place_m, reading_n_m, reading_by_point, tangent_by_point, slope_rad_per_m }
+        Contact { place, point, at, reading_n_m, reading_by_point, tangent_by_point, slope_rad_per_m }
     }
 }
 
 impl Contact {
-    /// Adds to `gradient` the derivative by the curve's numbers of what has the derivative `by_point` by the contact's point.
+    /// Adds to `gradient` the derivative by the state of a quantity whose derivative by the contact's point is
+    /// `by_point`.
     pub(super) fn pull_back(&self, curve: &Curve, by_point: Vector2<f64>, gradient: &mut [f64]) {
         let by_tau = by_point.dot(&self.place.point_by_tau) / self.slope_rad_per_m;
         curve.pull_back(&self.place, by_point - self.tangent_by_point * by_tau, by_tau, gradient);
@@ -142,7 +144,7 @@ mod tests {
         Pose::new(base.origin().x(), base.origin().y(), base.yaw_rad())
     }
 
-    /// The largest distance between the contacts on a curve and those of the exact whisker on the outline that it stands for.
+    /// Largest distance between the contacts on a curve and those of the exact whisker on the same outline.
     fn worst_m(curve: &Curve, outline: &dyn Outline, bases: impl Iterator<Item = Pose<Base, Start>>) -> f64 {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
@@ -181,7 +183,8 @@ mod tests {
         let (side_cells, corner_cells) = (24, 12);
         let turn_rad = corner_cells as f64 * PITCH_M / (SCALE_M + WIRE_RADIUS_M);
         let first = knowledge().rest.beside(0.052, -5e-3).vector();
-        // The tangent angles of the sides before, between and after; an object on the left is traversed from the tip to the root's side.
+        // The tangent angles of the sides before, between and after; an object on the left is traversed from the tip to
+        // the root's side.
         let angles = [-0.45 - turn_rad, -0.45, -0.45 + turn_rad];
         let second = first + direction(angles[1]) * (side_cells as f64 * PITCH_M);
         let corners = [first - direction(angles[0]) * 0.05, first, second, second + direction(angles[2]) * 0.05];
@@ -207,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_derivatives_follow_the_contact() {
+    fn verif_derivatives_are_those_of_the_contact() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let point = knowledge.rest.beside(0.055, -4e-3).vector();

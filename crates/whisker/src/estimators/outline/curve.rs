@@ -1,18 +1,18 @@
 //! A convex curve as the state of an estimator.
 //!
-//! An outline turns by `psi` over the arc length `sigma`. Neither is fit to count along polygons: at a corner `psi` goes on while `sigma` rests, on a
-//! straight side the other way round. Their sum `tau = sigma + l psi`, with a length `l`, goes on everywhere (Minty's parametrisation of a
-//! monotone graph). In cells of equal `tau` the share
+//! An outline turns by `psi` over the arc length `sigma`. Neither is a suitable parameter of a polygon: at a corner
+//! `psi` changes while `sigma` is constant, on a straight side vice versa. Their sum `tau = sigma + l psi`, with a
+//! length `l`, increases everywhere (Minty's parametrisation of a monotone graph). In cells of equal `tau` the share
 //!
 //! ```text
 //! a = dsigma / dtau = rho / (rho + l)    l dpsi / dtau = 1 - a
 //! ```
 //!
-//! is constant: arcs of the radius `rho = l exp(u)`, which never is negative. A corner is a run of cells with `u` far below zero, a side
-//! one with `u` far above, a circle has the same `u` everywhere.
+//! is constant: arcs of the radius `rho = l exp(u)`, which is never negative. A corner is a sequence of cells with `u`
+//! far below zero, a side one with `u` far above zero, and on a circle `u` is constant.
 //!
-//! The curve is that of the whisker's centre line, hence the object's outline with the wire's radius added. Its tangent is the whisker's:
-//! `dP = -e rho t dpsi`, with `e` = +1 for an object on the right of the whisker.
+//! The curve is that of the whisker's centre line, hence the object's outline offset by the wire's radius. Its tangent
+//! is the whisker's: `dP = -e rho t dpsi`, with `e` = +1 for an object on the right of the whisker.
 
 use std::ops::Range;
 
@@ -23,16 +23,16 @@ use crate::rest::direction;
 /// Length of a cell in `tau`.
 pub(super) const PITCH_M: f64 = 0.4e-3;
 
-/// The length `l` that stands for a radian.
+/// The length `l`.
 pub(super) const SCALE_M: f64 = 10e-3;
 
-/// Numbers of the state before those of the cells: the anchor's place and tangent.
+/// Entries of the state before those of the cells: position and tangent of the anchor.
 pub(super) const ANCHOR: usize = 3;
 
-/// A curve.
+/// A convex curve of circular arcs.
 #[derive(Clone, Debug)]
 pub(super) struct Curve {
-    /// +1 where the object lies on the right of the whisker.
+    /// +1 if the object lies on the right of the whisker, -1 otherwise.
     sign: f64,
     /// Cells before the anchor, which lies at `tau = 0`.
     before: usize,
@@ -40,12 +40,12 @@ pub(super) struct Curve {
     anchor: Knot,
     /// `u` of every cell.
     logs: Vec<f64>,
-    /// What follows from these: the ends of the cells, and their arcs from the end that is nearer to the anchor.
+    /// Ends of the cells, and their arcs from the end nearer to the anchor; both follow from the state.
     knots: Vec<Knot>,
     cells: Vec<Cell>,
 }
 
-/// A cell: its share, the share's derivative by `u`, and its whole arc.
+/// A cell: its share, the derivative of the share by `u`, and the whole arc.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
     share: f64,
@@ -60,7 +60,7 @@ pub(super) struct Knot {
     pub(super) tangent_rad: f64,
 }
 
-/// A place on the curve.
+/// A position on the curve.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub(super) tau_m: f64,
@@ -70,7 +70,7 @@ pub(super) struct Place {
     pub(super) tangent_rad_per_m: f64,
 }
 
-/// What an arc adds to a knot, and the derivative by its share.
+/// The increment of a knot along an arc, and its derivative by the share.
 #[derive(Clone, Copy, Debug)]
 struct Arc {
     offset: Vector2<f64>,
@@ -84,7 +84,7 @@ fn left(v: Vector2<f64>) -> Vector2<f64> {
 }
 
 impl Curve {
-    /// An arc about `anchor`, of one cell on either side.
+    /// An arc through `point`, the anchor, of one cell on either side.
     pub(super) fn new(sign: f64, point: Vector2<f64>, tangent_rad: f64, radius_m: f64) -> Self {
         let logs = vec![(radius_m / SCALE_M).ln(); 2];
         let mut curve =
@@ -93,7 +93,7 @@ impl Curve {
         curve
     }
 
-    /// Number of numbers in the state.
+    /// Number of entries of the state.
     pub(super) fn size(&self) -> usize {
         ANCHOR + self.logs.len()
     }
@@ -108,12 +108,12 @@ impl Curve {
         (-(self.before as f64) * PITCH_M, (self.logs.len() - self.before) as f64 * PITCH_M)
     }
 
-    /// +1 where the object lies on the right of the whisker: the direction of its outward normal, as seen along the tangent, is to the left.
+    /// +1 if the object lies on the right of the whisker: its outward normal is then to the left of the tangent.
     pub(super) fn sign(&self) -> f64 {
         self.sign
     }
 
-    /// Makes the curve longer by cells like those at its ends, so that it covers the range; whether that took any.
+    /// Extends the curve by cells like those at its ends, so that it covers the range. Returns whether it was extended.
     pub(super) fn extend(&mut self, low_m: f64, high_m: f64) -> bool {
         let (first_m, last_m) = self.range_m();
         let missing = |short_m: f64| (short_m / PITCH_M).ceil().max(0.0) as usize;
@@ -129,7 +129,7 @@ impl Curve {
         true
     }
 
-    /// Takes off the cells beyond a range, but for those about the anchor; the first that stays.
+    /// Removes the cells beyond a range, except those at the anchor. Returns the index of the first remaining cell.
     pub(super) fn trim(&mut self, low_m: f64, high_m: f64) {
         let first = self.cell(low_m.min(-0.5 * PITCH_M));
         let last = self.cell(high_m.max(0.5 * PITCH_M));
@@ -139,7 +139,7 @@ impl Curve {
         self.lay();
     }
 
-    /// The curve with its numbers moved by a step.
+    /// The curve with its state changed by a step.
     pub(super) fn moved(&self, step: &[f64]) -> Self {
         let mut moved = self.clone();
         moved.anchor.point += Vector2::new(step[0], step[1]);
@@ -151,7 +151,7 @@ impl Curve {
         moved
     }
 
-    /// Lays the arcs one after the other from the anchor, either way.
+    /// Computes the knots from the anchor outwards in both directions.
     fn lay(&mut self) {
         let blank =
             Arc { offset: Vector2::zeros(), turn_rad: 0.0, offset_by_share: Vector2::zeros(), turn_by_share: 0.0 };
@@ -173,7 +173,7 @@ impl Curve {
         }
     }
 
-    /// The arc from a knot over `way_m` of `tau`, which may be negative.
+    /// The arc from a knot over a change `way_m` of `tau`, of either sign.
     fn arc(&self, from: &Knot, way_m: f64, share: f64) -> Arc {
         let (length_m, half_rad) = (way_m * share, 0.5 * way_m * (1.0 - share) / SCALE_M);
         let half_by_share = -0.5 * way_m / SCALE_M;
@@ -204,13 +204,13 @@ impl Curve {
         self.cell(low_m)..self.cell(high_m) + 1
     }
 
-    /// The end of a cell that is nearer to the anchor, and the way from there to `tau`.
+    /// The end of a cell that is nearer to the anchor, and the change of `tau` from there to `tau_m`.
     fn reached(&self, cell: usize, tau_m: f64) -> (&Knot, f64) {
         let near = if cell >= self.before { cell } else { cell + 1 };
         (&self.knots[near], tau_m - (near as f64 - self.before as f64) * PITCH_M)
     }
 
-    /// The place at `tau`; beyond the ends the last arcs go on.
+    /// The position at `tau`; beyond the ends the last arcs are continued.
     pub(super) fn at(&self, tau_m: f64) -> Place {
         let cell = self.cell(tau_m);
         let (from, way_m) = self.reached(cell, tau_m);
@@ -220,8 +220,8 @@ impl Curve {
         Place { tau_m, knot, point_by_tau, tangent_rad_per_m: (1.0 - share) / SCALE_M }
     }
 
-    /// Adds to `gradient` the derivative by the state of what has the derivatives `by_point` and `by_tangent` by point and tangent at a fixed
-    /// `tau`.
+    /// Adds to `gradient` the derivative by the state of a quantity whose derivatives by point and tangent at a fixed
+    /// `tau` are `by_point` and `by_tangent`.
     pub(super) fn pull_back(&self, place: &Place, by_point: Vector2<f64>, by_tangent: f64, gradient: &mut [f64]) {
         let (point, last) = (place.knot.point, self.cell(place.tau_m));
         gradient[0] += by_point.x;
@@ -245,7 +245,7 @@ impl Curve {
         add(last, &self.arc(from, way_m, self.cells[last].share), point);
     }
 
-    /// Numbers of the state, behind those of the anchor, on which the curve between the anchor and `tau` depends.
+    /// Cells on which the curve between the anchor and `tau` depends.
     pub(super) fn cells_to(&self, tau_m: f64) -> Range<usize> {
         let last = self.cell(tau_m);
         let (first, end) = if last >= self.before { (self.before, last + 1) } else { (last, self.before) };
@@ -263,7 +263,7 @@ impl Arc {
 mod tests {
     use super::*;
 
-    /// A curve with all kinds of radii, touched on both sides of its anchor.
+    /// A curve with small and large radii, touched on both sides of its anchor.
     fn wavy() -> Curve {
         let mut curve = Curve::new(-1.0, Vector2::new(0.05, -0.01), 0.3, 8e-3);
         curve.extend(-3e-3, 4e-3);
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn val_one_radius_is_a_circle() {
+    fn val_a_constant_radius_is_a_circle() {
         for sign in [-1.0, 1.0] {
             let mut curve = Curve::new(sign, Vector2::new(0.02, 0.01), 0.4, 15e-3);
             curve.extend(-20e-3, 20e-3);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_radii_are_positive_whatever_the_step() {
+    fn robust_radii_are_positive_after_any_step() {
         let curve = wavy();
         let step: Vec<f64> = (0..curve.size()).map(|i| if i % 2 == 0 { 30.0 } else { -30.0 }).collect();
         let moved = curve.moved(&step);

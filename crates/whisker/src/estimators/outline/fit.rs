@@ -1,4 +1,4 @@
-//! The curve that explains the readings best.
+//! Fit of a curve to readings.
 
 use filters::least_squares::{Problem, Quadratic};
 use nalgebra::{DMatrix, DVector};
@@ -8,11 +8,12 @@ use super::curve::{ANCHOR, Curve};
 use super::prior::Prior;
 use super::readings::Reading;
 use crate::estimators::side::Side;
+use crate::sensor::AlongAway;
 
 /// Standard deviations within which a reading may be that of a free whisker.
 const FREE_SDS: f64 = 4.0;
 
-/// Readings, and what curves are held against.
+/// Readings and the cost function of curves.
 #[derive(Clone, Copy)]
 pub(super) struct Evidence<'a> {
     pub(super) side: &'a Side,
@@ -21,7 +22,7 @@ pub(super) struct Evidence<'a> {
     pub(super) gate_sds: f64,
 }
 
-/// How far a reading lies from what a contact is expected to give.
+/// Difference between a reading and its prediction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Residual {
     pub(super) residual_n_m: f64,
@@ -29,19 +30,22 @@ pub(super) struct Residual {
 }
 
 impl Residual {
-    /// That of a reading, and whether it is of a contact: where none is expected, or one that would have to pull, it is of a free whisker.
+    /// Residual of a reading, and whether it is that of a contact: if no contact is predicted, or one that would have
+    /// to pull, it is that of a free whisker.
     pub(super) fn of(side: &Side, reading: &Reading, contact: Option<&Contact>) -> (Self, bool) {
-        let (along_m, away_m) = contact.map_or((side.face.domain.arc_range_m().0, 0.0), |contact| contact.place_m);
-        let variance_n2_m2 = side.variance_of_mean_n2_m2(along_m, away_m, reading.count);
+        let free = || AlongAway::new(side.face.domain.arc_range_m().0, 0.0);
+        let at = contact.map_or_else(free, |contact| contact.at);
+        let variance_n2_m2 = side.variance_of_mean_n2_m2(at, reading.count);
         let is_free = match contact {
-            Some(_) => away_m < 0.0 && reading.reading_n_m.powi(2) < FREE_SDS.powi(2) * variance_n2_m2,
+            Some(_) => at.away_m < 0.0 && reading.reading_n_m.powi(2) < FREE_SDS.powi(2) * variance_n2_m2,
             None => true,
         };
         let expected_n_m = contact.filter(|_| !is_free).map_or(0.0, |contact| contact.reading_n_m);
         (Self { residual_n_m: reading.reading_n_m - expected_n_m, variance_n2_m2 }, !is_free)
     }
 
-    /// Half the square, growing as its logarithm beyond the gate; and the weight of the square that touches it from above.
+    /// Half the squared residual, growing logarithmically beyond the gate; and the weight of the quadratic that
+    /// majorises it.
     fn robust(&self, gate_sds: f64) -> (f64, f64) {
         let (squared, gate) = (self.residual_n_m.powi(2) / self.variance_n2_m2, gate_sds * gate_sds);
         if squared <= gate {
@@ -56,9 +60,9 @@ impl Residual {
 struct Linear<'a> {
     contact: &'a Contact,
     residual_n_m: f64,
-    /// What its square counts for.
+    /// Weight of the square.
     weight: f64,
-    /// Derivative of the expected reading by the curve's numbers.
+    /// Derivative of the expected reading by the curve's state.
     slope: &'a [f64],
 }
 
@@ -84,13 +88,12 @@ impl Evidence<'_> {
         costs.sum()
     }
 
-    /// Gradient that the sensor model's error adds to the cost, were it one standard deviation everywhere. That error is no noise that averages out: it is nearly
-    /// the same at nearby contacts.
+    /// Gradient that the sensor model's error adds to the cost if it is one standard deviation everywhere. That error
+    /// does not average out: it is nearly the same at nearby contacts.
     pub(super) fn model_error_pull(&self, curve: &Curve) -> DVector<f64> {
         let mut pull = DVector::zeros(curve.size());
         self.linearise(curve, |linear| {
-            let (along_m, away_m) = linear.contact.place_m;
-            let share = linear.weight * self.side.model_variance_n2_m2(along_m, away_m).sqrt();
+            let share = linear.weight * self.side.model_variance_n2_m2(linear.contact.at).sqrt();
             pull.iter_mut().zip(linear.slope).for_each(|(pull, slope)| *pull += share * slope);
         });
         pull
@@ -112,7 +115,8 @@ impl Problem for Evidence<'_> {
         let size = curve.size();
         let (mut gradient, mut curvature) = (DVector::zeros(size), DMatrix::zeros(size, size));
         let of_readings = self.linearise(curve, |linear| {
-            // Of the lower triangle, what the reading touches: the anchor's numbers, and the cells between the anchor and the contact.
+            // Of the lower triangle, the entries on which the reading depends: the anchor, and the cells between anchor
+            // and contact.
             let cells = curve.cells_to(linear.contact.place.tau_m);
             for j in (0..ANCHOR).chain(cells.clone()) {
                 let share = linear.weight * linear.slope[j];

@@ -1,14 +1,14 @@
-//! The outline at the end of a touch.
+//! The outline smoothed at the end of a touch.
 
 use super::object::Effort;
 use super::recursive::Tracer;
 use crate::estimators::{Estimate, OutlinePoint, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start};
 
-/// A tracer that at the end of a touch says once more where the contact was all along.
+/// A tracer that recomputes the contacts of a touch from the outline at its end.
 pub(super) struct Reviser {
     tracer: Tracer,
-    /// Where the base was at each sample of this touch.
+    /// Poses of the base at each sample of this touch.
     bases: Vec<Pose<Base, Start>>,
 }
 

@@ -1,12 +1,14 @@
-//! The object's convex outline as the unknown.
+//! The object's convex outline as the state.
 //!
-//! Filters whose state is the contact forget: on a polygon the contact rests at a corner, then runs along a side within a few samples, and what
-//! the first stroke has told of the side is gone at the second. Here the state is the outline itself, at rest in a fixed frame: a convex
-//! [`curve`]. Where a whisker with a known base touches it follows by geometry alone ([`contact`]), without a process model, so that every
-//! reading since the first touch, over all strokes and lift-offs, speaks of the same few numbers. They are fitted to all readings at once
-//! ([`fit`]) under a prior that expects the radius to stay but lets it jump ([`prior`]).
+//! Filters whose state is the contact have a short memory: on a polygon the contact rests at a corner, then moves along
+//! a side within a few samples, and the information about the side from the first stroke is lost at the second. Here
+//! the state is the outline itself, at rest in a fixed frame: a convex [`curve`]. The contact of a whisker with a known
+//! base follows by geometry alone ([`contact`]), without a process model, so that every reading since the first touch,
+//! over all strokes and lift-offs, informs the same state. It is fitted to all readings at once ([`fit`]) under a prior
+//! of constant radius with jumps ([`prior`]).
 //!
-//! [`recursive`] does so while the samples come in, never with a sample from later on; [`hindsight`] once more at the end of a touch.
+//! [`recursive`] updates the outline at each sample, from the samples so far; [`hindsight`] once more at the end of a
+//! touch.
 
 mod contact;
 mod curve;
@@ -22,8 +24,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Settings, SettingsError, parse, within};
 use super::{Knowledge, Method, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse, within};
 use hindsight::Reviser;
 use prior::Prior;
 use recursive::Tracer;
@@ -32,11 +34,11 @@ use recursive::Tracer;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// What is believed of outlines before anything is touched.
+    /// Prior of the outline.
     prior: Prior,
-    /// A reading farther off than this, in standard deviations, counts by its logarithm only.
+    /// Gate, in standard deviations, beyond which the cost of a residual grows logarithmically.
     gate_sds: f64,
-    /// Standard deviation of the contact along the whisker at which a filter hands over to the outline.
+    /// Standard deviation of the contact along the whisker at which the outline replaces the filter.
     start_sd_m: f64,
 }
 
@@ -64,12 +66,12 @@ struct Hindsight {
     knowledge: Arc<Knowledge>,
 }
 
-/// The estimator that states at each sample what the samples so far tell.
+/// The estimator whose estimates depend on the samples so far.
 pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     Ok(Box::new(Recursive { config: parse(config)?, knowledge: knowledge.clone() }))
 }
 
-/// The estimator that looks back at the end of each touch.
+/// The estimator that revises its estimates at the end of each touch.
 pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     Ok(Box::new(Hindsight { config: parse(config)?, knowledge: knowledge.clone() }))
 }

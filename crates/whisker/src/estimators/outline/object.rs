@@ -1,4 +1,4 @@
-//! An object that was touched: its outline as far as it is known, and every reading of it.
+//! An object that was touched: the estimate of its outline, and its readings.
 
 use filters::Innovation;
 use filters::least_squares::{Problem, Search, descend};
@@ -18,91 +18,97 @@ use crate::rest::direction;
 /// Cells beyond the outermost contacts.
 const MARGIN_M: f64 = 2.0 * PITCH_M;
 
-/// Rounds in which a curve finds its length.
+/// Iterations for the length of a curve.
 const LENGTH_ROUNDS: usize = 3;
 
-/// Most steps of a search from the last curve, of one by way of another prior, and of either at the end.
+/// Maximum numbers of steps of a search from the last curve, of one by way of another prior, and of either at the end.
 const NEAR_STEPS: usize = 10;
 const FAR_STEPS: usize = 6;
 const LAST_STEPS: usize = 40;
 
-/// By how much less a curve from far has to cost.
+/// Difference of cost by which the result of a distant search must be better.
 const FAR_MARGIN: f64 = 1.0;
 
-/// Stretch of `tau` over which the radius is stated.
+/// Interval of `tau` over which the radius is averaged.
 const RADIUS_STRETCH_M: f64 = 6e-3;
 
-/// Variance by which the logarithm of the radius may differ from one cell to the next where nothing was touched yet.
+/// Variance of the difference of the radius' logarithm between neighbouring cells that were not touched yet.
 const NEW_VARIANCE: f64 = 0.01;
 
-/// An object.
+/// An object in contact.
 pub(super) struct Object {
     config: Config,
     curve: Curve,
-    /// Of the curve's numbers.
+    /// Covariance of the curve's state.
     covariance: DMatrix<f64>,
     readings: Vec<Reading>,
-    /// Where on the curve the last contact was.
+    /// `tau` of the last contact.
     near_m: f64,
-    /// Span of `tau` that was touched.
+    /// Range of `tau` that was touched.
     touched_m: (f64, f64),
 }
 
-/// What an object makes one expect at a pose of the base.
+/// Prediction of the contact at a pose of the base.
 pub(super) struct Expected {
     contact: Contact,
-    /// The innovation of the reading there.
+    /// Innovation of the reading.
     pub(super) innovation: Option<Innovation<1>>,
 }
 
-/// How thoroughly a curve is sought.
+/// Extent of a search for the curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effort {
-    /// From the last one.
+    /// From the last curve.
     Near,
-    /// Also by way of one that is rough.
+    /// Also by way of the rough prior.
     Far,
-    /// Also by way of one that is smooth, and to the end.
+    /// Also by way of the smooth prior, and until convergence.
     Last,
 }
 
+/// Arc with which the curve of an object begins.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FirstArc {
+    /// Contact on the whisker's centre line.
+    pub(super) point: Point<Start>,
+    /// Angle in Start of the whisker's tangent there.
+    pub(super) tangent_rad: f64,
+    /// Radius of object and wire together.
+    pub(super) radius_m: f64,
+}
+
 impl Object {
-    /// An object with a contact at `point`, from the readings of it so far.
-    pub(super) fn new(
-        config: Config,
-        side: &Side,
-        (point, tangent_rad, radius_m): (Point<Start>, f64, f64),
-        readings: Vec<Reading>,
-    ) -> Self {
-        let curve = Curve::new(side.face.face.away_sign(), point.vector(), tangent_rad, radius_m);
+    /// An object whose curve begins with an arc, from its readings so far.
+    pub(super) fn new(config: Config, side: &Side, arc: FirstArc, readings: Vec<Reading>) -> Self {
+        let curve = Curve::new(side.face.face.away_sign(), arc.point.vector(), arc.tangent_rad, arc.radius_m);
         let covariance = DMatrix::identity(curve.size(), curve.size());
         let mut object = Self { config, curve, covariance, readings, near_m: 0.0, touched_m: (0.0, 0.0) };
         object.refine(side, Effort::Far);
         object
     }
 
-    /// The contact that is expected, and the innovation of a reading.
+    /// The predicted contact, and the innovation of a reading.
     pub(super) fn expect(&self, side: &Side, base: &Pose<Base, Start>, reading_n_m: f64) -> Option<Expected> {
         let contact = contact(side, base, &self.curve, self.near_m)?;
         let (residual, touches) = Residual::of(side, &Reading::new(*base, reading_n_m, self.near_m), Some(&contact));
-        let told = if touches { self.spread(&contact, &[contact.reading_by_point])[(0, 0)] } else { 0.0 };
+        let predicted = if touches { self.spread(&contact, &[contact.reading_by_point])[(0, 0)] } else { 0.0 };
         let innovation =
-            Innovation::of(Vector1::new(residual.residual_n_m), Matrix1::new(told + residual.variance_n2_m2));
+            Innovation::of(Vector1::new(residual.residual_n_m), Matrix1::new(predicted + residual.variance_n2_m2));
         Some(Expected { contact, innovation })
     }
 
-    /// StateArray the contact that is expected.
+    /// The estimate of the predicted contact.
     pub(super) fn estimate(&mut self, side: &Side, base: &Pose<Base, Start>, expected: &Expected) -> Estimate {
         let Expected { contact, innovation } = expected;
         self.near_m = contact.place.tau_m;
         let spread = self.spread(contact, &[Vector2::x(), Vector2::y()]);
         let spread = Matrix2::new(spread[(0, 0)], spread[(0, 1)], spread[(1, 0)], spread[(1, 1)]);
-        let calibrated = side.face.domain.contains(contact.place_m.0, contact.place_m.1);
+        let calibrated = side.face.domain.contains(contact.at);
         let stated = side.estimate_at(contact.point, calibrated, base.inverse().turn(spread), *innovation);
         Estimate { radius: Some(self.radius(side, contact)), ..stated }
     }
 
-    /// The object's mean radius, of the logarithm, over a stretch about a contact.
+    /// Geometric mean of the object's radius over an interval around a contact.
     fn radius(&self, side: &Side, contact: &Contact) -> Radius {
         let reach_m = 0.5 * RADIUS_STRETCH_M;
         let cells = self.curve.cells_between(contact.place.tau_m - reach_m, contact.place.tau_m + reach_m);
@@ -111,11 +117,11 @@ impl Object {
         let rows = ANCHOR + cells.start;
         let variance = self.covariance.view((rows, rows), (cells.len(), cells.len())).sum() / count.powi(2);
         let radius_m = SCALE_M * mean.exp();
-        let object_m = (radius_m - side.wire_radius_m(contact.place_m.0)).max(0.0);
+        let object_m = (radius_m - side.wire_radius_m(contact.at.along_m)).max(0.0);
         Radius { radius_m: object_m, sd_m: radius_m * variance.max(0.0).sqrt() }
     }
 
-    /// Covariance of what has the derivatives `by_point` by the contact's point.
+    /// Covariance of quantities whose derivatives by the contact's point are `by_point`.
     fn spread(&self, contact: &Contact, by_point: &[Vector2<f64>]) -> DMatrix<f64> {
         let (low_m, high_m) = self.curve.range_m();
         let mut slopes = DMatrix::zeros(self.curve.size(), by_point.len());
@@ -123,7 +129,8 @@ impl Object {
             contact.pull_back(&self.curve, *by_point, column.as_mut_slice());
         }
         let mut spread = slopes.transpose() * &self.covariance * &slopes;
-        // Beyond the curve's ends the radius wanders from cell to cell; over the way to the contact its mean does by a third of that.
+        // Beyond the curve's ends the logarithm of the radius is a random walk over the cells; its mean up to the
+        // contact has a third of the variance.
         let beyond_m = (low_m - contact.place.tau_m).max(contact.place.tau_m - high_m).max(0.0);
         let cells = beyond_m / PITCH_M;
         let end = if contact.place.tau_m < low_m { ANCHOR } else { self.curve.size() - 1 };
@@ -140,7 +147,7 @@ impl Object {
         keep(&mut self.readings, reading);
     }
 
-    /// Where on the curve the last contact was.
+    /// `tau` of the last contact.
     pub(super) fn near_m(&self) -> f64 {
         self.near_m
     }
@@ -149,7 +156,7 @@ impl Object {
         Evidence { side, readings: &self.readings, prior, gate_sds: self.config.gate_sds }
     }
 
-    /// Makes the curve long enough for every reading, and no longer.
+    /// Extends or trims the curve to the range of all readings.
     fn fit_length(&mut self, side: &Side) {
         for _ in 0..LENGTH_ROUNDS {
             let (mut low_m, mut high_m) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -172,7 +179,7 @@ impl Object {
         }
     }
 
-    /// The curve to which a search comes under one prior after the other, and its cost under the last.
+    /// Result of a search under a sequence of priors, and its cost under the last one.
     fn sought(&self, side: &Side, priors: &[Prior], iterations: usize) -> Option<(Curve, f64)> {
         let search = Search { iterations, tolerance: 1e-2 };
         let descend = |curve: Curve, prior: &Prior| descend(&self.evidence(side, *prior), curve, &search);
@@ -181,7 +188,7 @@ impl Object {
         Some((curve, cost))
     }
 
-    /// Seeks the most probable curve anew.
+    /// Searches for the most probable curve.
     pub(super) fn refine(&mut self, side: &Side, effort: Effort) {
         self.fit_length(side);
         let prior = self.config.prior;
@@ -203,13 +210,14 @@ impl Object {
             self.curve = curve;
         }
         self.fit_length(side);
-        self.covariance = self.doubt(side).unwrap_or_else(|| DMatrix::identity(self.curve.size(), self.curve.size()));
+        self.covariance =
+            self.posterior_covariance(side).unwrap_or_else(|| DMatrix::identity(self.curve.size(), self.curve.size()));
     }
 
-    /// Covariance of the curve's numbers: that of the readings' noise under the prior, and what a sensor model that errs the same way everywhere does to them
-    /// (a consider parameter: Schmidt 1966).
-    fn doubt(&self, side: &Side) -> Option<DMatrix<f64>> {
-        let evidence = self.evidence(side, self.config.prior.doubtful());
+    /// Covariance of the curve's state: that by the readings' noise under the prior, and the effect of a sensor model
+    /// error that is the same everywhere (a consider parameter: Schmidt 1966).
+    fn posterior_covariance(&self, side: &Side) -> Option<DMatrix<f64>> {
+        let evidence = self.evidence(side, self.config.prior.for_covariance());
         let factor = evidence.approximate(&self.curve)?.curvature.cholesky()?;
         let shift = factor.solve(&evidence.model_error_pull(&self.curve));
         let mut covariance = factor.inverse();
@@ -217,9 +225,10 @@ impl Object {
         Some(covariance)
     }
 
-    /// Covariance of the curve at a place. A curve that slides within itself is the same curve, so only what leads out of it counts: at right angles to it in
-    /// the space of place and orientation, in which one radian is as far as `SCALE_M`. Along a side that is the way across, at a corner any way.
-    fn doubt_about(&self, place: &Place) -> Matrix2<f64> {
+    /// Covariance of a point of the curve. A displacement of the curve along itself does not change it, so only the
+    /// component out of the curve counts: normal to it in the space of position and orientation, in which one radian
+    /// equals `SCALE_M`. On a side that is the direction across, at a corner any direction.
+    fn normal_covariance(&self, place: &Place) -> Matrix2<f64> {
         let slope = |by_point: Vector2<f64>, by_tangent: f64| {
             let mut slope = DVector::zeros(self.curve.size());
             self.curve.pull_back(place, by_point, by_tangent, slope.as_mut_slice());
@@ -233,7 +242,7 @@ impl Object {
         Matrix2::new(spread(0, 0), spread(0, 1), spread(0, 1), spread(1, 1))
     }
 
-    /// The outline where it was touched, given the wire's radius.
+    /// The outline where it was touched, without the wire's radius.
     pub(super) fn outline(&self, wire_radius_m: f64) -> Vec<OutlinePoint> {
         let (low_m, high_m) = self.touched_m;
         let places = (0..=((high_m - low_m) / PITCH_M) as usize).map(|i| low_m + i as f64 * PITCH_M);
@@ -245,7 +254,7 @@ impl Object {
                 OutlinePoint {
                     surface: Point::from_vector(place.knot.point - normal * wire_radius_m),
                     normal,
-                    covariance_m2: self.doubt_about(&place),
+                    covariance_m2: self.normal_covariance(&place),
                 }
             })
             .collect()

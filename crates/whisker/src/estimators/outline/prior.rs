@@ -1,32 +1,32 @@
-//! What is believed of outlines before anything is touched.
+//! Prior of outlines.
 
 use filters::least_squares::Quadratic;
 use serde::{Deserialize, Serialize};
 
 use super::curve::{ANCHOR, Curve, SCALE_M};
-use crate::estimators::settings::{SettingsError, within};
+use crate::settings::{SettingsError, within};
 
-/// The radius is likely to stay from cell to cell, and free to jump.
+/// The radius is likely to be constant from cell to cell, with occasional jumps.
 ///
-/// A change `x` of its logarithm costs `c d ln(1 + |x| / d)`: as much as `c |x|` while it is small, which draws a round object to one radius, and
-/// little more for a large jump than for a larger one, which leaves corners and sides as sharp as the readings want them. Near zero the corner
-/// of `|x|` is rounded off.
+/// A change `x` of its logarithm costs `c d ln(1 + |x| / d)`: nearly `c |x|` if it is small, which draws a round object
+/// to one radius, and little more for a large jump than for a smaller one, which leaves corners and sides as sharp as
+/// the readings require. `|x|` is rounded off near zero.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Prior {
-    /// Radius, with the wire's, that is expected.
+    /// Prior mean of the radius, with the wire's.
     pub radius_m: f64,
-    /// Standard deviation of its logarithm.
+    /// Prior standard deviation of its logarithm.
     pub log_radius_sd: f64,
-    /// Cost `c` of a small change by one.
+    /// Cost `c` per unit of a small change.
     pub change_cost: f64,
-    /// Change below which one counts as none.
+    /// Change below which the cost is quadratic.
     pub change_least: f64,
-    /// Change `d` from which on one counts as a jump.
+    /// Change `d` above which the cost is logarithmic.
     pub change_large: f64,
-    /// Standard deviation of the curve's place, in each direction.
+    /// Standard deviation of the curve's position in each direction.
     pub place_sd_m: f64,
-    /// Standard deviation of its tangent.
+    /// Standard deviation of the curve's tangent angle.
     pub tangent_sd_rad: f64,
 }
 
@@ -56,20 +56,20 @@ impl Prior {
         within("prior.tangent_sd_rad", self.tangent_sd_rad, 1e-6..=10.0)
     }
 
-    /// Total variation, a convex cost under which jumps find their place: a search that begins with it does not end where
-    /// the prior's own, which is not convex, holds a jump that lies a little off.
+    /// Total variation, a convex cost: a search that begins with it does not end in a local minimum of the prior's own,
+    /// non-convex cost with a misplaced jump.
     pub(super) fn rough(&self) -> Self {
         Self { change_cost: 1.0, change_least: 3e-3, change_large: 1e6, ..*self }
     }
 
-    /// One under which the curve is nearly a circle.
+    /// A prior under which the curve is nearly a circle.
     pub(super) fn smooth(&self) -> Self {
         Self { change_cost: 30.0, change_large: 1e6, ..*self }
     }
 
-    /// One whose curvature at the most probable curve tells how sure that is. The prior's own would take every cell that does not jump
-    /// for certain not to.
-    pub(super) fn doubtful(&self) -> Self {
+    /// A prior whose curvature at the most probable curve gives the covariance. The original prior would give a
+    /// negligible variance to every cell without a jump.
+    pub(super) fn for_covariance(&self) -> Self {
         Self { change_least: 3e-2, ..self.rough() }
     }
 
@@ -77,7 +77,7 @@ impl Prior {
         (self.radius_m / SCALE_M).ln()
     }
 
-    /// Cost of a curve. All cells together count as one in what is expected of the radius itself.
+    /// Cost of a curve. All cells together count as one observation of the radius.
     pub(super) fn cost(&self, curve: &Curve) -> f64 {
         let logs = curve.logs();
         let levels: f64 = logs.iter().map(|u| 0.5 * ((u - self.middle()) / self.log_radius_sd).powi(2)).sum();
@@ -85,8 +85,8 @@ impl Prior {
         levels / logs.len() as f64 + self.change_cost * self.change_large * logs.windows(2).map(jump).sum::<f64>()
     }
 
-    /// Adds gradient and curvature of the cost, the latter those of the squares that touch it from above. The place has no gradient: along the curve it is free, across
-    /// it the readings tell all.
+    /// Adds gradient and curvature of the cost, the latter those of the majorising quadratic. The position has no
+    /// gradient: along the curve it is free, and across it the readings determine it.
     pub(super) fn add_to(&self, curve: &Curve, quadratic: &mut Quadratic) {
         let Quadratic { gradient, curvature, .. } = quadratic;
         for (i, sd) in [self.place_sd_m, self.place_sd_m, self.tangent_sd_rad].into_iter().enumerate() {

@@ -1,33 +1,33 @@
-//! Readings that are kept for good.
+//! Readings that are kept.
 
 use crate::frames::{Base, Pose, Start};
 
-/// Most readings that are taken together, and how far the base may move and turn meanwhile.
+/// Largest number of readings that are averaged, and the largest displacement and rotation of the base among them.
 const MOST_TOGETHER: f64 = 8.0;
 const MOST_WAY_M: f64 = 0.3e-3;
 const MOST_TURN_RAD: f64 = 5e-3;
 
-/// Readings between which the base moved so little that their mean, at its mean pose, stands for them.
+/// The mean of readings between which the base hardly moved, at its mean pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reading {
     /// Mean pose of the base.
     pub(super) base: Pose<Base, Start>,
     /// Mean reading.
     pub(super) reading_n_m: f64,
-    /// How many there are.
+    /// Number of readings.
     pub(super) count: f64,
-    /// Where on the curve the contact was last found.
+    /// `tau` of the contact when last computed.
     pub(super) near_m: f64,
     first: Pose<Base, Start>,
 }
 
 impl Reading {
-    /// A single one, the contact of which lies about `near_m`.
+    /// A single reading, whose contact lies about `near_m`.
     pub(super) fn new(base: Pose<Base, Start>, reading_n_m: f64, near_m: f64) -> Self {
         Self { base, reading_n_m, count: 1.0, near_m, first: base }
     }
 
-    /// Takes another reading to this one, unless the base has moved too far.
+    /// Includes another reading in the mean, unless the base has moved too far. Returns whether it was included.
     fn joins(&mut self, next: &Self) -> bool {
         let way_m = next.base.origin().distance(&self.first.origin());
         let turn_rad = (next.base.yaw_rad() - self.first.yaw_rad()).abs();
@@ -45,7 +45,7 @@ impl Reading {
     }
 }
 
-/// Adds a reading to those before it.
+/// Appends a reading, or includes it in the last one.
 pub(super) fn keep(readings: &mut Vec<Reading>, reading: Reading) {
     if !readings.last_mut().is_some_and(|last| last.joins(&reading)) {
         readings.push(reading);

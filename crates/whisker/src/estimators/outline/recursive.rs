@@ -1,82 +1,86 @@
-//! The outline while the samples come in.
+//! The outline as an estimator whose estimates depend on the samples so far.
 
 use std::sync::Arc;
 
 use super::Config;
-use super::object::{Effort, Object};
+use super::object::{Effort, FirstArc, Object};
 use super::readings::{Reading, keep};
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
-use crate::estimators::motion::Round;
+use crate::estimators::motion::{Motion, Round};
 use crate::estimators::side::Side;
 use crate::estimators::{Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start};
+use crate::sensor::AlongAway;
 
-/// Samples of a touch before an outline is thought of, and after which one is, however unsure the place.
+/// Smallest number of samples of a touch before an outline begins, and the number after which it begins whatever the
+/// variance.
 const LEAST_SAMPLES: usize = 25;
 const MOST_SAMPLES: usize = 250;
 
-/// Range of the radius with which a curve begins.
+/// Range of the initial radius of a curve.
 const FIRST_RADIUS_M: (f64, f64) = (1e-3, 50e-3);
 
-/// Samples from one search to the next: at least so many, and this share of all so far, so that the time per sample does not grow.
+/// Samples between two searches: at least this many, and this share of all samples so far, so that the time per sample
+/// does not grow.
 const LEAST_PAUSE: usize = 10;
 const PAUSE_SHARE: usize = 10;
 
-/// A pause after which a surprise brings the next search forward; shorter than the other.
-const LEAST_SURPRISED_PAUSE: usize = 5;
-const SURPRISED_PAUSE_SHARE: usize = 100;
+/// Shorter pauses, after which an outlier triggers the next search.
+const LEAST_OUTLIER_PAUSE: usize = 5;
+const OUTLIER_PAUSE_SHARE: usize = 100;
 
-/// Normalised innovation squared that is a surprise.
-const SURPRISE: f64 = 9.0;
+/// Normalised innovation squared of an outlier.
+const OUTLIER_NIS: f64 = 9.0;
 
-/// Every so manieth search goes far.
+/// Number of searches of which one is distant.
 const FAR_EVERY: usize = 4;
 
-/// A touch of which it is not known yet what is touched.
+/// The onset of a touch, until the object is identified.
 #[derive(Default)]
 struct Onset {
     readings: Vec<Reading>,
     samples: usize,
-    /// By how much the known object foretold the readings better than a new one, in the logarithm of the likelihood.
+    /// Log-likelihood of the readings under the known object less that under a new one.
     known_ahead: f64,
 }
 
-/// When to search anew.
+/// Schedule of the searches.
 #[derive(Default)]
 struct Pace {
     samples: usize,
     last: usize,
     searches: usize,
-    is_surprised: bool,
+    has_outlier: bool,
 }
 
 impl Pace {
-    /// What to do after one more sample, which may have been a surprise.
-    fn next(&mut self, is_surprise: bool) -> Option<Effort> {
+    /// The search after one more sample, which may be an outlier. `None` if none is due.
+    fn next(&mut self, is_outlier: bool) -> Option<Effort> {
         self.samples += 1;
-        self.is_surprised |= is_surprise;
+        self.has_outlier |= is_outlier;
         let pause = self.samples - self.last;
         let is_due = pause >= LEAST_PAUSE.max(self.samples / PAUSE_SHARE)
-            || self.is_surprised && pause >= LEAST_SURPRISED_PAUSE + self.samples / SURPRISED_PAUSE_SHARE;
+            || self.has_outlier && pause >= LEAST_OUTLIER_PAUSE + self.samples / OUTLIER_PAUSE_SHARE;
         is_due.then(|| {
             self.searches += 1;
-            let is_far = std::mem::take(&mut self.is_surprised) || self.searches.is_multiple_of(FAR_EVERY);
+            let is_far = std::mem::take(&mut self.has_outlier) || self.searches.is_multiple_of(FAR_EVERY);
             self.last = self.samples;
             if is_far { Effort::Far } else { Effort::Near }
         })
     }
 }
 
-/// Follows contacts over the outline of one object, from touch to touch.
+/// Tracks contacts over the outline of one object, from touch to touch.
 ///
-/// A touch begins with a bank of filters, until the place along the whisker is known well enough to begin a curve there. After a lift-off the
-/// known object and the bank both foretell the first readings, and the evidence tells whether it is the same object.
+/// A touch begins with a bank of filters, until the position along the whisker is known well enough to begin a curve
+/// there. After a lift-off both the known object and the bank predict the first readings, and their likelihoods decide
+/// whether it is the same object.
 pub(super) struct Tracer {
     config: Config,
     knowledge: Arc<Knowledge>,
     pub(super) base: Pose<Base, Start>,
-    /// The filters of this touch, and the side of the whisker.
+    /// Filters of this touch, and the side of the whisker.
     front: Follower<Extended, Round, 4>,
     onset: Option<Onset>,
     object: Option<Object>,
@@ -96,7 +100,7 @@ impl Tracer {
         }
     }
 
-    /// A sample of which it is not known yet what is touched.
+    /// Takes a sample of the onset.
     fn begin(&mut self, sample: &Sample, mut onset: Onset) -> Option<Estimate> {
         onset.samples += 1;
         let near_m = self.object.as_ref().map_or(0.0, Object::near_m);
@@ -106,22 +110,23 @@ impl Tracer {
         let Some(object) = &mut self.object else {
             self.onset = Some(onset);
             let advance = advance?;
-            let estimate = side.estimate(&self.front.motion, &advance.filtered, advance.innovation);
+            let estimate = side.estimate(self.front.motion.radius(), &advance.filtered, advance.innovation);
             let sd_m = advance.filtered.covariance[(0, 0)].sqrt();
             let Some(onset) = self.onset.take_if(|onset| {
                 onset.samples >= LEAST_SAMPLES && sd_m < self.config.start_sd_m || onset.samples >= MOST_SAMPLES
             }) else {
                 return Some(estimate);
             };
-            let [along_m, away_m, radius_m, _] = advance.filtered.mean.into();
-            let point = self.base.apply(side.face.contact_at(along_m, away_m));
-            let tangent_rad = self.base.yaw_rad() + side.tangent_rad(along_m, away_m).0;
-            let start = (point, tangent_rad, radius_m.clamp(FIRST_RADIUS_M.0, FIRST_RADIUS_M.1));
-            self.object = Some(Object::new(self.config, side, start, onset.readings));
+            let (at, radius_m) = (AlongAway::of_state(&advance.filtered.mean), advance.filtered.mean[2]);
+            let point = self.base.apply(side.face.contact_at(at));
+            let tangent_rad = self.base.yaw_rad() + side.tangent_rad(at).0;
+            let radius_m = radius_m.clamp(FIRST_RADIUS_M.0, FIRST_RADIUS_M.1);
+            let arc = FirstArc { point, tangent_rad, radius_m };
+            self.object = Some(Object::new(self.config, side, arc, onset.readings));
             self.pace = Pace { samples: onset.samples, last: onset.samples, ..Pace::default() };
             return Some(estimate);
         };
-        // What cannot be touched from here has foretold a whisker that stays free.
+        // An object out of reach predicts a whisker that stays free.
         let expected = object.expect(side, &self.base, sample.reading_n_m);
         let known = expected.as_ref().and_then(|expected| expected.innovation);
         let new = advance.as_ref().and_then(|advance| advance.innovation);
@@ -131,7 +136,9 @@ impl Tracer {
         let known = expected.filter(|_| onset.known_ahead >= 0.0);
         let estimate = match (&known, &advance) {
             (Some(expected), _) => Some(object.estimate(side, &self.base, expected)),
-            (None, Some(advance)) => Some(side.estimate(&self.front.motion, &advance.filtered, advance.innovation)),
+            (None, Some(advance)) => {
+                Some(side.estimate(self.front.motion.radius(), &advance.filtered, advance.innovation))
+            }
             (None, None) => None,
         };
         if onset.samples < LEAST_SAMPLES {
@@ -156,8 +163,8 @@ impl Tracer {
         }
     }
 
-    /// The side and the object that was touched, at the end of a touch; nothing where it was not told before the end. What is known of an object
-    /// outlives a brief touch that does not fit it: it may have been another's, or nobody's.
+    /// The side and the object of a touch at its end. `None` if the object was not identified before. A brief touch
+    /// that does not fit does not discard the known object: it may have been that of another.
     pub(super) fn concluded(&mut self) -> Option<(&Side, &mut Object)> {
         if let Some(onset) = self.onset.take_if(|onset| onset.known_ahead >= 0.0) {
             self.settle(onset);
@@ -168,7 +175,7 @@ impl Tracer {
         Some((&self.front.side, self.object.as_mut()?))
     }
 
-    /// A sample of the known object.
+    /// Takes a sample of the known object.
     fn go_on(&mut self, sample: &Sample) -> Option<Estimate> {
         let side = &self.front.side;
         let object = self.object.as_mut()?;
@@ -176,14 +183,14 @@ impl Tracer {
         let estimate = expected.as_ref().map(|expected| object.estimate(side, &self.base, expected));
         object.keep(Reading::new(self.base, sample.reading_n_m, object.near_m()));
         let nis = expected.and_then(|expected| expected.innovation).map_or(f64::INFINITY, |innovation| innovation.nis);
-        if let Some(effort) = self.pace.next(nis > SURPRISE) {
+        if let Some(effort) = self.pace.next(nis > OUTLIER_NIS) {
             object.refine(side, effort);
         }
         estimate
     }
 }
 
-/// The bank with which a touch begins.
+/// The bank of filters with which a touch begins.
 fn front(touch: &Touch<'_>, knowledge: &Knowledge) -> Follower<Extended, Round, 4> {
     Follower::new(gaussian::Config::sliding(), Round::of_any_size(), touch, knowledge)
 }

@@ -1,4 +1,4 @@
-//! Settings of estimators: parsed, and checked before anything runs.
+//! Settings of methods, parsed and validated before a run.
 
 use std::ops::RangeInclusive;
 
@@ -7,10 +7,10 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use strict_json::list_for_object;
 
-/// Why settings cannot be used.
+/// Error of invalid settings.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    /// They do not parse.
+    /// The settings do not parse.
     #[error("{0}")]
     Parse(String),
     /// A value is out of range.
@@ -18,14 +18,14 @@ pub enum SettingsError {
     Range {
         /// Key of the value.
         key: &'static str,
-        /// What stands there.
+        /// Value found.
         found: f64,
-        /// What should.
+        /// Values expected.
         expected: String,
     },
 }
 
-/// Settings that know what they may be.
+/// Settings with a validation of their values.
 pub trait Settings: DeserializeOwned + Serialize {
     /// Checks every value.
     ///
@@ -34,10 +34,10 @@ pub trait Settings: DeserializeOwned + Serialize {
     fn validate(&self) -> Result<(), SettingsError>;
 }
 
-/// Settings from JSON, checked.
+/// Parses and validates settings from JSON.
 ///
 /// # Errors
-/// [`SettingsError`], if they do not parse or a value is out of range.
+/// [`SettingsError`] if they do not parse or a value is out of range.
 pub fn parse<T: Settings>(value: &Value) -> Result<T, SettingsError> {
     let not_parsed = |error: serde_json::Error| SettingsError::Parse(error.to_string());
     let settings = T::deserialize(value).map_err(not_parsed)?;
@@ -51,7 +51,7 @@ pub fn parse<T: Settings>(value: &Value) -> Result<T, SettingsError> {
 /// Checks that a value lies in a range.
 ///
 /// # Errors
-/// [`SettingsError::Range`], if it does not.
+/// [`SettingsError::Range`] if it does not.
 pub fn within(key: &'static str, found: f64, range: RangeInclusive<f64>) -> Result<(), SettingsError> {
     if range.contains(&found) {
         return Ok(());

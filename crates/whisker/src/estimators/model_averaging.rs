@@ -1,13 +1,14 @@
-//! Several methods side by side, believed as far as their predictions deserve.
+//! Bayesian model averaging over several methods.
 //!
-//! Each candidate states before every reading what it expects, and so how probable the reading is, `N(y; 0, S)`. With a prior for each that gives
-//! the probability of its being right (Bayes' theorem; Kass and Raftery, "Bayes factors", JASA 90(430), 1995): a candidate that is wrong
-//! foretells badly, and one that could explain anything foretells vaguely. Before the readings tell them apart the priors decide.
-//! What is stated is the mean and covariance of the mixture, not of the winner: while two are still probable, that they disagree is part of
-//! what is not known.
+//! Each candidate predicts every reading and so gives its likelihood, `N(y; 0, S)`. Prior and likelihood give the
+//! posterior probability of each candidate (Bayes' theorem; Kass and Raftery, "Bayes factors", JASA 90(430), 1995): a
+//! wrong model predicts poorly, an over-flexible one predicts diffusely. As long as the readings do not discriminate,
+//! the priors decide. The estimate is the mean and covariance of the mixture, not of the most probable candidate, so
+//! that the disagreement of probable candidates counts as uncertainty.
 //!
-//! Objects may change, so the right candidate may: at a constant rate it is drawn anew from the priors. A candidate once refuted comes back within a
-//! few times as many readings as it takes to refute the next, instead of never.
+//! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
+//! in proportion to their priors. So a refuted candidate can recover within a small multiple of the number of readings
+//! that refute the others.
 
 use std::sync::Arc;
 
@@ -17,18 +18,18 @@ use nalgebra::{Matrix1, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Settings, SettingsError, parse, within};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
     estimator,
 };
+use crate::settings::{Settings, SettingsError, parse, within};
 
-/// One method among which is chosen.
+/// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Candidate {
-    /// Its name in the registry; it runs with its defaults.
+    /// Name in the registry; it runs with its default settings.
     pub name: String,
     /// Prior probability, relative to the others.
     pub weight: f64,
@@ -38,25 +39,28 @@ pub(super) struct Candidate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// The candidates. The odds favour what assumes most: it foretells the readings least vaguely, and a contact at the start tells little.
+    /// The candidates. The prior odds favour the most restrictive ones, since a contact determines little at its start.
     pub candidates: Vec<Candidate>,
-    /// A reading farther off than this, in standard deviations, speaks against a candidate as if it lay there: a spike decides nothing.
+    /// Gate, in standard deviations: a larger innovation counts as evidence as if it lay at the gate, which bounds the
+    /// influence of an outlier.
     pub gate_sds: f64,
-    /// Mean time after which the right candidate is another.
+    /// Mean time between changes of the right candidate.
     pub sojourn_s: f64,
 }
 
 impl Default for Config {
-    /// The more a candidate can explain, the longer the odds against it: `ukf` takes the object to be thin, the others do not. `outline` begins as `sliding` does, and goes
-    /// before it where the readings do not tell the two apart. The odds were set on the pins and circles of the standard suite; they matter in the first tenths of a
-    /// second, before the readings tell.
+    /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, the others do not. `outline`
+    /// begins as `sliding` does and is preferred where the readings do not discriminate between the two. The odds were
+    /// chosen on the pins and circles of the standard suite; they matter in the first tenths of a second, before the
+    /// readings decide.
     fn default() -> Self {
         Self::among([("ukf", 300.0), ("sliding", 1.0), ("outline", 10.0)])
     }
 }
 
 impl Config {
-    /// Among what looks back over the whole contact, with odds set in the same way. An outline that may bend anywhere is taken only where a constant radius is refuted.
+    /// Average of the methods that smooth over the whole contact, with odds chosen in the same way. An outline of free
+    /// curvature is used only where a constant radius is refuted.
     pub(super) fn hindsight() -> Self {
         Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 0.001)])
     }
@@ -73,7 +77,7 @@ impl Settings for Config {
         for (place, candidate) in self.candidates.iter().enumerate() {
             within("candidates.weight", candidate.weight, 1e-9..=1e9)?;
             if self.candidates[..place].iter().any(|other| other.name == candidate.name) {
-                return Err(refused(&candidate.name, "named twice, expected each once"));
+                return Err(refused(&candidate.name, "named twice, expected each name once"));
             }
         }
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
@@ -85,31 +89,31 @@ fn refused(name: &str, why: &str) -> SettingsError {
     SettingsError::Parse(format!("`candidates`: `{name}` is {why}"))
 }
 
-/// The row of a candidate: one that can run beside the others, and looks back where they do.
+/// The registry's row of a candidate, which must not average itself and must smooth if and only if `looks_back`.
 fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, SettingsError> {
     let row = estimator(name).ok_or_else(|| {
         let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
         refused(name, &format!("unknown, expected one of: {}", known.join(", ")))
     })?;
     if (row.defaults)().get("candidates").is_some() {
-        return Err(refused(name, "a choice itself, expected a method to choose"));
+        return Err(refused(name, "a model average itself, expected a single method"));
     }
     if row.sensor_model.is_some() {
-        return Err(refused(name, "bound to a sensor model of its own, expected one that takes the calibration's"));
+        return Err(refused(name, "bound to its own sensor model, expected a method that uses the calibration's"));
     }
     match (row.class == MethodClass::Hindsight, looks_back) {
-        (true, false) => Err(refused(name, "one that looks back, expected one that only knows the samples so far")),
-        (false, true) => Err(refused(name, "one that only knows the samples so far, expected one that looks back")),
+        (true, false) => Err(refused(name, "a hindsight method, expected a recursive one")),
+        (false, true) => Err(refused(name, "a recursive method, expected a hindsight one")),
         _ => Ok(row),
     }
 }
 
-/// The choice among methods that state at each sample what the samples so far tell.
+/// Averages methods whose estimates depend on the samples so far.
 pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     build(config, knowledge, false)
 }
 
-/// The choice among methods that look back over the whole contact.
+/// Averages methods that smooth over the whole contact.
 pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     build(config, knowledge, true)
 }
@@ -124,7 +128,7 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     Ok(Box::new(ModelAveraging { config, methods }))
 }
 
-/// The candidates, and what each is called.
+/// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
 struct ModelAveraging {
@@ -153,7 +157,7 @@ struct AveragingTracker {
     weights: Vec<f64>,
     methods: Methods,
     trackers: Vec<Box<dyn Tracker>>,
-    /// Which of them is right.
+    /// Probabilities of the candidates.
     right: Modes,
 }
 
@@ -162,12 +166,12 @@ impl AveragingTracker {
         self.methods.iter().map(|(name, _)| *name)
     }
 
-    /// Logarithm of the evidence that a candidate's innovation is, bounded.
+    /// Logarithm of the likelihood of a candidate's innovation, bounded by the gate.
     fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
         innovation.log_likelihood() + 0.5 * (innovation.nis - self.gate_sds.powi(2)).max(0.0)
     }
 
-    /// Weighs the candidates, and returns the innovation of all together.
+    /// Updates the candidates' probabilities and returns the innovation of the mixture.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
         let sojourns_s = vec![self.sojourn_s; self.methods.len()];
         self.right.predict(&Transition::of_sojourns(sample.dt_s, &sojourns_s, &self.weights));
@@ -175,21 +179,22 @@ impl AveragingTracker {
         let known = innovations.iter().zip(self.right.probabilities());
         let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
         let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
-        // One that foretells nothing is no better than the worst of those that do.
+        // A candidate without a prediction gets the smallest likelihood of the others.
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let evidence: Vec<_> = evidence.iter().map(|found| Some(found.unwrap_or(least))).collect();
         self.right.weigh(&evidence)?;
         Some(innovation)
     }
 
-    /// What the candidates say together; nothing where none says anything.
+    /// Estimate of the mixture. `None` if no candidate has an estimate.
     fn together(&self, estimates: &[Option<Estimate>], innovation: Option<Innovation<1>>) -> Option<Estimate> {
         let shares = self.right.probabilities();
         let parts: Vec<(&Estimate, f64)> =
             estimates.iter().zip(shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share))).collect();
         let (leading, _) = *parts.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let known: f64 = parts.iter().map(|(_, share)| share).sum();
-        // Counted from the leading candidate's contact: where that is all but sure nothing of it is lost to rounding.
+        // Relative to the leading candidate's contact, so that nothing is lost to rounding if its probability is nearly
+        // one.
         let offset = |estimate: &Estimate| estimate.contact.vector() - leading.contact.vector();
         let shift = parts.iter().map(|(estimate, share)| offset(estimate) * (share / known)).sum::<Vector2<f64>>();
         let place = |(estimate, share): &(&Estimate, f64)| {
@@ -219,16 +224,16 @@ impl Tracker for AveragingTracker {
         self.together(&estimates, innovation)
     }
 
-    /// All that was read tells which candidate is right, so its share at the end counts for every instant.
+    /// All readings together determine the candidates' probabilities, so those at the end apply to every instant.
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
         let revised: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect();
         let count = revised.iter().flatten().map(Vec::len).min()?;
-        let at = |i: usize| revised.iter().map(|said| said.as_ref()?[i]).collect::<Vec<_>>();
+        let at = |i: usize| revised.iter().map(|smoothed| smoothed.as_ref()?[i]).collect::<Vec<_>>();
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
-    /// Candidates that remember nothing begin anew. The object may be the last one or another, the one as likely as the other: half of what is believed
-    /// of the candidates is what was, half the priors.
+    /// Candidates without memory of the object begin anew. The object may be the last one or another with equal
+    /// probability: the candidates' probabilities are the mean of those at the release and the priors.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
             if !tracker.resume(touch) {
