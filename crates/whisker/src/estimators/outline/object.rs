@@ -1,7 +1,7 @@
 //! An object that was touched: its outline as far as it is known, and every reading of it.
 
 use filters::Innovation;
-use filters::least_squares::{Problem, Search, descend};
+use filters::least_squares::{Damping, Method, Problem, Settings, minimise};
 use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, Vector1, Vector2};
 
 use super::Config;
@@ -25,6 +25,24 @@ const LENGTH_ROUNDS: usize = 3;
 const NEAR_STEPS: usize = 10;
 const FAR_STEPS: usize = 6;
 const LAST_STEPS: usize = 40;
+
+/// Levenberg-Marquardt method, whose damping begins with next to none: where a prior ties many unknowns to one another, the diagonal of the curvature
+/// is far larger than the curvature for all of them together.
+const SETTINGS: Settings = Settings {
+    method: Method::LevenbergMarquardt(Damping {
+        first: 1e-9,
+        lowest: 1e-9,
+        restart: 1e-9,
+        highest: f64::INFINITY,
+        decrease: 0.01,
+        increase: 20.0,
+        attempts: 10,
+    }),
+    iterations: LAST_STEPS,
+    absolute: 1e-2,
+    relative: 0.0,
+    step: 0.0,
+};
 
 /// By how much less a curve from far has to cost.
 const FAR_MARGIN: f64 = 1.0;
@@ -174,10 +192,12 @@ impl Object {
 
     /// The curve to which a search comes under one prior after the other, and its cost under the last.
     fn sought(&self, side: &Side, priors: &[Prior], iterations: usize) -> Option<(Curve, f64)> {
-        let search = Search { iterations, tolerance: 1e-2 };
-        let descend = |curve: Curve, prior: &Prior| descend(&self.evidence(side, *prior), curve, &search);
+        let settings = Settings { iterations, ..SETTINGS };
+        let descend = |curve: Curve, prior: &Prior| {
+            minimise(&self.evidence(side, *prior), curve, &settings).map(|solution| solution.state)
+        };
         let curve = priors.iter().try_fold(self.curve.clone(), descend)?;
-        let cost = self.evidence(side, *priors.last()?).cost(&curve)?;
+        let cost = self.evidence(side, *priors.last()?).cost(&curve, &curve)?;
         Some((curve, cost))
     }
 
