@@ -1,6 +1,6 @@
 //! How well a robot knows where the base of a whisker is.
 
-use filters::mapped;
+use filters::congruence;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 
 use crate::frames::{Base, Point};
@@ -23,7 +23,7 @@ impl BaseNoise {
     /// has the point `p` off by `-(x, y) - yaw x p`.
     pub fn of_point_m2(&self, point: Point<Base>) -> Matrix2<f64> {
         let by_pose = Matrix2x3::new(1.0, 0.0, -point.y(), 0.0, 1.0, point.x());
-        mapped(&by_pose, &self.0)
+        congruence(&by_pose, &self.0)
     }
 
     /// Variance that it adds to the reading of a contact, by which the reading has the derivative `gradient_n`.

@@ -170,7 +170,7 @@ impl AveragingTracker {
     /// Weighs the candidates, and returns the innovation of all together.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
         let sojourns_s = vec![self.sojourn_s; self.methods.len()];
-        self.right.predict(&Transition::of_sojourns(sample.dt_s, &sojourns_s, &self.weights));
+        self.right.predict(&Transition::from_sojourns(sample.dt_s, &sojourns_s, &self.weights));
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
         let known = innovations.iter().zip(self.right.probabilities());
         let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
@@ -178,7 +178,7 @@ impl AveragingTracker {
         // One that foretells nothing is no better than the worst of those that do.
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let evidence: Vec<_> = evidence.iter().map(|found| Some(found.unwrap_or(least))).collect();
-        self.right.weigh(&evidence)?;
+        self.right.reweight(&evidence)?;
         Some(innovation)
     }
 
