@@ -21,7 +21,7 @@ fn main() -> anyhow::Result<()> {
         bail!("found {} arguments, expected TRACE CALIBRATION SEEDS OUT", arguments.len());
     };
     let problem = Problem::new(Path::new(trace), Path::new(calibration))?;
-    trace::write_json(Path::new(out), &problem)?;
+    files::write_json(Path::new(out), &problem)?;
     let seeds = seeds.parse()?;
     let answers = [
         timed("whisker", "ekf", 1, &problem, |_| ours::extended(&problem)),
