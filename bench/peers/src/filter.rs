@@ -1,4 +1,4 @@
-//! What a filter answers.
+//! Estimates and run time of a filter.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -9,14 +9,14 @@ use serde::Serialize;
 
 use crate::problem::Problem;
 
-/// The least time that a filter runs for, all its passes over the problem together.
+/// Least total processor time of the timed passes over the problem.
 const LEAST: Duration = Duration::from_millis(300);
 
-/// What a filter believes after a reading.
+/// Posterior after a reading.
 #[derive(Clone, Copy, Serialize)]
 pub(crate) struct Estimate {
     mean_m: Vector2<f64>,
-    /// Written column by column.
+    /// Serialised column by column.
     covariance_m2: Matrix2<f64>,
 }
 
@@ -26,21 +26,21 @@ impl Estimate {
     }
 }
 
-/// One after each reading.
+/// Estimates, one per reading.
 pub(crate) type Estimates = Vec<Estimate>;
 
-/// A filter's estimates and its speed.
+/// Estimates and run time of one filter.
 #[derive(Serialize)]
 pub(crate) struct Answer {
     maker: &'static str,
     filter: &'static str,
-    /// Time of one step: prediction, reading, and mean and covariance.
+    /// Processor time of one step (prediction, update, mean and covariance), fastest pass.
     step_s: f64,
-    /// The estimates of each seed.
+    /// Estimates for each seed.
     estimates: Vec<Estimates>,
 }
 
-/// Runs a filter once a seed for its estimates, and then as often as it takes to time it.
+/// Runs a filter once per seed for its estimates, then repeatedly to measure its run time.
 pub(crate) fn timed(
     maker: &'static str,
     filter: &'static str,
@@ -60,7 +60,7 @@ pub(crate) fn timed(
     Answer { maker, filter, step_s: fastest.as_secs_f64() / problem.steps.len() as f64, estimates }
 }
 
-/// Time that the processor has spent on this thread: other programs on the machine are not in it.
+/// Processor time of the current thread, unaffected by other processes.
 fn processor_time() -> Duration {
     let now = clock_gettime(ClockId::ThreadCPUTime);
     Duration::new(now.tv_sec as u64, now.tv_nsec as u32)

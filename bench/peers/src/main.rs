@@ -1,7 +1,7 @@
-//! One problem for filters of several makers, and the filters of this project and of the crate `smelly` on it.
+//! Comparison of this project's filters with those of the crate `smelly` on one problem.
 //!
-//! `peers TRACE CALIBRATION SEEDS OUT` writes the problem to a file, for filters in other languages, and prints as JSON what every filter here
-//! estimates and how long a step takes it.
+//! `peers TRACE CALIBRATION SEEDS OUT` writes the problem to the file OUT, for filters in other languages, and prints the estimates of every filter
+//! and the time of one step as JSON.
 
 mod filter;
 mod ours;
@@ -21,7 +21,7 @@ fn main() -> anyhow::Result<()> {
         bail!("found {} arguments, expected TRACE CALIBRATION SEEDS OUT", arguments.len());
     };
     let problem = Problem::new(Path::new(trace), Path::new(calibration))?;
-    trace::write_json(Path::new(out), &problem)?;
+    files::write_json(Path::new(out), &problem)?;
     let seeds = seeds.parse()?;
     let answers = [
         timed("whisker", "ekf", 1, &problem, |_| ours::extended(&problem)),

@@ -1,7 +1,7 @@
-//! A whisker held against a pin: where along it does it touch?
+//! Localisation of the contact between a whisker and a pin.
 //!
-//! The state is the contact in Cartesian coordinates of the base. It rests in the world, so from one reading to the next it moves as the base does, the
-//! other way; it may wander a little. The reading is a polynomial of degree 5 of the contact, with noise (Lin et al. 2022).
+//! The state is the contact in Base (m). It rests in World, so it moves in Base by the inverse of the base's motion, with a small random walk as process
+//! noise. The reading is a polynomial of degree 5 in the contact's coordinates, with noise (Lin et al. 2022).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,62 +19,62 @@ use trace::{CalibrationFile, Trace};
 use whisker::frames::Point;
 use whisker::sensor::CalibratedFace;
 
-/// The sensor model, as the calibration names it.
+/// Name of the sensor model in the calibration.
 const MODEL: &str = "polynomial-5";
 
-/// Measurement noise, as a fraction of the largest reading of the calibration, and its seed.
+/// Standard deviation of the measurement noise, as a fraction of the largest reading of the calibration, and its seed.
 const NOISE: f64 = 0.01;
 const SEED: u64 = 1;
 
-/// How far the contact may wander, as the standard deviation after one second.
+/// Standard deviation of the contact's random walk after one second, in each direction.
 const WANDER_M_SQRT_S: f64 = 2e-4;
 
-/// How far off the first belief is, and its standard deviation in each direction.
+/// Error of the initial belief, and its standard deviation in each direction.
 const START_OFF_M: Vector2<f64> = Vector2::new(2e-3, 1e-3);
 const START_SD_M: f64 = 2e-3;
 
-/// The problem; what is serialised is what a program in another language needs of it.
+/// Problem. The serialised fields suffice for a program in another language.
 #[derive(Serialize)]
 pub(crate) struct Problem {
     /// Name of the trace.
     trace: String,
-    /// One step a reading.
+    /// Steps, one per reading.
     pub(crate) steps: Vec<Step>,
-    /// The true contact at each reading, in Base.
+    /// True contact at each reading, in Base.
     truth_m: Vec<Vector2<f64>>,
-    /// The sensor model, as calibration files have it.
+    /// Sensor model, in the format of calibration files.
     model: Value,
-    /// The same, loaded.
+    /// Calibrated face with the sensor model.
     #[serde(skip)]
     pub(crate) face: Arc<CalibratedFace>,
-    /// Variance of a reading: its noise, and the sensor model's own error.
+    /// Variance of a reading: noise plus the sensor model's error.
     pub(crate) variance_n2_m2: f64,
-    /// Variance of the wandering of one step, in each direction.
+    /// Process noise variance of one step, in each direction.
     pub(crate) wander_m2: f64,
-    /// The first belief: mean, and variance in each direction.
+    /// Initial belief: mean, and variance in each direction.
     pub(crate) start_m: Vector2<f64>,
     pub(crate) start_m2: f64,
-    /// Number of particles, and the share of them that the effective sample size must fall below for them to be drawn anew.
+    /// Number of particles, and the effective sample size below which they are resampled, as a share of their number.
     pub(crate) particles: usize,
     pub(crate) resample_share: f64,
-    /// Spread of the sigma points (Wan and van der Merwe 2000).
+    /// Scaling of the sigma points (Wan and van der Merwe 2000).
     pub(crate) alpha: f64,
     pub(crate) beta: f64,
     pub(crate) kappa: f64,
 }
 
-/// The base's motion up to a reading, and the reading.
+/// Motion of the base up to a reading, and the reading.
 #[derive(Clone, Copy, Serialize)]
 pub(crate) struct Step {
-    /// What the motion does to the coordinates of a contact at rest: they are turned, and then shifted. The matrix is written column by column.
+    /// Rotation and subsequent translation of the Base coordinates of a contact at rest. The matrix is serialised column by column.
     pub(crate) turn: Matrix2<f64>,
     pub(crate) shift_m: Vector2<f64>,
-    /// The reading.
+    /// Reading.
     pub(crate) reading_n_m: f64,
 }
 
 impl Problem {
-    /// The touch of a simulated trace, under noise.
+    /// Problem of the touch in a simulated trace, with added noise.
     pub(crate) fn new(trace: &Path, calibration: &Path) -> anyhow::Result<Self> {
         let Trace { sidecar, recording, truth } = Trace::read(trace)?;
         let file = CalibrationFile::read(calibration)?;
@@ -111,41 +111,41 @@ impl Problem {
         })
     }
 
-    /// The first belief.
+    /// Initial belief.
     pub(crate) fn start(&self) -> Gaussian<2> {
         Gaussian::new(self.start_m, Matrix2::identity() * self.start_m2)
     }
 
-    /// Sigma points.
+    /// Scaling of the sigma points.
     pub(crate) fn spread(&self) -> Spread {
         Spread { alpha: self.alpha, beta: self.beta, kappa: self.kappa }
     }
 
-    /// Expected reading.
+    /// Reading expected at the contact `x`.
     pub(crate) fn reading_n_m(&self, x: &Vector2<f64>) -> f64 {
         self.face.model.reading_n_m(Point::from_vector(*x))
     }
 
-    /// Its derivatives.
+    /// Gradient of the expected reading.
     pub(crate) fn gradient_n(&self, x: &Vector2<f64>) -> RowVector2<f64> {
         self.face.model.predict(Point::from_vector(*x)).gradient_n.transpose()
     }
 }
 
 impl Step {
-    /// The contact after the motion.
+    /// Contact in Base after the motion.
     pub(crate) fn moved(&self, x: &Vector2<f64>) -> Vector2<f64> {
         self.turn * x + self.shift_m
     }
 }
 
-/// The motion of one step, for the filters of this project.
-pub(crate) struct Moving<'a> {
+/// Process model of one step.
+pub(crate) struct Motion<'a> {
     pub(crate) step: &'a Step,
     pub(crate) wander_m2: f64,
 }
 
-impl Process<2> for Moving<'_> {
+impl Process<2> for Motion<'_> {
     fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
         self.step.moved(x)
     }
@@ -154,7 +154,7 @@ impl Process<2> for Moving<'_> {
         Matrix2::identity() * self.wander_m2
     }
 
-    fn even_noise(&self) -> Option<Matrix2<f64>> {
+    fn constant_noise(&self) -> Option<Matrix2<f64>> {
         Some(Matrix2::identity() * self.wander_m2)
     }
 
@@ -176,7 +176,7 @@ fn move_each(step: &Step, states: &mut StateArray<2>) {
     }
 }
 
-/// The reading of a contact, for the filters of this project.
+/// Measurement model.
 impl Measurement<2, 1> for &Problem {
     fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
         Some(Vector1::new(self.reading_n_m(x)))
@@ -200,7 +200,7 @@ impl Measurement<2, 1> for &Problem {
         self.face.model.readings_n_m(states.column(0), states.column(1), readings_n_m);
     }
 
-    fn even_noise(&self) -> Option<Matrix1<f64>> {
+    fn constant_noise(&self) -> Option<Matrix1<f64>> {
         Some(Matrix1::new(self.variance_n2_m2))
     }
 }

@@ -1,4 +1,4 @@
-//! The filters of the crate `smelly`, as its documentation uses them.
+//! Filters of the crate `smelly`, used as in its documentation.
 
 use nalgebra::{Const, Dyn, Matrix1, Matrix2, OMatrix, Vector1, Vector2};
 use rand::{RngExt, SeedableRng};
@@ -18,7 +18,7 @@ pub(crate) fn unscented(problem: &Problem) -> Estimates {
 }
 
 pub(crate) fn particle(problem: &Problem, seed: u64) -> Estimates {
-    run_particle(problem, seed).expect("particles that weigh something")
+    run_particle(problem, seed).expect("particles of positive weight")
 }
 
 fn run_extended(problem: &Problem) -> Result<Estimates, FilterError> {
@@ -29,7 +29,7 @@ fn run_extended(problem: &Problem) -> Result<Estimates, FilterError> {
     filter.set_process_noise(Matrix2::identity() * problem.wander_m2)?;
     filter.set_measurement_noise(Matrix1::new(problem.variance_n2_m2))?;
     let steps = problem.steps.iter().map(|step| {
-        // Its state moves linearly; what the motion shifts is added by hand.
+        // The filter's process is linear; the translation is added to the state.
         filter.set_transition(step.turn)?;
         filter.predict()?;
         filter.set_state(filter.state() + step.shift_m)?;

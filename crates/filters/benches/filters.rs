@@ -1,4 +1,4 @@
-//! Time of the parts of a particle filter's step, with a thousand particles of two numbers and models that cost nothing.
+//! Time of the operations of a particle filter with a thousand particles of two components and models of negligible cost.
 
 use divan::{Bencher, black_box};
 use filters::{Measurement, ParticleSet, Process, StateArray};
@@ -13,10 +13,10 @@ fn main() {
     divan::main();
 }
 
-/// A place that wanders.
-struct Wandering;
+/// Random walk.
+struct RandomWalk;
 
-impl Process<2> for Wandering {
+impl Process<2> for RandomWalk {
     fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
         *x
     }
@@ -28,7 +28,7 @@ impl Process<2> for Wandering {
     fn predict_each(&self, _: &mut StateArray<2>) {}
 }
 
-/// One of its numbers, read.
+/// Measurement of the first component.
 struct First;
 
 impl Measurement<2, 1> for First {
@@ -44,12 +44,12 @@ impl Measurement<2, 1> for First {
         expected.columns_mut()[0].copy_from_slice(states.column(0));
     }
 
-    fn even_noise(&self) -> Option<Matrix1<f64>> {
+    fn constant_noise(&self) -> Option<Matrix1<f64>> {
         Some(Matrix1::new(0.1))
     }
 }
 
-fn cloud() -> (ParticleSet<2>, Pcg64) {
+fn particles() -> (ParticleSet<2>, Pcg64) {
     let mut rng = Pcg64::seed_from_u64(1);
     let draw = |_| SVector::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
     (ParticleSet::new((0..PARTICLES).map(draw).collect()), rng)
@@ -57,25 +57,27 @@ fn cloud() -> (ParticleSet<2>, Pcg64) {
 
 #[divan::bench]
 fn predict(bencher: Bencher) {
-    let (mut cloud, mut rng) = cloud();
-    bencher.bench_local(|| cloud.predict(&Wandering, &mut rng));
+    let (mut particles, mut rng) = particles();
+    bencher.bench_local(|| particles.predict(&RandomWalk, &mut rng));
 }
 
 #[divan::bench]
 fn update(bencher: Bencher) {
-    let (cloud, _) = cloud();
-    bencher.with_inputs(|| cloud.clone()).bench_local_refs(|cloud| cloud.update(&First, &Vector1::new(0.1)));
+    let (particles, _) = particles();
+    bencher
+        .with_inputs(|| particles.clone())
+        .bench_local_refs(|particles| particles.update(&First, &Vector1::new(0.1)));
 }
 
 #[divan::bench]
 fn moments(bencher: Bencher) {
-    let (cloud, _) = cloud();
-    bencher.bench_local(|| black_box(&cloud).moments());
+    let (particles, _) = particles();
+    bencher.bench_local(|| black_box(&particles).moments());
 }
 
 #[divan::bench]
 fn resample(bencher: Bencher) {
-    let (mut cloud, mut rng) = cloud();
-    cloud.update(&First, &Vector1::new(0.1)).expect("a reading that says something");
-    bencher.with_inputs(|| cloud.clone()).bench_local_refs(|cloud| cloud.resample(0.0, &mut rng));
+    let (mut particles, mut rng) = particles();
+    particles.update(&First, &Vector1::new(0.1)).expect("a positive variance");
+    bencher.with_inputs(|| particles.clone()).bench_local_refs(|particles| particles.resample(0.0, &mut rng));
 }

@@ -1,17 +1,17 @@
-//! A bank of weighted Gaussian hypotheses: a mixture whose parts are filtered apart and weighed by their evidence (Alspach and Sorenson,
-//! "Nonlinear Bayesian estimation using Gaussian sum approximations", IEEE Transactions on Automatic Control 17(4), 1972). Parts that the
-//! readings speak against are pruned, parts that say the same are merged at the least loss (Runnalls, "Kullback-Leibler approach to Gaussian
-//! mixture reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
+//! Gaussian-sum filter: a bank of weighted hypotheses, each filtered on its own and weighted by the marginal likelihood of the readings (Alspach and
+//! Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", IEEE Transactions on Automatic Control 17(4), 1972). Improbable
+//! hypotheses are pruned; similar ones are merged in the order of the least Kullback-Leibler loss (Runnalls, "Kullback-Leibler approach to Gaussian mixture
+//! reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
 
 use crate::gaussian::{Mixture, log_determinant};
-use crate::{Gaussian, Innovation, UpdateError, Weighed};
+use crate::{Gaussian, Innovation, Update, UpdateError};
 
-/// What a hypothesis may believe: something with a mean and a covariance.
+/// Belief of a hypothesis, summarised by mean and covariance.
 pub trait Belief<const N: usize>: Clone {
     /// Mean and covariance.
     fn moments(&self) -> Gaussian<N>;
 
-    /// Both of two beliefs with these weights as one of the same mean and covariance.
+    /// One belief with the mean and covariance of the mixture of two.
     fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self;
 }
 
@@ -25,34 +25,34 @@ impl<const N: usize> Belief<N> for Gaussian<N> {
     }
 }
 
-/// One part of the mixture.
+/// Weighted component of the mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hypothesis<Part> {
-    /// What it believes.
+    /// Belief.
     pub belief: Part,
-    /// Logarithm of its probability.
+    /// Logarithm of the probability.
     log_weight: f64,
-    /// What the reading in hand speaks for it.
+    /// Logarithm of the marginal likelihood of the current reading. `None` if the hypothesis could not be updated.
     log_evidence: Option<f64>,
 }
 
 impl<Part> Hypothesis<Part> {
-    /// Its probability.
+    /// Probability.
     pub fn weight(&self) -> f64 {
         self.log_weight.exp()
     }
 }
 
-/// A mixture of beliefs, Gaussians unless said otherwise, whose weights add up to 1. One without hypotheses knows nothing.
+/// Mixture of beliefs, by default Gaussian, with normalised weights. It may become empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bank<const N: usize, Part = Gaussian<N>> {
     hypotheses: Vec<Hypothesis<Part>>,
-    /// Of each hypothesis its weight, its moments, and how wide it is; kept so that merging does not allocate.
+    /// Weight, moments and weighted log-determinant of each hypothesis; a buffer, so that merging does not allocate.
     shapes: Vec<(f64, Gaussian<N>, f64)>,
 }
 
 impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
-    /// Beliefs and the logarithms of their weights, which need not add up to 1.
+    /// Bank of beliefs with the logarithms of their weights, which need not be normalised.
     pub fn new(parts: impl IntoIterator<Item = (Part, f64)>) -> Self {
         let parts = parts.into_iter();
         let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
@@ -63,18 +63,17 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         bank
     }
 
-    /// The hypotheses.
+    /// Hypotheses, in no particular order.
     pub fn hypotheses(&self) -> &[Hypothesis<Part>] {
         &self.hypotheses
     }
 
-    /// Changes every belief, for example to hold it within bounds.
+    /// Applies `change` to every belief, for example to enforce bounds.
     pub fn map(&mut self, mut change: impl FnMut(&mut Part)) {
         self.hypotheses.iter_mut().for_each(|hypothesis| change(&mut hypothesis.belief));
     }
 
-    /// Carries every hypothesis through the process by a filter's `predict`. Those that cannot be carried, or not to
-    /// finite numbers, are dropped.
+    /// Propagates every hypothesis by a filter's `predict`. Hypotheses for which it fails or yields non-finite moments are dropped.
     pub fn predict(&mut self, mut predict: impl FnMut(&mut Part) -> Result<(), UpdateError>) {
         let before = self.hypotheses.len();
         self.hypotheses.retain_mut(|hypothesis| {
@@ -85,14 +84,14 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         }
     }
 
-    /// Conditions every hypothesis on a reading by a filter's `update` and weighs it by the evidence `N(y; 0, S)`. The innovation
-    /// is that of the whole mixture. A hypothesis that cannot be updated is dropped if another can.
+    /// Conditions every hypothesis on a reading by a filter's `update` and multiplies its weight by the marginal likelihood `N(y; 0, S)`. The returned
+    /// innovation is that of the mixture. A hypothesis that cannot be updated is dropped if at least one other can.
     ///
     /// # Errors
-    /// [`UpdateError`] leaves the bank as it was: no hypothesis could be updated.
+    /// [`UpdateError`] if no hypothesis could be updated; the bank is unchanged.
     pub fn update<const M: usize>(
         &mut self,
-        mut update: impl FnMut(&mut Part) -> Result<Weighed<M>, UpdateError>,
+        mut update: impl FnMut(&mut Part) -> Result<Update<M>, UpdateError>,
     ) -> Result<Innovation<M>, UpdateError> {
         let mut why = UpdateError::NoPrediction;
         let mut found = Mixture::empty();
@@ -103,7 +102,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
                     hypothesis.belief = before;
                     None
                 }
-                Ok(Weighed { innovation, log_evidence }) => {
+                Ok(Update { innovation, log_evidence }) => {
                     found.add(&innovation.gaussian(), weight);
                     Some(log_evidence)
                 }
@@ -122,7 +121,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         Ok(innovation)
     }
 
-    /// Drops the hypotheses whose weight is below a share of the heaviest.
+    /// Drops the hypotheses whose weight is below `share` of the largest weight.
     pub fn prune(&mut self, share: f64) {
         let before = self.hypotheses.len();
         let heaviest = self.hypotheses.iter().map(|hypothesis| hypothesis.log_weight).fold(f64::NEG_INFINITY, f64::max);
@@ -132,8 +131,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         }
     }
 
-    /// Merges pairs of hypotheses, always the pair with the least loss, as long as that is below `most_loss`. The loss is the upper bound of the
-    /// Kullback-Leibler divergence between the mixtures before and after (Runnalls 2007, equation 21).
+    /// Merges pairs of hypotheses in the order of least loss while the loss is below `most_loss`. The loss is an upper bound of the Kullback-Leibler
+    /// divergence between the mixtures before and after (Runnalls 2007, equation 21).
     pub fn merge(&mut self, most_loss: f64) {
         while let Some((i, j)) = self.closest(most_loss) {
             let other = self.hypotheses.swap_remove(j);
@@ -144,7 +143,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         }
     }
 
-    /// The pair `i < j` whose merging loses least, if that is less than `most_loss`.
+    /// Pair `i < j` with the least merging loss. `None` unless that is below `most_loss`.
     fn closest(&mut self, most_loss: f64) -> Option<(usize, usize)> {
         let mut best = (most_loss, None);
         self.shapes.clear();
@@ -166,17 +165,17 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         best.1
     }
 
-    /// Mean and covariance of the mixture; nothing where it is empty.
+    /// Mean and covariance of the mixture. `None` if it is empty.
     pub fn moments(&self) -> Option<Gaussian<N>> {
         Gaussian::of_mixture(self.hypotheses.iter().map(|one| (one.belief.moments(), one.weight())))
     }
 
-    /// The most probable hypothesis; nothing where there is none.
-    pub fn heaviest(&self) -> Option<&Hypothesis<Part>> {
+    /// Most probable hypothesis. `None` if the mixture is empty.
+    pub fn most_probable(&self) -> Option<&Hypothesis<Part>> {
         self.hypotheses.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight))
     }
 
-    /// Makes the weights add up to 1.
+    /// Normalises the weights.
     fn normalise(&mut self) {
         let heaviest = self.hypotheses.iter().map(|hypothesis| hypothesis.log_weight).fold(f64::NEG_INFINITY, f64::max);
         let total: f64 = self.hypotheses.iter().map(|hypothesis| (hypothesis.log_weight - heaviest).exp()).sum();

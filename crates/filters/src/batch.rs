@@ -1,7 +1,6 @@
-//! The most probable trajectory, given all readings: Gauss-Newton's method over all states at once. Its normal equations are block
-//! tridiagonal; a filter and a smoother, linearised along the last trajectory, solve them exactly (Bell, "The iterated Kalman smoother as a
-//! Gauss-Newton method", SIAM Journal on Optimization 4(3), 1994). A line search keeps every step from making the trajectory less
-//! probable.
+//! Maximum a posteriori trajectory given all readings, by the Gauss-Newton method over all states at once. The normal equations are block tridiagonal; a
+//! Kalman filter and a smoother, linearised along the current trajectory, solve them exactly (Bell, "The iterated Kalman smoother as a Gauss-Newton
+//! method", SIAM Journal on Optimization 4(3), 1994). Each step is shortened by a backtracking line search until the posterior density increases.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -10,24 +9,25 @@ use crate::iterated::Search;
 use crate::smoother::{Step, smooth};
 use crate::{Gaussian, Measurement, Process, UpdateError};
 
-/// Halvings of a step before it counts as no step at all.
+/// Step lengths that the line search tries, each half of the last.
 const HALVINGS: usize = 8;
 
-/// One instant: the process that leads to it, and what was read.
+/// One instant: the process that leads to it, and its reading.
 #[derive(Clone, Copy, Debug)]
 pub struct Instant<Motion, Model, const M: usize> {
-    /// Process from the last instant; at the first, from the prior.
+    /// Process from the previous instant; at the first instant, from the prior.
     pub process: Motion,
-    /// The measurement.
+    /// Measurement model.
     pub measurement: Model,
-    /// The reading.
+    /// Reading.
     pub reading: SVector<f64, M>,
 }
 
-/// The most probable trajectory with its covariances, from a prior and a guess of it (which [`Search`] improves).
+/// Maximum a posteriori trajectory with the covariance of each state, from a prior and an initial trajectory `guess`, one state per instant.
+/// [`Search::tolerance_sds`] is in standard deviations of the linearised posterior.
 ///
 /// # Errors
-/// [`UpdateError`] where a model has no prediction along the guess, or a covariance has lost its definiteness.
+/// [`UpdateError`] if the measurement model is undefined along the trajectory or a covariance is not positive definite.
 pub fn solve<const N: usize, const M: usize, Motion: Process<N>, Model: Measurement<N, M>>(
     prior: &Gaussian<N>,
     instants: &[Instant<Motion, Model, M>],
@@ -58,7 +58,7 @@ pub fn solve<const N: usize, const M: usize, Motion: Process<N>, Model: Measurem
     Ok(trajectory.into_iter().zip(found).map(|(mean, to)| Gaussian::new(mean, to.covariance)).collect())
 }
 
-/// Twice the negative logarithm of the trajectory's probability, but for a constant.
+/// Twice the negative logarithm of the trajectory's posterior density, up to a constant.
 fn cost<const N: usize, const M: usize, Motion: Process<N>, Model: Measurement<N, M>>(
     prior: &Gaussian<N>,
     instants: &[Instant<Motion, Model, M>],
@@ -79,7 +79,7 @@ fn cost<const N: usize, const M: usize, Motion: Process<N>, Model: Measurement<N
     Ok(total)
 }
 
-/// Mean and covariance after a step from a Gaussian.
+/// Mean and covariance after one step from a Gaussian.
 fn transition<const N: usize>(
     process: &impl Process<N>,
     mean: &SVector<f64, N>,
@@ -89,7 +89,7 @@ fn transition<const N: usize>(
     (process.predict(mean), symmetrised(f * covariance * f.transpose() + process.noise(mean)))
 }
 
-/// The most probable trajectory of the models linearised along another: filter, then smoother.
+/// Smoothed trajectory under the models linearised along another: extended Kalman filter, then smoother.
 fn linearised<const N: usize, const M: usize, Motion: Process<N>, Model: Measurement<N, M>>(
     prior: &Gaussian<N>,
     instants: &[Instant<Motion, Model, M>],

@@ -1,15 +1,15 @@
-//! The posterior Cramer-Rao bound: how well the state can be known from the readings, whatever the estimator.
+//! Posterior Cramer-Rao bound: a lower bound on the error covariance of any estimator.
 //!
-//! The covariance of any estimator is at least `J^-1`, with the information `J` of the prior and of all readings so far. Tichavsky, Muravchik and
-//! Nehorai (*Posterior Cramer-Rao bounds for discrete-time nonlinear filtering*, IEEE Transactions on Signal Processing 46(5), 1998) give it step by
-//! step. For additive Gaussian noise their recursion (equations 21 and 34 to 36) is, by the matrix inversion lemma,
+//! The error covariance is at least `J^-1`, where `J` is the information of the prior and of all readings so far. Tichavsky, Muravchik and Nehorai
+//! ("Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE Transactions on Signal Processing 46(5), 1998) compute it recursively. For
+//! additive Gaussian noise their recursion (equations 21 and 34 to 36) is, by the matrix inversion lemma,
 //!
 //! `J' = (Q + F J^-1 F')^-1 + H' R^-1 H`,
 //!
-//! which also holds for a singular `Q`. Their expectation over trajectories is left out: the Jacobians are those at the true states, so this is the
-//! bound *along one trajectory*, which tells apart the motions that reveal the state from those that do not.
+//! which also holds for a singular `Q`. The expectation over trajectories is omitted: the Jacobians are those at the true states, so this is the bound *along
+//! one trajectory*, which shows how observable the state is under its motion.
 //!
-//! On a linear model it is the covariance of the Kalman filter:
+//! On a linear model the bound equals the covariance of the Kalman filter:
 //!
 //! ```
 //! use filters::{Gaussian, Measurement, Process, bound, bound::Bound, extended};
@@ -41,18 +41,17 @@
 //!     bound.update(bound::information(&Cart, &belief.mean).expect("a prediction"));
 //!     extended::update(&mut belief, &Cart, &Vector1::new(1.0))?;
 //! }
-//! let covariance = bound.covariance().expect("nothing is known for certain");
+//! let covariance = bound.covariance().expect("positive definite information");
 //! assert!((covariance - belief.covariance).norm() < 1e-12);
 //! # Ok::<(), filters::UpdateError>(())
 //! ```
 
-use nalgebra::SMatrix;
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use crate::gaussian::symmetrised;
 use crate::{Measurement, Process};
 
-/// Fisher information `H' R^-1 H` of one reading about the true state `x`; nothing where the model has no prediction or its noise vanishes.
+/// Fisher information `H' R^-1 H` of one reading at the true state `x`. `None` if the model is undefined there or `R` is not positive definite.
 pub fn information<const N: usize, const M: usize>(
     measurement: &impl Measurement<N, M>,
     x: &SVector<f64, N>,
@@ -62,20 +61,20 @@ pub fn information<const N: usize, const M: usize>(
     Some(symmetrised(h.transpose() * factor.solve(&h)))
 }
 
-/// The bound along one trajectory.
+/// Posterior Cramer-Rao bound along one trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound<const N: usize> {
     information: SMatrix<f64, N, N>,
 }
 
 impl<const N: usize> Bound<N> {
-    /// The bound of one who knows nothing but a prior with this covariance; nothing unless that is positive definite.
+    /// Bound before the first reading, from the prior covariance. `None` unless it is positive definite.
     pub fn new(prior: &SMatrix<f64, N, N>) -> Option<Self> {
         Some(Self { information: symmetrised(prior.cholesky()?.inverse()) })
     }
 
-    /// Carries the information through the process, from the true state `x` before the step. Information so poor that it has no inverse
-    /// stays as it was: an upper limit of what remains of it.
+    /// Propagates the information through the process, from the true state `x` before the step. Information that is numerically singular is
+    /// unchanged, which is an upper bound of the propagated information.
     pub fn predict(&mut self, process: &impl Process<N>, x: &SVector<f64, N>) {
         let f = process.jacobian(x);
         let spread = |covariance| symmetrised(f * covariance * f.transpose() + process.noise(x));
@@ -89,12 +88,12 @@ impl<const N: usize> Bound<N> {
         self.information += information;
     }
 
-    /// `J`.
+    /// Information `J`.
     pub fn information(&self) -> SMatrix<f64, N, N> {
         self.information
     }
 
-    /// `J^-1`, which no estimator's covariance is below; nothing where rounding has taken its definiteness.
+    /// Lower bound `J^-1` of the error covariance. `None` if `J` is not numerically positive definite.
     pub fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
         Some(symmetrised(self.information.cholesky()?.inverse()))
     }

@@ -1,23 +1,22 @@
-//! The extended Kalman filter: models linearised at the mean (Thrun et al. 2005, table 3.3).
+//! Extended Kalman filter: models linearised at the mean (Thrun, Burgard and Fox 2005, table 3.3).
 
-use nalgebra::SMatrix;
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, mapped, product};
+use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, congruence, product};
 
-/// `x <- f(x)`, `P <- F P F' + Q`.
+/// Propagates the belief through the process: `x <- f(x)`, `P <- F P F' + Q`.
 pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) {
     let (mean, jacobian, noise) = process.linearised(&belief.mean);
     belief.mean = mean;
-    belief.covariance = symmetrised(mapped(&jacobian, &belief.covariance) + noise);
+    belief.covariance = symmetrised(congruence(&jacobian, &belief.covariance) + noise);
 }
 
-/// Conditions the belief on a reading; the gain comes from a Cholesky solve and the covariance from Joseph's form
-/// `(I - K H) P (I - K H)' + K R K'`, which stays positive definite (Bucy and Joseph 1968).
+/// Conditions the belief on a reading: `S = H P H' + R`, `K = P H' S^-1`, `x <- x + K (z - h(x))`. The gain is computed by a Cholesky solve and
+/// the covariance in Joseph form, `P <- (I - K H) P (I - K H)' + K R K'`, which stays positive definite (Bucy and Joseph 1968).
 ///
 /// # Errors
-/// [`UpdateError`] leaves the belief as it was: no prediction at the mean, or a degenerate covariance.
+/// [`UpdateError`] if the model is undefined at the mean or `S` is not positive definite; the belief is unchanged.
 pub fn update<const N: usize, const M: usize>(
     belief: &mut Gaussian<N>,
     measurement: &impl Measurement<N, M>,
@@ -31,6 +30,6 @@ pub fn update<const N: usize, const M: usize>(
     let gain = factor.solve(&cross).transpose();
     belief.mean += product(&gain, &residual);
     let keep = SMatrix::<f64, N, N>::identity() - product(&gain, &h);
-    belief.covariance = symmetrised(mapped(&keep, &belief.covariance) + mapped(&gain, &r));
+    belief.covariance = symmetrised(congruence(&keep, &belief.covariance) + congruence(&gain, &r));
     Ok(Innovation::new(residual, covariance, &factor))
 }

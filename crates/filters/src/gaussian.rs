@@ -1,10 +1,10 @@
-//! The Gaussian belief and what an update returns.
+//! Gaussian belief, mixture moments and innovation.
 
 use nalgebra::{SMatrix, SVector};
 
 use crate::product;
 
-/// A belief about a state: mean and covariance.
+/// Gaussian belief `N(x, P)` about a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaussian<const N: usize> {
     /// Mean `x`.
@@ -14,34 +14,35 @@ pub struct Gaussian<const N: usize> {
 }
 
 impl<const N: usize> Gaussian<N> {
-    /// A belief with this mean and covariance.
+    /// Belief with the given mean and covariance.
     pub fn new(mean: SVector<f64, N>, covariance: SMatrix<f64, N, N>) -> Self {
         Self { mean, covariance }
     }
 
-    /// The Gaussian with the mean and the covariance of a mixture of Gaussians, whose weights need not add up to 1; nothing where they are zero.
+    /// Gaussian with the mean and covariance of a Gaussian mixture (moment matching). The weights need not be normalised. `None` if no weight is
+    /// positive.
     pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
         let mut mixture = Mixture::empty();
         parts.into_iter().for_each(|(part, weight)| mixture.add(&part, weight));
         mixture.moments()
     }
 
-    /// Whether every number of it is finite.
+    /// Whether mean and covariance are finite.
     pub fn is_finite(&self) -> bool {
         self.mean.iter().chain(self.covariance.iter()).all(|value| value.is_finite())
     }
 
-    /// Fading memory: old knowledge is trusted less by scaling the covariance by `alpha` >= 1 once a step
-    /// (Simon, *Optimal State Estimation*, 2006, section 7.4). The memory lasts `1 / (alpha - 1)` steps.
+    /// Fading memory: scales the covariance by `alpha >= 1`, once per step, which discounts old readings with a time constant of about
+    /// `1 / (alpha - 1)` steps (Simon, *Optimal State Estimation*, 2006, section 7.4).
     pub fn fade(&mut self, alpha: f64) {
         self.covariance *= alpha;
     }
 }
 
-/// Sums over the parts of a mixture, which come one after the other.
+/// Running sums of a Gaussian mixture's moments.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Mixture<const N: usize> {
-    /// The first mean. The others are counted from it, so that no digits are lost where all lie close together and far from zero.
+    /// Mean of the first component. The others are taken relative to it, which avoids cancellation if all lie close together and far from zero.
     origin: Option<SVector<f64, N>>,
     weight: f64,
     shift: SVector<f64, N>,
@@ -49,12 +50,12 @@ pub(crate) struct Mixture<const N: usize> {
 }
 
 impl<const N: usize> Mixture<N> {
-    /// One without parts.
+    /// Mixture without components.
     pub(crate) fn empty() -> Self {
         Self { origin: None, weight: 0.0, shift: SVector::zeros(), second: SMatrix::zeros() }
     }
 
-    /// Takes a part with its weight.
+    /// Adds a component with its weight.
     pub(crate) fn add(&mut self, part: &Gaussian<N>, weight: f64) {
         if weight > 0.0 {
             let apart = part.mean - *self.origin.get_or_insert(part.mean);
@@ -64,7 +65,7 @@ impl<const N: usize> Mixture<N> {
         }
     }
 
-    /// Mean and covariance of the whole; nothing where nothing was taken.
+    /// Mean and covariance of the mixture. `None` if no component of positive weight was added.
     pub(crate) fn moments(&self) -> Option<Gaussian<N>> {
         let shift = self.shift / self.weight;
         let covariance = self.second / self.weight - product(&shift, &shift.transpose());
@@ -72,25 +73,26 @@ impl<const N: usize> Mixture<N> {
     }
 }
 
-/// What an update learnt: how far the reading lay from what was expected.
+/// Innovation of an update: the residual of the reading with its covariance under the prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation<const M: usize> {
     /// `y = z - h(x)`.
     pub residual: SVector<f64, M>,
     /// Covariance `S` of the residual.
     pub covariance: SMatrix<f64, M, M>,
-    /// Normalised innovation squared, `y' S^-1 y`: chi-square with `M` degrees of freedom if the filter is consistent.
+    /// Normalised innovation squared (NIS), `y' S^-1 y`: chi-square distributed with `M` degrees of freedom if the filter is consistent.
     pub nis: f64,
 }
 
 impl<const M: usize> Innovation<M> {
-    /// The innovation of a mixture of Gaussians with these innovations and weights, which need not add up to 1; nothing where they are zero.
+    /// Moment-matched innovation of a mixture. The weights need not be normalised. `None` if no weight is positive or the covariance is not positive
+    /// definite.
     pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
         let together = Gaussian::of_mixture(parts.into_iter().map(|(part, weight)| (part.gaussian(), weight)))?;
         Self::of(together.mean, together.covariance)
     }
 
-    /// The Gaussian that it is.
+    /// Residual and covariance as a Gaussian.
     pub(crate) fn gaussian(&self) -> Gaussian<M> {
         Gaussian::new(self.residual, self.covariance)
     }
@@ -100,18 +102,18 @@ impl<const M: usize> Innovation<M> {
         Self { residual, covariance, nis }
     }
 
-    /// The innovation with this residual; nothing unless the covariance is positive definite.
+    /// Innovation with the given residual and covariance. `None` unless the covariance is positive definite.
     pub fn of(residual: SVector<f64, M>, covariance: SMatrix<f64, M, M>) -> Option<Self> {
         Factor::of(&covariance).map(|factor| Self::new(residual, covariance, &factor))
     }
 
-    /// Logarithm of the reading's probability density before it was known, `ln N(y; 0, S)`.
+    /// Logarithm of the reading's marginal likelihood, `ln N(y; 0, S)`.
     pub fn log_likelihood(&self) -> f64 {
         -0.5 * (self.nis + log_determinant(&self.covariance) + M as f64 * std::f64::consts::TAU.ln())
     }
 }
 
-/// Why an update left the belief as it was.
+/// Failure of an update. The belief is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UpdateError {
     /// The measurement model has no prediction at the belief.
@@ -122,23 +124,22 @@ pub enum UpdateError {
     NotPositiveDefinite,
 }
 
-/// Rounding makes covariances unsymmetric, which grows from step to step; the mean of both halves stops it.
+/// Symmetric part `(P + P') / 2`: removes the asymmetry that rounding introduces and that would grow from step to step.
 pub(crate) fn symmetrised<const N: usize>(p: SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
     (p + p.transpose()) * 0.5
 }
 
-/// Logarithm of a covariance's determinant; minus infinity where it is not positive definite.
+/// Logarithm of the determinant of a covariance; minus infinity unless it is positive definite.
 pub(crate) fn log_determinant<const N: usize>(p: &SMatrix<f64, N, N>) -> f64 {
     Factor::of(p).map_or(f64::NEG_INFINITY, |factor| 2.0 * factor.lower().diagonal().map(f64::ln).sum())
 }
 
-/// Lower Cholesky factor of a covariance. A step of a filter takes several of the smallest matrices, for which the library's, made for any size, is
-/// several times slower than loops that the compiler unrolls.
+/// Lower Cholesky factor of a small covariance. The unrolled loops are several times faster than nalgebra's factorisation for any size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Factor<const N: usize>(SMatrix<f64, N, N>);
 
 impl<const N: usize> Factor<N> {
-    /// Nothing unless the matrix is positive definite; what stands above its diagonal is not read.
+    /// Factor of `p`, of which only the lower triangle is read. `None` unless it is positive definite.
     #[inline]
     pub(crate) fn of(p: &SMatrix<f64, N, N>) -> Option<Self> {
         let mut l = SMatrix::<f64, N, N>::zeros();
@@ -156,12 +157,12 @@ impl<const N: usize> Factor<N> {
         Some(Self(l))
     }
 
-    /// The factor itself.
+    /// Lower triangular matrix `L` with `L L' = P`.
     pub(crate) fn lower(&self) -> &SMatrix<f64, N, N> {
         &self.0
     }
 
-    /// The covariance's inverse times a matrix.
+    /// `P^-1 b`.
     #[inline]
     pub(crate) fn solve<const C: usize>(&self, b: &SMatrix<f64, N, C>) -> SMatrix<f64, N, C> {
         let (l, mut x) = (&self.0, *b);
@@ -185,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn val_factor_is_that_of_the_library() {
+    fn val_the_factor_equals_nalgebras() {
         let p = matrix![4.0, 1.2, -0.3; 1.2, 2.0, 0.4; -0.3, 0.4, 1.5];
         let b = matrix![1.0, -2.0; 0.5, 3.0; -0.7, 0.1];
         let (found, expected) = (Factor::of(&p).unwrap(), p.cholesky().unwrap());
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_what_is_not_definite_has_no_factor() {
+    fn robust_a_matrix_that_is_not_positive_definite_has_no_factor() {
         assert_eq!(Factor::of(&matrix![1.0, 2.0; 2.0, 1.0]), None);
         assert_eq!(Factor::of(&matrix![f64::NAN]), None);
         assert_eq!(Innovation::of(vector![1.0], matrix![0.0]), None);

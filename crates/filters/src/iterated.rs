@@ -1,6 +1,6 @@
-//! The iterated extended Kalman filter: the update linearises at its own result, not at the prior mean. That is Gauss-Newton's method for
-//! the most probable state (Bell and Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE Transactions on Automatic
-//! Control 38(2), 1993), here with a line search, so that no step makes the state less probable.
+//! Iterated extended Kalman filter: the update is repeated with the measurement linearised at its own result. This is the Gauss-Newton method for the
+//! maximum a posteriori state (Bell and Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE Transactions on Automatic Control
+//! 38(2), 1993), here with a backtracking line search on the posterior density.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
@@ -9,22 +9,22 @@ use crate::{Gaussian, Innovation, Measurement, UpdateError};
 
 pub use crate::extended::predict;
 
-/// When the search for the most probable state ends.
+/// Termination criteria of the search for the maximum a posteriori state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Search {
-    /// Most steps.
+    /// Most iterations.
     pub iterations: usize,
-    /// Step, in standard deviations of the prior, that is too small to matter.
+    /// Length of a step at which the search has converged, in standard deviations of the prior.
     pub tolerance_sds: f64,
 }
 
-/// Halvings of a step before it counts as no step at all.
+/// Step lengths that the line search tries, each half of the last.
 const HALVINGS: usize = 6;
 
-/// Conditions the belief on a reading. The innovation is that of the extended filter: its residual is taken at the prior mean.
+/// Conditions the belief on a reading. The returned innovation is that of the extended filter, with the residual at the prior mean.
 ///
 /// # Errors
-/// [`UpdateError`] leaves the belief as it was: no prediction on the way, or a degenerate covariance.
+/// [`UpdateError`] if the model is undefined at an iterate or a covariance is not positive definite; the belief is unchanged.
 pub fn update<const N: usize, const M: usize>(
     belief: &mut Gaussian<N>,
     measurement: &impl Measurement<N, M>,
@@ -65,19 +65,19 @@ pub fn update<const N: usize, const M: usize>(
     Ok(Innovation::new(first.residual, first.covariance, &factor))
 }
 
-/// The update with the measurement linearised at a given state.
+/// Update with the measurement linearised at a given state.
 #[derive(Clone, Copy)]
 struct Linearised<const N: usize, const M: usize> {
     /// Updated mean.
     mean: SVector<f64, N>,
     gain: SMatrix<f64, N, M>,
     h: SMatrix<f64, M, N>,
-    /// Innovation and its covariance.
+    /// Residual and its covariance.
     residual: SVector<f64, M>,
     covariance: SMatrix<f64, M, M>,
 }
 
-/// `x_hat + K (z - h(x) - H (x_hat - x))`, with H and K taken at `x` (Bell and Cathey 1993, equation 11).
+/// Mean `x_prior + K (z - h(x) - H (x_prior - x))`, with `H` and `K` taken at `x` (Bell and Cathey 1993, equation 11).
 fn linearised<const N: usize, const M: usize>(
     prior: &Gaussian<N>,
     measurement: &impl Measurement<N, M>,
@@ -93,7 +93,7 @@ fn linearised<const N: usize, const M: usize>(
     Ok(Linearised { mean: prior.mean + gain * residual, gain, h, residual, covariance })
 }
 
-/// `v' A^-1 v`, with the factor of A.
+/// Squared Mahalanobis norm `v' A^-1 v`, from the Cholesky factor of `A`.
 fn squared<const D: usize>(factor: &Cholesky<f64, Const<D>>, v: &SVector<f64, D>) -> f64 {
     v.dot(&factor.solve(v))
 }

@@ -1,129 +1,325 @@
-//! Robust nonlinear least squares with any number of unknowns, by Gauss and Newton's method with the damping of Levenberg and Marquardt
-//! (Nocedal and Wright, *Numerical Optimization*, 2006, section 10.3).
+//! Nonlinear least squares by the Levenberg-Marquardt or the Gauss-Newton method, with any number of unknowns.
 //!
-//! A [`Problem`] states a cost, half the sum of squares of what deviates, and its quadratic approximation about a state. Costs that grow more slowly than
-//! squares enter by the square that touches them from above at the state (iteratively reweighted least squares); since every step is tested
-//! by the cost itself, no step makes the state less probable.
+//! The cost of a state `x` is half the sum of the squared residuals, `c(x) = r' W r / 2`. About `x` it is approximated by
+//! `c + g' d + d' H d / 2` with the gradient `g = J' W r`, the Gauss-Newton curvature `H = J' W J` and the Jacobian `J = dr/dx`. A Levenberg-Marquardt
+//! step solves
+//!
+//! ```text
+//! (H + lambda diag H) d = -g
+//! ```
+//!
+//! with the damping `lambda`; it is taken only if the cost itself decreases (Marquardt, "An algorithm for least-squares estimation of nonlinear
+//! parameters", SIAM Journal on Applied Mathematics 11(2), 1963; Nocedal and Wright, *Numerical Optimization*, 2006, section 10.3). A Gauss-Newton
+//! step is the same with `lambda = 0` and is always taken.
+//!
+//! A [`Problem`] supplies the cost and its approximation. Costs that grow more slowly than squares enter `H` by the square that touches them from
+//! above at the state (iteratively reweighted least squares). A problem given by its residuals implements [`Residuals`] instead:
+//!
+//! ```
+//! use filters::least_squares::{Evaluated, Residuals, Settings, central_jacobian, minimise};
+//! use nalgebra::{DMatrix, DVector, dvector};
+//!
+//! /// Exponential decay `y = a exp(-b t)`, of which three values are given.
+//! struct Decay;
+//! impl Residuals for Decay {
+//!     fn residuals(&self, x: &DVector<f64>) -> Option<DVector<f64>> {
+//!         Some(dvector![x[0] - 2.0, x[0] * (-x[1]).exp() - 1.0, x[0] * (-2.0 * x[1]).exp() - 0.5])
+//!     }
+//!     fn jacobian(&self, at: &Evaluated) -> Option<DMatrix<f64>> {
+//!         central_jacobian(self, at, 1e-5)
+//!     }
+//! }
+//!
+//! let start = Evaluated::new(&Decay, dvector![1.0, 0.0]).expect("finite residuals");
+//! let solution = minimise(&Decay, start, &Settings::default()).expect("finite residuals");
+//! assert!((solution.state.x - dvector![2.0, 2_f64.ln()]).norm() < 1e-9);
+//! ```
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 
-/// A quadratic approximation `c + g' x + x' H x / 2` of a cost about a state.
+/// Quadratic approximation `c + g' d + d' H d / 2` of a cost about a state, for a step `d`.
 #[derive(Clone, Debug)]
 pub struct Quadratic {
-    /// The cost `c`, that of the state itself.
+    /// Cost `c` of the state itself.
     pub cost: f64,
     /// Gradient `g`.
     pub gradient: DVector<f64>,
-    /// Positive definite curvature `H`, of which the lower triangle counts.
+    /// Positive semidefinite curvature `H`. Only its lower triangle is read.
     pub curvature: DMatrix<f64>,
 }
 
-/// What is to be minimised.
+impl Quadratic {
+    /// Covariance `H^-1` of the unknowns at a minimum, for residuals of unit variance or weighted by their inverse variance. `None` unless `H` is
+    /// positive definite.
+    pub fn covariance(&self) -> Option<DMatrix<f64>> {
+        Some(self.curvature.clone().cholesky()?.inverse())
+    }
+
+    /// Step `d` of `(H + lambda D) d = -g` by a Cholesky factorisation, where `D` is the diagonal of `H` with its zeros replaced by ones (Moré, "The
+    /// Levenberg-Marquardt algorithm: implementation and theory", 1978). `None` unless the matrix is positive definite.
+    pub fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {
+        let mut damped = self.curvature.clone();
+        for i in 0..damped.nrows() {
+            let curvature = damped[(i, i)];
+            damped[(i, i)] = if curvature == 0.0 { damping } else { curvature * (1.0 + damping) };
+        }
+        Some(-damped.cholesky()?.solve(&self.gradient))
+    }
+}
+
+/// Cost function over states of any type.
 pub trait Problem {
-    /// What is sought.
-    type State: Clone;
+    /// Point at which the cost is evaluated: the unknowns, with any quantities that are computed along with them.
+    type State;
 
-    /// Cost of a state; nothing where the model has no answer.
-    fn cost(&self, state: &Self::State) -> Option<f64>;
-
-    /// The cost's approximation about a state.
+    /// Quadratic approximation of the cost about a state. `None` if the model is undefined there.
     fn approximate(&self, state: &Self::State) -> Option<Quadratic>;
 
-    /// The state moved by a step.
-    fn moved(&self, state: &Self::State, step: &DVector<f64>) -> Self::State;
+    /// Cost of `state` with the weights that [`Self::approximate`] uses at `current`, by which a step between the two is accepted or rejected. `None` if
+    /// the model is undefined at `state`.
+    fn cost(&self, state: &Self::State, current: &Self::State) -> Option<f64>;
+
+    /// The state after a step. `None` if the model is undefined there.
+    fn moved(&self, state: &Self::State, step: &DVector<f64>) -> Option<Self::State>;
+
+    /// Step that minimises the approximation with the given damping; by default [`Quadratic::damped_step`].
+    fn step(&self, approximation: &Quadratic, damping: f64) -> Option<DVector<f64>> {
+        approximation.damped_step(damping)
+    }
 }
 
-/// How the search goes on and when it ends.
+/// Schedule of the damping `lambda`, which is relative to the diagonal of `H`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Search {
-    /// Most approximations.
-    pub iterations: usize,
-    /// Descent that is too small to matter; a tenth of a standard deviation is 0.005.
-    pub tolerance: f64,
+pub struct Damping {
+    /// Damping of the first attempt.
+    pub first: f64,
+    /// Smallest damping after an accepted step.
+    pub lowest: f64,
+    /// Smallest damping before it is increased after a rejected step.
+    pub restart: f64,
+    /// Damping above which no further step is attempted.
+    pub highest: f64,
+    /// Factor after an accepted step, less than 1.
+    pub decrease: f64,
+    /// Factor after a rejected step, greater than 1.
+    pub increase: f64,
+    /// Most attempts in one iteration.
+    pub attempts: usize,
 }
 
-/// Tries at one approximation before it counts as the minimum.
-const TRIES: usize = 10;
+impl Damping {
+    /// Marquardt's schedule: tenfold after a rejected step, a tenth after an accepted one.
+    pub const MARQUARDT: Self = Self {
+        first: 1e-2,
+        lowest: 0.0,
+        restart: 0.0,
+        highest: 1e8,
+        decrease: 0.1,
+        increase: 10.0,
+        attempts: usize::MAX,
+    };
+}
 
-/// Damping, relative to the curvature's diagonal, and how it changes after a step that descends and after one that does not. It begins with next to
-/// none: where a prior ties many unknowns to one another, the diagonal is far larger than the curvature for all of them together.
-const FIRST_DAMPING: f64 = 1e-9;
-const EASE: f64 = 0.01;
-const HARDEN: f64 = 20.0;
+/// Method of [`minimise`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// Undamped steps, each of which is accepted.
+    GaussNewton,
+    /// Damped steps, accepted if the cost decreases.
+    LevenbergMarquardt(Damping),
+}
 
-/// The state to which a search descends; nothing where the model has no answer at the first.
-pub fn descend<P: Problem>(problem: &P, from: P::State, search: &Search) -> Option<P::State> {
-    let (mut state, mut damping) = (from, FIRST_DAMPING);
-    for _ in 0..search.iterations {
-        let here = problem.approximate(&state)?;
-        let lower = (0..TRIES).find_map(|_| {
-            let found = damped(&here, damping).and_then(|factor| {
-                let moved = problem.moved(&state, &-factor.solve(&here.gradient));
-                problem.cost(&moved).filter(|&cost| cost < here.cost).map(|cost| (moved, cost))
-            });
-            damping = FIRST_DAMPING.max(damping * if found.is_some() { EASE } else { HARDEN });
-            found
-        });
-        let Some((moved, cost)) = lower else { break };
+/// Method, iteration limit and convergence criteria of [`minimise`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Method.
+    pub method: Method,
+    /// Most iterations, each with one approximation.
+    pub iterations: usize,
+    /// Decrease of the cost at which the search has converged, absolute. A tenth of a standard deviation is 0.005.
+    pub absolute: f64,
+    /// The same relative to the cost; the two are added.
+    pub relative: f64,
+    /// Norm of a step below which the search has converged.
+    pub step: f64,
+}
+
+impl Settings {
+    /// Levenberg-Marquardt method with Marquardt's schedule, to nearly machine precision.
+    pub const DEFAULT: Self = Self {
+        method: Method::LevenbergMarquardt(Damping::MARQUARDT),
+        iterations: 200,
+        absolute: 0.0,
+        relative: 1e-15,
+        step: 0.0,
+    };
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Reason for which a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// A convergence criterion was met.
+    Converged,
+    /// No attempted step was accepted: the state is a minimum to the accuracy of the cost, or the curvature is singular.
+    NoDescent,
+    /// The iteration limit was reached.
+    IterationLimit,
+}
+
+/// Result of [`minimise`].
+#[derive(Clone, Debug)]
+pub struct Solution<State> {
+    /// State of the least cost that was found.
+    pub state: State,
+    /// Approximation from which the last step started.
+    pub approximation: Quadratic,
+    /// Reason for which the search ended.
+    pub outcome: Outcome,
+}
+
+/// Local minimum of a problem's cost, starting from a state. `None` if the model is undefined or its cost not finite at the start, or if an iterate has no
+/// approximation.
+pub fn minimise<P: Problem>(problem: &P, start: P::State, settings: &Settings) -> Option<Solution<P::State>> {
+    let mut state = start;
+    let mut approximation = problem.approximate(&state).filter(|here| here.cost.is_finite())?;
+    let mut damping = match settings.method {
+        Method::GaussNewton => 0.0,
+        Method::LevenbergMarquardt(schedule) => schedule.first,
+    };
+    for iteration in 0..settings.iterations {
+        if iteration > 0 {
+            approximation = problem.approximate(&state)?;
+        }
+        let next = match settings.method {
+            Method::GaussNewton => undamped(problem, &state, &approximation),
+            Method::LevenbergMarquardt(schedule) => descend(problem, &state, &approximation, &schedule, &mut damping),
+        };
+        let Some(Accepted { state: moved, step_norm, descent }) = next else {
+            return Some(Solution { state, approximation, outcome: Outcome::NoDescent });
+        };
         state = moved;
-        if here.cost - cost < search.tolerance {
+        let enough = settings.absolute + settings.relative * approximation.cost;
+        if step_norm < settings.step || descent.is_some_and(|descent| descent <= enough) {
+            return Some(Solution { state, approximation, outcome: Outcome::Converged });
+        }
+    }
+    Some(Solution { state, approximation, outcome: Outcome::IterationLimit })
+}
+
+/// State after an accepted step.
+struct Accepted<State> {
+    state: State,
+    step_norm: f64,
+    /// Decrease of the cost, if it was computed.
+    descent: Option<f64>,
+}
+
+/// Gauss-Newton step.
+fn undamped<P: Problem>(problem: &P, state: &P::State, here: &Quadratic) -> Option<Accepted<P::State>> {
+    let step = problem.step(here, 0.0)?;
+    Some(Accepted { state: problem.moved(state, &step)?, step_norm: step.norm(), descent: None })
+}
+
+/// First step that decreases the cost, with increasing damping.
+fn descend<P: Problem>(
+    problem: &P,
+    state: &P::State,
+    here: &Quadratic,
+    schedule: &Damping,
+    damping: &mut f64,
+) -> Option<Accepted<P::State>> {
+    for _ in 0..schedule.attempts {
+        let accepted = problem.step(here, *damping).and_then(|step| {
+            let moved = problem.moved(state, &step)?;
+            let cost = problem.cost(&moved, state).filter(|&cost| cost < here.cost)?;
+            Some(Accepted { state: moved, step_norm: step.norm(), descent: Some(here.cost - cost) })
+        });
+        if accepted.is_some() {
+            *damping = (*damping * schedule.decrease).max(schedule.lowest);
+            return accepted;
+        }
+        *damping = schedule.increase * damping.max(schedule.restart);
+        if *damping > schedule.highest {
             break;
         }
     }
-    Some(state)
+    None
 }
 
-/// The curvature's factor with its diagonal raised.
-fn damped(here: &Quadratic, damping: f64) -> Option<Cholesky<f64, Dyn>> {
-    let mut curvature = here.curvature.clone();
-    for i in 0..curvature.nrows() {
-        curvature[(i, i)] *= 1.0 + damping;
-    }
-    curvature.cholesky()
+/// Least-squares problem given by its residuals, in units of their standard deviations.
+pub trait Residuals {
+    /// Residuals at the unknowns `x`. `None` if the model is undefined there.
+    fn residuals(&self, x: &DVector<f64>) -> Option<DVector<f64>>;
+
+    /// Jacobian `J = dr/dx`, one row per residual; [`central_jacobian`] and [`forward_jacobian`] approximate it.
+    fn jacobian(&self, at: &Evaluated) -> Option<DMatrix<f64>>;
 }
 
-#[cfg(test)]
-mod tests {
-    use nalgebra::{Vector2, dmatrix, dvector};
+/// Unknowns and the residuals at them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluated {
+    /// Unknowns.
+    pub x: DVector<f64>,
+    /// Residuals.
+    pub residuals: DVector<f64>,
+}
 
-    use super::*;
-
-    /// Rosenbrock's banana: half the sum of squares of `10 (y - x^2)` and `1 - x`.
-    struct Banana;
-
-    impl Problem for Banana {
-        type State = Vector2<f64>;
-
-        fn cost(&self, at: &Vector2<f64>) -> Option<f64> {
-            Some(0.5 * (100.0 * (at.y - at.x * at.x).powi(2) + (1.0 - at.x).powi(2)))
-        }
-
-        fn approximate(&self, at: &Vector2<f64>) -> Option<Quadratic> {
-            let jacobian = dmatrix![-20.0 * at.x, 10.0; -1.0, 0.0];
-            let residual = dvector![10.0 * (at.y - at.x * at.x), 1.0 - at.x];
-            let gradient = jacobian.transpose() * residual;
-            Some(Quadratic { cost: self.cost(at)?, gradient, curvature: jacobian.transpose() * jacobian })
-        }
-
-        fn moved(&self, at: &Vector2<f64>, step: &DVector<f64>) -> Vector2<f64> {
-            at + Vector2::new(step[0], step[1])
-        }
+impl Evaluated {
+    /// Evaluates the residuals at `x`. `None` if the model is undefined there.
+    pub fn new(problem: &impl Residuals, x: DVector<f64>) -> Option<Self> {
+        problem.residuals(&x).map(|residuals| Self { x, residuals })
     }
 
-    #[test]
-    fn val_minimum_of_the_banana() {
-        let found = descend(&Banana, Vector2::new(-1.2, 1.0), &Search { iterations: 100, tolerance: 1e-20 }).unwrap();
-        assert!((found - Vector2::new(1.0, 1.0)).norm() < 1e-6, "{found}");
+    /// Half the sum of the squared residuals.
+    pub fn cost(&self) -> f64 {
+        0.5 * self.residuals.norm_squared()
+    }
+}
+
+impl<P: Residuals> Problem for P {
+    type State = Evaluated;
+
+    fn approximate(&self, at: &Evaluated) -> Option<Quadratic> {
+        let jacobian = self.jacobian(at)?;
+        let (gradient, curvature) = (jacobian.tr_mul(&at.residuals), jacobian.tr_mul(&jacobian));
+        Some(Quadratic { cost: at.cost(), gradient, curvature })
     }
 
-    #[test]
-    fn verif_no_step_climbs() {
-        let mut last = f64::INFINITY;
-        for iterations in 0..20 {
-            let found = descend(&Banana, Vector2::new(-1.2, 1.0), &Search { iterations, tolerance: 0.0 }).unwrap();
-            let cost = Banana.cost(&found).unwrap();
-            assert!(cost <= last);
-            last = cost;
-        }
+    fn cost(&self, at: &Evaluated, _: &Evaluated) -> Option<f64> {
+        Some(at.cost())
     }
+
+    fn moved(&self, at: &Evaluated, step: &DVector<f64>) -> Option<Evaluated> {
+        Evaluated::new(self, &at.x + step)
+    }
+}
+
+/// Jacobian by forward differences with an absolute step: one evaluation per unknown, error of first order in the step.
+pub fn forward_jacobian(problem: &impl Residuals, at: &Evaluated, step: f64) -> Option<DMatrix<f64>> {
+    columns(at, |i| Some((problem.residuals(&shifted(at, i, step))? - &at.residuals) / step))
+}
+
+/// Jacobian by central differences with an absolute step: two evaluations per unknown, error of second order in the step.
+pub fn central_jacobian(problem: &impl Residuals, at: &Evaluated, step: f64) -> Option<DMatrix<f64>> {
+    columns(at, |i| {
+        let (high, low) = (problem.residuals(&shifted(at, i, step))?, problem.residuals(&shifted(at, i, -step))?);
+        Some((high - low) / (2.0 * step))
+    })
+}
+
+fn columns(at: &Evaluated, column: impl FnMut(usize) -> Option<DVector<f64>>) -> Option<DMatrix<f64>> {
+    Some(DMatrix::from_columns(&(0..at.x.len()).map(column).collect::<Option<Vec<_>>>()?))
+}
+
+/// The unknowns with the `i`-th shifted.
+fn shifted(at: &Evaluated, i: usize, step: f64) -> DVector<f64> {
+    let mut x = at.x.clone();
+    x[i] += step;
+    x
 }

@@ -1,27 +1,27 @@
-//! What a filter needs to know of the world: how the state moves and what a reading says about it.
+//! Process and measurement models. Symbols are those of the crate's front page.
 
 use nalgebra::{SMatrix, SVector};
 
 use crate::StateArray;
 
-/// Step of the central differences, relative to the larger of 1 and the component: the cube root of the machine's
-/// precision balances truncation against rounding.
+/// Step of the central differences, relative to the larger of 1 and the component's magnitude: the cube root of the machine epsilon balances
+/// truncation against rounding error (Press et al., *Numerical Recipes*, 2007, section 5.7).
 const RELATIVE_STEP: f64 = 6.055e-6;
 
-/// How the state moves from one instant to the next: `x' = f(x) + w`, `w ~ N(0, Q)`.
+/// Process model `x' = f(x) + w`, `w ~ N(0, Q)`: the transition of the state from one instant to the next.
 pub trait Process<const N: usize> {
-    /// The state one step later, `f(x)`.
+    /// Predicted state `f(x)`, one step later.
     fn predict(&self, x: &SVector<f64, N>) -> SVector<f64, N>;
 
-    /// Covariance `Q` that the step adds.
+    /// Process noise covariance `Q` of one step from `x`.
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N>;
 
-    /// Covariance `Q` where it is the same at every state; nothing unless given.
-    fn even_noise(&self) -> Option<SMatrix<f64, N, N>> {
+    /// Process noise covariance `Q` if it does not depend on the state; `None` by default.
+    fn constant_noise(&self) -> Option<SMatrix<f64, N, N>> {
         None
     }
 
-    /// `F = df/dx`; by central differences unless given.
+    /// Jacobian `F = df/dx` at `x`; by default by central differences.
     fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         let mut jacobian = SMatrix::<f64, N, N>::zeros();
         for i in 0..N {
@@ -31,12 +31,12 @@ pub trait Process<const N: usize> {
         jacobian
     }
 
-    /// The state one step later, the Jacobian `F` and the covariance `Q`, for filters that need all three; one after the other unless given.
+    /// Predicted state `f(x)`, Jacobian `F` and process noise covariance `Q` at `x`. Override it if they share computations.
     fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
         (self.predict(x), self.jacobian(x), self.noise(x))
     }
 
-    /// Moves many states one step on; one by one unless given.
+    /// Replaces every state by its prediction `f(x)`; by default one by one. Override it with a vectorised loop.
     fn predict_each(&self, states: &mut StateArray<N>) {
         for index in 0..states.len() {
             states.set(index, &self.predict(&states.get(index)));
@@ -44,15 +44,15 @@ pub trait Process<const N: usize> {
     }
 }
 
-/// What a reading says about the state: `z = h(x) + v`, `v ~ N(0, R)`.
+/// Measurement model `z = h(x) + v`, `v ~ N(0, R)`.
 pub trait Measurement<const N: usize, const M: usize> {
-    /// The reading expected at `x`, or nothing where the model does not know.
+    /// Predicted reading `h(x)`. `None` if the model is undefined at `x`.
     fn predict(&self, x: &SVector<f64, N>) -> Option<SVector<f64, M>>;
 
-    /// Covariance `R` of the reading at `x`.
+    /// Measurement noise covariance `R` at `x`.
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, M, M>;
 
-    /// `H = dh/dx`; by central differences unless given.
+    /// Jacobian `H = dh/dx` at `x`; by default by central differences. `None` if the model is undefined at `x`.
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, M, N>> {
         let mut jacobian = SMatrix::<f64, M, N>::zeros();
         for i in 0..N {
@@ -62,12 +62,12 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some(jacobian)
     }
 
-    /// The reading expected at `x` and its Jacobian `H`, for filters that need both; one after the other unless given.
+    /// Predicted reading `h(x)` and Jacobian `H`. Override it if they share computations.
     fn linearised(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>)> {
         Some((self.predict(x)?, self.jacobian(x)?))
     }
 
-    /// That with `R`, for filters that ask for all three at one state; one after the other unless given.
+    /// Predicted reading `h(x)`, Jacobian `H` and noise covariance `R` at one state. Override it if they share computations.
     fn linearised_with_noise(
         &self,
         x: &SVector<f64, N>,
@@ -76,26 +76,27 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some((expected, jacobian, self.noise(x)))
     }
 
-    /// Writes the readings expected at many states, not-a-number where the model does not know; one by one unless given.
+    /// Writes the predicted reading of every state to `expected`, NaN where the model is undefined; by default one by one. Override it with a
+    /// vectorised loop.
     fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         for (index, state) in states.iter().enumerate() {
             expected.set(index, &self.predict(&state).unwrap_or_else(|| SVector::repeat(f64::NAN)));
         }
     }
 
-    /// Covariance `R` where it is the same at every state; nothing unless given.
-    fn even_noise(&self) -> Option<SMatrix<f64, M, M>> {
+    /// Measurement noise covariance `R` if it does not depend on the state; `None` by default.
+    fn constant_noise(&self) -> Option<SMatrix<f64, M, M>> {
         None
     }
 
-    /// Difference between a reading and the expected one; angles override it to wrap.
+    /// Residual `z - h(x)` of a reading. Override it to wrap angles.
     #[inline(always)]
     fn residual(&self, z: &SVector<f64, M>, expected: &SVector<f64, M>) -> SVector<f64, M> {
         z - expected
     }
 }
 
-/// A measurement whose noise is everywhere what it is at one state, as a Gaussian filter takes it.
+/// Measurement model whose noise covariance is held at its value at one state, as a Gaussian filter assumes within one update.
 #[derive(Clone, Copy, Debug)]
 pub struct ConstantNoise<Model, const M: usize> {
     model: Model,
@@ -103,7 +104,7 @@ pub struct ConstantNoise<Model, const M: usize> {
 }
 
 impl<Model, const M: usize> ConstantNoise<Model, M> {
-    /// The measurement with its noise at a state.
+    /// Measurement model with the noise covariance at `state`.
     pub fn new<const N: usize>(model: Model, state: &SVector<f64, N>) -> Self
     where
         Model: Measurement<N, M>,
@@ -134,7 +135,7 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.predict_each(states, expected);
     }
 
-    fn even_noise(&self) -> Option<SMatrix<f64, M, M>> {
+    fn constant_noise(&self) -> Option<SMatrix<f64, M, M>> {
         Some(self.noise)
     }
 
@@ -144,6 +145,7 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
     }
 }
 
+/// States on either side of `x` along component `i`, and the distance between them.
 fn bracket<const N: usize>(x: &SVector<f64, N>, i: usize) -> (SVector<f64, N>, SVector<f64, N>, f64) {
     let step = RELATIVE_STEP * x[i].abs().max(1.0);
     let (mut low, mut high) = (*x, *x);

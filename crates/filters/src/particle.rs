@@ -1,29 +1,29 @@
-//! The particle filter: sequential importance resampling (Gordon, Salmond and Smith 1993) with systematic resampling
-//! when the effective sample size falls (Kitagawa 1996; Liu and Chen 1998) and a shrinking kernel that keeps the cloud
-//! diverse without widening it (Liu and West 2001).
+//! Particle filter: sequential importance resampling (Gordon, Salmond and Smith 1993) with systematic resampling when the effective sample size falls
+//! (Kitagawa 1996; Liu and Chen 1998) and kernel smoothing with shrinkage, which restores diversity without inflating the covariance (Liu and West
+//! 2001).
 //!
-//! Readings are of one number. No step allocates, but for the first of each kind.
+//! Readings are scalar. Buffers are reused: only the first step of each kind allocates.
 
 use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
 
-use crate::bounded::Noisier;
+use crate::robust::InflatedNoise;
+use crate::simd::{self, Column};
 use crate::vectorised;
-use crate::wide::{self, Column};
 use crate::{Gaussian, Innovation, Measurement, Process, StateArray, UpdateError, extended};
 
-/// A belief made of weighted particles.
+/// Belief represented by weighted particles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParticleSet<const N: usize> {
     particles: StateArray<N>,
-    /// Normalised weights, one a particle.
+    /// Normalised weights, one per particle.
     weights: Column,
-    /// Their logarithms, but for a common summand. They still tell the particles apart whose weights are too small for a number.
+    /// Logarithms of the weights, up to a common constant. They rank particles whose weights underflow.
     logs: Column,
     scratch: Scratch<N>,
 }
 
-/// What the steps write to, kept between them.
+/// Buffers, kept between steps.
 #[derive(Clone, Debug, PartialEq)]
 struct Scratch<const N: usize> {
     particles: StateArray<N>,
@@ -31,50 +31,50 @@ struct Scratch<const N: usize> {
     logs: Column,
     expected: StateArray<1>,
     residuals: Column,
-    /// Variance of the reading at each particle, where it is not the same at all.
+    /// Measurement noise variance at each particle, if it depends on the state.
     variances: Column,
     conditioned: Vec<Option<Conditioned<N>>>,
-    /// Which particle each new one comes from, and one place more.
+    /// Index of the parent of each new particle, and one spare element.
     sources: Vec<usize>,
 }
 
 impl<const N: usize> ParticleSet<N> {
-    /// Equally weighted particles.
+    /// Particle set with equal weights.
     ///
     /// # Panics
-    /// If there are none.
+    /// If there are no particles.
     pub fn new(particles: StateArray<N>) -> Self {
-        assert!(!particles.is_empty(), "a cloud needs at least one particle");
+        assert!(!particles.is_empty(), "a particle set needs at least one particle");
         let count = particles.len();
         let scratch = Scratch {
             particles: StateArray::zeros(count),
-            weights: wide::column(count, 0.0),
-            logs: wide::column(count, 0.0),
+            weights: simd::column(count, 0.0),
+            logs: simd::column(count, 0.0),
             expected: StateArray::zeros(count),
-            residuals: wide::column(count, 0.0),
-            variances: wide::column(count, 0.0),
+            residuals: simd::column(count, 0.0),
+            variances: simd::column(count, 0.0),
             conditioned: Vec::with_capacity(count),
             sources: vec![0; count + 1],
         };
-        Self { particles, weights: wide::column(count, 1.0 / count as f64), logs: wide::column(count, 0.0), scratch }
+        Self { particles, weights: simd::column(count, 1.0 / count as f64), logs: simd::column(count, 0.0), scratch }
     }
 
-    /// The particles.
+    /// Particles.
     pub fn particles(&self) -> &StateArray<N> {
         &self.particles
     }
 
-    /// Their weights, adding up to 1.
+    /// Normalised weights.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
 
-    /// Mean of the cloud.
+    /// Weighted mean.
     pub fn mean(&self) -> SVector<f64, N> {
         vectorised!(mean(&self.particles, &self.weights))
     }
 
-    /// Mean and covariance of the cloud.
+    /// Weighted mean and covariance.
     pub fn moments(&self) -> Gaussian<N> {
         vectorised!(moments(&self.particles, &self.weights))
     }
@@ -84,14 +84,14 @@ impl<const N: usize> ParticleSet<N> {
         1.0 / vectorised!(sum_of_squares(&self.weights))
     }
 
-    /// Applies `change` to every particle, for example to hold it within bounds.
+    /// Applies `change` to every particle, for example to enforce bounds.
     pub fn map(&mut self, change: impl Fn(&SVector<f64, N>) -> SVector<f64, N>) {
         for index in 0..self.particles.len() {
             self.particles.set(index, &change(&self.particles.get(index)));
         }
     }
 
-    /// Fading memory: particles move away from their mean so that the covariance grows by `alpha`.
+    /// Fading memory: moves the particles away from their mean so that the covariance is scaled by `alpha`.
     pub fn fade(&mut self, alpha: f64) {
         if alpha != 1.0 {
             let mean = self.mean();
@@ -99,39 +99,39 @@ impl<const N: usize> ParticleSet<N> {
         }
     }
 
-    /// Carries every particle through the process and draws its noise, which is that at the cloud's mean as in the Gaussian filters.
+    /// Propagates every particle through the process and adds process noise. As in the Gaussian filters, the noise covariance is that at the mean.
     pub fn predict(&mut self, process: &impl Process<N>, rng: &mut impl Rng) {
-        let noise = process.even_noise().unwrap_or_else(|| process.noise(&self.mean()));
+        let noise = process.constant_noise().unwrap_or_else(|| process.noise(&self.mean()));
         process.predict_each(&mut self.particles);
         if let Some(factor) = noise.cholesky() {
-            self.scatter(factor.l(), rng);
+            self.add_noise(factor.l(), rng);
         }
     }
 
-    /// Weighs the particles by the likelihood of the reading. The innovation is that of the cloud's mean prediction.
+    /// Multiplies the weights by the likelihood of the reading. The returned innovation is relative to the mean predicted reading.
     ///
     /// # Errors
-    /// [`UpdateError`] leaves the cloud as it was: no particle has a prediction, or a variance is not positive.
+    /// [`UpdateError`] if the model is undefined at every particle or a variance is not positive; the particle set is unchanged.
     pub fn update(
         &mut self,
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
     ) -> Result<Innovation<1>, UpdateError> {
-        let innovation = self.expect(measurement, z)?;
-        self.weigh();
+        let innovation = self.evaluate(measurement, z)?;
+        self.accept_weights();
         Ok(innovation)
     }
 
-    /// Weighs the particles as [`Self::update`] does, unless that would leave an effective sample size below `share` of them: then the cloud
-    /// is drawn anew from where the reading says that the particles should have been.
+    /// Updates the weights as [`Self::update`] does, with the influence of the reading bounded as in [`crate::robust`]. If the effective sample size
+    /// would fall below [`Renewal::share`], the particles are drawn anew from a proposal that uses the reading.
     ///
-    /// Each particle stands for a Gaussian kernel of `bandwidth` standard deviations of the cloud, drawn towards the mean so that mean and
-    /// covariance stay (Liu and West 2001). A kernel is chosen by how well it foretells the reading, and conditioned on it by an extended
-    /// Kalman update, from which the new particle is drawn (the auxiliary filter of Pitt and Shephard 1999, with the linearised optimal
-    /// proposal of Doucet, Godsill and Andrieu 2000). The weights correct for what the linearisation misses.
+    /// Each particle is the centre of a Gaussian kernel of `bandwidth` standard deviations of the particle set, shrunk towards the mean so that mean and
+    /// covariance are preserved (Liu and West 2001). Kernels are selected by their marginal likelihood of the reading and conditioned on it by an extended
+    /// Kalman update, from which the new particle is drawn (auxiliary particle filter of Pitt and Shephard 1999, with the linearised optimal proposal of
+    /// Doucet, Godsill and Andrieu 2000). Importance weights correct for the linearisation.
     ///
     /// # Errors
-    /// [`UpdateError`] leaves the cloud as it was.
+    /// [`UpdateError`] as for [`Self::update`], or if the covariance of the particles is singular; the particle set is unchanged.
     pub fn update_or_renew(
         &mut self,
         measurement: &impl Measurement<N, 1>,
@@ -139,34 +139,38 @@ impl<const N: usize> ParticleSet<N> {
         renewal: &Renewal,
         rng: &mut impl Rng,
     ) -> Result<Innovation<1>, UpdateError> {
-        let innovation = self.expect(measurement, z)?;
-        let mut measurement = Noisier { model: measurement, factor: 1.0 };
+        let innovation = self.evaluate(measurement, z)?;
+        let mut measurement = InflatedNoise { model: measurement, factor: 1.0 };
         if innovation.nis > renewal.gate_sds * renewal.gate_sds {
             measurement = measurement.at_gate(&self.mean(), &innovation, renewal.gate_sds);
-            self.expect(&measurement, z)?;
+            self.evaluate(&measurement, z)?;
         }
-        self.weigh();
+        self.accept_weights();
         if self.effective_size() < renewal.share * self.particles.len() as f64 {
-            self.take_back();
+            self.restore_weights();
             self.renew(&measurement, z, renewal.bandwidth, rng)?;
         }
         Ok(innovation)
     }
 
-    /// Writes to the scratch's logarithms what those of the weights would be with the reading; the innovation of the cloud's mean prediction.
-    fn expect(&mut self, measurement: &impl Measurement<N, 1>, z: &Vector1<f64>) -> Result<Innovation<1>, UpdateError> {
+    /// Writes the logarithms of the updated weights to the scratch buffer and returns the innovation relative to the mean predicted reading.
+    fn evaluate(
+        &mut self,
+        measurement: &impl Measurement<N, 1>,
+        z: &Vector1<f64>,
+    ) -> Result<Innovation<1>, UpdateError> {
         let Scratch { logs, expected, residuals, variances, .. } = &mut self.scratch;
         measurement.predict_each(&self.particles, expected);
         let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
         let expected = expected.column(0);
-        let (seen, variance) = if let Some(noise) = measurement.even_noise() {
+        let (sums, variance) = if let Some(noise) = measurement.constant_noise() {
             if !is_positive(noise[0]) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
-            vectorised!(weigh_evenly(residual, expected, noise[0], &self.logs, residuals, logs));
-            let seen = vectorised!(seen(&self.weights, residuals));
-            let variance = noise[0] * seen.known;
-            (seen, variance)
+            vectorised!(log_weights_constant_noise(residual, expected, noise[0], &self.logs, residuals, logs));
+            let sums = vectorised!(residual_sums(&self.weights, residuals));
+            let variance = noise[0] * sums.weight;
+            (sums, variance)
         } else {
             for ((variance, particle), &expected) in variances.iter_mut().zip(self.particles.iter()).zip(expected) {
                 *variance = if expected.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
@@ -174,32 +178,32 @@ impl<const N: usize> ParticleSet<N> {
             if !variances.iter().all(|&variance| is_positive(variance)) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
-            vectorised!(weigh_unevenly(residual, expected, variances, &self.logs, residuals, logs));
-            let seen = vectorised!(seen(&self.weights, residuals));
-            (seen, vectorised!(total_variance(&self.weights, residuals, variances)))
+            vectorised!(log_weights(residual, expected, variances, &self.logs, residuals, logs));
+            let sums = vectorised!(residual_sums(&self.weights, residuals));
+            (sums, vectorised!(total_variance(&self.weights, residuals, variances)))
         };
-        if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
+        if vectorised!(simd::largest(logs)) == f64::NEG_INFINITY {
             return Err(UpdateError::NoPrediction);
         }
-        let residual = seen.shift / seen.known;
-        let covariance = (seen.second + variance) / seen.known - residual * residual;
+        let residual = sums.first / sums.weight;
+        let covariance = (sums.second + variance) / sums.weight - residual * residual;
         Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(UpdateError::NotPositiveDefinite)
     }
 
-    /// Takes the weights from the scratch's logarithms, and puts the old ones there.
-    fn weigh(&mut self) {
+    /// Replaces the weights by those in the scratch buffer, which keeps the old ones.
+    fn accept_weights(&mut self) {
         std::mem::swap(&mut self.logs, &mut self.scratch.logs);
         std::mem::swap(&mut self.weights, &mut self.scratch.weights);
         vectorised!(normalise(&mut self.weights, &mut self.logs));
     }
 
-    /// Undoes [`Self::weigh`].
-    fn take_back(&mut self) {
+    /// Undoes [`Self::accept_weights`].
+    fn restore_weights(&mut self) {
         std::mem::swap(&mut self.logs, &mut self.scratch.logs);
         std::mem::swap(&mut self.weights, &mut self.scratch.weights);
     }
 
-    /// Draws the cloud anew; see [`Self::update_or_renew`].
+    /// Draws the particles anew; see [`Self::update_or_renew`].
     fn renew(
         &mut self,
         measurement: &impl Measurement<N, 1>,
@@ -219,12 +223,12 @@ impl<const N: usize> ParticleSet<N> {
             *log = part.as_ref().map_or(f64::NEG_INFINITY, |part| old + part.log_evidence);
             conditioned.push(part);
         }
-        if vectorised!(wide::largest(logs)) == f64::NEG_INFINITY {
+        if vectorised!(simd::largest(logs)) == f64::NEG_INFINITY {
             return Err(UpdateError::NoPrediction);
         }
-        self.weigh();
+        self.accept_weights();
         self.draw_sources(rng);
-        wide::fill_normal(self.scratch.particles.values_mut(), rng);
+        simd::fill_normal(self.scratch.particles.values_mut(), rng);
         standardise(&mut self.scratch.particles);
         let Scratch { logs, conditioned, sources, particles: normals, .. } = &mut self.scratch;
         for (index, log) in logs.iter_mut().enumerate() {
@@ -234,18 +238,18 @@ impl<const N: usize> ParticleSet<N> {
                 self.particles.set(index, &drawn.particle);
             }
         }
-        self.weigh();
+        self.accept_weights();
         Ok(())
     }
 
-    /// Indices of the particles that systematic resampling with one random number chooses (Kitagawa 1996).
+    /// Draws the parents of the new particles by systematic resampling with one random number (Kitagawa 1996).
     fn draw_sources(&mut self, rng: &mut impl Rng) {
-        vectorised!(spread_sources(&self.weights, &mut self.scratch.sources, rng.random::<f64>()));
+        vectorised!(systematic_sources(&self.weights, &mut self.scratch.sources, rng.random::<f64>()));
     }
 
-    /// Systematic resampling with one random number (Kitagawa 1996), then a Gaussian kernel of `bandwidth` standard deviations
-    /// of the cloud, with the particles drawn towards the mean by `sqrt(1 - bandwidth^2)` so that mean and covariance
-    /// stay (Liu and West 2001). With a bandwidth of zero the particles stay as they are.
+    /// Systematic resampling with one random number (Kitagawa 1996), followed by a Gaussian kernel of `bandwidth` standard deviations of the particle set. The
+    /// particles are shrunk towards the mean by `sqrt(1 - bandwidth^2)`, which preserves mean and covariance (Liu and West 2001). A bandwidth of zero adds
+    /// no noise.
     pub fn resample(&mut self, bandwidth: f64, rng: &mut impl Rng) {
         let moments = self.moments();
         self.draw_sources(rng);
@@ -261,40 +265,40 @@ impl<const N: usize> ParticleSet<N> {
         if let Some(factor) = (moments.covariance * (bandwidth * bandwidth)).cholesky() {
             let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
             vectorised!(scale(&mut self.particles, moments.mean, shrink));
-            self.scatter(factor.l(), rng);
+            self.add_noise(factor.l(), rng);
         }
     }
 
-    /// Adds normal noise to every particle; `factor` is the lower factor of its covariance.
-    fn scatter(&mut self, factor: SMatrix<f64, N, N>, rng: &mut impl Rng) {
-        wide::fill_normal(self.scratch.particles.values_mut(), rng);
+    /// Adds Gaussian noise to every particle; `factor` is the lower Cholesky factor of its covariance.
+    fn add_noise(&mut self, factor: SMatrix<f64, N, N>, rng: &mut impl Rng) {
+        simd::fill_normal(self.scratch.particles.values_mut(), rng);
         vectorised!(add_product(&mut self.particles, factor, &self.scratch.particles));
     }
 }
 
-/// How [`ParticleSet::update_or_renew`] weighs a reading, and when and how it draws the cloud anew.
+/// Settings of [`ParticleSet::update_or_renew`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Renewal {
-    /// Least effective sample size, as a share of the particles.
+    /// Effective sample size below which the particles are drawn anew, as a share of their number.
     pub share: f64,
-    /// Width of the kernels, in standard deviations of the cloud.
+    /// Bandwidth of the kernels, in standard deviations of the particle set.
     pub bandwidth: f64,
-    /// Bound of a reading's influence, as in [`crate::bounded`].
+    /// Gate in standard deviations beyond which the influence of a reading is bounded, as in [`crate::robust`].
     pub gate_sds: f64,
 }
 
-/// A kernel conditioned on the reading.
+/// Kernel conditioned on the reading.
 #[derive(Clone, Debug, PartialEq)]
 struct Conditioned<const N: usize> {
     centre: SVector<f64, N>,
     mean: SVector<f64, N>,
-    /// Lower factor of the covariance.
+    /// Lower Cholesky factor of the covariance.
     factor: SMatrix<f64, N, N>,
     log_evidence: f64,
 }
 
 impl<const N: usize> Conditioned<N> {
-    /// Nothing where the model has no prediction.
+    /// Conditions a kernel at `centre`. `None` if the model is undefined there.
     fn new(
         centre: SVector<f64, N>,
         kernel: &SMatrix<f64, N, N>,
@@ -307,13 +311,13 @@ impl<const N: usize> Conditioned<N> {
         Some(Self { centre, mean: belief.mean, factor, log_evidence: innovation.log_likelihood() })
     }
 
-    /// The particle of the conditioned kernel that a standard normal draw makes.
+    /// Particle of the conditioned kernel for a standard normal draw.
     fn draw(&self, normal: &SVector<f64, N>) -> Drawn<'_, N> {
         Drawn { particle: self.mean + self.factor * normal, source: self, normal: *normal }
     }
 }
 
-/// A particle drawn from a conditioned kernel.
+/// Particle drawn from a conditioned kernel.
 struct Drawn<'a, const N: usize> {
     particle: SVector<f64, N>,
     source: &'a Conditioned<N>,
@@ -321,8 +325,8 @@ struct Drawn<'a, const N: usize> {
 }
 
 impl<const N: usize> Drawn<'_, N> {
-    /// Logarithm of what the particle weighs: its likelihood and its prior under the kernel of which `spread` is the factor, over the density
-    /// it was drawn from and the evidence its source was chosen by. Minus infinity where the model has no prediction.
+    /// Logarithm of the importance weight: likelihood times prior density under the kernel, whose factor is `spread`, divided by the proposal density and the
+    /// marginal likelihood by which the kernel was selected. Minus infinity if the model is undefined at the particle.
     fn log_weight(
         &self,
         measurement: &impl Measurement<N, 1>,
@@ -343,13 +347,13 @@ impl<const N: usize> Drawn<'_, N> {
     }
 }
 
-/// Whether a variance is one.
+/// Whether a variance is positive; false for NaN.
 fn is_positive(variance: f64) -> bool {
     variance > 0.0
 }
 
-/// Moves and scales numbers drawn from the standard normal distribution so that their mean is zero and their covariance the identity: of what
-/// chance does to the moments of a small cloud this leaves little. Too few for a covariance stay as they are.
+/// Shifts and scales standard normal draws to exactly zero mean and identity covariance (moment matching), which reduces the Monte-Carlo error of a small
+/// particle set. Draws whose covariance is singular are unchanged.
 fn standardise<const N: usize>(draws: &mut StateArray<N>) {
     let count = draws.len() as f64;
     let mean = draws.iter().sum::<SVector<f64, N>>() / count;
@@ -367,7 +371,7 @@ fn standardise<const N: usize>(draws: &mut StateArray<N>) {
 fn mean<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> SVector<f64, N> {
     let mut mean = SVector::zeros();
     for number in 0..N {
-        mean[number] = wide::sum([weights, particles.column(number)], |[w, x]| w * x);
+        mean[number] = simd::sum([weights, particles.column(number)], |[w, x]| w * x);
     }
     mean
 }
@@ -379,7 +383,7 @@ fn moments<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> Gaussi
     for i in 0..N {
         for j in 0..=i {
             let columns = [weights, particles.column(i), particles.column(j)];
-            let both = wide::sum(columns, |[w, a, b]| w * (a - mean[i]) * (b - mean[j]));
+            let both = simd::sum(columns, |[w, a, b]| w * (a - mean[i]) * (b - mean[j]));
             (covariance[(i, j)], covariance[(j, i)]) = (both, both);
         }
     }
@@ -388,10 +392,10 @@ fn moments<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> Gaussi
 
 #[inline(always)]
 fn sum_of_squares(weights: &[f64]) -> f64 {
-    wide::sum([weights], |[w]| w * w)
+    simd::sum([weights], |[w]| w * w)
 }
 
-/// Moves the particles away from a centre, or towards it.
+/// Scales the distances of the particles from a centre by `factor`.
 #[inline(always)]
 fn scale<const N: usize>(particles: &mut StateArray<N>, centre: SVector<f64, N>, factor: f64) {
     for (column, centre) in particles.columns_mut().into_iter().zip(&centre) {
@@ -399,7 +403,7 @@ fn scale<const N: usize>(particles: &mut StateArray<N>, centre: SVector<f64, N>,
     }
 }
 
-/// Adds a lower triangular matrix times other states.
+/// Adds the product of a lower triangular matrix and the other states.
 #[inline(always)]
 fn add_product<const N: usize>(particles: &mut StateArray<N>, factor: SMatrix<f64, N, N>, others: &StateArray<N>) {
     for (i, column) in particles.columns_mut().into_iter().enumerate() {
@@ -410,32 +414,35 @@ fn add_product<const N: usize>(particles: &mut StateArray<N>, factor: SMatrix<f6
     }
 }
 
-/// Weighted sums over the particles that have a residual.
-struct Seen {
-    known: f64,
-    shift: f64,
+/// Weighted sums over the particles at which the model is defined.
+struct ResidualSums {
+    /// Sum of the weights.
+    weight: f64,
+    /// Sum of the residuals.
+    first: f64,
+    /// Sum of the squared residuals.
     second: f64,
 }
 
 #[inline(always)]
-fn seen(weights: &[f64], residuals: &[f64]) -> Seen {
+fn residual_sums(weights: &[f64], residuals: &[f64]) -> ResidualSums {
     let columns = [weights, residuals];
-    Seen {
-        known: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w }),
-        shift: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * r }),
-        second: wide::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * (r * r) }),
+    ResidualSums {
+        weight: simd::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w }),
+        first: simd::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * r }),
+        second: simd::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * (r * r) }),
     }
 }
 
-/// The same of the reading's variance.
+/// Weighted sum of the measurement noise variances over the particles at which the model is defined.
 #[inline(always)]
 fn total_variance(weights: &[f64], residuals: &[f64], variances: &[f64]) -> f64 {
-    wide::sum([weights, residuals, variances], |[w, r, variance]| if r.is_nan() { 0.0 } else { w * variance })
+    simd::sum([weights, residuals, variances], |[w, r, variance]| if r.is_nan() { 0.0 } else { w * variance })
 }
 
-/// Writes the residuals, and the logarithms of the weights with those of the residuals' densities, but for what is the same for all.
+/// Writes the residuals and the logarithms of the updated weights, up to a common constant, for a constant noise variance.
 #[inline(always)]
-fn weigh_evenly(
+fn log_weights_constant_noise(
     residual: impl Fn(f64) -> f64,
     expected: &[f64],
     variance: f64,
@@ -451,9 +458,9 @@ fn weigh_evenly(
     }
 }
 
-/// The same with a variance for each.
+/// Writes the residuals and the logarithms of the updated weights, up to a common constant, for a noise variance per particle.
 #[inline(always)]
-fn weigh_unevenly(
+fn log_weights(
     residual: impl Fn(f64) -> f64,
     expected: &[f64],
     variances: &[f64],
@@ -465,31 +472,31 @@ fn weigh_unevenly(
     for ((log, written), ((&before, &expected), &variance)) in logs.iter_mut().zip(residuals).zip(numbers) {
         let residual = residual(expected);
         *written = residual;
-        let density = -0.5 * (residual * residual / variance + wide::ln(variance));
+        let density = -0.5 * (residual * residual / variance + simd::ln(variance));
         *log = if residual.is_nan() { f64::NEG_INFINITY } else { before + density };
     }
 }
 
-/// Takes normalised weights from logarithms, of which the largest becomes zero.
+/// Writes the normalised weights of given logarithms, which are shifted so that the largest is zero.
 #[inline(always)]
 fn normalise(weights: &mut [f64], logs: &mut [f64]) {
-    let largest = wide::largest(logs);
+    let largest = simd::largest(logs);
     for (weight, log) in weights.iter_mut().zip(logs) {
         *log -= largest;
-        *weight = wide::exp(*log);
+        *weight = simd::exp(*log);
     }
-    let share = 1.0 / wide::sum([&*weights], |[w]| w);
+    let share = 1.0 / simd::sum([&*weights], |[w]| w);
     weights.iter_mut().for_each(|weight| *weight *= share);
 }
 
-/// Writes which particle each of the evenly spaced pointers `(i + start) / count` falls on, if they lie in a row as long as they weigh.
+/// Writes the index of the particle into whose interval of the cumulative weights each of the evenly spaced pointers `(i + start) / count` falls.
 #[inline(always)]
-fn spread_sources(weights: &[f64], sources: &mut [usize], start: f64) {
+fn systematic_sources(weights: &[f64], sources: &mut [usize], start: f64) {
     let count = weights.len();
     sources.fill(0);
     let mut reached = 0.0;
     for (source, weight) in weights.iter().enumerate() {
-        // The first pointer on this particle or behind it. One on which no pointer falls is written over by the next.
+        // First pointer within or after this particle's interval. A particle without pointers is overwritten by the next one.
         let first = (reached * count as f64 - start).ceil() as usize;
         sources[first.min(count)] = source;
         reached += weight;

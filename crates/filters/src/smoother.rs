@@ -1,24 +1,25 @@
-//! The fixed-interval smoother: what all readings say of each state, the later ones included (Rauch, Tung and Striebel, "Maximum likelihood
-//! estimates of linear dynamic systems", AIAA Journal 3(8), 1965; Thrun's notation, with `F` linearised by the filter).
+//! Rauch-Tung-Striebel fixed-interval smoother: the posterior of each state given all readings, past and future ("Maximum likelihood estimates of
+//! linear dynamic systems", AIAA Journal 3(8), 1965). `F` is the Jacobian at which the filter linearised the process.
 
 use nalgebra::SMatrix;
 
 use crate::Gaussian;
 use crate::gaussian::symmetrised;
 
-/// One step of a filter, as the smoother needs it.
+/// One step of a filter, as recorded for the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<const N: usize> {
-    /// Jacobian `F` of the process that led from the last filtered belief to the predicted one.
+    /// Jacobian `F` of the process from the previous filtered belief to the predicted one.
     pub jacobian: SMatrix<f64, N, N>,
-    /// Belief before the reading.
+    /// Prior: belief before the reading, `(x', P')`.
     pub predicted: Gaussian<N>,
-    /// Belief after it.
+    /// Posterior: belief after the reading, `(x, P)`.
     pub filtered: Gaussian<N>,
 }
 
-/// Smoothed beliefs of a filter's steps, in their order: `C = P F' P'^-1`, `x <- x + C (x'_s - x')`, `P <- P + C (P'_s - P') C'`, from
-/// the last step back. Where a predicted covariance has no inverse the filtered belief stays.
+/// Smoothed beliefs `(x_s, P_s)` of a filter's steps, in the order of the steps: backwards from the last, with the primed quantities those of the next
+/// step, `C = P F' P'^-1`, `x_s = x + C (x'_s - x')`, `P_s = P + C (P'_s - P') C'`. If a predicted covariance is singular, the filtered belief
+/// is kept.
 pub fn smooth<const N: usize>(steps: &[Step<N>]) -> Vec<Gaussian<N>> {
     let mut smoothed: Vec<Gaussian<N>> = steps.iter().map(|step| step.filtered).collect();
     for k in (1..steps.len()).rev() {

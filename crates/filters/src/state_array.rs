@@ -1,58 +1,59 @@
-//! Many states at once, number by number.
+//! Structure of arrays for many states.
 
 use nalgebra::SVector;
 
-use crate::wide::{self, Column};
+use crate::simd::{self, Column};
 
-/// StateArray of `N` numbers each: all the first numbers, then all the second ones, so that a loop over one number of every state reads on and on.
+/// States of `N` components as a structure of arrays: the first components of all states, then the second ones. A loop over one component of all states
+/// reads contiguous memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateArray<const N: usize> {
     values: Column,
     count: usize,
-    /// From one column to the next: each begins where a cache line does.
+    /// Distance between the starts of two columns; each column is aligned to a cache line.
     stride: usize,
 }
 
 impl<const N: usize> StateArray<N> {
-    /// So many states of zeros.
+    /// Array of `count` zero states.
     pub fn zeros(count: usize) -> Self {
-        let stride = count.next_multiple_of(wide::LINE);
-        Self { values: wide::column(N * stride, 0.0), count, stride }
+        let stride = count.next_multiple_of(simd::LINE);
+        Self { values: simd::column(N * stride, 0.0), count, stride }
     }
 
-    /// How many there are.
+    /// Number of states.
     pub fn len(&self) -> usize {
         self.count
     }
 
-    /// Whether there are none.
+    /// Whether there are no states.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// One state.
+    /// State at `index`.
     pub fn get(&self, index: usize) -> SVector<f64, N> {
         SVector::from_fn(|number, _| self.values[number * self.stride + index])
     }
 
-    /// Changes one state.
+    /// Sets the state at `index`.
     pub fn set(&mut self, index: usize, state: &SVector<f64, N>) {
         for (number, value) in state.iter().enumerate() {
             self.values[number * self.stride + index] = *value;
         }
     }
 
-    /// The states one by one.
+    /// Iterator over the states.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = SVector<f64, N>> {
         (0..self.count).map(|index| self.get(index))
     }
 
-    /// The same number of every state.
+    /// Component `number` of all states.
     pub fn column(&self, number: usize) -> &[f64] {
         &self.values[number * self.stride..][..self.count]
     }
 
-    /// Each number of every state.
+    /// Columns of all components.
     pub fn columns_mut(&mut self) -> [&mut [f64]; N] {
         let mut rest = self.values.as_mut_slice();
         std::array::from_fn(|_| {
@@ -61,7 +62,7 @@ impl<const N: usize> StateArray<N> {
         })
     }
 
-    /// All numbers, column by column, and what lies between the columns.
+    /// All components, column by column, including the padding between columns.
     pub(crate) fn values_mut(&mut self) -> &mut [f64] {
         &mut self.values
     }

@@ -1,26 +1,27 @@
-//! The unscented Kalman filter: models evaluated at sigma points (Julier and Uhlmann 2004; scaled form of
-//! Wan and van der Merwe 2000).
+//! Unscented Kalman filter: models evaluated at sigma points (Julier and Uhlmann, "Unscented filtering and nonlinear estimation", Proceedings of the IEEE
+//! 92(3), 2004), in the scaled form of Wan and van der Merwe ("The unscented Kalman filter for nonlinear estimation", 2000).
 
 use nalgebra::{SMatrix, SVector};
 
 use crate::gaussian::{Factor, symmetrised};
-use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, mapped, product};
+use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, congruence, product};
 
-/// How far sigma points lie from the mean and how they are weighed.
+/// Spread and weights of the scaled sigma points.
 ///
-/// With `lambda = alpha^2 (N + kappa) - N` the points lie `sqrt(N + lambda)` standard deviations out; the mean weighs
-/// `lambda / (N + lambda)`, in the covariance `1 - alpha^2 + beta` more, each other point `1 / (2 (N + lambda))`.
+/// With `lambda = alpha^2 (N + kappa) - N`, the points lie `sqrt(N + lambda)` standard deviations from the mean. The central point has the weight
+/// `lambda / (N + lambda)` in the mean and `1 - alpha^2 + beta` more in the covariance; each other point has `1 / (2 (N + lambda))` in both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// Scale of the spread.
+    /// Scale of the spread, usually between 1e-3 and 1.
     pub alpha: f64,
-    /// Prior knowledge of the distribution; 2 is best for a Gaussian.
+    /// Correction for the distribution's higher moments; 2 is optimal for a Gaussian.
     pub beta: f64,
-    /// Secondary scale; `N + kappa` is the kurtosis that is matched, 3 for a Gaussian.
+    /// Secondary scale; `N + kappa` is the matched kurtosis, 3 for a Gaussian.
     pub kappa: f64,
 }
 
 struct Weights {
+    /// Distance of the points from the mean, in standard deviations.
     reach: f64,
     centre_mean: f64,
     centre_covariance: f64,
@@ -41,15 +42,15 @@ impl Spread {
     }
 }
 
-/// Columns of `sqrt((N + lambda) P)`: the sigma points are the mean and the mean plus and minus each.
+/// Columns of `sqrt((N + lambda) P)`, which are added to and subtracted from the mean.
 fn offsets<const N: usize>(belief: &Gaussian<N>, reach: f64) -> Result<SMatrix<f64, N, N>, UpdateError> {
     Ok(Factor::of(&belief.covariance).ok_or(UpdateError::NotPositiveDefinite)?.lower() * reach)
 }
 
-/// Carries the sigma points through the process.
+/// Propagates the belief by carrying its sigma points through the process.
 ///
 /// # Errors
-/// [`UpdateError::NotPositiveDefinite`] leaves the belief as it was.
+/// [`UpdateError::NotPositiveDefinite`] if the covariance has no Cholesky factor; the belief is unchanged.
 pub fn predict<const N: usize>(
     belief: &mut Gaussian<N>,
     process: &impl Process<N>,
@@ -75,10 +76,10 @@ pub fn predict<const N: usize>(
     Ok(())
 }
 
-/// Conditions the belief on a reading, with sigma points drawn anew from the belief.
+/// Conditions the belief on a reading, with sigma points taken from the predicted belief.
 ///
 /// # Errors
-/// [`UpdateError`] leaves the belief as it was: a sigma point without prediction, or a degenerate covariance.
+/// [`UpdateError`] if the model is undefined at a sigma point or a covariance is not positive definite; the belief is unchanged.
 pub fn update<const N: usize, const M: usize>(
     belief: &mut Gaussian<N>,
     measurement: &impl Measurement<N, M>,
@@ -96,7 +97,7 @@ pub fn update<const N: usize, const M: usize>(
         low[i] = expect(belief.mean - offsets.column(i))?;
     }
 
-    // Deviations are taken from the centre's prediction through `residual`, so that wrapped readings average correctly.
+    // Deviations are taken from the central prediction by `residual`, so that wrapped angles average correctly.
     let mut shift = SVector::<f64, M>::zeros();
     for point in high.iter().chain(&low) {
         shift += measurement.residual(point, &centre) * weights.other;
@@ -115,8 +116,8 @@ pub fn update<const N: usize, const M: usize>(
     let factor = Factor::of(&covariance).ok_or(UpdateError::NotPositiveDefinite)?;
     let gain = factor.solve(&cross.transpose()).transpose();
     let residual = measurement.residual(z, &centre) - shift;
-    let posterior = symmetrised(belief.covariance - mapped(&gain, &covariance));
-    // Unlike Joseph's form this difference can lose definiteness; then the reading is not worth the belief.
+    let posterior = symmetrised(belief.covariance - congruence(&gain, &covariance));
+    // Unlike the Joseph form, `P - K S K'` can lose definiteness by rounding; the reading is then skipped.
     Factor::of(&posterior).ok_or(UpdateError::NotPositiveDefinite)?;
     *belief = Gaussian::new(belief.mean + product(&gain, &residual), posterior);
     Ok(Innovation::new(residual, covariance, &factor))

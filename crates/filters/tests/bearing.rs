@@ -1,11 +1,11 @@
-//! A nonlinear model: Jacobians, convergence without noise, and what a filter does when it cannot update.
+//! Nonlinear model: Jacobians, convergence on noise-free readings, and failed updates.
 
 use filters::unscented::Spread;
 use filters::{Gaussian, Measurement, Process, UpdateError, extended, unscented};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, vector};
 use std::f64::consts::{PI, TAU};
 
-/// A landmark at rest, of which a moving observer measures the bearing; none within 0.1 of the observer.
+/// Landmark at rest whose bearing is measured by a moving observer. The bearing is undefined within 0.1 of the observer.
 struct Bearing {
     observer: Vector2<f64>,
     variance: f64,
@@ -36,7 +36,7 @@ impl Measurement<2, 1> for Bearing {
 const SPREAD: Spread = Spread { alpha: 1.0, beta: 2.0, kappa: 1.0 };
 
 #[test]
-fn val_numeric_jacobian_is_the_analytic_one() {
+fn val_the_numeric_jacobian_equals_the_analytic_one() {
     let model = Bearing { observer: vector![0.2, -0.4], variance: 1e-4 };
     let x = vector![1.5, 0.7];
     let sight = x - model.observer;
@@ -46,8 +46,8 @@ fn val_numeric_jacobian_is_the_analytic_one() {
 }
 
 #[test]
-fn verif_error_vanishes_without_noise() {
-    // The landmark lies behind the observer, where the bearing wraps.
+fn verif_the_error_converges_to_zero_on_noise_free_readings() {
+    // The landmark is behind the observer, where the bearing wraps.
     let landmark = vector![-2.0, 0.05];
     let start = Gaussian::new(vector![-1.7, 0.3], Matrix2::identity() * 0.1);
     let (mut ekf, mut ukf) = (start, start);
@@ -55,7 +55,7 @@ fn verif_error_vanishes_without_noise() {
         let angle = f64::from(i) * 0.05;
         let model = Bearing { observer: vector![angle.cos(), angle.sin()] * 0.5, variance: 1e-6 };
         let z = Measurement::predict(&model, &landmark).unwrap();
-        // Fading memory forgets what was concluded from the wrong linearisation at the start.
+        // Fading memory discounts the first updates, which were linearised far from the landmark.
         ekf.fade(1.05);
         ukf.fade(1.05);
         extended::predict(&mut ekf, &model);
@@ -68,7 +68,7 @@ fn verif_error_vanishes_without_noise() {
 }
 
 #[test]
-fn robust_no_prediction_leaves_the_belief() {
+fn robust_an_update_without_prediction_leaves_the_belief_unchanged() {
     let model = Bearing { observer: vector![1.0, 1.0], variance: 1e-4 };
     let mut belief = Gaussian::new(vector![1.0, 1.0], Matrix2::identity());
     let before = belief;

@@ -1,14 +1,14 @@
-//! Interacting multiple models against cycles worked by hand, and on a target that turns.
+//! Interacting-multiple-model estimator against cycles computed by hand, and on a manoeuvring target.
 
 use filters::bank::Belief;
 use filters::imm::{Imm, Modes, Transition};
-use filters::{Bank, Gaussian, Measurement, Process, UpdateError, Weighed, extended};
+use filters::{Bank, Gaussian, Measurement, Process, Update, UpdateError, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, matrix, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 
-/// A number that keeps still but for noise, and is read.
+/// Random walk of a scalar that is measured directly.
 #[derive(Clone, Copy)]
 struct Level {
     process_variance: f64,
@@ -32,13 +32,13 @@ impl Measurement<1, 1> for Level {
     }
 }
 
-fn weighed<const N: usize>(
+fn updated<const N: usize>(
     belief: &mut Gaussian<N>,
     model: &impl Measurement<N, 1>,
     z: f64,
-) -> Result<Weighed<1>, UpdateError> {
+) -> Result<Update<1>, UpdateError> {
     let innovation = extended::update(belief, model, &Vector1::new(z))?;
-    Ok(Weighed { innovation, log_evidence: innovation.log_likelihood() })
+    Ok(Update { innovation, log_evidence: innovation.log_likelihood() })
 }
 
 fn level(mean: f64, variance: f64) -> Gaussian<1> {
@@ -51,7 +51,7 @@ fn density(y: f64, s: f64) -> f64 {
 
 /// One cycle of Bar-Shalom, Li and Kirubarajan 2001, equations 11.6.6-6 to 11.6.6-17, written out for two scalar modes.
 #[test]
-fn val_a_cycle_is_that_of_the_book() {
+fn val_a_cycle_equals_the_textbooks() {
     let transition = Transition::new(&[&[0.95, 0.05], &[0.1, 0.9]]);
     let (quiet, lively) = (Level { process_variance: 0.1 }, Level { process_variance: 4.0 });
     let mut imm = Imm::new([(level(0.0, 1.0), 0.7), (level(2.0, 3.0), 0.3)]);
@@ -61,7 +61,7 @@ fn val_a_cycle_is_that_of_the_book() {
         Ok(())
     })
     .unwrap();
-    let found = imm.update(|_, belief| weighed(belief, &quiet, 2.5)).unwrap();
+    let found = imm.update(|_, belief| updated(belief, &quiet, 2.5)).unwrap();
 
     let c = [0.7 * 0.95 + 0.3 * 0.1, 0.7 * 0.05 + 0.3 * 0.9];
     let second = [0.3 * 0.1 / c[0], 0.3 * 0.9 / c[1]];
@@ -82,28 +82,28 @@ fn val_a_cycle_is_that_of_the_book() {
 }
 
 #[test]
-fn verif_modes_that_are_the_same_are_one_kalman_filter() {
+fn verif_identical_modes_equal_one_kalman_filter() {
     let model = Level { process_variance: 0.3 };
-    let transition = Transition::of_sojourns(0.1, &[1.0, 2.0, 0.5], &[1.0, 1.0, 3.0]);
+    let transition = Transition::from_sojourns(0.1, &[1.0, 2.0, 0.5], &[1.0, 1.0, 3.0]);
     let mut imm = Imm::new([0.2, 0.5, 0.3].map(|weight| (level(1.0, 2.0), weight)));
     let mut single = level(1.0, 2.0);
     for z in [0.3, 1.9, -0.4, 2.2] {
         extended::predict(&mut single, &model);
-        let alone = weighed(&mut single, &model, z).unwrap();
+        let alone = updated(&mut single, &model, z).unwrap();
         imm.mix(&transition, |_, _, belief| *belief);
         imm.predict(|_, belief| {
             extended::predict(belief, &model);
             Ok(())
         })
         .unwrap();
-        let together = imm.update(|_, belief| weighed(belief, &model, z)).unwrap();
+        let together = imm.update(|_, belief| updated(belief, &model, z)).unwrap();
         assert!((imm.moments().mean - single.mean).norm() < 1e-12);
         assert!((imm.moments().covariance - single.covariance).norm() < 1e-12);
         assert!((together.log_evidence - alone.log_evidence).abs() < 1e-12);
     }
 }
 
-/// Position and speed along a line; the position is read.
+/// Position and velocity along a line, with the position measured.
 struct Target {
     acceleration_variance: f64,
 }
@@ -127,10 +127,10 @@ impl Measurement<2, 1> for Target {
     }
 }
 
-/// A target that keeps its speed, and for ten steps does not: the classical case. The probability of the manoeuvre must rise and fall with it, and the
-/// error stay below that of either filter by itself.
+/// Constant velocity with a manoeuvre of ten steps. The probability of the manoeuvre mode must rise and fall with it, and the error must be below that of
+/// either filter alone.
 #[test]
-fn val_a_manoeuvre_is_noticed_and_followed() {
+fn val_a_manoeuvre_is_detected_and_tracked() {
     let modes = [Target { acceleration_variance: 1e-4 }, Target { acceleration_variance: 4.0 }];
     let transition = Transition::new(&[&[0.97, 0.03], &[0.1, 0.9]]);
     let mut rng = Pcg64::seed_from_u64(7);
@@ -151,10 +151,10 @@ fn val_a_manoeuvre_is_noticed_and_followed() {
                 Ok(())
             })
             .unwrap();
-            imm.update(|mode, belief| weighed(belief, &modes[mode], z)).unwrap();
+            imm.update(|mode, belief| updated(belief, &modes[mode], z)).unwrap();
             for (belief, mode) in alone.iter_mut().zip(&modes) {
                 extended::predict(belief, mode);
-                weighed(belief, mode, z).unwrap();
+                updated(belief, mode, z).unwrap();
             }
             for (total, mean) in squares.iter_mut().zip([imm.moments().mean, alone[0].mean, alone[1].mean]) {
                 *total += (mean[0] - x).powi(2);
@@ -171,7 +171,7 @@ fn val_a_manoeuvre_is_noticed_and_followed() {
 }
 
 #[test]
-fn verif_a_belief_that_enters_a_mode_is_changed() {
+fn verif_a_belief_that_enters_a_mode_is_converted() {
     let transition = Transition::new(&[&[0.5, 0.5], &[0.0, 1.0]]);
     let mut imm = Imm::new([(level(1.0, 1.0), 1.0), (level(9.0, 1.0), 0.0)]);
     imm.mix(&transition, |from, to, belief| {
@@ -183,26 +183,26 @@ fn verif_a_belief_that_enters_a_mode_is_changed() {
 }
 
 #[test]
-fn verif_modes_without_evidence_are_ruled_out_unless_none_has_any() {
+fn verif_modes_without_likelihood_get_probability_zero_unless_all_lack_it() {
     let mut modes = Modes::new([1.0, 3.0]);
-    assert_eq!(modes.weigh(&[None, None]), None);
+    assert_eq!(modes.reweight(&[None, None]), None);
     assert_eq!(modes.probabilities(), [0.25, 0.75]);
-    let total = modes.weigh(&[Some(0.5f64.ln()), None]).unwrap();
+    let total = modes.reweight(&[Some(0.5f64.ln()), None]).unwrap();
     assert!((total - 0.125f64.ln()).abs() < 1e-12);
     assert_eq!(modes.probabilities(), [1.0, 0.0]);
 }
 
 #[test]
-fn verif_sojourns_last_as_long_as_they_say() {
+fn verif_transitions_have_the_given_sojourn_times() {
     let mut modes = Modes::new([1.0, 0.0, 0.0]);
-    modes.predict(&Transition::of_sojourns(0.5, &[2.0, 1.0, 1.0], &[9.0, 1.0, 3.0]));
+    modes.predict(&Transition::from_sojourns(0.5, &[2.0, 1.0, 1.0], &[9.0, 1.0, 3.0]));
     let left = 1.0 - (-0.25f64).exp();
     let expected = [1.0 - left, 0.25 * left, 0.75 * left];
     assert!(modes.probabilities().iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-12));
 }
 
 #[test]
-fn verif_banks_of_modes_merge_mode_by_mode() {
+fn verif_hypotheses_of_a_bank_of_imms_merge_mode_by_mode() {
     let one = Imm::new([(level(0.0, 1.0), 0.5), (level(5.0, 1.0), 0.5)]);
     let other = Imm::new([(level(0.001, 1.0), 0.5), (level(5.001, 1.0), 0.5)]);
     let mut bank = Bank::<1, Imm<1>>::new([(one, 0.0), (other, 0.0)]);
@@ -214,7 +214,7 @@ fn verif_banks_of_modes_merge_mode_by_mode() {
 }
 
 #[test]
-#[should_panic(expected = "a transition has as many rows as columns")]
-fn robust_a_transition_with_a_short_row_says_so() {
+#[should_panic(expected = "a transition matrix must be square")]
+fn robust_a_transition_matrix_that_is_not_square_panics() {
     Transition::new(&[&[0.5, 0.5], &[1.0]]);
 }

@@ -1,4 +1,4 @@
-//! On a linear model every filter is the Kalman filter.
+//! Every filter against the Kalman filter on a linear model.
 
 use filters::bound::{self, Bound};
 use filters::unscented::Spread;
@@ -37,7 +37,7 @@ impl Measurement<2, 1> for Cart {
     }
 }
 
-/// The textbook's Kalman filter, written apart from the code under test.
+/// Textbook Kalman filter, independent of the code under test.
 fn kalman(x: &mut Vector2<f64>, p: &mut Matrix2<f64>, z: f64) {
     let f = transition();
     *x = f * *x;
@@ -79,29 +79,29 @@ fn val_extended_and_unscented_equal_the_kalman_filter() {
 }
 
 #[test]
-fn val_particles_meet_the_kalman_filter_within_their_own_error() {
+fn val_particles_equal_the_kalman_filter_within_their_monte_carlo_error() {
     let (mut x, mut p) = (start().mean, start().covariance);
     let mut rng = Pcg64::seed_from_u64(3);
     let count = 20_000;
     let normal = |rng: &mut Pcg64| SVector::<f64, 2>::from_fn(|_, _| rng.sample(StandardNormal));
-    let mut cloud = ParticleSet::new((0..count).map(|_| normal(&mut rng)).collect());
+    let mut particles = ParticleSet::new((0..count).map(|_| normal(&mut rng)).collect());
     for z in readings(100) {
         kalman(&mut x, &mut p, z);
-        cloud.predict(&Cart, &mut rng);
-        cloud.update(&Cart, &Vector1::new(z)).unwrap();
-        if cloud.effective_size() < 0.5 * count as f64 {
-            cloud.resample(0.05, &mut rng);
+        particles.predict(&Cart, &mut rng);
+        particles.update(&Cart, &Vector1::new(z)).unwrap();
+        if particles.effective_size() < 0.5 * count as f64 {
+            particles.resample(0.05, &mut rng);
         }
     }
-    let moments = cloud.moments();
-    // Resampling correlates the steps, so the Monte-Carlo error is several times that of independent draws.
+    let moments = particles.moments();
+    // Resampling correlates the particles, so the Monte-Carlo error is several times that of independent draws.
     let error = (p.diagonal() / count as f64).map(f64::sqrt) * 10.0;
     assert!((moments.mean - x).abs() < error, "{} against {x}", moments.mean);
     assert!((moments.covariance - p).norm() < 0.1 * p.norm());
 }
 
 #[test]
-fn verif_innovations_are_chi_square_on_the_own_model() {
+fn verif_innovations_are_chi_square_distributed_for_the_true_model() {
     let mut rng = Pcg64::seed_from_u64(11);
     let noise = Process::noise(&Cart, &Vector2::zeros()).cholesky().unwrap().l();
     let mut truth = vector![rng.sample(StandardNormal), rng.sample(StandardNormal)];
@@ -114,7 +114,7 @@ fn verif_innovations_are_chi_square_on_the_own_model() {
         let z = truth[0] + R.sqrt() * rng.sample::<f64, _>(StandardNormal);
         sum += extended::update(&mut belief, &Cart, &Vector1::new(z)).unwrap().nis;
     }
-    // The mean of n chi-square variables of one degree has the standard deviation sqrt(2 / n).
+    // The mean of n chi-square variables of one degree of freedom has the standard deviation sqrt(2 / n).
     let mean = sum / f64::from(steps);
     assert!((mean - 1.0).abs() < 4.0 * (2.0 / f64::from(steps)).sqrt(), "mean NIS {mean}");
 }
@@ -125,44 +125,44 @@ fn verif_fading_scales_the_covariance_of_every_belief() {
     let mut gaussian = start();
     gaussian.fade(1.5);
     assert_eq!(gaussian.covariance, Matrix2::identity() * 1.5);
-    let mut cloud = ParticleSet::new((0..500).map(|_| vector![rng.random::<f64>(), rng.random::<f64>()]).collect());
-    let before = cloud.moments();
-    cloud.fade(1.5);
-    let after = cloud.moments();
+    let mut particles = ParticleSet::new((0..500).map(|_| vector![rng.random::<f64>(), rng.random::<f64>()]).collect());
+    let before = particles.moments();
+    particles.fade(1.5);
+    let after = particles.moments();
     assert!((after.mean - before.mean).norm() < 1e-12);
     assert!((after.covariance - before.covariance * 1.5).norm() < 1e-12);
 }
 
 #[test]
-fn verif_resampling_keeps_mean_and_covariance() {
+fn verif_resampling_preserves_mean_and_covariance() {
     let mut rng = Pcg64::seed_from_u64(9);
-    let mut cloud = ParticleSet::new((0..50_000).map(|i| vector![i as f64 / 5e4, rng.random::<f64>()]).collect());
-    cloud.update(&Cart, &Vector1::new(0.3)).unwrap();
-    let before = cloud.moments();
-    cloud.resample(0.3, &mut rng);
-    let after = cloud.moments();
+    let mut particles = ParticleSet::new((0..50_000).map(|i| vector![i as f64 / 5e4, rng.random::<f64>()]).collect());
+    particles.update(&Cart, &Vector1::new(0.3)).unwrap();
+    let before = particles.moments();
+    particles.resample(0.3, &mut rng);
+    let after = particles.moments();
     assert!((after.mean - before.mean).norm() < 0.01);
     assert!((after.covariance - before.covariance).norm() < 0.05 * before.covariance.norm());
-    assert!((cloud.weights().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    assert!((particles.weights().iter().sum::<f64>() - 1.0).abs() < 1e-12);
 }
 
-/// The recursion as it is printed: `D22 - D21 (J + D11)^-1 D12` with `D11 = F' Q^-1 F`, `D12 = -F' Q^-1` and `D22 = Q^-1 + H' R^-1 H`
+/// Recursion as published: `D22 - D21 (J + D11)^-1 D12` with `D11 = F' Q^-1 F`, `D12 = -F' Q^-1` and `D22 = Q^-1 + H' R^-1 H`
 /// (Tichavsky et al. 1998).
 #[test]
-fn val_cramer_rao_bound_is_the_published_recursion() {
+fn val_the_cramer_rao_bound_equals_the_published_recursion() {
     let x = vector![0.0, 0.0];
     let (f, q) = (transition(), Process::noise(&Cart, &x));
     let q_inverse = q.try_inverse().unwrap();
     let h = RowVector2::new(1.0, 0.0);
-    let mut printed = Matrix2::identity();
+    let mut published = Matrix2::identity();
     let mut bound = Bound::new(&Matrix2::identity()).unwrap();
     for _ in 0..200 {
         let d11 = f.transpose() * q_inverse * f;
         let d12 = -f.transpose() * q_inverse;
         let d22 = q_inverse + h.transpose() * h / R;
-        printed = d22 - d12.transpose() * (printed + d11).try_inverse().unwrap() * d12;
+        published = d22 - d12.transpose() * (published + d11).try_inverse().unwrap() * d12;
         bound.predict(&Cart, &x);
         bound.update(bound::information(&Cart, &x).unwrap());
-        assert!((bound.information() - printed).norm() < 1e-9 * printed.norm());
+        assert!((bound.information() - published).norm() < 1e-9 * published.norm());
     }
 }

@@ -1,19 +1,19 @@
-//! Banks of hypotheses and updates of bounded influence.
+//! Gaussian-sum filter, iterated filter and robust updates.
 
-use filters::bounded::{self, Noisier};
 use filters::iterated::{self, Search};
-use filters::{Bank, Gaussian, Innovation, Measurement, UpdateError, Weighed, extended};
+use filters::robust::{self, InflatedNoise};
+use filters::{Bank, Gaussian, Innovation, Measurement, Update, UpdateError, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, vector};
 
 const SEARCH: Search = Search { iterations: 20, tolerance_sds: 1e-9 };
 
-/// Position of which a linear share is measured.
-struct Share {
+/// Linear measurement of a position.
+struct Linear {
     row: RowVector2<f64>,
     variance: f64,
 }
 
-impl Measurement<2, 1> for Share {
+impl Measurement<2, 1> for Linear {
     fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
         Some(self.row * x)
     }
@@ -22,7 +22,7 @@ impl Measurement<2, 1> for Share {
     }
 }
 
-/// The square of the distance from the origin.
+/// Measurement of the squared distance from the origin.
 struct Squared;
 
 impl Measurement<2, 1> for Squared {
@@ -34,14 +34,14 @@ impl Measurement<2, 1> for Squared {
     }
 }
 
-fn weighed(innovation: Innovation<1>) -> Weighed<1> {
-    Weighed { innovation, log_evidence: innovation.log_likelihood() }
+fn with_likelihood(innovation: Innovation<1>) -> Update<1> {
+    Update { innovation, log_evidence: innovation.log_likelihood() }
 }
 
-fn readings() -> impl Iterator<Item = (Share, f64)> {
+fn readings() -> impl Iterator<Item = (Linear, f64)> {
     (0..30).map(|i| {
         let angle = 0.4 * f64::from(i);
-        (Share { row: RowVector2::new(angle.cos(), angle.sin()), variance: 0.05 }, 0.3 * (1.7 * f64::from(i)).sin())
+        (Linear { row: RowVector2::new(angle.cos(), angle.sin()), variance: 0.05 }, 0.3 * (1.7 * f64::from(i)).sin())
     })
 }
 
@@ -50,11 +50,11 @@ fn val_a_bank_of_one_and_the_iterated_filter_equal_the_kalman_filter_on_a_linear
     let mut kalman = Gaussian::new(vector![1.0, -1.0], Matrix2::identity());
     let mut iterated = kalman;
     let mut bank = Bank::new([(kalman, 0.0)]);
-    for (share, z) in readings() {
+    for (linear, z) in readings() {
         let z = Vector1::new(z);
-        let expected = extended::update(&mut kalman, &share, &z).unwrap();
-        let found = iterated::update(&mut iterated, &share, &SEARCH, &z).unwrap();
-        let of_bank = bank.update(|belief| extended::update(belief, &share, &z).map(weighed)).unwrap();
+        let expected = extended::update(&mut kalman, &linear, &z).unwrap();
+        let found = iterated::update(&mut iterated, &linear, &SEARCH, &z).unwrap();
+        let of_bank = bank.update(|belief| extended::update(belief, &linear, &z).map(with_likelihood)).unwrap();
         for (belief, innovation) in [(iterated, found), (bank.moments().unwrap(), of_bank)] {
             assert!((belief.mean - kalman.mean).norm() < 1e-9);
             assert!((belief.covariance - kalman.covariance).norm() < 1e-9);
@@ -64,14 +64,14 @@ fn val_a_bank_of_one_and_the_iterated_filter_equal_the_kalman_filter_on_a_linear
 }
 
 #[test]
-fn val_bank_of_a_split_prior_is_the_kalman_filter() {
-    // Two halves with the same belief, and weights that the evidence leaves equal.
+fn val_a_bank_of_a_split_prior_equals_the_kalman_filter() {
+    // Two hypotheses with the same belief, whose weights stay equal.
     let start = Gaussian::new(vector![1.0, -1.0], Matrix2::identity());
     let (mut kalman, mut bank) = (start, Bank::new([(start, 3.0), (start, 3.0)]));
-    for (share, z) in readings() {
+    for (linear, z) in readings() {
         let z = Vector1::new(z);
-        extended::update(&mut kalman, &share, &z).unwrap();
-        bank.update(|belief| extended::update(belief, &share, &z).map(weighed)).unwrap();
+        extended::update(&mut kalman, &linear, &z).unwrap();
+        bank.update(|belief| extended::update(belief, &linear, &z).map(with_likelihood)).unwrap();
     }
     assert_eq!(bank.hypotheses().len(), 2);
     bank.merge(1e-9);
@@ -81,21 +81,21 @@ fn val_bank_of_a_split_prior_is_the_kalman_filter() {
 }
 
 #[test]
-fn verif_evidence_finds_the_hypothesis_and_pruning_keeps_it() {
+fn verif_the_true_hypothesis_becomes_the_most_probable_and_survives_pruning() {
     let at = |x: f64| (Gaussian::new(vector![x, 0.0], Matrix2::identity() * 0.1), 0.0);
     let mut bank = Bank::new([at(-4.0), at(0.0), at(4.0)]);
     for _ in 0..10 {
-        let share = Share { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
-        bank.update(|belief| extended::update(belief, &share, &Vector1::new(4.2)).map(weighed)).unwrap();
+        let linear = Linear { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
+        bank.update(|belief| extended::update(belief, &linear, &Vector1::new(4.2)).map(with_likelihood)).unwrap();
         bank.prune(1e-3);
     }
     assert_eq!(bank.hypotheses().len(), 1);
     assert!((bank.hypotheses()[0].weight() - 1.0).abs() < 1e-12);
-    assert!((bank.heaviest().unwrap().belief.mean[0] - 4.1).abs() < 0.1);
+    assert!((bank.most_probable().unwrap().belief.mean[0] - 4.1).abs() < 0.1);
 }
 
 #[test]
-fn verif_merging_keeps_mean_and_covariance() {
+fn verif_merging_preserves_mean_and_covariance() {
     let part = |x: f64, y: f64, s: f64| Gaussian::new(vector![x, y], Matrix2::new(s, 0.1, 0.1, 1.0));
     let mut bank = Bank::new([(part(0.0, 0.0, 1.0), 0.0), (part(1.0, 0.5, 2.0), -1.0), (part(-1.0, 2.0, 0.5), -0.3)]);
     let before = bank.moments().unwrap();
@@ -106,21 +106,21 @@ fn verif_merging_keeps_mean_and_covariance() {
 }
 
 #[test]
-fn robust_a_hypothesis_without_prediction_goes_and_the_last_one_stays() {
+fn robust_a_hypothesis_without_prediction_is_dropped_unless_it_is_the_last() {
     let start = Gaussian::new(vector![1.0, -1.0], Matrix2::identity());
     let other = Gaussian::new(vector![2.0, -1.0], Matrix2::identity());
     let mut bank = Bank::new([(start, 0.0), (other, 0.0)]);
-    let share = Share { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
+    let linear = Linear { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
     let known = |belief: &mut Gaussian<2>| {
         if belief.mean[0] > 1.5 {
             return Err(UpdateError::NoPrediction);
         }
-        extended::update(belief, &share, &Vector1::new(0.0)).map(weighed)
+        extended::update(belief, &linear, &Vector1::new(0.0)).map(with_likelihood)
     };
     bank.update(known).unwrap();
     assert_eq!(bank.hypotheses().len(), 1);
     let before = bank.clone();
-    let refused = bank.update(|_| Err::<Weighed<1>, _>(UpdateError::NoPrediction));
+    let refused = bank.update(|_| Err::<Update<1>, _>(UpdateError::NoPrediction));
     assert_eq!(refused, Err(UpdateError::NoPrediction));
     assert_eq!(bank.moments(), before.moments());
     bank.predict(|_| Err(UpdateError::NotPositiveDefinite));
@@ -128,7 +128,7 @@ fn robust_a_hypothesis_without_prediction_goes_and_the_last_one_stays() {
 }
 
 #[test]
-fn val_iterated_update_finds_the_most_probable_state() {
+fn val_the_iterated_update_finds_the_maximum_a_posteriori_state() {
     let prior = Gaussian::new(vector![0.6, 0.2], Matrix2::new(0.5, 0.1, 0.1, 0.3));
     let z = Vector1::new(4.0);
     let mut belief = prior;
@@ -138,7 +138,7 @@ fn val_iterated_update_finds_the_most_probable_state() {
         let (residual, apart) = (4.0 - x.norm_squared(), x - prior.mean);
         residual * residual / 1e-2 + apart.dot(&(inverse * apart))
     };
-    // No state nearby is more probable.
+    // No nearby state has a higher posterior density.
     for i in 0..100 {
         let angle = f64::from(i) * 0.0628;
         assert!(cost(belief.mean) <= cost(belief.mean + vector![angle.cos(), angle.sin()] * 1e-3));
@@ -146,17 +146,18 @@ fn val_iterated_update_finds_the_most_probable_state() {
 }
 
 #[test]
-fn verif_bounded_update_is_continuous_at_the_gate_and_hardly_minds_a_spike() {
+fn verif_the_robust_update_is_continuous_at_the_gate_and_bounds_the_influence_of_an_outlier() {
     let prior = Gaussian::new(vector![0.0, 0.0], Matrix2::identity());
-    let share = Share { row: RowVector2::new(1.0, 0.0), variance: 0.25 };
+    let linear = Linear { row: RowVector2::new(1.0, 0.0), variance: 0.25 };
     let moved = |z: f64| {
         let mut belief = prior;
-        let update =
-            |belief: &mut Gaussian<2>, model: &Noisier<'_, Share>, z: &Vector1<f64>| extended::update(belief, model, z);
-        let weighed = bounded::update(&mut belief, &share, 3.0, &Vector1::new(z), update).unwrap();
-        // What is reported is the innovation as it was.
-        assert!((weighed.innovation.nis - z * z / 1.25).abs() < 1e-12);
-        (belief.mean[0], weighed.log_evidence)
+        let update = |belief: &mut Gaussian<2>, model: &InflatedNoise<'_, Linear>, z: &Vector1<f64>| {
+            extended::update(belief, model, z)
+        };
+        let updated = robust::update(&mut belief, &linear, 3.0, &Vector1::new(z), update).unwrap();
+        // The innovation is the one with the nominal noise.
+        assert!((updated.innovation.nis - z * z / 1.25).abs() < 1e-12);
+        (belief.mean[0], updated.log_evidence)
     };
     let gate = 3.0 * 1.25_f64.sqrt();
     let (below, above) = (moved(gate - 1e-9), moved(gate + 1e-9));

@@ -1,4 +1,4 @@
-//! The particle filter where readings are far more precise than the cloud is dense.
+//! Particle filter with readings far more precise than the spacing of the particles.
 
 use filters::particle::Renewal;
 use filters::{Gaussian, Measurement, ParticleSet, extended};
@@ -9,10 +9,10 @@ use rand_pcg::Pcg64;
 
 const SD: f64 = 1e-3;
 
-/// A share of a place at rest.
-struct Share(RowVector2<f64>);
+/// Linear measurement of a position at rest.
+struct Linear(RowVector2<f64>);
 
-impl Measurement<2, 1> for Share {
+impl Measurement<2, 1> for Linear {
     fn predict(&self, x: &Vector2<f64>) -> Option<Vector1<f64>> {
         Some(self.0 * x)
     }
@@ -21,53 +21,53 @@ impl Measurement<2, 1> for Share {
     }
 }
 
-fn cloud(rng: &mut Pcg64) -> ParticleSet<2> {
+fn standard_normal(rng: &mut Pcg64) -> ParticleSet<2> {
     ParticleSet::new((0..2000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect())
 }
 
 #[test]
-fn val_renewed_cloud_meets_the_kalman_filter_where_weighing_alone_starves() {
+fn val_renewed_particles_equal_the_kalman_filter_when_reweighting_alone_degenerates() {
     let mut rng = Pcg64::seed_from_u64(3);
     let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 1e3 };
     let mut kalman = Gaussian::new(vector![0.0, 0.0], Matrix2::identity());
-    let (mut renewed, mut weighed) = (cloud(&mut rng), cloud(&mut rng));
+    let (mut renewed, mut reweighted) = (standard_normal(&mut rng), standard_normal(&mut rng));
     for i in 0..40 {
         let angle = 0.3 * f64::from(i);
-        let share = Share(RowVector2::new(angle.cos(), angle.sin()));
-        let z = Vector1::new((share.0 * vector![0.7, -0.4])[0] + SD * (2.3 * f64::from(i)).sin());
-        extended::update(&mut kalman, &share, &z).unwrap();
-        renewed.update_or_renew(&share, &z, &renewal, &mut rng).unwrap();
-        weighed.update(&share, &z).unwrap();
+        let linear = Linear(RowVector2::new(angle.cos(), angle.sin()));
+        let z = Vector1::new((linear.0 * vector![0.7, -0.4])[0] + SD * (2.3 * f64::from(i)).sin());
+        extended::update(&mut kalman, &linear, &z).unwrap();
+        renewed.update_or_renew(&linear, &z, &renewal, &mut rng).unwrap();
+        reweighted.update(&linear, &z).unwrap();
     }
     let sd = kalman.covariance.diagonal().map(f64::sqrt);
     let apart = (renewed.mean() - kalman.mean).component_div(&sd);
     assert!(apart.norm() < 0.5, "{apart}");
     let spread = renewed.moments().covariance.diagonal().component_div(&kalman.covariance.diagonal());
     assert!(spread.min() > 0.7 && spread.max() < 1.4, "{spread}");
-    assert!(renewed.effective_size() > 500.0 && weighed.effective_size() < 5.0);
+    assert!(renewed.effective_size() > 500.0 && reweighted.effective_size() < 5.0);
 }
 
 #[test]
-fn robust_a_spike_hardly_moves_the_cloud() {
+fn robust_an_outlier_hardly_moves_the_particles() {
     let mut rng = Pcg64::seed_from_u64(4);
     let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 5.0 };
-    let mut cloud = cloud(&mut rng);
-    let before = cloud.moments();
-    cloud.update_or_renew(&Share(RowVector2::new(1.0, 0.0)), &Vector1::new(1e4), &renewal, &mut rng).unwrap();
-    let after = cloud.moments();
+    let mut particles = standard_normal(&mut rng);
+    let before = particles.moments();
+    particles.update_or_renew(&Linear(RowVector2::new(1.0, 0.0)), &Vector1::new(1e4), &renewal, &mut rng).unwrap();
+    let after = particles.moments();
     assert!((after.mean - before.mean).norm() < 0.1 && (after.covariance - before.covariance).norm() < 0.1);
 }
 
-/// A place that is read with the more noise the larger it is.
-struct Louder;
+/// Direct measurement of a position whose noise grows with the position.
+struct StateDependentNoise;
 
-impl Louder {
+impl StateDependentNoise {
     fn sd(x: f64) -> f64 {
         0.1 * x.exp()
     }
 }
 
-impl Measurement<1, 1> for Louder {
+impl Measurement<1, 1> for StateDependentNoise {
     fn predict(&self, x: &Vector1<f64>) -> Option<Vector1<f64>> {
         Some(*x)
     }
@@ -77,10 +77,12 @@ impl Measurement<1, 1> for Louder {
 }
 
 #[test]
-fn val_cloud_is_drawn_to_quiet_places_as_far_as_the_exact_posterior() {
+fn val_state_dependent_noise_shifts_the_particles_as_it_shifts_the_exact_posterior() {
     const READINGS: i32 = 50;
-    let log_posterior =
-        |x: f64| -0.5 * x * x - f64::from(READINGS) * (0.5 * (x / Louder::sd(x)).powi(2) + Louder::sd(x).ln());
+    let log_posterior = |x: f64| {
+        -0.5 * x * x
+            - f64::from(READINGS) * (0.5 * (x / StateDependentNoise::sd(x)).powi(2) + StateDependentNoise::sd(x).ln())
+    };
     let grid: Vec<f64> = (-2000..=2000).map(|i| 1e-4 * f64::from(i)).collect();
     let weights: Vec<f64> = grid.iter().map(|&x| (log_posterior(x) - log_posterior(0.0)).exp()).collect();
     let moment =
@@ -89,9 +91,10 @@ fn val_cloud_is_drawn_to_quiet_places_as_far_as_the_exact_posterior() {
 
     let mut rng = Pcg64::seed_from_u64(5);
     let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 1e3 };
-    let mut cloud = ParticleSet::new((0..4000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect());
+    let mut particles =
+        ParticleSet::new((0..4000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect());
     for _ in 0..READINGS {
-        cloud.update_or_renew(&Louder, &Vector1::new(0.0), &renewal, &mut rng).unwrap();
+        particles.update_or_renew(&StateDependentNoise, &Vector1::new(0.0), &renewal, &mut rng).unwrap();
     }
-    assert!(mean < -0.5 * sd && (cloud.mean()[0] - mean).abs() < 0.15 * sd, "{} {mean} {sd}", cloud.mean());
+    assert!(mean < -0.5 * sd && (particles.mean()[0] - mean).abs() < 0.15 * sd, "{} {mean} {sd}", particles.mean());
 }

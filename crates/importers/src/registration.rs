@@ -8,7 +8,8 @@
 //! The scale of forces cannot be found, for no force was measured: the root's stiffness keeps its nominal value, and the moments that
 //! follow are nominal, all by the same factor.
 
-use nalgebra::{DMatrix, DVector, Matrix4, SVector, Vector4};
+use filters::least_squares::{Damping, Evaluated, Method, Residuals, Settings, forward_jacobian, minimise};
+use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 use trace::Characteristic;
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
@@ -47,7 +48,7 @@ pub(crate) struct Registration {
 
 /// Unknowns, as deviations from the drawing in units of their scatter: x, y, yaw, straight length, curvature, logarithm of the bending
 /// stiffness over the root's.
-type Unknowns = SVector<f64, 6>;
+type Unknowns = DVector<f64>;
 
 /// How far wires may lie from their drawings, one standard deviation: m, m, rad, m, 1/m, 1.
 const SCATTER: [f64; 6] = [0.01, 0.01, 0.3, 0.01, 10.0, 1.0];
@@ -59,9 +60,14 @@ const READING_SCATTER: f64 = 0.01;
 /// more of it, friction passes for an offset, which no other recording has.
 const REST_SCATTER: f64 = 0.005;
 
-/// Relative improvement below which the search ends.
-const CONVERGED: f64 = 1e-6;
-const MOST_STEPS: usize = 60;
+/// Levenberg-Marquardt method, until the cost decreases by less than a millionth.
+const SETTINGS: Settings = Settings {
+    method: Method::LevenbergMarquardt(Damping { decrease: 0.2, increase: 5.0, ..Damping::MARQUARDT }),
+    iterations: 60,
+    absolute: 0.0,
+    relative: 1e-6,
+    step: 0.0,
+};
 
 /// Shortest straight piece.
 const SHORTEST_M: f64 = 1e-4;
@@ -82,35 +88,9 @@ pub(crate) fn register(drawing: &Mounted, pressed: &[Pressed]) -> Option<Registr
         scatter_counts: READING_SCATTER * largest_counts,
         rest_scatter_counts: REST_SCATTER * largest_counts,
     };
-    let mut at = Unknowns::zeros();
-    let mut state = problem.evaluate(&at)?;
-    let mut damping = 1e-2;
-    for _ in 0..MOST_STEPS {
-        let jacobian = problem.jacobian(&at, &state)?;
-        let normal = jacobian.tr_mul(&jacobian);
-        let descent = jacobian.tr_mul(&state.residuals);
-        let before = state.cost();
-        // Until a step descends; where none does, this is the bottom.
-        while damping < 1e8 {
-            let mut damped = normal.clone();
-            for i in 0..at.len() {
-                damped[(i, i)] *= 1.0 + damping;
-            }
-            let step = damped.cholesky()?.solve(&descent);
-            let next = at - Unknowns::from_column_slice(step.as_slice());
-            match problem.evaluate(&next) {
-                Some(better) if better.cost() < before => {
-                    (at, state) = (next, better);
-                    damping *= 0.2;
-                    break;
-                }
-                _ => damping *= 5.0,
-            }
-        }
-        if before - state.cost() <= CONVERGED * before {
-            break;
-        }
-    }
+    let start = Evaluated::new(&problem, DVector::zeros(SCATTER.len()))?;
+    let at = minimise(&problem, start, &SETTINGS)?.state.x;
+    let state = problem.evaluate(&at)?;
     let residuals = state.residuals.rows(0, pressed.len()) * problem.scatter_counts;
     let largest_n_m = state.largest_n_m;
     let coefficients = [1, 2, 3].map(|power| state.counts[power]).to_vec();
@@ -139,12 +119,6 @@ struct State {
     counts: Vector4<f64>,
     /// Largest moment, with its sign.
     largest_n_m: f64,
-}
-
-impl State {
-    fn cost(&self) -> f64 {
-        self.residuals.norm_squared()
-    }
 }
 
 impl Problem<'_> {
@@ -206,16 +180,16 @@ impl Problem<'_> {
         let all_finite = residuals.iter().all(|residual| residual.is_finite());
         all_finite.then_some(State { residuals, counts, largest_n_m: largest * unit_n_m })
     }
+}
 
-    /// Derivatives of the residuals by forward differences; the polynomial follows.
-    fn jacobian(&self, at: &Unknowns, state: &State) -> Option<DMatrix<f64>> {
-        const STEP: f64 = 1e-5;
-        let columns = (0..at.len()).map(|i| {
-            let mut moved = *at;
-            moved[i] += STEP;
-            Some((self.evaluate(&moved)?.residuals - &state.residuals) / STEP)
-        });
-        Some(DMatrix::from_columns(&columns.collect::<Option<Vec<_>>>()?))
+impl Residuals for Problem<'_> {
+    fn residuals(&self, unknowns: &Unknowns) -> Option<DVector<f64>> {
+        self.evaluate(unknowns).map(|state| state.residuals)
+    }
+
+    /// Jacobian along the unknowns, with the polynomial fitted anew at each.
+    fn jacobian(&self, at: &Evaluated) -> Option<DMatrix<f64>> {
+        forward_jacobian(self, at, 1e-5)
     }
 }
 

@@ -22,7 +22,7 @@
 
 use std::marker::PhantomData;
 
-use filters::{mapped, product};
+use filters::{congruence, product};
 use nalgebra::{Matrix2, Rotation2, Vector2};
 
 /// The fixed frame.
@@ -139,7 +139,7 @@ impl<From, To> Pose<From, To> {
 
     /// A covariance's components in `To`.
     pub fn turn(&self, covariance: Matrix2<f64>) -> Matrix2<f64> {
-        mapped(self.rotation.matrix(), &covariance)
+        congruence(self.rotation.matrix(), &covariance)
     }
 
     /// Pose of `To` in `From`.

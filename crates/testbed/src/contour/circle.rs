@@ -4,7 +4,8 @@
 //! smooth an error looks like another radius: their covariance is `sd_i sd_j exp(-way / CORRELATION_M)`, and the interval follows
 //! from it (generalised least squares). Where the contour is farther from any circle than that allows, the interval is as much wider (Birge 1932).
 
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
+use filters::least_squares::{Method, Outcome, Problem, Quadratic, Settings, minimise};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Matrix3, Vector2, Vector3};
 use whisker::frames::{Point, World};
 
 use super::{Contour, Vertex};
@@ -19,6 +20,10 @@ const LEAST_ARC_RAD: f64 = 0.1;
 
 /// What is round lies so many times nearer to a circle than to any two straight lines.
 const LEAST_ROUND: f64 = 4.0;
+
+/// Gauss-Newton method, until the circle moves by less than 1e-12 m.
+const SETTINGS: Settings =
+    Settings { method: Method::GaussNewton, iterations: 100, absolute: 0.0, relative: 0.0, step: 1e-12 };
 
 /// A circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,20 +58,12 @@ impl Circle {
         let covariance = DMatrix::from_fn(points.len(), points.len(), |i, j| {
             sds_m[i] * sds_m[j] * (-(ways_m[i] - ways_m[j]).abs() / CORRELATION_M).exp()
         });
-        let whitening = covariance.cholesky()?;
-        let mut circle = algebraic(&points)?;
-        let mut normal = Matrix3::zeros();
-        for _ in 0..100 {
-            let (residuals, jacobian) = (off(&points, &circle), jacobian(&points, &circle));
-            let weighed = whitening.solve(&jacobian);
-            normal = Matrix3::from_iterator((jacobian.transpose() * &weighed).iter().copied());
-            let step: Vector3<f64> =
-                normal.try_inverse()? * Vector3::from_iterator((weighed.transpose() * residuals).iter().copied());
-            circle -= step;
-            if step.norm() < 1e-12 {
-                break;
-            }
+        let distances = Distances { points: &points, whitening: covariance.cholesky()? };
+        let solution = minimise(&distances, algebraic(&points)?, &SETTINGS)?;
+        if solution.outcome == Outcome::NoDescent {
+            return None;
         }
+        let circle = solution.state;
         let residuals = off(&points, &circle);
         let way_m = ways_m[ways_m.len() - 1];
         let radius_m = circle.z;
@@ -74,8 +71,8 @@ impl Circle {
             return None;
         }
         let freedom = (points.len() - 3) as f64;
-        let birge = (residuals.dot(&whitening.solve(&residuals)) / freedom).max(1.0);
-        let radius_sd_m = (birge * normal.try_inverse()?[(2, 2)]).sqrt();
+        let birge = (residuals.dot(&distances.whitening.solve(&residuals)) / freedom).max(1.0);
+        let radius_sd_m = (birge * inverse(&solution.approximation)?[(2, 2)]).sqrt();
         let curvature = |sds: f64| (1.0 + sds * radius_sd_m / radius_m) / radius_m;
         Some(Self {
             center: Point::new(circle.x, circle.y),
@@ -107,6 +104,48 @@ fn two_lines_rms_m(points: &[Vector2<f64>]) -> f64 {
     let split = |at: usize| squares_m2(&points[..at]) + squares_m2(&points[at..]);
     let least_m2 = (0..points.len()).map(split).fold(f64::INFINITY, f64::min);
     (least_m2 / points.len() as f64).sqrt()
+}
+
+/// Distances of points from the circle `(x, y, radius)`, with their covariance.
+struct Distances<'a> {
+    points: &'a [Vector2<f64>],
+    /// Cholesky factor of the covariance.
+    whitening: Cholesky<f64, Dyn>,
+}
+
+impl Problem for Distances<'_> {
+    type State = Vector3<f64>;
+
+    fn approximate(&self, circle: &Vector3<f64>) -> Option<Quadratic> {
+        let (residuals, jacobian) = (off(self.points, circle), jacobian(self.points, circle));
+        let weighted = self.whitening.solve(&jacobian);
+        Some(Quadratic {
+            cost: self.cost(circle, circle)?,
+            gradient: weighted.transpose() * residuals,
+            curvature: jacobian.transpose() * &weighted,
+        })
+    }
+
+    fn cost(&self, circle: &Vector3<f64>, _: &Vector3<f64>) -> Option<f64> {
+        let residuals = off(self.points, circle);
+        Some(0.5 * residuals.dot(&self.whitening.solve(&residuals)))
+    }
+
+    fn moved(&self, circle: &Vector3<f64>, step: &DVector<f64>) -> Option<Vector3<f64>> {
+        Some(circle + Vector3::from_column_slice(step.as_slice()))
+    }
+
+    /// Step by the closed form of the inverse. The damping is zero.
+    fn step(&self, approximation: &Quadratic, _: f64) -> Option<DVector<f64>> {
+        let gradient = Vector3::from_column_slice(approximation.gradient.as_slice());
+        let step = -(inverse(approximation)? * gradient);
+        Some(DVector::from_column_slice(step.as_slice()))
+    }
+}
+
+/// Covariance of the circle at a minimum. `None` if the curvature is singular.
+fn inverse(approximation: &Quadratic) -> Option<Matrix3<f64>> {
+    Matrix3::from_column_slice(approximation.curvature.as_slice()).try_inverse()
 }
 
 /// Distances outside of the circle `(x, y, radius)`.

@@ -1,6 +1,6 @@
 //! Noise of the measured pose of a whisker's base.
 
-use filters::mapped;
+use filters::congruence;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 
 use crate::frames::{Base, Point};
@@ -25,7 +25,7 @@ impl BaseNoise {
     /// base displaced by `(x, y)` and rotated by `yaw` displaces the point `p` by `-(x, y) - yaw x p`.
     pub fn of_point_m2(&self, point: Point<Base>) -> Matrix2<f64> {
         let by_pose = Matrix2x3::new(1.0, 0.0, -point.y(), 0.0, 1.0, point.x());
-        mapped(&by_pose, &self.0)
+        congruence(&by_pose, &self.0)
     }
 
     /// Variance that the error adds to the reading of a contact whose reading has the gradient `gradient_n` by the

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use filters::Gaussian;
 use filters::batch::{Instant, solve};
-use filters::bounded::Noisier;
 use filters::iterated::Search;
+use filters::robust::InflatedNoise;
 use nalgebra::{Matrix2, SVector, Vector1, vector};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -96,7 +96,7 @@ impl<Model: Motion<N>, const N: usize> Collector<Model, N> {
             .take(self.recorder.touching())
             .map(|(sample, factor)| Instant {
                 process: follower.motion.step(side, sample),
-                measurement: Noisier { model: &reading, factor: *factor },
+                measurement: InflatedNoise { model: &reading, factor: *factor },
                 reading: Vector1::new(sample.reading_n_m),
             })
             .collect();

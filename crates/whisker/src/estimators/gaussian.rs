@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use filters::{Bank, Gaussian, Innovation, Measurement, Process, UpdateError, Weighed, bounded};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, robust};
 use nalgebra::Vector1;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -179,8 +179,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         z_n_m: f64,
     ) -> Result<Innovation<1>, UpdateError> {
         let (filter, z) = (&self.config.filter, Vector1::new(z_n_m));
-        let innovation = bank.update(|belief| -> Result<Weighed<1>, UpdateError> {
-            bounded::update(belief, reading, self.config.gate_sds, &z, |belief, reading, z| {
+        let innovation = bank.update(|belief| -> Result<Update<1>, UpdateError> {
+            robust::update(belief, reading, self.config.gate_sds, &z, |belief, reading, z| {
                 filter.update(belief, reading, z)
             })
         });

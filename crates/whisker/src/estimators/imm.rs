@@ -11,7 +11,7 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use filters::imm::{Imm, Transition};
-use filters::{Bank, Gaussian, Innovation, Measurement, Process, UpdateError, Weighed, bounded, extended};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, extended, robust};
 use nalgebra::{Matrix1, Matrix4, SMatrix, SVector, Vector1, Vector4};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -191,8 +191,8 @@ impl Follower {
     ) -> Result<Innovation<1>, UpdateError> {
         let (gate_sds, z) = (self.config.gate_sds, Vector1::new(z_n_m));
         let innovation = bank.update(|modes| {
-            modes.update(|mode, belief| -> Result<Weighed<1>, UpdateError> {
-                bounded::update(belief, &reading(mode), gate_sds, &z, |belief, reading, z| {
+            modes.update(|mode, belief| -> Result<Update<1>, UpdateError> {
+                robust::update(belief, &reading(mode), gate_sds, &z, |belief, reading, z| {
                     extended::update(belief, reading, z)
                 })
             })
@@ -206,7 +206,7 @@ impl Follower {
     /// Takes a sample after that of the touch.
     fn advance(&self, bank: &mut Bank<4, Imm<4>>, sample: &Sample) -> Option<Innovation<1>> {
         let Config { sojourn_s, weights, round, .. } = &self.config;
-        let transition = Transition::of_sojourns(sample.dt_s, &sojourn_s.all(), &weights.all());
+        let transition = Transition::from_sojourns(sample.dt_s, &sojourn_s.all(), &weights.all());
         bank.predict(|modes| {
             modes.mix(&transition, |_, to, belief| if to == SLIDING { unknown(round, belief) } else { *belief });
             modes.predict(|mode, belief| {

@@ -174,7 +174,7 @@ impl AveragingTracker {
     /// Updates the candidates' probabilities and returns the innovation of the mixture.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
         let sojourns_s = vec![self.sojourn_s; self.methods.len()];
-        self.right.predict(&Transition::of_sojourns(sample.dt_s, &sojourns_s, &self.weights));
+        self.right.predict(&Transition::from_sojourns(sample.dt_s, &sojourns_s, &self.weights));
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
         let known = innovations.iter().zip(self.right.probabilities());
         let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
@@ -182,7 +182,7 @@ impl AveragingTracker {
         // A candidate without a prediction gets the smallest likelihood of the others.
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let evidence: Vec<_> = evidence.iter().map(|found| Some(found.unwrap_or(least))).collect();
-        self.right.weigh(&evidence)?;
+        self.right.reweight(&evidence)?;
         Some(innovation)
     }
 

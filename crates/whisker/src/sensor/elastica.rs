@@ -24,7 +24,8 @@
 
 use std::sync::Arc;
 
-use nalgebra::{SMatrix, SVector, Vector2};
+use filters::least_squares::{Damping, Method, Outcome, Problem, Quadratic, Settings, minimise};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -56,15 +57,14 @@ const NAMES: [&str; COUNT] = [
 /// Number of leading parameters that are positive and fitted by their logarithms.
 const POSITIVE: usize = 3;
 
-/// Maximum number of steps of a fit.
-const MOST_STEPS: usize = 60;
-
-/// Decrease of twice the negative log-likelihood below which a fit has converged: a tenth of a standard deviation.
-const SETTLED: f64 = 1e-2;
-
-/// Levenberg-Marquardt damping: relative addition to the diagonal.
-const FIRST_DAMPING: f64 = 1e-2;
-const MOST_DAMPING: f64 = 1e4;
+/// Levenberg-Marquardt method, until the negative logarithm of the posterior density decreases by less than 0.005: a tenth of a standard deviation.
+const SETTINGS: Settings = Settings {
+    method: Method::LevenbergMarquardt(Damping { restart: 1e-3, highest: 1e5, ..Damping::MARQUARDT }),
+    iterations: 60,
+    absolute: 5e-3,
+    relative: 0.0,
+    step: 0.0,
+};
 
 const POSITIVE_DEFINITE: &str = "a sum of squares and the identity is positive definite";
 
@@ -317,27 +317,14 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
     let largest_n_m = samples.iter().map(|sample| sample.reading_n_m.abs()).fold(0.0, f64::max);
     let prior = Prior { mean: first_guess(region, samples)?, sd: config.standard_deviations(largest_n_m)? };
 
-    let mut best = prior.look(region, prior.mean, samples, largest_n_m)?;
-    let mut damping = FIRST_DAMPING;
-    for _ in 0..MOST_STEPS {
-        let step = prior.step(&best, damping);
-        let next = best.tuned.parameters.moved(step.component_mul(&prior.sd));
-        let before = prior.cost(&best, best.noise_variance);
-        match prior.look(region, next, samples, largest_n_m) {
-            Ok(next) if prior.cost(&next, best.noise_variance) < before => {
-                let descent = before - prior.cost(&next, best.noise_variance);
-                best = next;
-                damping *= 0.1;
-                if descent < SETTLED {
-                    return prior.learnt(region, config.response, best);
-                }
-            }
-            // No step decreases the cost: this is the minimum, up to the error of the tabulated mechanics.
-            _ if damping > MOST_DAMPING => return prior.learnt(region, config.response, best),
-            _ => damping = 10.0 * damping.max(1e-3),
-        }
+    let calibration = Calibration { prior: &prior, region, samples, largest_n_m };
+    let start = calibration.look(prior.mean).ok_or_else(no_solution)?;
+    let solution = minimise(&calibration, start, &SETTINGS).ok_or_else(no_solution)?;
+    if solution.outcome == Outcome::IterationLimit {
+        let steps = SETTINGS.iterations;
+        return Err(ModelError::Data(format!("the whisker's parameters do not settle in {steps} steps")));
     }
-    Err(ModelError::Data(format!("the whisker's parameters do not settle in {MOST_STEPS} steps")))
+    prior.learnt(region, config.response, solution.state)
 }
 
 /// The nominal whisker, with the gain that fits the readings best.
@@ -400,52 +387,67 @@ struct Look {
     noise_variance: f64,
 }
 
-impl Prior {
-    fn look(
-        &self,
-        region: &Region<'_>,
-        parameters: Parameters,
-        samples: &[Sample],
-        largest_n_m: f64,
-    ) -> Result<Look, ModelError> {
-        let tuned = Tuned::rough(region, parameters).ok_or_else(no_solution)?;
-        let sensitivities = Sensitivities::new(region, &parameters.whisker(region.whisker)).ok_or_else(no_solution)?;
+/// Fit of the parameters to samples under a prior, by steps in units of the prior standard deviations.
+struct Calibration<'a> {
+    prior: &'a Prior,
+    region: &'a Region<'a>,
+    samples: &'a [Sample],
+    largest_n_m: f64,
+}
+
+impl Calibration<'_> {
+    /// `None` if the parameters have no equilibrium over the calibrated region.
+    fn look(&self, parameters: Parameters) -> Option<Look> {
+        let tuned = Tuned::rough(self.region, parameters)?;
+        let sensitivities = Sensitivities::new(self.region, &parameters.whisker(self.region.whisker))?;
         let (mut squares, mut products, mut misses) = (Matrix::zeros(), Vector::zeros(), 0.0);
-        for sample in samples {
+        for sample in self.samples {
             let (reading_n_m, derivatives) = tuned.derivatives(&sensitivities, sample.contact);
-            let row = derivatives.component_mul(&self.sd);
+            let row = derivatives.component_mul(&self.prior.sd);
             let miss = reading_n_m - sample.reading_n_m;
             squares += row * row.transpose();
             products += row * miss;
             misses += miss * miss;
         }
-        let left = (samples.len() - COUNT) as f64;
-        let noise_variance = (misses / left).max((SMALLEST_NOISE * largest_n_m).powi(2));
-        Ok(Look { tuned, sensitivities, squares, products, misses, noise_variance })
+        let left = (self.samples.len() - COUNT) as f64;
+        let noise_variance = (misses / left).max((SMALLEST_NOISE * self.largest_n_m).powi(2));
+        Some(Look { tuned, sensitivities, squares, products, misses, noise_variance })
+    }
+}
+
+impl Problem for Calibration<'_> {
+    type State = Look;
+
+    fn approximate(&self, look: &Look) -> Option<Quadratic> {
+        let gradient = look.products / look.noise_variance + self.prior.moved(look);
+        let information = Prior::information(look);
+        Some(Quadratic {
+            cost: self.cost(look, look)?,
+            gradient: DVector::from_column_slice(gradient.as_slice()),
+            curvature: DMatrix::from_column_slice(COUNT, COUNT, information.as_slice()),
+        })
     }
 
+    /// Negative logarithm of the posterior density with the noise's variance at `current`, up to a constant.
+    fn cost(&self, look: &Look, current: &Look) -> Option<f64> {
+        Some(0.5 * (look.misses / current.noise_variance + self.prior.moved(look).norm_squared()))
+    }
+
+    fn moved(&self, look: &Look, step: &DVector<f64>) -> Option<Look> {
+        let step = Vector::from_column_slice(step.as_slice());
+        self.look(look.tuned.parameters.moved(step.component_mul(&self.prior.sd)))
+    }
+}
+
+impl Prior {
     /// Distance from the prior mean, in prior standard deviations.
     fn moved(&self, look: &Look) -> Vector {
         let moved = look.tuned.parameters.step_from(&self.mean);
         moved.zip_map(&self.sd, |moved, sd| if sd > 0.0 { moved / sd } else { 0.0 })
     }
 
-    fn cost(&self, look: &Look, noise_variance: f64) -> f64 {
-        look.misses / noise_variance + self.moved(look).norm_squared()
-    }
-
     fn information(look: &Look) -> Matrix {
         look.squares / look.noise_variance + Matrix::identity()
-    }
-
-    /// Levenberg-Marquardt step; without damping, Gauss-Newton step.
-    fn step(&self, look: &Look, damping: f64) -> Vector {
-        let mut damped = Self::information(look);
-        for i in 0..COUNT {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let slope = look.products / look.noise_variance + self.moved(look);
-        -damped.cholesky().expect(POSITIVE_DEFINITE).solve(&slope)
     }
 
     fn learnt(&self, region: &Region<'_>, response: usize, look: Look) -> Result<FittedModel, ModelError> {

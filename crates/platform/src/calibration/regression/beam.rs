@@ -7,7 +7,8 @@
 //!
 //! What it leaves out: the twist's finite angle, the magnet's non-linear field, the low-pass.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use filters::least_squares::{Damping, Evaluated, Method, Residuals, Settings, central_jacobian, minimise};
+use nalgebra::{DMatrix, DVector, dvector};
 
 use super::{Regressor, log_slope};
 use crate::calibration::{Error, Features, LabelledPress};
@@ -17,7 +18,14 @@ const NAME: &str = "beam";
 /// Distances are looked for up to this share of the virtual tip's.
 const OUTERMOST: f64 = 0.999;
 
-const ROUNDS: usize = 100;
+/// Levenberg-Marquardt method, until the sum of squares decreases by less than 1e-10 of itself.
+const SETTINGS: Settings = Settings {
+    method: Method::LevenbergMarquardt(Damping { first: 1e-3, highest: 1e12, ..Damping::MARQUARDT }),
+    iterations: 100,
+    absolute: 0.0,
+    relative: 1e-10,
+    step: 0.0,
+};
 
 #[derive(Clone, Copy, Debug)]
 struct Beam {
@@ -28,7 +36,7 @@ struct Beam {
 
 impl Beam {
     /// Of `ln g`, `ln (l r)` and `ln (t / r - 1)` with the reach `r`: any number stands for something physical.
-    fn new(parameters: &Vector3<f64>, reach_m: f64) -> Self {
+    fn new(parameters: &DVector<f64>, reach_m: f64) -> Self {
         Self {
             log_gain: parameters[0],
             bend_per_m: parameters[1].exp() / reach_m,
@@ -63,53 +71,36 @@ pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error
     if !differ || nearest_m >= reach_m {
         return Err(Error::Undetermined(NAME));
     }
-    let residuals = |parameters: &Vector3<f64>| {
-        let beam = Beam::new(parameters, reach_m);
-        let of_press = |press: &LabelledPress| (beam.distance_m(&press.features) - press.distance_m) / reach_m;
-        DVector::from_iterator(presses.len(), presses.iter().map(of_press))
-    };
+    let distances = Distances { presses, reach_m };
     let gain = |bend: f64, taper: f64| {
         // The gain that suits most presses, for a bend and a taper to begin with.
-        let beam = Beam::new(&Vector3::new(0.0, bend, taper), reach_m);
+        let beam = Beam::new(&dvector![0.0, bend, taper], reach_m);
         let gains = presses.iter().map(|press| log_slope(&press.features) - beam.log_slope(press.distance_m));
         gains.sum::<f64>() / presses.len() as f64
     };
     let starts = [-2.0, 0.0, 2.0].into_iter().flat_map(|bend| [-2.0, 0.0].map(|taper| (bend, taper)));
-    let fits = starts.map(|(bend, taper)| levenberg_marquardt(Vector3::new(gain(bend, taper), bend, taper), residuals));
-    let best = fits.min_by(|(_, a), (_, b)| a.total_cmp(b)).filter(|(_, squares)| squares.is_finite());
-    let (parameters, _) = best.ok_or(Error::Undetermined(NAME))?;
-    Ok(Box::new(Beam::new(&parameters, reach_m)))
+    let fits = starts.filter_map(|(bend, taper)| {
+        let start = Evaluated::new(&distances, dvector![gain(bend, taper), bend, taper])?;
+        minimise(&distances, start, &SETTINGS).map(|solution| solution.state)
+    });
+    let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost())).ok_or(Error::Undetermined(NAME))?;
+    Ok(Box::new(Beam::new(&best.x, reach_m)))
 }
 
-/// Parameters near `start` with the least sum of squares, and that sum.
-fn levenberg_marquardt(start: Vector3<f64>, residuals: impl Fn(&Vector3<f64>) -> DVector<f64>) -> (Vector3<f64>, f64) {
-    const STEP: f64 = 1e-5;
-    let (mut parameters, mut damping) = (start, 1e-3);
-    let mut current = residuals(&parameters);
-    for _ in 0..ROUNDS {
-        let jacobian = DMatrix::from_columns(&[0, 1, 2].map(|i| {
-            let step = Vector3::ith(i, STEP);
-            (residuals(&(parameters + step)) - residuals(&(parameters - step))) / (2.0 * STEP)
-        }));
-        let normal = jacobian.transpose() * &jacobian;
-        let damped = &normal + DMatrix::from_diagonal(&normal.diagonal().add_scalar(1e-12)) * damping;
-        let Some(step) = damped.cholesky().map(|cholesky| cholesky.solve(&(jacobian.transpose() * &current))) else {
-            break;
-        };
-        let next = parameters - Vector3::new(step[0], step[1], step[2]);
-        let tried = residuals(&next);
-        if tried.norm_squared() < current.norm_squared() {
-            let gained = 1.0 - tried.norm_squared() / current.norm_squared();
-            (parameters, current, damping) = (next, tried, damping / 10.0);
-            if gained < 1e-10 {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > 1e12 {
-                break;
-            }
-        }
+/// Residuals of the distances, relative to the reach, by the parameters of [`Beam::new`].
+struct Distances<'a> {
+    presses: &'a [LabelledPress],
+    reach_m: f64,
+}
+
+impl Residuals for Distances<'_> {
+    fn residuals(&self, parameters: &DVector<f64>) -> Option<DVector<f64>> {
+        let beam = Beam::new(parameters, self.reach_m);
+        let of_press = |press: &LabelledPress| (beam.distance_m(&press.features) - press.distance_m) / self.reach_m;
+        Some(DVector::from_iterator(self.presses.len(), self.presses.iter().map(of_press)))
     }
-    (parameters, current.norm_squared())
+
+    fn jacobian(&self, at: &Evaluated) -> Option<DMatrix<f64>> {
+        central_jacobian(self, at, 1e-5)
+    }
 }

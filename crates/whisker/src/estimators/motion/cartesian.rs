@@ -1,6 +1,6 @@
 //! Motion models in Cartesian coordinates.
 
-use filters::{Process, mapped, product};
+use filters::{Process, congruence, product};
 use nalgebra::{SMatrix, SVector};
 
 use crate::estimators::side::Side;
@@ -46,7 +46,7 @@ impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         let before = self.along_and_away(x);
         let (_, from) = self.in_base(&before);
-        mapped(&from, &self.step.noise(&before))
+        congruence(&from, &self.step.noise(&before))
     }
 
     fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
@@ -57,6 +57,6 @@ impl<const N: usize, Step: Process<N>> Process<N> for Cartesian<'_, Step> {
         // The inverse fails only at the whisker's centre of curvature; a contact there does not determine its position
         // along the whisker.
         let jacobian = product(&product(&to, &by_before), &from.try_inverse().unwrap_or_else(SMatrix::zeros));
-        (found, jacobian, mapped(&from, &noise))
+        (found, jacobian, congruence(&from, &noise))
     }
 }

@@ -96,7 +96,7 @@ impl Process<2> for Rest<'_> {
         Matrix2::identity() * self.wander_m2
     }
 
-    fn even_noise(&self) -> Option<Matrix2<f64>> {
+    fn constant_noise(&self) -> Option<Matrix2<f64>> {
         Some(Matrix2::identity() * self.wander_m2)
     }
 }
@@ -121,7 +121,7 @@ impl Process<2> for CartesianRest {
         Matrix2::identity() * self.wander_m2
     }
 
-    fn even_noise(&self) -> Option<Matrix2<f64>> {
+    fn constant_noise(&self) -> Option<Matrix2<f64>> {
         Some(Matrix2::identity() * self.wander_m2)
     }
 }

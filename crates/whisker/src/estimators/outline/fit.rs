@@ -103,7 +103,7 @@ impl Evidence<'_> {
 impl Problem for Evidence<'_> {
     type State = Curve;
 
-    fn cost(&self, curve: &Curve) -> Option<f64> {
+    fn cost(&self, curve: &Curve, _: &Curve) -> Option<f64> {
         let costs = self.readings.iter().map(|reading| {
             let contact = self.contact(reading, curve);
             Residual::of(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0
@@ -134,7 +134,7 @@ impl Problem for Evidence<'_> {
         Some(quadratic)
     }
 
-    fn moved(&self, curve: &Curve, step: &DVector<f64>) -> Curve {
-        curve.moved(step.as_slice())
+    fn moved(&self, curve: &Curve, step: &DVector<f64>) -> Option<Curve> {
+        Some(curve.moved(step.as_slice()))
     }
 }

@@ -1,7 +1,7 @@
 //! An object that was touched: the estimate of its outline, and its readings.
 
 use filters::Innovation;
-use filters::least_squares::{Problem, Search, descend};
+use filters::least_squares::{Damping, Method, Problem, Settings, minimise};
 use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, Vector1, Vector2};
 
 use super::Config;
@@ -25,6 +25,24 @@ const LENGTH_ROUNDS: usize = 3;
 const NEAR_STEPS: usize = 10;
 const FAR_STEPS: usize = 6;
 const LAST_STEPS: usize = 40;
+
+/// Levenberg-Marquardt method, whose damping begins with next to none: where a prior ties many unknowns to one another, the diagonal of the curvature
+/// is far larger than the curvature for all of them together.
+const SETTINGS: Settings = Settings {
+    method: Method::LevenbergMarquardt(Damping {
+        first: 1e-9,
+        lowest: 1e-9,
+        restart: 1e-9,
+        highest: f64::INFINITY,
+        decrease: 0.01,
+        increase: 20.0,
+        attempts: 10,
+    }),
+    iterations: LAST_STEPS,
+    absolute: 1e-2,
+    relative: 0.0,
+    step: 0.0,
+};
 
 /// Difference of cost by which the result of a distant search must be better.
 const FAR_MARGIN: f64 = 1.0;
@@ -181,10 +199,12 @@ impl Object {
 
     /// Result of a search under a sequence of priors, and its cost under the last one.
     fn sought(&self, side: &Side, priors: &[Prior], iterations: usize) -> Option<(Curve, f64)> {
-        let search = Search { iterations, tolerance: 1e-2 };
-        let descend = |curve: Curve, prior: &Prior| descend(&self.evidence(side, *prior), curve, &search);
+        let settings = Settings { iterations, ..SETTINGS };
+        let descend = |curve: Curve, prior: &Prior| {
+            minimise(&self.evidence(side, *prior), curve, &settings).map(|solution| solution.state)
+        };
         let curve = priors.iter().try_fold(self.curve.clone(), descend)?;
-        let cost = self.evidence(side, *priors.last()?).cost(&curve)?;
+        let cost = self.evidence(side, *priors.last()?).cost(&curve, &curve)?;
         Some((curve, cost))
     }
 

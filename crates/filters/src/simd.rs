@@ -1,8 +1,8 @@
-//! Arithmetic on many numbers at once, as wide as the processor's registers are.
+//! Vectorised arithmetic on arrays.
 //!
-//! The loops are plain Rust over slices, which the compiler turns into vector instructions; [`vectorised!`](crate::vectorised) has them compiled once for each
-//! width and takes the widest that the processor has. The results do not depend on that: each element is computed by the same operations, sums
-//! are taken in sixteen parts whatever the width, and Rust never fuses a product and a sum.
+//! The loops are plain Rust over slices, which the compiler vectorises; [`vectorised!`](crate::vectorised) compiles them once per instruction set and selects the
+//! widest that the processor supports. Results do not depend on the instruction set: each element is computed by the same operations, sums have sixteen
+//! partial sums at every width, and Rust never contracts a product and a sum to a fused multiply-add.
 
 use std::f32::consts::{FRAC_1_SQRT_2, FRAC_PI_4};
 use std::f64::consts::{LOG2_E, SQRT_2};
@@ -10,29 +10,28 @@ use std::f64::consts::{LOG2_E, SQRT_2};
 use aligned_vec::{AVec, ConstAlign};
 use rand::Rng;
 
-/// Numbers in a cache line, and in the widest register.
+/// Number of `f64` in a cache line and in the widest vector register.
 pub(crate) const LINE: usize = 8;
 
-/// Numbers that begin where a cache line does: of a register's worth elsewhere each access would take two.
+/// Array aligned to a cache line, so that no vector access crosses two lines.
 pub(crate) type Column = AVec<f64, ConstAlign<64>>;
 
-/// So many numbers of one value.
+/// Array of `count` elements of one value.
 pub(crate) fn column(count: usize, value: f64) -> Column {
     AVec::from_iter(64, std::iter::repeat_n(value, count))
 }
 
-/// Parts in which a sum is taken.
+/// Number of partial sums.
 const LANES: usize = 16;
 
-/// Two to the 52nd and half of it: a number of modest size added to this and taken away again is rounded to the nearest integer, which meanwhile
-/// stands in the lowest bits.
+/// `1.5 * 2^52`: adding it to a number of modest size and subtracting it again rounds to the nearest integer, which is in the lowest bits of the sum.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
-/// ln 2 in two parts, the first so short that its product with an exponent is exact.
+/// `ln 2` as a sum of two parts, of which the first has so few bits that its product with an exponent is exact (Cody and Waite).
 const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
 
-/// Calls a function as compiled for the widest vectors that the processor has: `vectorised!(scale(&mut values, 2.0))`. It and whatever it calls
-/// must be `#[inline(always)]`: what is not inlined stays as narrow as the rest of the program.
+/// Calls a function compiled for the widest instruction set that the processor supports: `vectorised!(scale(&mut values, 2.0))`. The function and its callees
+/// must be `#[inline(always)]`; a function that is not inlined is compiled for the baseline instruction set.
 #[macro_export]
 macro_rules! vectorised {
     ($call:expr) => {
@@ -40,11 +39,8 @@ macro_rules! vectorised {
     };
 }
 
-/// Sum of `term` over the rows of columns of one length.
-#[allow(
-    clippy::needless_range_loop,
-    reason = "an iterator over several columns is not turned into vector instructions"
-)]
+/// Sum of `term` over the rows of columns of equal length.
+#[allow(clippy::needless_range_loop, reason = "the compiler does not vectorise an iterator over several columns")]
 #[inline(always)]
 pub(crate) fn sum<const C: usize>(columns: [&[f64]; C], term: impl Fn([f64; C]) -> f64) -> f64 {
     let count = columns[0].len() / LANES;
@@ -55,7 +51,7 @@ pub(crate) fn sum<const C: usize>(columns: [&[f64]; C], term: impl Fn([f64; C]) 
     }
     let mut parts = [0.0; LANES];
     for row in 0..count {
-        // What is taken out here is not checked again for each lane.
+        // Slices taken here spare a bounds check per lane.
         let mut chunk = [&[0.0; LANES]; C];
         for c in 0..C {
             chunk[c] = &chunks[c][row];
@@ -85,7 +81,7 @@ pub(crate) fn sum<const C: usize>(columns: [&[f64]; C], term: impl Fn([f64; C]) 
     parts[0]
 }
 
-/// The largest of some numbers, minus infinity where there are none.
+/// Largest value; minus infinity if there are none.
 #[inline(always)]
 pub(crate) fn largest(values: &[f64]) -> f64 {
     let mut parts = [f64::NEG_INFINITY; LANES];
@@ -107,12 +103,12 @@ fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
-/// `e^x` of a number not above zero, to within 3e-12 of itself, far more than a weight needs; zero below `e^-300`, so that of such numbers even the
-/// squares, times small numbers, are normal: others take the processor a hundred times as long.
+/// `e^x` for `x <= 0` with a relative error below 3e-12. Zero for `x < -300`, which keeps squares of weights out of the subnormal range, where arithmetic is
+/// about a hundred times slower.
 #[inline(always)]
 pub(crate) fn exp(x: f64) -> f64 {
     const LEAST: f64 = -300.0;
-    /// Those of the polynomial through `(e^x - 1) / x` at the Chebyshev nodes within half of ln 2.
+    /// Coefficients of the polynomial that interpolates `(e^x - 1) / x` at the Chebyshev nodes for `|x| <= ln 2 / 2`.
     const SERIES: [f64; 8] = [
         0.999_999_999_995_505_5,
         0.499_999_999_999_550_7,
@@ -132,7 +128,7 @@ pub(crate) fn exp(x: f64) -> f64 {
     if x < LEAST { 0.0 } else { value * power }
 }
 
-/// The natural logarithm of a positive normal number, to within a unit in the last place (the series of Sun's fdlibm).
+/// Natural logarithm of a positive normal number with an error below one unit in the last place (series of Sun's fdlibm).
 #[inline(always)]
 pub(crate) fn ln(x: f64) -> f64 {
     const SERIES: [f64; 8] = [
@@ -157,25 +153,24 @@ pub(crate) fn ln(x: f64) -> f64 {
     exponent * LN_2[0] - ((half - correction) - f)
 }
 
-/// A polynomial of degree 7, its lowest coefficient first: by Estrin's scheme, of which few products wait for one another.
+/// Polynomial of degree 7, lowest coefficient first, by Estrin's scheme, whose products are mostly independent.
 #[inline(always)]
 fn polynomial([a, b, c, d, e, f, g, h]: &[f64; 8], x: f64) -> f64 {
     let squared = x * x;
     ((a + b * x) + (c + d * x) * squared) + ((e + f * x) + (g + h * x) * squared) * (squared * squared)
 }
 
-/// Fills with independent draws from the standard normal distribution: pairs by the method of Box and Muller (1958) from the numbers of a SplitMix64
-/// generator (Steele, Lea and Flood 2014), which `rng` starts.
+/// Fills an array with independent standard normal draws: pairs by the Box-Muller transform (1958) of the output of a SplitMix64 generator (Steele, Lea and
+/// Flood 2014) seeded by `rng`.
 ///
-/// They are computed in numbers of 32 bits, of which a register holds twice as many: no probability is off by more than four in ten million, and
-/// none lies more than 6.7 from zero. The ziggurat needs fewer operations, but each number waits for a branch and the generator for the number
-/// before.
+/// The computation is in `f32`, of which a register holds twice as many as of `f64`: probabilities are accurate to 4e-7, and no draw exceeds 6.7 in
+/// magnitude. The ziggurat method needs fewer operations, but its branches and the sequential generator prevent vectorisation.
 pub(crate) fn fill_normal(values: &mut [f64], rng: &mut impl Rng) {
     let start = rng.next_u64();
     vectorised!(fill_normal_from(values, start));
 }
 
-/// Pairs that are made side by side.
+/// Pairs per block.
 const PAIRS: usize = 64;
 
 #[inline(always)]
@@ -191,10 +186,10 @@ fn fill_normal_from(values: &mut [f64], start: u64) {
     }
 }
 
-/// What SplitMix64 adds to its state.
+/// Increment of SplitMix64.
 const GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// Pairs of normal numbers from the generator's next numbers: first the ones, then the others.
+/// Block of standard normal pairs from the next outputs of the generator: first all first elements, then all second ones.
 #[inline(always)]
 fn normal_block(first: u64) -> [f64; 2 * PAIRS] {
     let (mut radius_bits, mut angle_bits) = ([0; PAIRS], [0; PAIRS]);
@@ -214,7 +209,7 @@ fn normal_block(first: u64) -> [f64; 2 * PAIRS] {
     block
 }
 
-/// The finaliser of SplitMix64.
+/// Finaliser of SplitMix64.
 #[inline(always)]
 fn mixed(state: u64) -> u64 {
     let z = (state ^ (state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -222,11 +217,11 @@ fn mixed(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Two independent normal numbers out of random bits.
+/// Two independent standard normal numbers from random bits.
 #[inline(always)]
 fn normal_pair(radius_bits: u32, angle_bits: u32) -> (f32, f32) {
     let radius = radius(radius_bits);
-    // Of the angle's bits two say in which half of the turn the pair lies and whether it is mirrored at the diagonal; the others place it in a quarter.
+    // Two bits of the angle select the half-plane and whether the pair is mirrored at the diagonal; the others give the angle within a quarter turn.
     let place = ((angle_bits & !3) | 2) as i32;
     let (sine, cosine) = sin_cos(place as f32 * (FRAC_PI_4 / TWO_TO_31));
     let (a, b) = ((radius * sine).to_bits(), (radius * cosine).to_bits());
@@ -237,12 +232,12 @@ fn normal_pair(radius_bits: u32, angle_bits: u32) -> (f32, f32) {
 
 const TWO_TO_31: f32 = 2_147_483_648.0;
 
-/// Distance of a pair of normal numbers from zero, by the inverse of its distribution, `sqrt(-2 ln u)`; the logarithm is that of fdlibm for 32 bits.
+/// Radius `sqrt(-2 ln u)` of a standard normal pair, for uniform `u`; the logarithm is that of fdlibm for `f32`.
 #[inline(always)]
 fn radius(bits: u32) -> f32 {
     const LN_2: [f32; 2] = [6.931_381e-1, 9.058_001e-6];
     const SERIES: [f32; 4] = [0.666_666_6, 0.400_009_72, 0.284_987_87, 0.242_790_79];
-    // u is in the middle of one of 2^31 equal parts of the numbers from 0 to 1.
+    // u is the centre of one of 2^31 equal intervals of (0, 1).
     let u = ((bits >> 1) as i32 as f32 + 0.5) * (1.0 / TWO_TO_31);
     // u = 2^exponent m, with m from sqrt(1/2) to sqrt(2).
     let steps = (u.to_bits().wrapping_sub(FRAC_1_SQRT_2.to_bits()) as i32) >> 23;
@@ -259,7 +254,7 @@ fn radius(bits: u32) -> f32 {
     (-2.0 * ln).sqrt()
 }
 
-/// Sine and cosine of an angle within an eighth of a turn (the series of Cephes for 32 bits).
+/// Sine and cosine of an angle within `pi / 4` of zero (series of Cephes for `f32`).
 #[inline(always)]
 fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let squared = angle_rad * angle_rad;
@@ -276,7 +271,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn val_exp_and_ln_are_those_of_the_standard_library() {
+    fn val_exp_and_ln_agree_with_the_standard_library() {
         let apart = |found: f64, expected: f64| ((found - expected) / expected).abs();
         let worst = (0..300_000).map(|i| -1e-3 * f64::from(i)).map(|x| apart(exp(x), x.exp())).fold(0.0, f64::max);
         assert!(worst < 3e-12, "{worst}");
@@ -288,8 +283,8 @@ mod tests {
     }
 
     #[test]
-    fn val_normal_numbers_are_normal() {
-        // With a million numbers the standard error of the k-th moment is the root of the variance of x^k over 1000; bounds of four of them.
+    fn val_normal_draws_are_standard_normal() {
+        // For a million draws the standard error of the k-th moment is the standard deviation of x^k over 1000; the bounds are four standard errors.
         let mut numbers = vec![0.0; 1_000_001];
         fill_normal(&mut numbers, &mut Pcg64::seed_from_u64(1));
         let moment = |power: i32| numbers.iter().map(|x| x.powi(power)).sum::<f64>() / numbers.len() as f64;
@@ -299,7 +294,7 @@ mod tests {
             let (found, bound) = (moment(power), 4e-3 * f64::sqrt(variance));
             assert!((found - expected).abs() < bound, "{power}: {found}");
         }
-        // The largest distance between the distributions, within the bound of Kolmogorov at one in a thousand.
+        // Kolmogorov-Smirnov statistic at the significance level 0.001.
         numbers.sort_by(f64::total_cmp);
         let distance = |(i, &x): (usize, &f64)| (i as f64 / 1e6 - below(x)).abs();
         let worst = numbers.iter().enumerate().step_by(97).map(distance).fold(0.0, f64::max);
@@ -307,8 +302,8 @@ mod tests {
     }
 
     #[test]
-    fn val_numbers_of_32_bits_put_no_probability_far_off() {
-        // A pair lies within r with probability 1 - exp(-r^2 / 2), whose slope by r^2 is at most a half; a direction is uniform.
+    fn val_single_precision_draws_have_accurate_probabilities() {
+        // A pair lies within r with probability 1 - exp(-r^2 / 2), whose derivative by r^2 is at most 1/2; its direction is uniform.
         for bits in (0..1 << 22).map(|i: u32| i << 10).chain(0..1 << 12).chain((0..1 << 12).map(|i| u32::MAX - i)) {
             let u = (f64::from(bits >> 1) + 0.5) / 2_f64.powi(31);
             let (found, expected) = (f64::from(radius(bits)).powi(2), -2.0 * u.ln());
@@ -326,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn val_the_two_of_a_pair_are_independent() {
+    fn val_the_two_draws_of_a_pair_are_independent() {
         let mut numbers = vec![0.0; 1_000_000];
         fill_normal(&mut numbers, &mut Pcg64::seed_from_u64(2));
         let (firsts, seconds) = numbers.split_at(500_000);
@@ -340,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_results_are_those_of_the_narrow_code() {
+    fn verif_vectorised_results_equal_scalar_results() {
         for count in [1, 2, 7, 8, 9, 1000, 1003] {
             let mut narrow = vec![0.0; count];
             fill_normal_from(&mut narrow, 77);
@@ -356,7 +351,7 @@ mod tests {
         }
     }
 
-    /// Share of the standard normal distribution below `x`: Simpson's rule from the middle.
+    /// Standard normal distribution function at `x`, by Simpson's rule from zero.
     fn below(x: f64) -> f64 {
         let steps = 200;
         let h = x / f64::from(steps);

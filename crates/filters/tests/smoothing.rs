@@ -1,4 +1,4 @@
-//! Smoother and batch solution.
+//! Smoother and batch solution against dense least squares.
 
 use filters::batch::{self, Instant};
 use filters::iterated::Search;
@@ -9,10 +9,10 @@ use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, SMatrix, Vector1, Vector2, ma
 const DT: f64 = 0.1;
 const STEPS: usize = 40;
 
-/// Constant velocity, position measured through a curve.
+/// Constant velocity, with a cubic measurement of the position.
 #[derive(Clone, Copy)]
 struct Cart {
-    /// Cubic part of the measurement; without it the model is linear.
+    /// Cubic coefficient of the measurement; zero for a linear model.
     bend: f64,
 }
 
@@ -65,7 +65,7 @@ fn smoothed(cart: Cart) -> Vec<Gaussian<2>> {
     smooth(&steps)
 }
 
-/// All states at once by dense least squares: rows of whitened residuals.
+/// All states by dense linear least squares on whitened residuals: solution and covariance.
 fn dense(cart: Cart) -> (DVector<f64>, DMatrix<f64>) {
     let f = Process::jacobian(&cart, &Vector2::zeros());
     let whiten = |p: Matrix2<f64>| p.cholesky().unwrap().l().try_inverse().unwrap();
@@ -105,7 +105,7 @@ fn val_smoother_and_batch_equal_dense_least_squares_on_a_linear_model() {
 }
 
 #[test]
-fn val_batch_finds_the_most_probable_trajectory_of_a_nonlinear_model() {
+fn val_batch_solutions_from_different_starts_agree_on_a_nonlinear_model() {
     let cart = Cart { bend: 0.8 };
     let search = Search { iterations: 50, tolerance_sds: 1e-9 };
     let solve = |guess| batch::solve(&prior(), &instants(cart), guess, &search).unwrap();
@@ -118,7 +118,7 @@ fn val_batch_finds_the_most_probable_trajectory_of_a_nonlinear_model() {
 }
 
 #[test]
-fn verif_smoothing_never_widens() {
+fn verif_smoothed_covariances_do_not_exceed_filtered_ones() {
     let cart = Cart { bend: 0.0 };
     let mut belief = prior();
     for (z, smoothed) in readings(cart).into_iter().zip(smoothed(cart)) {
