@@ -136,7 +136,7 @@ impl ArrayRecording {
             let bytes = read_table(&path)?;
             let found = sha256(&bytes);
             if found != expected {
-                return Err(Error::value(&path, "sha256", found, format!("{expected}, as `{key}` states")));
+                return Err(Error::value(&path, "sha256", found, format!("{expected}, as stated by `{key}`")));
             }
             Ok((path, bytes))
         };

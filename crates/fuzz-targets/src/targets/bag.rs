@@ -1,4 +1,4 @@
-//! A recording of messages, metadata and MCAP file, which becomes a trace or a log.
+//! ROS 2 bag (metadata and MCAP file) and its conversion into traces and logs.
 
 use std::path::Path;
 
@@ -55,7 +55,7 @@ fn becomes_files_of_the_folder(mcap: &Path, salvage: bool) {
     }
 }
 
-/// What is written again is the same message, whatever its numbers are.
+/// Asserts that a decoded message is unchanged by encoding and decoding.
 struct Again;
 
 impl Publisher for Again {

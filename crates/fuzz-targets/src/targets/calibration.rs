@@ -1,4 +1,4 @@
-//! A calibration, with the hash of its faces put right, so that what lies behind it is reached.
+//! Calibration file with a corrected hash of its faces, so that the parser gets past the hash.
 
 use serde_json::Value;
 use strict_json::parse_json;
@@ -10,7 +10,7 @@ use crate::scratch;
 
 const FILE: &str = "strange_calibration.json";
 
-/// Nodes along and away at which a model is asked.
+/// Number of intervals along and away at which a model is evaluated.
 const NODES: u32 = 4;
 
 pub(super) fn run(bytes: &[u8]) {

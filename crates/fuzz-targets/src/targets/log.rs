@@ -1,4 +1,4 @@
-//! A recorded log: its table, its sidecar and a manifest that names both.
+//! Recorded log: table, sidecar and a manifest that names both.
 
 use platform::calibration::logs::{LogReader, Source, gather};
 use platform::calibration::{Settings, regression::REGRESSIONS};

@@ -1,4 +1,4 @@
-//! The outline of an object.
+//! Outline of an object.
 
 use trace::Outline;
 use whisker::frames::Point;

@@ -1,4 +1,4 @@
-//! A calibration of the platform.
+//! Calibration of the platform.
 
 use platform::calibration::Calibration;
 use serde_json::Value;
@@ -26,7 +26,7 @@ pub(super) fn run(bytes: &[u8]) {
     assert_eq!(std::fs::read(&again).expect("it was written"), text);
 }
 
-/// The scores follow from the presses and are computed, not read.
+/// The scores are computed from the presses and not read.
 fn without_scores(bytes: &[u8]) -> Value {
     let mut value: Value = parse_json(bytes).expect("it was read");
     value.as_object_mut().expect("it has keys").remove("scores");

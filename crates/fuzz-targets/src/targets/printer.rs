@@ -1,4 +1,4 @@
-//! Lines that a printer answers.
+//! Replies of a printer.
 
 use platform::printer::{Answer, Position};
 
@@ -15,7 +15,7 @@ pub(super) fn run(bytes: &[u8]) {
     }
 }
 
-/// Every coordinate is a decimal number behind its axis.
+/// Asserts that every coordinate is a decimal number after its axis letter.
 fn stands_there(line: &str, position: Position) {
     let line = line.trim();
     let behind = |axis: char, value: f64| {

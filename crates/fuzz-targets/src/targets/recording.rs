@@ -1,4 +1,4 @@
-//! A recording of several whiskers: its file, its joints and how its objects moved, with the hashes put right. Its outlines are the golden one.
+//! Array recording: sidecar, joint table and pose table, with corrected hashes and the golden outline.
 
 use files::sha256;
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! The tables of a run: whichever the header fits.
+//! Tables of a run: every row type is tried, and the header selects those that fit.
 
 use std::fmt::Debug;
 use std::path::Path;
@@ -16,7 +16,7 @@ use crate::scratch;
 
 const FILE: &str = "strange_table.csv";
 
-/// What was read, written again.
+/// Copy written from the parsed rows.
 const AGAIN: &str = "table_again.csv";
 
 pub(super) fn run(bytes: &[u8]) {

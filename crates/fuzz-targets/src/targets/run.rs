@@ -1,4 +1,4 @@
-//! The description of a run.
+//! Description of a run.
 
 use strict_json::parse_json;
 use testbed::results::Run;

@@ -1,4 +1,4 @@
-//! The sidecar of a trace, beside the golden table and outline.
+//! Sidecar of a trace, with the golden table and outline.
 
 use serde_json::Value;
 use strict_json::parse_json;
@@ -21,7 +21,7 @@ pub(super) fn run(bytes: &[u8]) {
     same_json(&file, &text);
     let again: Sidecar = serde_json::from_value(text).expect("what is written can be read");
     assert_eq!(&again, sidecar);
-    // Paths are made of these.
+    // Paths are formed from these names.
     for name in [&sidecar.name, &sidecar.group, &sidecar.whisker.name].into_iter().chain(&sidecar.recording) {
         assert_eq!(folder.join(name).parent(), Some(folder), "{name}");
     }

@@ -1,4 +1,4 @@
-//! A suite, and a scene that it may name as `scene.json`.
+//! Suite with an optional scene `scene.json`.
 
 use serde_json::Value;
 use strict_json::parse_json;

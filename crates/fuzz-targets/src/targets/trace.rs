@@ -1,4 +1,4 @@
-//! The table of a trace, beside a sidecar that says of it what is true.
+//! Table of a trace, with a sidecar of matching row count and hash.
 
 use files::sha256;
 use serde_json::json;
@@ -12,7 +12,7 @@ pub(super) fn run(bytes: &[u8]) {
     means_what_stands_there(bytes, &trace);
     let is_fine = |pair: &[trace::Instant]| pair[1].t_s - pair[0].t_s < 2e-6;
     if trace.recording.instants.windows(2).any(is_fine) {
-        // Finer than the decimals with which times are written.
+        // Time steps below the resolution of the written times.
         return;
     }
     let text = trace.to_csv();
