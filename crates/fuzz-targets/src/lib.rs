@@ -9,18 +9,16 @@
 //!
 //! ```
 //! let target = fuzz_targets::TARGETS.iter().find(|target| target.name == "trace").expect("a registered target");
-//! (target.run)(b"t_s,base_x_m\
-//! 0,nan\
-//! ");
+//! (target.run)(b"t_s,base_x_m\n0,nan\n");
 //! ```
 //!
 //! To add a parser: one file beside `targets/outline.rs`, one row in [`TARGETS`], and seed files in
 //! `fuzz/corpus/<name>/`.
 
-mod claims;
 mod golden;
+mod properties;
 mod scratch;
 mod targets;
 
-pub use claims::{is_decimal, one_error, same_json};
+pub use properties::{is_decimal, one_error, same_json};
 pub use targets::{TARGETS, Target};

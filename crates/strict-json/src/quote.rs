@@ -3,8 +3,8 @@
 /// Maximum number of characters quoted from a file in an error message.
 const LONGEST: usize = 500;
 
-/// Text in one line. Control characters are escaped as in `\
-/// `, so that they can neither end the line nor control the terminal.
+/// Text in one line. Control characters are escaped as in `\n`, so that they can neither end the line nor control the
+/// terminal.
 pub fn one_line(text: &str) -> String {
     let mut line = String::with_capacity(text.len());
     for c in text.chars() {

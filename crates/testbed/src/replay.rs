@@ -1,4 +1,9 @@
-//! Replay: a recording through an estimator, in order of time, without looking ahead.
+//! Causal replay of a recording through an estimator.
+//!
+//! A replay converts a recording into the [`Sample`]s of a robot (base motion and reading), builds the prior information
+//! ([`knowledge`]) from a calibration, runs the contact detector ([`touched`]) and passes the samples to an estimator in
+//! order of time ([`replay`]). Evaluation, the command `whisker replay` and the report all use these functions, so that
+//! an estimator has the same input everywhere.
 
 use std::path::Path;
 use std::sync::Arc;

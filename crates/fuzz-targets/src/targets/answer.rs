@@ -5,8 +5,8 @@ use strict_json::parse_json;
 use testbed::participant::estimate;
 use whisker::sensor::Face;
 
-use crate::claims::one_error;
 use crate::golden::KNOWLEDGE;
+use crate::properties::one_error;
 
 pub(super) fn run(bytes: &[u8]) {
     // A line is text; other bytes never reach the parser.

@@ -4,11 +4,11 @@ use serde_json::Value;
 use strict_json::parse_json;
 use trace::CalibrationFile;
 
-use crate::claims::{one_error, same_json};
 use crate::golden::with_hash;
+use crate::properties::{one_error, same_json};
 use crate::scratch;
 
-const FILE: &str = "strange_calibration.json";
+const FILE: &str = "untrusted_calibration.json";
 
 /// Number of intervals along and away at which a model is evaluated.
 const NODES: u32 = 4;
@@ -37,5 +37,5 @@ pub(super) fn run(bytes: &[u8]) {
         }
     }
     let path = scratch::file(FILE, text.to_string());
-    assert_eq!(CalibrationFile::read(&path).expect("what is written can be read"), file);
+    assert_eq!(CalibrationFile::read(&path).expect("written data can be read"), file);
 }

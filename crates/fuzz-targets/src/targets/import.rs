@@ -3,7 +3,7 @@
 use importers::IMPORTERS;
 use trace::is_plain_name;
 
-use crate::claims::one_error;
+use crate::properties::one_error;
 use crate::scratch;
 
 pub(super) fn run(bytes: &[u8]) {

@@ -4,10 +4,10 @@ use platform::calibration::Calibration;
 use serde_json::Value;
 use strict_json::parse_json;
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::scratch;
 
-const FILE: &str = "strange_platform.json";
+const FILE: &str = "untrusted_platform.json";
 
 pub(super) fn run(bytes: &[u8]) {
     let path = scratch::file(FILE, bytes);
@@ -22,7 +22,7 @@ pub(super) fn run(bytes: &[u8]) {
     calibration.write(&again).expect("it was made to be written to");
     let text = std::fs::read(&again).expect("it was written");
     same_json(&without_scores(bytes), &without_scores(&text));
-    Calibration::read(&again).expect("what is written can be read").write(&again).expect("as before");
+    Calibration::read(&again).expect("written data can be read").write(&again).expect("as before");
     assert_eq!(std::fs::read(&again).expect("it was written"), text);
 }
 

@@ -5,10 +5,10 @@ use serde_json::{Value, json};
 use strict_json::parse_json;
 use trace::{ArrayRecording, is_plain_name};
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::{golden, scratch};
 
-const NAME: &str = "strange_recording";
+const NAME: &str = "untrusted_recording";
 
 pub(super) fn run(bytes: &[u8]) {
     let [file, joints, objects] = scratch::parts(bytes);

@@ -23,7 +23,7 @@ pub(super) fn run(bytes: &[u8]) {
         readings.iter().for_each(|counts| (row.build)().print(*counts, &mut printed));
         assert_eq!(decode(row, &printed, PIECES[0]).0, readings, "{}", row.name);
         if row.name == "hex" {
-            stands_there(bytes, &readings);
+            assert_in_input(bytes, &readings);
         }
     }
 }
@@ -35,7 +35,7 @@ fn decode(row: &FormatRow, bytes: &[u8], size: usize) -> (Vec<[u16; 3]>, Tally) 
 }
 
 /// Asserts that every reading is a separate word of the input.
-fn stands_there(bytes: &[u8], readings: &[[u16; 3]]) {
+fn assert_in_input(bytes: &[u8], readings: &[[u16; 3]]) {
     let mut words = bytes.split(u8::is_ascii_whitespace);
     for [x, y, z] in readings {
         let digits = format!("{x:04x}{y:04x}{z:04x}");

@@ -11,8 +11,8 @@ use testbed::settings::merged;
 use whisker::estimators::{ESTIMATORS, Runner};
 use whisker::events::{ContactDetector, TouchConfig};
 
-use crate::claims::one_error;
 use crate::golden::KNOWLEDGE;
+use crate::properties::one_error;
 
 /// Result of a constructor; an error is formatted as the command prints it.
 fn one_line_of<T, E: Display>(made: Result<T, E>) -> Option<T> {

@@ -4,7 +4,7 @@ use serde_json::Value;
 use strict_json::parse_json;
 use trace::{Suite, is_plain_name};
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::scratch;
 
 pub(super) fn run(bytes: &[u8]) {

@@ -80,13 +80,13 @@ impl FrontEnd {
     ///
     /// # Errors
     /// If the name is unknown or the settings are invalid.
-    pub fn new(choice: &FrontEndConfig) -> anyhow::Result<Self> {
-        let row = FRONT_ENDS.iter().find(|row| row.name == choice.name).with_context(|| {
+    pub fn new(requested: &FrontEndConfig) -> anyhow::Result<Self> {
+        let row = FRONT_ENDS.iter().find(|row| row.name == requested.name).with_context(|| {
             let known: Vec<_> = FRONT_ENDS.iter().map(|row| row.name).collect();
-            format!("unknown front end `{}`, expected one of: {}", choice.name, known.join(", "))
+            format!("unknown front end `{}`, expected one of: {}", requested.name, known.join(", "))
         })?;
         let place = || format!("settings of the front end `{}`", row.name);
-        let config = merged((row.defaults)(), &choice.config).with_context(place)?;
+        let config = merged((row.defaults)(), &requested.config).with_context(place)?;
         let chain = (row.build)(&config).with_context(place)?;
         Ok(Self { row, config, chain })
     }
@@ -109,7 +109,7 @@ impl FrontEnd {
     pub fn check_trace(&self, sidecar: &Sidecar) -> anyhow::Result<()> {
         if sidecar.recorded.is_some() && self.chain.has_sensor() {
             bail!(
-                "{}: was recorded through a front end of its own; `{}` is for simulated traces",
+                "{}: found a recording of a real sensor, expected a simulated trace for the front end `{}`",
                 sidecar.name,
                 self.row.name
             );
@@ -149,7 +149,7 @@ impl FrontEnd {
         mounting: &Mounting,
     ) -> anyhow::Result<Option<&'a SensorFile>> {
         let path = path.display();
-        let make = format!("`whisker fit --front-end {}` makes one", self.row.name);
+        let make = format!("run `whisker fit --front-end {}` to make one", self.row.name);
         let Some(file) = &calibration.front_end else {
             if self.chain.has_sensor() {
                 bail!("{path}: front_end: found none, expected `{}`; {make}", self.row.name);
@@ -169,7 +169,7 @@ impl FrontEnd {
         let sensor = file.sensor(&mounting.array, &mounting.sensor).with_context(|| {
             let known: Vec<_> = file.sensors.iter().map(|sensor| format!("{}/{}", sensor.array, sensor.name)).collect();
             let wanted = format!("{}/{}", mounting.array, mounting.sensor);
-            format!("{path}: front_end.sensors: found {}, expected {wanted} among them; `whisker fit --sensors {wanted}` adds it", known.join(", "))
+            format!("{path}: front_end.sensors: found {}, expected {wanted} among them; run `whisker fit --sensors {wanted}` to add it", known.join(", "))
         })?;
         Ok(Some(sensor))
     }

@@ -216,7 +216,7 @@ fn robust_recordings_of_real_sensors_are_rejected() {
     });
     let front_end = FrontEnd::new(&FrontEndConfig { name: "hall".into(), config: json!({}) }).unwrap();
     let error = front_end.check_trace(&trace.sidecar).unwrap_err().to_string();
-    assert!(error.contains("golden_pin") && error.contains("recorded"), "{error}");
+    assert!(error.contains("golden_pin") && error.contains("recording of a real sensor"), "{error}");
     let white = FrontEnd::new(&FrontEndConfig::default()).unwrap();
     white.check_trace(&trace.sidecar).unwrap();
     assert_eq!(white.default_noise(&trace.sidecar), 0.0);
