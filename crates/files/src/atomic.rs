@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic writing of files.
 
 use std::fs;
 use std::io::{self, BufWriter, Write};
@@ -8,8 +8,8 @@ use tempfile::NamedTempFile;
 
 use crate::Error;
 
-/// A file that is written under a temporary name in its folder, which is made where missing, and renamed when it is finished: the file is there
-/// whole or not at all.
+/// File written under a temporary name in its folder and renamed on completion, so that a reader sees either the whole
+/// file or none. The folder is created if missing.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: BufWriter<NamedTempFile>,
@@ -17,17 +17,17 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Begins the file.
+    /// Creates the temporary file.
     ///
     /// # Errors
-    /// [`Error::Io`] names the file.
+    /// [`Error::Io`] with the path.
     pub fn create(path: &Path) -> Result<Self, Error> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let create = || {
             fs::create_dir_all(folder)?;
             let mut builder = tempfile::Builder::new();
             builder.prefix(TEMPORARY.0).suffix(TEMPORARY.1);
-            // Temporary files are private; results are to be read by others, as far as the file mode mask allows.
+            // Temporary files are private by default; results are created with the permissions that the umask allows.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             builder.tempfile_in(folder)
@@ -36,18 +36,19 @@ impl AtomicFile {
         Ok(Self { file: BufWriter::new(file), path: path.into() })
     }
 
-    /// Puts the whole file in its place, once all of it has reached the disk.
+    /// Flushes the file to disk and renames it to its final name.
     ///
     /// # Errors
-    /// [`Error::Io`] names the file.
+    /// [`Error::Io`] with the path.
     pub fn finish(self) -> Result<(), Error> {
         self.put(true)
     }
 
-    /// Puts the whole file in its place without waiting for the disk: for what can be made again, and is known to be whole by something else.
+    /// Renames the file to its final name without a sync to disk: for reproducible files whose completeness is checked
+    /// elsewhere.
     ///
     /// # Errors
-    /// [`Error::Io`] names the file.
+    /// [`Error::Io`] with the path.
     pub fn finish_fast(self) -> Result<(), Error> {
         self.put(false)
     }
@@ -75,19 +76,19 @@ impl Write for AtomicFile {
     }
 }
 
-/// How temporary names begin and end.
+/// Prefix and suffix of temporary names.
 const TEMPORARY: (&str, &str) = (".", ".part");
 
-/// Whether a file bears a temporary name: where nobody is writing, it was left behind by a program that was killed.
+/// Whether a path has a temporary name. Unless a writer is active, such a file was left by a process that was killed.
 pub fn is_temporary(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     name.starts_with(TEMPORARY.0) && name.ends_with(TEMPORARY.1)
 }
 
-/// Writes a whole file, see [`AtomicFile`].
+/// Writes a whole file atomically, see [`AtomicFile`].
 ///
 /// # Errors
-/// [`Error::Io`] names the file.
+/// [`Error::Io`] with the path.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let mut file = AtomicFile::create(path)?;
     file.write_all(bytes).map_err(Error::io(path))?;

@@ -1,4 +1,4 @@
-//! Whole files of bounded size.
+//! Reading of whole files with a size limit.
 
 use std::fs::File;
 use std::io::Read;
@@ -6,21 +6,22 @@ use std::path::Path;
 
 use crate::Error;
 
-/// Longest JSON file that is read.
+/// Largest JSON file that is read, in bytes.
 pub(crate) const MOST_JSON_BYTES: u64 = 1 << 26;
 
-/// Longest table that is read whole.
+/// Largest table that is read whole, in bytes.
 const MOST_TABLE_BYTES: u64 = 1 << 30;
 
-/// The bytes of a table that is read whole.
+/// Reads the bytes of a table of at most 2^30 bytes.
 ///
 /// # Errors
-/// [`Error`] names the file.
+/// [`Error`] with the path.
 pub fn read_table(path: &Path) -> Result<Vec<u8>, Error> {
     read_at_most(path, MOST_TABLE_BYTES)
 }
 
-/// A whole file. What is longer is refused before memory runs out: a link in a strange folder may lead to a device that never ends.
+/// Reads a file of at most `most` bytes. The limit bounds memory when a link in an untrusted folder leads to an endless
+/// device.
 pub(crate) fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     let mut read = || File::open(path)?.take(most + 1).read_to_end(&mut bytes);

@@ -2,12 +2,12 @@
 
 use sha2::{Digest as _, Sha256};
 
-/// Hash over several pieces of data, each kept apart from the next.
+/// Hash of a sequence of byte strings. Each is hashed with its length, so that boundaries matter.
 #[derive(Clone, Debug, Default)]
 pub struct Digest(Sha256);
 
 impl Digest {
-    /// Adds a piece.
+    /// Adds a byte string.
     pub fn add(&mut self, bytes: impl AsRef<[u8]>) -> &mut Self {
         let bytes = bytes.as_ref();
         self.0.update((bytes.len() as u64).to_le_bytes());
@@ -15,13 +15,13 @@ impl Digest {
         self
     }
 
-    /// The hash of all pieces, in hexadecimal.
+    /// Hash of all byte strings added, in hexadecimal.
     pub fn finish(self) -> String {
         hexadecimal(&self.0.finalize())
     }
 }
 
-/// SHA-256 of some bytes, in hexadecimal.
+/// SHA-256 of a byte string, in hexadecimal.
 pub fn sha256(bytes: impl AsRef<[u8]>) -> String {
     hexadecimal(&Sha256::digest(bytes))
 }

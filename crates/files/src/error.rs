@@ -1,26 +1,26 @@
-//! What can be wrong with a file: always which file, where in it, what was found and what was expected.
+//! Errors of files: path, place, value found and value expected.
 
 use std::path::{Path, PathBuf};
 
 use strict_json::{one_line, shown};
 
-/// The path of a file on one line.
+/// Path in one line.
 fn at(path: &Path) -> String {
     one_line(&path.display().to_string())
 }
 
-/// Why a file could not be read or written.
+/// Failure to read or write a file.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The system refused.
+    /// The operating system reported an error.
     #[error("{}: {reason}", at(path))]
     Io {
         /// The file.
         path: PathBuf,
-        /// The system's answer.
+        /// Error of the operating system.
         reason: std::io::Error,
     },
-    /// A cell or a line of a table is wrong.
+    /// A cell or a row of a table is invalid.
     #[error("{}:{line}: {}: found {}, expected {}", at(path), shown(place), shown(found), shown(expected))]
     Table {
         /// The file.
@@ -29,9 +29,9 @@ pub enum Error {
         line: u64,
         /// Column by name, or `header`, or `row`.
         place: String,
-        /// What stands there.
+        /// Text found.
         found: String,
-        /// What should.
+        /// Text expected.
         expected: String,
     },
     /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
@@ -43,40 +43,40 @@ pub enum Error {
         line: usize,
         /// Column in that line, from 1.
         column: usize,
-        /// What the parser says.
+        /// Message of the parser.
         message: String,
     },
-    /// A value that parses is wrong.
+    /// A well-formed value is invalid.
     #[error("{}: {}: found {}, expected {}", at(path), shown(key), shown(found), shown(expected))]
     Value {
         /// The file.
         path: PathBuf,
         /// Key of the value.
         key: String,
-        /// What stands there.
+        /// Value found.
         found: String,
-        /// What should.
+        /// Value expected.
         expected: String,
     },
 }
 
 impl Error {
-    /// An error of the operating system on this file.
+    /// Wraps an error of the operating system on this file.
     pub fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |reason| Self::Io { path: path.into(), reason }
     }
 
-    /// What a file holds is no JSON, or not that which it should be.
+    /// Wraps a JSON error of this file.
     pub fn json(path: &Path) -> impl FnOnce(serde_json::Error) -> Self + '_ {
         move |error| {
-            // serde_json appends the place, which stands in front here.
+            // serde_json appends the place to its message; here it precedes the message.
             let text = error.to_string();
             let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
             Self::Json { path: path.into(), line: error.line(), column: error.column(), message }
         }
     }
 
-    /// A value that parses is wrong.
+    /// Error of a well-formed but invalid value at `key`.
     pub fn value(
         path: &Path,
         key: impl Into<String>,

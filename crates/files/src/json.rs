@@ -1,4 +1,4 @@
-//! JSON files.
+//! Reading and writing of JSON files.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::{Error, write_atomically};
 /// Reads a JSON file into a typed value.
 ///
 /// # Errors
-/// [`Error::Io`] or [`Error::Json`], with the place.
+/// [`Error::Io`] or [`Error::Json`], with line and column.
 pub fn read_json<T: DeserializeOwned + Serialize>(path: &Path) -> Result<T, Error> {
     let bytes = read_at_most(path, MOST_JSON_BYTES)?;
     parse_json(&bytes).map_err(Error::json(path))
@@ -21,7 +21,7 @@ pub fn read_json<T: DeserializeOwned + Serialize>(path: &Path) -> Result<T, Erro
 /// Writes a value as JSON with two spaces of indentation and a newline at the end, atomically.
 ///
 /// # Errors
-/// [`Error::Io`] names the file.
+/// [`Error::Io`] with the path.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
     let mut bytes = serde_json::to_vec_pretty(value).map_err(Error::json(path))?;
     bytes.push(b'\n');

@@ -1,7 +1,10 @@
-//! Files as this project reads and writes them: bounded and strict on the way in, atomic and watermarked on the way out.
+//! Bounded, strict reading and atomic, watermarked writing of files.
 //!
-//! Every error names file, line and column, the value found and the value expected ([`Error`]). A file that is written appears whole or not at all ([`AtomicFile`],
-//! [`write_json`]); a [`Watermark`] states the program and the hash of the inputs that it was made from.
+//! An [`Error`] states file, line and column, the value found and the value expected. Files are written atomically
+//! ([`AtomicFile`], [`write_json`]). A [`Watermark`] records the program and the hash of the inputs from which a file
+//! was made.
+//!
+//! In the following example, a JSON file is written and read back; a syntax error is then reported with its place:
 //!
 //! ```
 //! use files::{read_json, write_json};

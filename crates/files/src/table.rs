@@ -1,4 +1,4 @@
-//! Numeric CSV tables with known columns.
+//! Numeric CSV tables with a fixed header.
 
 use std::path::Path;
 
@@ -6,10 +6,10 @@ use csv::ByteRecord;
 
 use crate::Error;
 
-/// Rows of a CSV table with exactly the columns `names`, each with its line in the file, from 1.
+/// Iterates over the rows of a CSV table with exactly the columns `names`; each row comes with its line number, from 1.
 ///
 /// # Errors
-/// [`Error::Table`] if the header differs; each row is an error if it has another number of fields.
+/// [`Error::Table`] if the header differs. An item is an error if its row has another number of fields.
 pub fn reader<'a>(
     path: &'a Path,
     bytes: &'a [u8],
@@ -25,7 +25,7 @@ pub fn reader<'a>(
     let mut rows = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
-        // Numbers have no quotes, and a quote that is never closed would swallow the rest of the file.
+        // Numbers need no quotes, and an unclosed quote would absorb the rest of the file.
         .quoting(false)
         .from_reader(bytes)
         .into_byte_records();
@@ -54,7 +54,7 @@ pub fn reader<'a>(
     }))
 }
 
-/// The finite number in column `i` of a row.
+/// Reads the finite number in column `i` of a row.
 ///
 /// # Errors
 /// [`Error::Table`] if the cell is empty or not a finite number.
@@ -75,7 +75,7 @@ fn optional(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usiz
         .ok_or_else(|| cell_error(path, line, record, names, i, "a finite number"))
 }
 
-/// The error of a cell: the column by its name, the text found, and the value expected.
+/// Error of a cell: column name, text found and value expected.
 pub fn cell_error(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize, expected: &str) -> Error {
     let cell = String::from_utf8_lossy(&record[i]);
     Error::Table {

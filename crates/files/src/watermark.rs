@@ -1,17 +1,17 @@
-//! What wrote a file.
+//! Provenance of a generated file.
 
 use serde::{Deserialize, Serialize};
 
-/// What wrote a file, and from what.
+/// Provenance of a generated file: program and inputs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Watermark {
-    /// The program.
+    /// Name of the program.
     pub tool: String,
-    /// Its version.
+    /// Version of the program.
     pub version: String,
-    /// Commit from which it was built, where known.
+    /// Commit from which the program was built, if known.
     pub git_commit: Option<String>,
-    /// Hash over all that determines the file: inputs, settings, seeds, the program.
+    /// Hash of everything that determines the file: inputs, settings, seeds and program.
     pub inputs_sha256: String,
 }

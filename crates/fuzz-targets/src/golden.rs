@@ -1,4 +1,4 @@
-//! Sound files with which a target surrounds the one that it is given.
+//! Valid files that accompany the untrusted one.
 
 use std::sync::{Arc, LazyLock};
 
@@ -13,21 +13,21 @@ use crate::scratch;
 /// Name of the golden trace.
 pub(crate) const TRACE: &str = "golden_pin";
 
-/// Its table.
+/// Table of the golden trace.
 pub(crate) const CSV: &str = include_str!("../../../datasets/golden/golden_pin.csv");
 
-/// Its outline.
+/// Outline of the golden trace.
 pub(crate) const CONTOUR: &str = include_str!("../../../datasets/golden/golden_pin.contour.csv");
 
-/// A calibration of its whisker.
+/// Calibration of its whisker.
 const CALIBRATION: &[u8] = include_bytes!("../../../fuzz/corpus/calibration/polynomial.json");
 
-/// Its sidecar.
+/// Sidecar of the golden trace.
 pub(crate) fn sidecar() -> Value {
     parse_json(include_bytes!("../../../datasets/golden/golden_pin.json")).expect("a golden file")
 }
 
-/// A calibration with the hash of its faces put right, where they are some.
+/// Calibration with a corrected hash of its faces, if they can be parsed.
 pub(crate) fn with_hash(mut calibration: Value) -> Value {
     let faces = calibration.get("faces").cloned().unwrap_or_default();
     if let Ok(faces) = serde_json::from_value::<Vec<FaceFile>>(faces) {
@@ -36,7 +36,7 @@ pub(crate) fn with_hash(mut calibration: Value) -> Value {
     calibration
 }
 
-/// What a robot knows with that calibration.
+/// Prior information of an estimator with that calibration.
 pub(crate) static KNOWLEDGE: LazyLock<Arc<Knowledge>> = LazyLock::new(|| {
     let path = scratch::file(
         "golden_calibration.json",

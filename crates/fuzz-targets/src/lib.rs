@@ -1,15 +1,24 @@
-//! Files from strangers: what every parser must do with any bytes.
+//! Fuzz targets: parsers of untrusted input and the properties that they must satisfy.
 //!
-//! A [`Target`] gives bytes to one parser and holds it to three things: it does not panic; what it refuses it refuses with one clear line; and what it lets through
-//! means what stands there, value for value, and reads back equal when it is written. The same targets are run on the kept corpus by the ordinary tests and on
-//! bytes without end by `cargo xtask fuzz`.
+//! A [`Target`] passes arbitrary bytes to one parser and asserts three properties: it does not panic; an error is a
+//! single line that names the file; and an accepted input has the meaning of its text, value by value, and is equal
+//! after writing and reading. The tests of this crate run the targets on the corpus and on damaged copies of it; `cargo
+//! xtask fuzz` runs them under libFuzzer.
 //!
-//! To add a parser: one file beside `targets/outline.rs`, one row in [`TARGETS`], and a file or two in `fuzz/corpus/<name>/`.
+//! In the following example, the target of traces rejects damaged bytes without a panic:
+//!
+//! ```
+//! let target = fuzz_targets::TARGETS.iter().find(|target| target.name == "trace").expect("a registered target");
+//! (target.run)(b"t_s,base_x_m\n0,nan\n");
+//! ```
+//!
+//! To add a parser: one file beside `targets/outline.rs`, one row in [`TARGETS`], and seed files in
+//! `fuzz/corpus/<name>/`.
 
-mod claims;
 mod golden;
+mod properties;
 mod scratch;
 mod targets;
 
-pub use claims::{is_decimal, one_error, same_json};
+pub use properties::{is_decimal, one_error, same_json};
 pub use targets::{TARGETS, Target};

@@ -1,4 +1,4 @@
-//! A folder for the files that a target writes, one a thread.
+//! Temporary folder for the files of a target, one per thread.
 
 use std::fs;
 use std::io;
@@ -10,12 +10,12 @@ thread_local! {
     static FOLDER: TempDir = folder().expect("a temporary folder");
 }
 
-/// In memory where the system has such a place: a target is run a thousand times a second.
+/// In shared memory if available, since a target runs thousands of times per second.
 fn folder() -> io::Result<TempDir> {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir())
 }
 
-/// Writes a file into the folder; it may lie in folders within, which are made where missing.
+/// Writes a file into the folder and creates missing subfolders.
 pub(crate) fn file(name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
     let path = FOLDER.with(|folder| folder.path().join(name));
     if fs::write(&path, &bytes).is_err() {
@@ -25,14 +25,14 @@ pub(crate) fn file(name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
     path
 }
 
-/// A file that stays as it is once it is there.
+/// Writes a file unless it exists.
 pub(crate) fn kept(name: &str, text: &str) {
     if !FOLDER.with(|folder| folder.path().join(name).is_file()) {
         file(name, text);
     }
 }
 
-/// Cuts bytes that stand for several files at the lines `%%%`; what is missing is empty.
+/// Splits the bytes of several files at lines `%%%`; missing files are empty.
 pub(crate) fn parts<const N: usize>(bytes: &[u8]) -> [&[u8]; N] {
     const CUT: &[u8] = b"\n%%%\n";
     let mut rest = bytes;

@@ -1,11 +1,11 @@
-//! Every target on its kept files, and on these damaged: cut short at any place, with any byte changed.
+//! Every target on its corpus and on damaged copies: truncated at many positions, with single bytes changed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use fuzz_targets::{TARGETS, Target};
 
-/// Places of a file at which it is damaged, at most.
+/// Maximum number of positions at which a file is damaged.
 const PLACES: usize = 30;
 
 fn corpus() -> PathBuf {
@@ -20,10 +20,10 @@ fn files(target: &Target) -> Vec<PathBuf> {
     files
 }
 
-/// Tells of which file and damage a panic came.
-struct Told(String);
+/// Prints the file and the damage when a panic unwinds.
+struct PrintOnPanic(String);
 
-impl Drop for Told {
+impl Drop for PrintOnPanic {
     fn drop(&mut self) {
         if std::thread::panicking() {
             eprintln!("{}", self.0);
@@ -31,13 +31,13 @@ impl Drop for Told {
     }
 }
 
-fn run(target: &Target, bytes: &[u8], what: impl FnOnce() -> String) {
-    let _told = Told(what());
+fn run(target: &Target, bytes: &[u8], description: impl FnOnce() -> String) {
+    let _print = PrintOnPanic(description());
     (target.run)(bytes);
 }
 
 #[test]
-fn regress_kept_files() {
+fn regress_corpus_files() {
     for target in TARGETS {
         let files = files(target);
         assert!(!files.is_empty(), "{}: no files", target.name);
@@ -62,7 +62,7 @@ fn robust_damaged_files() {
             let bytes = fs::read(&file).expect("a file");
             for place in (0..bytes.len()).step_by(bytes.len() / PLACES + 1) {
                 run(target, &bytes[..place], || format!("{} cut at {place}", file.display()));
-                // One flip makes another digit, the second what is no text.
+                // Flipping bit 0 gives another digit, bit 7 invalid UTF-8.
                 for flip in [1, 0x80] {
                     let mut bytes = bytes.clone();
                     bytes[place] ^= flip;

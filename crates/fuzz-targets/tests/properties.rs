@@ -1,4 +1,4 @@
-//! What holds of any input of some kind, by chance and shrunk to the least that breaks it.
+//! Property-based tests with generated input.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path};
@@ -14,7 +14,7 @@ fn run(target: &str, bytes: &[u8]) {
     (TARGETS.iter().find(|row| row.name == target).expect("a target").run)(bytes);
 }
 
-/// Text that looks like a number, or nearly.
+/// Text that is a number or nearly one.
 fn nearly_a_number() -> impl Strategy<Value = String> {
     prop_oneof![
         "[-+]?[0-9]{0,4}[.]?[0-9]{0,4}([eE][-+]?[0-9]{0,3})?",
@@ -24,7 +24,7 @@ fn nearly_a_number() -> impl Strategy<Value = String> {
     ]
 }
 
-/// JSON of some depth.
+/// Nested JSON.
 fn value() -> impl Strategy<Value = Value> {
     let leaf = prop_oneof![
         Just(Value::Null),
@@ -42,7 +42,7 @@ fn value() -> impl Strategy<Value = Value> {
 }
 
 proptest! {
-    /// A cell is read as the number that it is, or refused with file, line and column; nothing in between.
+    /// A cell is parsed as its exact decimal value or rejected with file, line and column.
     #[test]
     fn a_cell_is_a_number_or_refused(cell in nearly_a_number(), column in 0..COLUMNS.len()) {
         let names = COLUMNS.map(|(name, _)| name).join(",");
@@ -54,9 +54,9 @@ proptest! {
         prop_assert_eq!(is_decimal(&cell), cell.parse::<f64>().is_ok() && cell.bytes().all(|byte| !byte.is_ascii_alphabetic() || matches!(byte, b'e' | b'E')));
     }
 
-    /// What a table of a run is given it gives back, whatever stands in its words.
+    /// Tables of a run preserve arbitrary text.
     #[test]
-    fn tables_give_back_any_words(words in prop::collection::vec(("(?s).{0,12}|nan|inf|-infinity|1e999|\"|,|\"\"\"|\r\n", prop::option::of("(?s).{1,8}|nan")), 0..6)) {
+    fn tables_preserve_arbitrary_text(words in prop::collection::vec(("(?s).{0,12}|nan|inf|-infinity|1e999|\"|,|\"\"\"|\r\n", prop::option::of("(?s).{1,8}|nan")), 0..6)) {
         let rows: Vec<FailureRow> = words
             .into_iter()
             .map(|(reason, estimator)| FailureRow { trace: reason.clone(), estimator, noise: 0.01, seed: u64::MAX, reason })
@@ -67,9 +67,9 @@ proptest! {
         prop_assert_eq!(read_rows::<FailureRow>(&path).unwrap(), rows);
     }
 
-    /// JSON is read as it stands unless an object has a key twice, at any depth.
+    /// JSON is accepted unless an object at any depth has a duplicate key.
     #[test]
-    fn json_with_a_key_twice_is_refused(inner in value(), depth in 0..5, key in "[a-z]{1,3}") {
+    fn json_with_duplicate_keys_is_rejected(inner in value(), depth in 0..5, key in "[a-z]{1,3}") {
         let sound = (0..depth).fold(inner.to_string(), |text, level| if level % 2 == 0 { format!("[1, {text}]") } else { format!("{{\"a\": {text}}}") });
         prop_assert!(parse_json::<Value>(sound.as_bytes()).is_ok());
         let twice = (0..depth).fold(format!("{{\"{key}\": 1, \"{key}\": {inner}}}"), |text, level| if level % 2 == 0 { format!("[1, {text}]") } else { format!("{{\"a\": {text}}}") });
@@ -77,7 +77,7 @@ proptest! {
         prop_assert!(error.contains(&format!("the key `{key}` again")) && error.contains("line 1 column"), "{}", error);
     }
 
-    /// A plain name makes a path in the folder, and nowhere else, and stays on its line.
+    /// A plain name is a single path component without control characters.
     #[test]
     fn a_plain_name_stays_in_its_folder(name in "(?s).{0,12}|\\.{1,3}|(\\.\\./){1,3}x|/etc/x|a\\\\b|a\u{0}b|a\nb") {
         if is_plain_name(&name) {
@@ -87,21 +87,21 @@ proptest! {
         }
     }
 
-    /// A program's answer is an estimate, silence, or one error.
+    /// A program's answer is an estimate, `null` or an error.
     #[test]
-    fn an_answer_means_what_it_says(keys in prop::collection::btree_map("contact_x_m|contact_y_m|cov_xx_m2|cov_xy_m2|cov_yy_m2|innovation_n_m|innovation_variance_n2_m2|truth", nearly_a_number(), 0..6)) {
+    fn answers_are_parsed_exactly_or_rejected(keys in prop::collection::btree_map("contact_x_m|contact_y_m|cov_xx_m2|cov_xy_m2|cov_yy_m2|innovation_n_m|innovation_variance_n2_m2|truth", nearly_a_number(), 0..6)) {
         let keys: BTreeMap<String, String> = keys;
         let text = keys.iter().map(|(key, number)| format!("\"{key}\": {number}")).collect::<Vec<_>>().join(", ");
         run("answer", format!("{{{text}}}\n").as_bytes());
     }
 
-    /// Any bytes at all.
+    /// Arbitrary bytes.
     #[test]
     fn any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..200), target in 0..TARGETS.len()) {
         (TARGETS[target].run)(&bytes);
     }
 
-    /// Any text becomes one line.
+    /// Arbitrary text becomes one line.
     #[test]
     fn one_line_is_one(text in "(?s).{0,40}") {
         prop_assert!(!one_line(&text).contains(char::is_control));

@@ -1,6 +1,69 @@
-//! Importers: recordings of others, turned into the project's traces.
+//! Conversion of published recordings of other groups into traces.
 //!
-//! To add a format: one file with a function that reads it, and one row in [`IMPORTERS`].
+//! An importer reads the layout in which a group publishes its data and returns [`Trace`]s with their units, frames and
+//! provenance, so that estimators run on them as on simulated traces. Where the position of the whisker on the rig is not
+//! documented, it is estimated from the calibration (registration). To add a format: one file with an import function,
+//! and one row in [`IMPORTERS`].
+//!
+//! # Example: root moment of a pressed whisker from raw counts
+//!
+//! A folder in the layout of `stanford-whisker` contains the calibration of a Hall sensor: the position of a pin (mm) and
+//! the reading (counts) at each point of a grid. The readings in this example are made with a known wire and sensor, of
+//! -20 counts per micronewton metre. The import estimates the wire's pose, its shape and the characteristic of the sensor,
+//! and converts the counts into moments:
+//!
+//! ```
+//! use std::fmt::Write as _;
+//!
+//! use whisker::elastica::Elastica;
+//! use whisker::frames::{Base, Point, Pose, World};
+//! use whisker::{Curvature, Whisker};
+//!
+//! let curvature = [(0.034, 0.0), (0.011, -48.0), (0.011, -48.0)];
+//! let wire = Whisker {
+//!     name: "wire".into(),
+//!     length_m: 0.056,
+//!     root_diameter_m: 0.2e-3,
+//!     tip_diameter_m: 0.2e-3,
+//!     youngs_modulus_pa: 40e9,
+//!     density_kg_m3: 6450.0,
+//!     curvature: curvature.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m }).into(),
+//!     root_stiffness_n_m_rad: 0.17e-3,
+//!     segments: 40,
+//!     damping_s: 0.0,
+//! };
+//! let elastica = Elastica::new(&wire)?;
+//! let base: Pose<Base, World> = Pose::new(0.001, 0.0055, -1.85);
+//! // Grid of pin positions beside the wire, from the free whisker on.
+//! let mut table = String::from(",px,py,pz,sx,sy,sz\n0,74.3,98.07,16.1,90,-40,-550\n");
+//! let mut largest_n_m: f64 = 0.0;
+//! for (row, arc_m) in (0..9).map(|i| 0.012 + 0.004 * f64::from(i)).enumerate() {
+//!     for away_m in (1..8).map(|j| 0.001 * f64::from(j)) {
+//!         let pin = wire.rest_shape().beside(arc_m, -away_m);
+//!         let Ok(contact) = elastica.at_point(pin) else { continue };
+//!         let moment_n_m = contact.deflection.moment_n_m;
+//!         largest_n_m = largest_n_m.max(moment_n_m.abs());
+//!         let pin = base.apply(pin);
+//!         let (x_mm, y_mm) = (64.30451325 + 1e3 * pin.x(), 98.0687005 + 1e3 * pin.y());
+//!         writeln!(table, "{row},{x_mm},{y_mm},16.1,90,{},-550", -40.0 - 2e7 * moment_n_m)?;
+//!     }
+//! }
+//! let home = tempfile::tempdir()?;
+//! let data = home.path().join("data/all_datasets");
+//! std::fs::create_dir_all(data.join("calibration"))?;
+//! std::fs::create_dir_all(data.join("test"))?;
+//! std::fs::write(data.join("calibration/sensor1_tip_calib_May_04.csv"), table)?;
+//!
+//! let importer = importers::importer("stanford-whisker").expect("a registered format");
+//! let imported = (importer.import)(home.path())?;
+//! assert!(imported.failures.is_empty());
+//! let moments = imported.traces.iter().flat_map(|trace| &trace.recording.instants).map(|at| at.moment_z_n_m.abs());
+//! let found_n_m = moments.fold(0.0, f64::max);
+//! assert!((found_n_m / largest_n_m - 1.0).abs() < 0.05, "{found_n_m} N m, expected {largest_n_m} N m");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`Trace`]: trace::Trace
 
 mod mesh;
 mod registration;
@@ -11,35 +74,35 @@ use std::path::Path;
 use files::Error;
 use trace::{Outline, Trace};
 
-/// A row of the registry of importers.
+/// Entry of the registry of importers.
 pub struct ImporterRow {
     /// Name of the format.
     pub name: &'static str,
-    /// One line about it.
+    /// One-line description.
     pub about: &'static str,
-    /// Reads a folder.
+    /// Imports a folder in the published layout.
     pub import: fn(&Path) -> Result<Imported, Error>,
 }
 
-/// What an importer found.
+/// Result of an import.
 #[derive(Debug, Default)]
 pub struct Imported {
-    /// The traces.
+    /// Imported traces.
     pub traces: Vec<Trace>,
-    /// Outlines of the traces' objects, each with the name of the file that a trace's sidecar gives it.
+    /// Outlines of the traces' objects, each with the file name given in the trace's sidecar.
     pub outlines: Vec<(String, Outline)>,
-    /// Files of the layout that are no such recordings, each with its reason. The rest does not depend on them.
+    /// Errors of the files that could not be imported. The other files do not depend on them.
     pub failures: Vec<Error>,
 }
 
-/// The registry of importers.
+/// Registry of importers.
 pub const IMPORTERS: &[ImporterRow] = &[ImporterRow {
     name: stanford_whisker::NAME,
-    about: "a clone of HaoLiRobo/WhiskerSensing (Li et al. 2024): calibrations, pin trials and object sweeps, planar part",
+    about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): planar part of calibrations, pin trials and object sweeps",
     import: stanford_whisker::import,
 }];
 
-/// The registry's row of this name.
+/// Entry with this name. `None` if there is none.
 pub fn importer(name: &str) -> Option<&'static ImporterRow> {
     IMPORTERS.iter().find(|row| row.name == name)
 }

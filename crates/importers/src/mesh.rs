@@ -6,22 +6,22 @@ use std::path::Path;
 use files::Error;
 use files::read_table;
 
-/// Bytes before the triangles: a comment of 80, and their number.
+/// Size of the header in bytes: a comment of 80 bytes and the number of triangles.
 const HEAD: usize = 84;
-/// Bytes of a triangle: a normal and three vertices of three `f32` each, and two more.
+/// Size of a triangle in bytes: a normal and three vertices of three `f32` each, and a 16-bit attribute.
 const TRIANGLE: usize = 50;
 
-/// Vertices nearer than this are one.
+/// Vertices nearer than this are identified, in the mesh's unit.
 const SAME: f64 = 1e-4;
 
-/// A point of the plane.
+/// Point in the plane of the section.
 type Point = [f64; 2];
 
-/// The outer loop of the section of a mesh with the plane at height `z`, counter-clockwise, the first point repeated at the end; in the mesh's own units. Nothing
-/// in it where the plane does not meet the mesh.
+/// Outer loop of the section of a mesh with the plane at height `z`, counter-clockwise, with the first point repeated
+/// at the end, in the mesh's unit. Empty if the plane does not intersect the mesh.
 ///
 /// # Errors
-/// If the file cannot be read or is no binary STL.
+/// [`Error`] if the file cannot be read or is not a binary STL.
 pub(crate) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
     let bytes = read_table(path)?;
     let count = bytes.get(HEAD - 4..HEAD).map(|field| u32::from_le_bytes(field.try_into().expect("four bytes")));
@@ -47,7 +47,8 @@ fn corners(triangle: &[u8]) -> [[f64; 3]; 3] {
     std::array::from_fn(|corner| std::array::from_fn(|axis| number(3 * corner + axis)))
 }
 
-/// Where a triangle meets the plane. A corner in the plane counts as above it, so that neighbours agree.
+/// Intersection of a triangle with the plane. A corner in the plane counts as above it, so that adjacent triangles
+/// agree.
 fn cut(corners: &[[f64; 3]; 3], z: f64) -> Option<[Point; 2]> {
     let crossings: Vec<Point> = (0..3)
         .filter_map(|i| {
@@ -61,7 +62,7 @@ fn cut(corners: &[[f64; 3]; 3], z: f64) -> Option<[Point; 2]> {
     crossings.try_into().ok()
 }
 
-/// Edges joined to closed loops, the first point of each repeated at its end. What does not close is left out.
+/// Joins edges to closed loops, each with its first point repeated at the end. Open chains are dropped.
 fn loops(edges: &[[Point; 2]]) -> Vec<Vec<Point>> {
     let key = |point: &Point| point.map(|value| (value / SAME).round() as i64);
     let mut at: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
@@ -90,7 +91,7 @@ fn loops(edges: &[[Point; 2]]) -> Vec<Vec<Point>> {
     loops
 }
 
-/// Area of a closed loop, positive where it runs counter-clockwise.
+/// Signed area of a closed loop, positive if counter-clockwise.
 fn area(line: &[Point]) -> f64 {
     line.windows(2).map(|edge| 0.5 * (edge[0][0] * edge[1][1] - edge[1][0] * edge[0][1])).sum()
 }
@@ -101,7 +102,7 @@ mod tests {
 
     use super::*;
 
-    /// A square tube without ends, from z = 0 to 1.
+    /// Square tube without end faces, from z = 0 to 1.
     fn tube() -> Vec<u8> {
         let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
         let mut bytes = vec![0u8; 80];
@@ -125,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_tube_is_cut_into_its_square() {
+    fn verif_section_of_a_tube_is_its_square() {
         let outer = cut_at(&tube(), 0.25).expect("a section");
         assert_eq!(area(&outer), 2.0);
         assert_eq!(outer.first(), outer.last());
@@ -133,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_damaged_meshes_give_one_error() {
+    fn robust_damaged_meshes_are_rejected() {
         let bytes = tube();
         for damaged in [&bytes[..bytes.len() - 1], &bytes[..40]] {
             let message = cut_at(damaged, 0.5).expect_err("damaged").to_string();

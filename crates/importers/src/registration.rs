@@ -1,12 +1,13 @@
-//! Where a wire sits on a rig, and what it is like: found from a calibration.
+//! Registration of a wire on a rig from a calibration: pose of the base, shape and stiffness.
 //!
-//! A rig knows where its pin is, in a frame of its own. The root about which the wire turns lies somewhere within the suspension, and neither
-//! its place nor the wire's shape and stiffness stand in any file. They are found as those of the elastica that explains the readings
-//! best: the moment `M` at the root of a whisker through the pin, and `counts = c0 + c1 M + c2 M^2 + c3 M^3`, the sensor's
-//! [`Characteristic`] with an offset.
+//! A rig measures the position of its pin in its own frame. The root, about which the wire rotates, lies inside the
+//! suspension; neither its position nor the wire's shape and stiffness are documented. They are estimated jointly with
+//! the sensor's characteristic, as the parameters of the elastica that fit the readings best: the moment `M` at the
+//! root of a whisker deflected by the pin, and `counts = c0 + c1 M + c2 M^2 + c3 M^3`, a [`Characteristic`] with an
+//! offset.
 //!
-//! The scale of forces cannot be found, for no force was measured: the root's stiffness keeps its nominal value, and the moments that
-//! follow are nominal, all by the same factor.
+//! The scale of the forces is unobservable, since no force was measured. The root stiffness keeps its nominal value, so
+//! that all moments are nominal, with a common unknown factor.
 
 use filters::least_squares::{Damping, Evaluated, Method, Residuals, Settings, forward_jacobian, minimise};
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
@@ -15,49 +16,50 @@ use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::{Curvature, Whisker};
 
-/// A wire on a rig; World is the rig's frame here.
+/// Wire on a rig. World is the rig's frame.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Mounted {
-    /// The wire. Its curvature is a straight piece from the root, then an arc.
+    /// The wire: a straight piece from the root, followed by an arc.
     pub whisker: Whisker,
-    /// Where it sits.
+    /// Pose of the wire's base.
     pub base: Pose<Base, World>,
 }
 
-/// A pin against the wire.
+/// Reading with the pin pressed against the wire.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pressed {
-    /// The pin.
+    /// Position of the pin.
     pub pin: Point<World>,
-    /// Reading, counted from that at rest.
+    /// Counts relative to rest.
     pub counts: f64,
 }
 
-/// What explains a calibration best.
+/// Maximum-a-posteriori registration of a calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Registration {
-    /// The wire.
+    /// Wire and its pose.
     pub mounted: Mounted,
-    /// The sensor.
+    /// Characteristic of the sensor.
     pub characteristic: Characteristic,
-    /// The largest moment of the calibration, with its sign.
+    /// Moment of largest magnitude in the calibration, signed.
     pub largest_n_m: f64,
-    /// Root mean square of what is left unexplained, in counts.
+    /// RMS residual in counts.
     pub residual_counts: f64,
 }
 
-/// Unknowns, as deviations from the drawing in units of their scatter: x, y, yaw, straight length, curvature, logarithm of the bending
-/// stiffness over the root's.
+/// Parameters as deviations from the drawing, in units of their prior standard deviation: x, y, yaw, straight length,
+/// curvature, and logarithm of the ratio of bending stiffness to root stiffness.
 type Unknowns = DVector<f64>;
 
-/// How far wires may lie from their drawings, one standard deviation: m, m, rad, m, 1/m, 1.
+/// Prior standard deviations of the parameters about the drawing: m, m, rad, m, 1/m, 1.
 const SCATTER: [f64; 6] = [0.01, 0.01, 0.3, 0.01, 10.0, 1.0];
 
-/// Scatter of the readings about the elastica's, relative to the largest: friction, which it does not know.
+/// Standard deviation of the readings about the elastica, relative to the largest reading. It covers friction, which
+/// the elastica neglects.
 const READING_SCATTER: f64 = 0.01;
 
-/// Scatter of the reading of the undeflected wire about that at rest, relative to the largest: as far as a rest reading drifts in a recording. With
-/// more of it, friction passes for an offset, which no other recording has.
+/// Standard deviation of the offset `c0`, relative to the largest reading: the drift of the rest reading within a
+/// recording. With a larger value, friction would be attributed to an offset that other recordings do not have.
 const REST_SCATTER: f64 = 0.005;
 
 /// Levenberg-Marquardt method, until the cost decreases by less than a millionth.
@@ -72,14 +74,14 @@ const SETTINGS: Settings = Settings {
 /// Shortest straight piece.
 const SHORTEST_M: f64 = 1e-4;
 
-/// The wire is searched for with this much length to spare, for what lies beyond a contact bears no load.
+/// Factor on the wire's length during the search; the part beyond a contact carries no load.
 const SPARE: f64 = 1.6;
 
-/// How much longer than the outermost contact a wire is at least taken to be.
+/// Smallest ratio of the wire's length to the arc length of its outermost contact.
 const BEYOND_CONTACT: f64 = 1.02;
 
-/// Finds the wire near its `drawing` that explains a calibration best: least squares with the drawing as prior, by Levenberg and
-/// Marquardt's method. Nothing where the pins lie so that no wire can be told.
+/// Estimates the wire near its `drawing` that fits a calibration best: nonlinear least squares with the drawing as
+/// prior, solved by the Levenberg-Marquardt method. `None` if the pins do not determine the wire.
 pub(crate) fn register(drawing: &Mounted, pressed: &[Pressed]) -> Option<Registration> {
     let largest_counts = largest(pressed);
     let problem = Problem {
@@ -113,16 +115,17 @@ struct Problem<'a> {
     rest_scatter_counts: f64,
 }
 
-/// Residuals in units of their scatter, that at rest and the drawing's last, and the polynomial from moment to counts.
+/// Residuals in units of their standard deviation (readings, offset, prior) and the polynomial from moment to counts.
 struct State {
     residuals: DVector<f64>,
     counts: Vector4<f64>,
-    /// Largest moment, with its sign.
+    /// Moment of largest magnitude, signed.
     largest_n_m: f64,
 }
 
 impl Problem<'_> {
-    /// The wire with these unknowns, long enough for every pin. Its arc is cut in two, lest it turn by more than a piece may.
+    /// Wire with these parameters, long enough for every pin. The arc is split into two pieces, because the rotation of
+    /// a piece is limited.
     fn mounted(&self, unknowns: &Unknowns) -> Mounted {
         let [x, y, yaw, straight, curvature, stiffness]: [f64; 6] = std::array::from_fn(|i| unknowns[i] * SCATTER[i]);
         let Mounted { whisker, base } = self.drawing;
@@ -142,7 +145,7 @@ impl Problem<'_> {
         }
     }
 
-    /// The wire with the length that its contacts ask for, at least the drawing's.
+    /// Wire whose length covers all contacts, at least the length of the drawing.
     fn trimmed(&self, mounted: &Mounted) -> Mounted {
         let outermost_m = Elastica::new(&mounted.whisker).map_or(0.0, |elastica| {
             let base = mounted.base.inverse();
@@ -160,7 +163,8 @@ impl Problem<'_> {
         let Mounted { whisker, base } = self.mounted(unknowns);
         let elastica = Elastica::new(&whisker).ok()?;
         let base = base.inverse();
-        // A pin out of the wire's reach bends it not at all. Moments in units of the root's stiffness keep the polynomial well conditioned.
+        // A pin out of reach does not deflect the wire. Moments in units of the root stiffness keep the polynomial well
+        // conditioned.
         let unit_n_m = whisker.root_stiffness_n_m_rad;
         let moment = |sample: &Pressed| {
             elastica.at_point(base.apply(sample.pin)).map_or(0.0, |contact| contact.deflection.moment_n_m / unit_n_m)
@@ -193,7 +197,7 @@ impl Residuals for Problem<'_> {
     }
 }
 
-/// A straight piece from the root, then an arc.
+/// Straight piece from the root, followed by an arc.
 pub(crate) fn pieces(straight_m: f64, length_m: f64, curvature_per_m: f64) -> Vec<Curvature> {
     vec![
         Curvature { length_m: straight_m, curvature_per_m: 0.0 },
@@ -211,7 +215,7 @@ mod tests {
         Mounted { whisker, base: Pose::new(0.0, 0.005, -1.8) }
     }
 
-    /// A wire that differs from its drawing in everything.
+    /// Wire that differs from its drawing in all parameters.
     fn true_wire() -> Mounted {
         let mut wire = drawing();
         wire.whisker.curvature = pieces(0.012, 0.05, -44.0);
@@ -234,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_finds_the_wire_behind_a_calibration() {
+    fn verif_recovers_the_wire_of_a_simulated_calibration() {
         let wire = true_wire();
         let characteristic = |moment: f64| -2e7 * moment - 1e15 * moment.powi(3);
         let pressed = pressed_by(&wire, characteristic);
@@ -243,14 +247,14 @@ mod tests {
         assert!(error_m < 1e-3, "root {error_m} m off");
         assert!((found.mounted.base.yaw_rad() - wire.base.yaw_rad()).abs() < 0.05);
         for moment_n_m in [-1e-5, -3e-5, -6e-5] {
-            let told = found.characteristic.moment_n_m(characteristic(moment_n_m));
-            assert!((told / moment_n_m - 1.0).abs() < 0.1, "{moment_n_m} N m: {told}");
+            let recovered = found.characteristic.moment_n_m(characteristic(moment_n_m));
+            assert!((recovered / moment_n_m - 1.0).abs() < 0.1, "{moment_n_m} N m: {recovered}");
         }
         assert!(found.residual_counts < 0.002 * largest(&pressed), "{}", found.residual_counts);
     }
 
     #[test]
-    fn robust_pins_that_tell_nothing() {
+    fn robust_degenerate_pins_have_no_registration() {
         let pin = Pressed { pin: Point::new(0.0, 0.0), counts: 100.0 };
         assert_eq!(register(&drawing(), &[pin; 3]), None);
     }

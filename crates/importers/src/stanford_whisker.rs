@@ -1,5 +1,7 @@
-//! Recordings of HaoLiRobo/WhiskerSensing (Li, Wang, Lin et al., "Navigation and 3D surface reconstruction from passive whisker sensing",
-//! arXiv 2406.06038, 2024; MIT licence): a whisker over a Hall sensor, a stage with three axes, no clock.
+//! Recordings of HaoLiRobo/WhiskerSensing: a whisker on a Hall sensor and a three-axis stage, without a clock.
+//!
+//! Source: Li, Wang, Lin et al., "Navigation and 3D surface reconstruction from passive whisker sensing", arXiv
+//! 2406.06038, 2024; MIT licence. Layout:
 //!
 //! ```text
 //! DIR/data/all_datasets/calibration/<sensor>_calib_<date>[_try<n>].csv   a pin on the stage is moved through a grid and read at each point
@@ -10,11 +12,13 @@
 //! DIR/data/3d_data/<fixture>.stl                                         the objects
 //! ```
 //!
-//! Each file is a table `,px,py,pz,sx,sy,sz`: stage position in mm and the three axes of the Hall sensor in counts, a row a stage
-//! step. Its first row lies far from contact. A test belongs to the calibration of its sensor with the same `_try<n>`.
+//! Each file is a table `,px,py,pz,sx,sy,sz`: stage position in mm and the three axes of the Hall sensor in counts, one
+//! row per stage step. The first row is far from contact. A test belongs to the calibration of its sensor with the same
+//! `_try<n>`.
 //!
-//! What is kept is the planar part: `px, py` and `sy`. The plane is that of the whisker, at the height of the sensor's reference; known
-//! contacts away from it by [`PLANE_M`] or more are dropped. `docs/REAL.md` tells of frames, time and units.
+//! The planar part is imported: `px`, `py` and `sy`. The plane is that of the whisker, at the height of the sensor's
+//! reference; known contacts farther from it than [`PLANE_M`] are dropped. `docs/REAL.md` specifies frames, time and
+//! units.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -40,43 +44,43 @@ const FOLDER: &str = "data/all_datasets";
 const COLUMNS: [&str; 7] = ["", "px", "py", "pz", "sx", "sy", "sz"];
 const M_PER_MM: f64 = 1e-3;
 
-/// A known contact counts as planar within this height above or below the sensor's reference.
+/// Largest distance of a planar contact from the plane.
 const PLANE_M: f64 = 0.5e-3;
 
-/// Rows a second of a recording without a clock: a convention, about that at which a stage that stops at each row moves on.
+/// Nominal row rate of recordings without a clock, approximately that of a stage that stops at each row.
 const NOMINAL_RATE_HZ: f64 = 10.0;
 
-/// A reading counts as contact above this share of the largest of the calibration: above drift and what friction leaves behind.
+/// Contact threshold as a fraction of the largest reading of the calibration, above drift and residual friction.
 const TOUCH_SHARE: f64 = 0.02;
 
-/// Traces into which a calibration is cut, line by line, so that whole lines can be held out.
+/// Number of traces into which a calibration is split, line by line, so that whole lines can be held out.
 const CALIBRATION_TRACES: usize = 8;
 
-/// Origin of the objects' frame on the stage, x and y: the hole that the rig's authors touched with a standoff, less that standoff's place
-/// beside the sensor.
+/// Origin of the object frame on the stage, x and y: the hole that the rig's authors located with a standoff, minus the
+/// offset of the standoff from the sensor.
 const OBJECTS_MM: [f64; 2] = [70.1297 - 9.703, 92.3684 - 5.5];
 
-/// Height of the origin of the objects' frame on the stage.
+/// Height of the origin of the object frame on the stage.
 const OBJECTS_Z_MM: f64 = 47.022_115_12;
 
 const MESHES: &str = "data/3d_data";
 
-/// The published mesh of an object, by a word of its name.
+/// Published mesh of an object, by a word of the object's name.
 const FIXTURES: [(&str, &str); 3] =
     [("cylinder", "ConeFixture.stl"), ("square", "SquareFixture.stl"), ("surface", "FlatFixture.stl")];
 
-/// Where the meshes lie in the objects' frame, their height being negated.
+/// Offset of the meshes in the object frame, with negated height.
 const MESHES_MM: [f64; 3] = [0.5, 12.5, -0.5];
 
-/// A sensor of the rig.
+/// Sensor of the rig.
 struct Sensor {
-    /// How the names of its calibrations begin.
+    /// Prefix of its calibration files.
     calibration: &'static str,
-    /// How the names of its pin trials begin.
+    /// Prefix of its pin trials.
     pin_trial: &'static str,
-    /// Stage position that its authors call the origin of the whisker's base.
+    /// Stage position of the whisker base's origin, as given by the authors.
     reference_mm: [f64; 3],
-    /// Straight length and curvature of the wire, as drawn: the first guess of the registration.
+    /// Straight length and curvature of the wire in its drawing: initial guess of the registration.
     straight_m: f64,
     curvature_per_m: f64,
 }
@@ -105,12 +109,12 @@ const SENSORS: [Sensor; 3] = [
     },
 ];
 
-/// The sensor that sweeps over objects.
+/// Sensor used in object sweeps.
 const SWEEPING: &Sensor = &SENSORS[1];
 
 impl Sensor {
-    /// The wire as drawn, in the frame of the rig with the reference as its origin: it hangs down along -y, the root somewhat within
-    /// the suspension.
+    /// Wire in its drawing, in the rig's frame with the reference as its origin: along -y, with the root slightly
+    /// inside the suspension.
     fn drawing(&self, name: String) -> Mounted {
         let whisker = Whisker {
             name,
@@ -122,10 +126,10 @@ impl Sensor {
     }
 }
 
-/// Reads a clone of the repository.
+/// Imports a clone of the repository.
 ///
 /// # Errors
-/// Where folders of the layout are missing or a calibration is damaged; a damaged test is among the failures.
+/// [`Error`] if a folder of the layout is missing or a calibration is damaged. Damaged tests are listed in `failures`.
 pub(crate) fn import(folder: &Path) -> Result<Imported, Error> {
     let data = folder.join(FOLDER);
     let mut calibrated: BTreeMap<PathBuf, Calibrated> = BTreeMap::new();
@@ -155,7 +159,7 @@ pub(crate) fn import(folder: &Path) -> Result<Imported, Error> {
     Ok(imported)
 }
 
-/// A test, and the outline of its object where a mesh of that is published.
+/// Imports a test, with the outline of its object if a mesh is published.
 fn import_test(
     folder: &Path,
     session: &Path,
@@ -178,12 +182,13 @@ fn import_test(
     let Test::Sweep(object) = &test else { return Ok((trace, None)) };
     let Some(outline) = fixture(folder, object, table.rows[0].stage_m[2])? else { return Ok((trace, None)) };
     let file = format!("{}.contour.csv", trace.sidecar.name);
-    // The mesh is what the object was made from: the outline is no coarser than that.
+    // The outline is exact: the object was made from the mesh.
     trace.sidecar.contour = Some(Contour { file: file.clone(), sha256: sha256(outline.to_csv()), chord_error_m: 0.0 });
     Ok((trace, Some((file, outline))))
 }
 
-/// The outline of an object in its frame, at the height of the sensor's plane for a stage at `stage_z_m`; nothing where no mesh of it is there.
+/// Outline of an object in its frame, at the height of the sensor's plane for a stage at `stage_z_m`. `None` if there
+/// is no mesh of it.
 fn fixture(folder: &Path, object: &str, stage_z_m: f64) -> Result<Option<Outline>, Error> {
     let Some((_, file)) = FIXTURES.iter().find(|(word, _)| object.contains(word)) else { return Ok(None) };
     let path = folder.join(MESHES).join(file);
@@ -191,14 +196,14 @@ fn fixture(folder: &Path, object: &str, stage_z_m: f64) -> Result<Option<Outline
         return Ok(None);
     }
     let [x_mm, y_mm, z_mm] = MESHES_MM;
-    // Contacts have the height of the stage below the frame's origin; meshes have theirs negated and shifted.
+    // Contact heights are measured downwards from the frame's origin; mesh heights are negated and shifted.
     let height_mm = stage_z_m / M_PER_MM - OBJECTS_Z_MM + z_mm;
     let outer = section(&path, height_mm)?;
     let place = |[x, y]: [f64; 2]| Point::new((x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM);
     Ok(Outline::new(outer.into_iter().map(place).collect()))
 }
 
-/// What a test is, by its name.
+/// Kind of a test, by its file name.
 enum Test {
     /// A pin moves against the resting sensor.
     Pin(&'static Sensor),
@@ -227,7 +232,7 @@ impl Test {
     }
 }
 
-/// The suffix `_try<n>`, where there is one.
+/// Suffix `_try<n>`, or an empty string.
 fn attempt(stem: &str) -> &str {
     stem.rfind("_try").map_or("", |start| &stem[start..])
 }
@@ -256,7 +261,7 @@ fn folders(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(listed(folder)?.into_iter().filter(|path| path.is_dir()).collect())
 }
 
-/// A row of a file.
+/// Row of a file.
 #[derive(Clone, Copy)]
 struct Row {
     /// Stage position.
@@ -265,7 +270,7 @@ struct Row {
     counts: f64,
 }
 
-/// A file.
+/// Contents of a file.
 struct Table {
     path: PathBuf,
     rows: Vec<Row>,
@@ -280,7 +285,7 @@ impl Table {
             let (line, record) = row?;
             let cell = |i| number(path, line, &record, &COLUMNS, i);
             let stage_m = [cell(1)? * M_PER_MM, cell(2)? * M_PER_MM, cell(3)? * M_PER_MM];
-            // The other two axes are not used, yet a row in which they are damaged is a damaged row.
+            // The other two axes are unused, but a row in which they are damaged is rejected.
             cell(4)?;
             cell(6)?;
             rows.push(Row { stage_m, counts: cell(5)? });
@@ -302,8 +307,9 @@ impl Table {
         self.rows[0].counts
     }
 
-    /// Standard deviation of the reading at rest, from one visit of the first row's place to the next, which drift does not blur; without
-    /// enough of them, from one reading within `touch_counts` of rest to the next.
+    /// Standard deviation of the reading at rest, from differences between consecutive visits of the first row's
+    /// position, which suppress drift. With too few visits, from differences between consecutive readings within
+    /// `touch_counts` of rest.
     fn noise_sd_counts(&self, touch_counts: f64) -> f64 {
         const ENOUGH: usize = 3;
         let counts_of = |is_rest: &dyn Fn(&Row) -> bool| -> Vec<f64> {
@@ -315,12 +321,13 @@ impl Table {
             _ => counts_of(&|row| (row.counts - self.rest_counts()).abs() < touch_counts),
         };
         let steps: f64 = readings.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).fold(0.0, |sum, step| sum + step);
-        // Two independent readings differ by twice the variance of one.
+        // The difference of two independent readings has twice the variance of one.
         (steps / (2.0 * (readings.len().max(2) - 1) as f64)).sqrt()
     }
 }
 
-/// Place of the stage in the frame of a sensor at rest, whose origin is the sensor's reference: where a pin on the stage is.
+/// Position of the stage (and hence of a pin on it) in the frame of a resting sensor, whose origin is the sensor's
+/// reference.
 fn on_sensor(sensor: &Sensor, row: &Row) -> Point<World> {
     let [x, y, _] = row.stage_m;
     Point::new(x - sensor.reference_mm[0] * M_PER_MM, y - sensor.reference_mm[1] * M_PER_MM)
@@ -330,12 +337,12 @@ fn is_planar(sensor: &Sensor, row: &Row) -> bool {
     (row.stage_m[2] - sensor.reference_mm[2] * M_PER_MM).abs() < PLANE_M
 }
 
-/// A calibration and what follows from it for all recordings of its sensor.
+/// Calibration with its registration, common to all recordings of the sensor.
 struct Calibrated {
     sensor: &'static Sensor,
     table: Table,
     registration: Registration,
-    /// Counts above which the whisker touches.
+    /// Contact threshold in counts.
     touch_counts: f64,
     noise_sd_counts: f64,
 }
@@ -356,13 +363,19 @@ impl Calibrated {
         let name = format!("stanford-{}", stem(path).replace("_calib", ""));
         let registration = register(&sensor.drawing(name), &touching).ok_or_else(|| {
             let found = format!("{} in contact within {} mm of the plane", touching.len(), PLANE_M / M_PER_MM);
-            Error::value(path, "rows", found, "enough, and spread enough, to tell the wire's place and shape")
+            Error::value(
+                path,
+                "rows",
+                found,
+                "enough contacts, sufficiently spread, to determine the wire's pose and shape",
+            )
         })?;
         let noise_sd_counts = table.noise_sd_counts(touch_counts);
         Ok(Self { sensor, table, registration, touch_counts, noise_sd_counts })
     }
 
-    /// The calibration as traces: its lines in the plane, dealt out in turn. Lines that join the same two places go to the same trace.
+    /// Splits the calibration into traces: planar lines are assigned to the traces in turn. Lines between the same end
+    /// points go to the same trace.
     fn traces(&self) -> Vec<Trace> {
         let lines = lines(&self.table.rows);
         let ends = |line: &[usize]| {
@@ -384,7 +397,7 @@ impl Calibrated {
             rows.sort_unstable();
             rows.retain(is_kept);
             (!rows.is_empty()).then(|| {
-                // The frame of the resting sensor serves as World.
+                // World is the frame of the resting sensor.
                 let base = self.registration.mounted.base;
                 let instants = rows.iter().map(|&row| {
                     let at = &self.table.rows[row];
@@ -406,14 +419,14 @@ impl Calibrated {
             Test::Sweep(object) => ("real objects", object.as_str()),
         };
         let instants = table.rows.iter().enumerate().map(|(i, row)| match test {
-            // World rests with the pin: the sensor moves against the stage.
+            // World is fixed to the pin: the sensor moves against the stage.
             Test::Pin(_) => {
                 let pin = on_sensor(self.sensor, row).vector();
                 let sensor: Pose<World, World> = Pose::new(-pin.x, -pin.y, 0.0);
                 let truth = is_planar(self.sensor, row).then(|| Point::new(0.0, 0.0));
                 self.instant(table, i, mount.then(&sensor), truth)
             }
-            // The sensor rides on the stage, turned by half a circle against its place in the calibration.
+            // The sensor moves with the stage, rotated by 180 degrees relative to the calibration.
             Test::Sweep(_) => {
                 let [x, y, _] = row.stage_m;
                 let [origin_x, origin_y] = OBJECTS_MM.map(|mm| mm * M_PER_MM);
@@ -424,7 +437,7 @@ impl Calibrated {
         self.trace(Head { name, role: Role::Trial, group, object }, table, instants)
     }
 
-    /// A row; the contact is `pin`, where known, if the whisker touches.
+    /// Instant of a row. While the whisker is in contact, the true contact is `pin`, if known.
     fn instant(
         &self,
         table: &Table,
@@ -492,7 +505,7 @@ impl Calibrated {
     }
 }
 
-/// What a trace is called and where it belongs.
+/// Name and classification of a trace.
 struct Head<'a> {
     name: String,
     role: Role,
@@ -510,7 +523,7 @@ fn source_sha256() -> String {
     sources.finish()
 }
 
-/// Cuts a grid into its lines, rows at even steps: for each its rows.
+/// Splits a grid into lines with constant steps; returns the row indices of each line.
 fn lines(rows: &[Row]) -> Vec<Vec<usize>> {
     const EVEN_M: f64 = 1e-5;
     let step = |i: usize| -> [f64; 3] { std::array::from_fn(|axis| rows[i].stage_m[axis] - rows[i - 1].stage_m[axis]) };
@@ -533,7 +546,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_names_tell_the_kind_of_test() {
+    fn verif_file_names_determine_the_kind_of_test() {
         let sweep = |stem: &str| match Test::named(stem) {
             Some(Test::Sweep(object)) => object,
             _ => panic!("{stem} is no sweep"),
@@ -549,7 +562,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_grid_comes_apart_into_its_lines() {
+    fn verif_a_grid_is_split_into_its_lines() {
         let row = |x: f64, y: f64| Row { stage_m: [x, y, 0.0], counts: 0.0 };
         let rows: Vec<Row> = (0..12).map(|i| row(1e-3 * f64::from(i % 4), 2e-3 * f64::from(i / 4))).collect();
         assert_eq!(lines(&rows), [vec![0, 1, 2, 3], vec![4, 5, 6, 7], vec![8, 9, 10, 11]]);

@@ -1,7 +1,7 @@
 //! The page's table of consistency: whether the estimators are as sure as they may be.
 
 use maud::{Markup, html};
-use testbed::consistency::{BY_ERRORS, BY_INNOVATIONS, Judged};
+use testbed::consistency::{ConsistencyTest, NEES_TEST, NIS_TEST};
 use testbed::metrics::consistency;
 use testbed::results::{ConsistencyRow, RunSet, SummaryRow};
 use whisker::estimators::MethodClass;
@@ -12,14 +12,14 @@ use super::style::plain;
 /// Three columns: an average that is judged.
 struct Columns {
     heading: &'static str,
-    judged: Judged,
+    judged: ConsistencyTest,
     /// The average at one time with its interval.
     at: fn(&ConsistencyRow) -> Option<[f64; 3]>,
 }
 
 const COLUMNS: [Columns; 2] = [
-    Columns { heading: "NEES", judged: BY_ERRORS, at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]) },
-    Columns { heading: "NIS", judged: BY_INNOVATIONS, at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]) },
+    Columns { heading: "NEES", judged: NEES_TEST, at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]) },
+    Columns { heading: "NIS", judged: NIS_TEST, at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]) },
 ];
 
 /// The section of the page; nothing where no estimator of the leading sets states a covariance.

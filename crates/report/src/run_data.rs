@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use testbed::consistency::{Average, Judged};
+use testbed::consistency::{Average, ConsistencyTest};
 use testbed::metrics::{Metric, error};
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
@@ -201,7 +201,7 @@ impl RunData {
     }
 
     /// The average over the trials of a set by which an estimator is judged; nothing where no trial has it.
-    pub(crate) fn average_of(&self, set: &RunSet, estimator: &str, judged: &Judged) -> Option<Average> {
+    pub(crate) fn average_of(&self, set: &RunSet, estimator: &str, judged: &ConsistencyTest) -> Option<Average> {
         judged.average(self.trials_of(set, estimator))
     }
 

@@ -1,4 +1,4 @@
-//! JSON whose objects have each key once, which the parser alone does not ask of free values.
+//! Check for duplicate keys, which `serde_json` accepts in free values.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -6,7 +6,7 @@ use std::fmt;
 use serde::de::{Error as _, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
-/// Any JSON in which no object has a key twice.
+/// Any JSON value without duplicate keys in its objects.
 pub(crate) struct KeysOnce;
 
 impl<'de> Deserialize<'de> for KeysOnce {

@@ -1,7 +1,10 @@
-//! Strict JSON: each key once, no list where an object is expected, and quotation of foreign text on one line.
+//! Strict JSON parsing: unique keys, and no list where an object is expected.
 //!
-//! `serde_json` accepts two inputs that are almost always mistakes: an object that holds a key twice, of which it keeps the last, and a list in place of an object, whose
-//! values serde assigns to the fields in their order of declaration. [`parse_json`] refuses both and names the place.
+//! `serde_json` accepts two inputs that are almost always mistakes: an object with a duplicate key, of which it keeps
+//! the last value, and a list where a struct is expected, whose items it assigns to the fields in declaration order.
+//! [`parse_json`] rejects both with their place. [`one_line`] and [`shown`] quote untrusted text in messages.
+//!
+//! In the following example, a struct is parsed from an object; a list and a duplicate key are rejected:
 //!
 //! ```
 //! use serde::{Deserialize, Serialize};

@@ -1,9 +1,9 @@
-//! Lists in the place of objects.
+//! Detection of lists that were read as objects.
 
 use serde_json::Value;
 
-/// Where a list of a file was read as an object, whose values serde takes in the order of the fields: keys and places. `read` is what was made of `file`, written
-/// again.
+/// Path (keys and indices) of the first list in `file` that was read as an object. serde assigns such a list to the
+/// fields in declaration order. `read` is the parsed value, serialised again. `None` if there is no such list.
 pub fn list_for_object(file: &Value, read: &Value) -> Option<String> {
     let place = found(file, read)?;
     Some(if place.is_empty() { "the whole".into() } else { place.trim_start_matches('.').into() })

@@ -6,11 +6,11 @@ use serde::de::DeserializeOwned;
 use crate::keys_once::KeysOnce;
 use crate::{list_for_object, shown};
 
-/// Parses JSON into a typed value. An object that has a key twice is refused: which of the two was meant? So is a list in the place of an object, whose values serde
-/// would take in the order of the fields.
+/// Parses JSON into a typed value. Rejects objects with duplicate keys, and lists where an object is expected, which
+/// serde would assign to the fields in declaration order.
 ///
 /// # Errors
-/// What is wrong, with line and column or the key.
+/// Syntax or type errors with line and column; duplicate keys and lists with their place.
 pub fn parse_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> serde_json::Result<T> {
     let value = serde_json::from_slice(bytes)?;
     let KeysOnce = serde_json::from_slice(bytes)?;
@@ -39,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_list_is_no_object() {
+    fn robust_a_list_is_not_accepted_for_an_object() {
         let outer = Outer { pair: (1.0, 2.0), inner: vec![Inner { x_m: 3.0, y_m: 4.0 }] };
         let sound = r#"{"pair": [1, 2], "inner": [{"x_m": 3, "y_m": 4}]}"#;
         assert_eq!(parse_json::<Outer>(sound.as_bytes()).unwrap(), outer);

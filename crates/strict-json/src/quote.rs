@@ -1,9 +1,10 @@
-//! Text from outside, quoted in messages.
+//! Quotation of untrusted text in messages.
 
-/// Longest piece of a file that an error repeats, in characters.
+/// Maximum number of characters quoted from a file in an error message.
 const LONGEST: usize = 500;
 
-/// A text as one line that is safe to show: what would end the line or speak to the terminal is written out, as `\n` is.
+/// Text in one line. Control characters are escaped as in `\n`, so that they can neither end the line nor control the
+/// terminal.
 pub fn one_line(text: &str) -> String {
     let mut line = String::with_capacity(text.len());
     for c in text.chars() {
@@ -12,7 +13,7 @@ pub fn one_line(text: &str) -> String {
     line
 }
 
-/// What an error repeats of a file: [`one_line`], and not without end.
+/// Excerpt of at most 500 characters in one line, see [`one_line`].
 pub fn shown(text: &str) -> String {
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => one_line(&text[..end]) + "...",

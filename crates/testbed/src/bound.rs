@@ -1,19 +1,22 @@
-//! The physical limit of a trial: how well the contact could be known from its readings, whatever the estimator.
+//! Posterior Cramer-Rao bound of a trial: lower bound of the contact error for any estimator with the same readings.
 //!
-//! This is the posterior Cramer-Rao bound ([`filters::bound`]) along the trace, at the true contacts, under the calibrated sensor model and the
-//! measurement noise alone: the model's own error is left out, since a better model would not have it. The state is the contact in World, and the
-//! process has no noise: physically the contact on a pin does not diffuse, it moves by `(R + r) dpsi` while the whisker turns by `dpsi` on a pin of
-//! radius `R` with a wire of radius `r`. That displacement counts as known, so this is the bound of an estimator that is told how
-//! the contact slides. One that is not told knows less: the bound still holds for it, narrowly on a pin and loosely on a round object, where the slide
-//! is most of what there is to find out. Around a large one, or from one object on to the next, a contact slides over centimetres, and all readings of a long sweep
-//! tell of one place for whoever knows that slide: there the bound lies far below what anybody else can reach.
+//! The bound ([`filters::bound`]) is evaluated along the trace at the true contacts, with the calibrated sensor model
+//! and the measurement noise; model errors are excluded, since a better model would not have them. The state is the
+//! contact in World and has no process noise: the contact on a pin does not diffuse, it moves by `(R + r) dpsi` while
+//! the whisker rotates by `dpsi`, with pin radius `R` and wire radius `r`. This displacement is taken as known, so the
+//! bound is that of an estimator with exact knowledge of the sliding motion. It holds for estimators without that
+//! knowledge too: it is nearly tight on a pin and loose on round objects, where most of the uncertainty is in the
+//! sliding motion. On large objects, or from one object to the next, a contact slides over centimetres; with known
+//! sliding, all readings of a long sweep inform about one position, and the bound is far below the error of any
+//! practical estimator.
 //!
-//! Where the robot knows its base with noise, that counts as noise of the readings ([`BaseNoise`]).
+//! Noise of the measured base pose is included as noise of the readings ([`BaseNoise`]).
 //!
-//! At each touch one starts with the contact anywhere along the calibrated part of the undeflected whisker; a gap of [`CHATTER_S`] at most, which
-//! detectors ride through, ends no touch. So this is a bound per touch: an estimator that remembers an object over lift-offs (`resume` and `outline` of
-//! its tracker) starts a later touch with more, and may lie under it until the readings of that touch tell as much. Where the
-//! true contact lies outside the calibrated region, at the tip or in several places, the reading adds nothing.
+//! The prior at each touch is the calibrated part of the undeflected whisker. Gaps of at most [`CHATTER_S`], which
+//! detectors bridge, do not end a touch. It is a bound per touch: an estimator that remembers an object over lift-offs
+//! (`resume` and `outline` of its tracker) starts a later touch with more information and may be below the bound until
+//! the readings of that touch are equally informative. If the true contact is outside of the calibrated domain, at the
+//! tip or at several positions, the reading adds no information.
 
 use std::collections::VecDeque;
 
@@ -25,42 +28,45 @@ use whisker::estimators::BaseNoise;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::CalibratedFace;
 
-use crate::metrics::contact_events::CHATTER_S;
+use crate::contact_events::CHATTER_S;
 
-/// Standard deviation of the contact's distance from the undeflected whisker at the touch. The first reading tells it ten times better.
+/// Prior standard deviation of the contact's distance from the undeflected whisker at the touch. The first reading
+/// reduces it about tenfold.
 const START_AWAY_SD_M: f64 = 1e-3;
 
-/// Length of the window of [`Window`]: long enough for a trajectory to show more than one direction, short enough to tell when it does.
+/// Length of the window of [`Window`]: long enough for information in more than one direction, short enough to resolve
+/// its changes.
 pub const WINDOW_S: f64 = 0.5;
 
-/// The bound at every instant of a trace.
+/// Bound at every instant of a trace.
 #[derive(Clone, Debug)]
 pub struct TraceBound {
     instants: Vec<Option<BoundAt>>,
 }
 
-/// The bound at one instant of contact.
+/// Bound at one instant of contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundAt {
-    /// Time since the touch.
+    /// Time since the start of the touch.
     pub since_touch_s: f64,
-    /// Root of the trace of the bound's covariance: the least root mean square error.
+    /// Square root of the trace of the bound's covariance: lower bound of the RMS error.
     pub sd_m: f64,
-    /// What the readings of the last [`WINDOW_S`] tell by themselves; nothing where they tell of one direction at most.
+    /// Information of the readings of the last [`WINDOW_S`] alone. `None` if it has rank one or less.
     pub window: Option<Window>,
 }
 
-/// What the readings of a window tell without any knowledge from before.
+/// Information of the readings of a window, without a prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
-    /// Root of the trace of the inverse information.
+    /// Square root of the trace of the inverse information.
     pub sd_m: f64,
-    /// Condition number of the information: the square of the ratio in which it leaves the contact uncertain along and across its weakest direction.
+    /// Condition number of the information matrix.
     pub condition: f64,
 }
 
 impl TraceBound {
-    /// The bound along a trace that touches `face`, with the measurement noise of the sensor and the base; nothing without noise, which has no bound.
+    /// Bound along a trace that touches `face`, with the measurement noise of sensor and base. `None` without noise,
+    /// since the bound is then zero.
     pub fn new(trace: &Trace, face: &CalibratedFace, noise_sd_n_m: f64, base_noise: &BaseNoise) -> Option<Self> {
         if noise_sd_n_m <= 0.0 && base_noise.is_none() {
             return None;
@@ -89,24 +95,24 @@ impl TraceBound {
         Some(Self { instants })
     }
 
-    /// The bound at a row of the trace; nothing while the whisker is free.
+    /// Bound at a row of the trace. `None` while the whisker is free.
     pub fn at(&self, row: usize) -> Option<BoundAt> {
         self.instants[row]
     }
 }
 
-/// One contact from touch to release.
+/// Contact from touch to release.
 struct InContact {
     touch_s: f64,
     bound: Bound<2>,
-    /// Time and information of each reading of the window.
+    /// Time and information of each reading in the window.
     window: VecDeque<(f64, Matrix2<f64>)>,
 }
 
 impl InContact {
     fn begin(face: &CalibratedFace, base: &Pose<Base, World>, seen: Point<Base>, touch_s: f64) -> Self {
         let (low, high) = face.domain.arc_range_m();
-        // An even spread over a length has the variance of its square over twelve.
+        // A uniform distribution has the variance of its squared length divided by 12.
         let prior = Matrix2::from_diagonal(&vector![(high - low).powi(2) / 12.0, START_AWAY_SD_M.powi(2)]);
         let jacobian = base.rotation() * face.contact_jacobian(face.along_and_away(seen));
         let bound = Bound::new(&(jacobian * prior * jacobian.transpose())).expect("the contact is near the whisker");
@@ -130,12 +136,12 @@ impl Window {
     fn of(information: &Matrix2<f64>) -> Option<Self> {
         let eigenvalues = information.symmetric_eigenvalues();
         let (weak, strong) = (eigenvalues.min(), eigenvalues.max());
-        // Below that the smaller one is what rounding left of zero.
+        // A smaller eigenvalue ratio is due to rounding.
         (weak > 1e-12 * strong).then(|| Self { sd_m: (1.0 / weak + 1.0 / strong).sqrt(), condition: strong / weak })
     }
 }
 
-/// A contact whose displacement in World is known: uncertainty about it stays what it was.
+/// Process model of a contact whose displacement in World is known: the covariance is unchanged.
 struct KnownSlide;
 
 impl Process<2> for KnownSlide {
@@ -152,7 +158,7 @@ impl Process<2> for KnownSlide {
     }
 }
 
-/// The reading of a contact in World.
+/// Measurement model of a contact in World.
 struct Reading<'a> {
     face: &'a CalibratedFace,
     base: &'a Pose<Base, World>,
@@ -189,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_a_window_sees_one_direction_less_than_two() {
+    fn verif_a_window_needs_information_in_two_directions() {
         let along = vector![3.0, 0.0];
         assert!(Window::of(&(along * along.transpose())).is_none());
         let both = Window::of(&Matrix2::from_diagonal(&vector![4.0, 1.0])).unwrap();

@@ -1,15 +1,17 @@
-//! Whether estimators are as sure as they may be, judged over many runs.
+//! Consistency of estimators over many runs (NEES, NIS).
 //!
-//! If the stated covariances are right, the normalised error squared (NEES) is chi-square with two degrees of freedom and the normalised innovation
-//! squared (NIS) with one. The average over `N` independent runs *at one time* times `N` is then chi-square with `2 N` and `N` degrees of freedom, which
-//! gives the interval that holds 95 % of such averages (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and
+//! If the stated covariances are correct, the normalised estimation error squared (NEES) is chi-square with two degrees
+//! of freedom and the normalised innovation squared (NIS) with one. The average over `N` independent runs *at one
+//! time*, multiplied by `N`, is then chi-square with `2 N` and `N` degrees of freedom, which determines the interval
+//! that contains 95 % of such averages (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and
 //! Navigation*, 2001, section 5.4.2). A run is one trial under one noise seed.
 //!
-//! An average *over time* as well has more samples, but not as many as there are instants: a filter carries its errors on, so those of neighbouring instants
-//! are nearly the same. Each trial's average over time is therefore one sample ([`Average`]), and how far these scatter says how many independent
-//! instants a trial is worth: the average over `m` independent values that are chi-square with `f` degrees of freedom has the relative variance
-//! `2 / (f m)`. The interval is that of `N m` samples, with `m` at least one. It is much narrower than that of `N`, and with enough trials it finds
-//! fault with any filter; a [`Verdict`] is passed only on what is off by more than [`MATTERS`] besides.
+//! An average *over time* has more samples, but fewer independent ones than instants, since the errors of a filter are
+//! strongly correlated in time. Each trial's average over time is therefore one sample ([`Average`]), and the scatter
+//! of these samples gives the equivalent number of independent instants per trial: the average over `m` independent
+//! values that are chi-square with `f` degrees of freedom has the relative variance `2 / (f m)`. The interval is that
+//! of `N m` samples, with `m` at least one. It is much narrower than that of `N` and rejects any filter if there are
+//! enough trials; a [`Verdict`] therefore requires a deviation from the interval by more than the factor [`MATTERS`].
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -18,26 +20,26 @@ use crate::metrics::consistency::{NEES, NIS};
 use crate::results::TrialRow;
 use crate::statistics::mean;
 
-/// Degrees of freedom of the NEES: the contact has two coordinates.
+/// Degrees of freedom of the NEES: two coordinates of the contact.
 pub const NEES_FREEDOM: usize = 2;
 
-/// Degrees of freedom of the NIS: there is one reading.
+/// Degrees of freedom of the NIS: one reading.
 pub const NIS_FREEDOM: usize = 1;
 
-/// Probability with which the average of a consistent estimator lies in [`interval`].
+/// Probability that the average of a consistent estimator is in [`interval`].
 const LEVEL: f64 = 0.95;
 
-/// By which factor an average may lie beyond its interval without a verdict. A sensor model errs by an amount of which only the size is known; what
-/// estimators make of it puts them off by some hundredths.
+/// Factor by which an average may be outside of its interval without a verdict. The systematic error of a sensor model
+/// is known only in magnitude, which changes NEES and NIS by some hundredths.
 pub const MATTERS: f64 = 1.1;
 
-/// The interval that holds 95 % of the averages over `samples` independent values that are chi-square with `freedom` degrees of freedom; `samples`
-/// is at least 1.
+/// Interval that contains 95 % of the averages over `samples` independent values that are chi-square with `freedom`
+/// degrees of freedom. `samples` is at least 1.
 pub fn interval(freedom: usize, samples: f64) -> (f64, f64) {
     let all = freedom as f64 * samples;
     let distribution = ChiSquared::new(all).expect("at least one degree of freedom");
     let quantile = |p: f64| {
-        // The cumulative distribution rises from 0, and is 1 at ten times the mean and more to within rounding.
+        // The cumulative distribution is monotone and equals 1 up to rounding beyond ten times the mean.
         let (mut low, mut high) = (0.0, 10.0 * all + 100.0);
         for _ in 0..100 {
             let middle = 0.5 * (low + high);
@@ -48,52 +50,52 @@ pub fn interval(freedom: usize, samples: f64) -> (f64, f64) {
     (quantile(0.5 * (1.0 - LEVEL)), quantile(0.5 * (1.0 + LEVEL)))
 }
 
-/// What an estimator is judged by: a metric that is a mean of chi-square numbers if what the estimator states is right.
+/// Consistency test: a metric that is a mean of chi-square variables if the stated covariances are correct.
 #[derive(Clone, Copy, Debug)]
-pub struct Judged {
-    /// The metric.
+pub struct ConsistencyTest {
+    /// Metric.
     pub metric: Metric,
-    /// Its degrees of freedom.
+    /// Degrees of freedom of the metric.
     pub freedom: usize,
 }
 
-/// By its errors, which only the judge sees.
-pub const BY_ERRORS: Judged = Judged { metric: NEES, freedom: NEES_FREEDOM };
+/// NEES test, based on the contact errors; requires the truth.
+pub const NEES_TEST: ConsistencyTest = ConsistencyTest { metric: NEES, freedom: NEES_FREEDOM };
 
-/// By its innovations, which the robot sees too.
-pub const BY_INNOVATIONS: Judged = Judged { metric: NIS, freedom: NIS_FREEDOM };
+/// NIS test, based on the innovations; does not require the truth.
+pub const NIS_TEST: ConsistencyTest = ConsistencyTest { metric: NIS, freedom: NIS_FREEDOM };
 
-impl Judged {
-    /// The average over some trials; nothing where none has the metric.
+impl ConsistencyTest {
+    /// Average over trials. `None` if no trial has the metric.
     pub fn average<'a>(&self, trials: impl IntoIterator<Item = &'a TrialRow>) -> Option<Average> {
         let of_trials: Vec<f64> = trials.into_iter().filter_map(|trial| trial.get(&self.metric)).collect();
         Average::of_trials(self.freedom, &of_trials)
     }
 }
 
-/// An average over trials and over time, beside what it would be if all that is stated were right.
+/// Average over trials and time, with its interval for a consistent estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Average {
-    /// The average.
+    /// Average.
     pub value: f64,
-    /// The interval that holds 95 % of such averages.
+    /// Interval that contains 95 % of the averages of a consistent estimator.
     pub interval: (f64, f64),
     freedom: usize,
 }
 
 impl Average {
-    /// The average of the trials' averages over time; nothing of nothing.
+    /// Average of the trials' averages over time. `None` without trials.
     pub fn of_trials(freedom: usize, of_trials: &[f64]) -> Option<Self> {
         let value = mean(of_trials.iter().copied())?;
         let count = of_trials.len() as f64;
         let squares: f64 = of_trials.iter().map(|of_trial| (of_trial - value).powi(2)).sum();
         let relative_variance = squares / (count - 1.0) / value.powi(2);
-        // A single trial does not scatter, and what does not say how far it scatters is worth one instant.
+        // A single trial has no scatter; without scatter a trial counts as one independent instant.
         let instants = if relative_variance > 0.0 { 2.0 / (freedom as f64 * relative_variance) } else { 1.0 };
         Some(Self { value, interval: interval(freedom, count * instants.max(1.0)), freedom })
     }
 
-    /// What it says of the estimator.
+    /// Verdict on the estimator.
     pub fn verdict(&self) -> Verdict {
         let (low, high) = self.interval;
         if self.value > MATTERS * high {
@@ -105,7 +107,7 @@ impl Average {
         }
     }
 
-    /// The same as a sentence.
+    /// Verdict as a sentence.
     pub fn sentence(&self) -> String {
         let times = self.value / self.freedom as f64;
         let word = self.verdict().word();
@@ -116,19 +118,19 @@ impl Average {
     }
 }
 
-/// What an average says of the estimator.
+/// Verdict of a consistency test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Errors are larger than stated.
+    /// Errors are larger than the stated covariances.
     Overconfident,
-    /// Errors are as large as stated.
+    /// Errors agree with the stated covariances.
     Consistent,
-    /// Errors are smaller than stated.
+    /// Errors are smaller than the stated covariances.
     Underconfident,
 }
 
 impl Verdict {
-    /// The word for it.
+    /// Verdict in one word.
     pub fn word(self) -> &'static str {
         match self {
             Self::Overconfident => "overconfident",
@@ -148,7 +150,7 @@ mod tests {
 
     /// Quantiles of the chi-square distribution from printed tables.
     #[test]
-    fn val_intervals_are_those_of_the_tables() {
+    fn val_intervals_match_published_tables() {
         for (freedom, runs, low, high) in
             [(1, 1.0, 0.000982, 5.0239), (2, 1.0, 0.0506, 7.3778), (2, 50.0, 1.4844, 2.5912)]
         {
@@ -158,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_the_verdict_is_by_the_side_on_which_the_average_lies() {
+    fn verif_the_verdict_depends_on_the_side_of_the_interval() {
         let trials = |average: f64| [0.9, 1.0, 1.1, 0.95, 1.05].map(|factor| average * factor);
         let verdicts =
             [1.0, 2.0, 3.0].map(|average| Average::of_trials(NEES_FREEDOM, &trials(average)).unwrap().verdict());
@@ -167,9 +169,10 @@ mod tests {
         assert_eq!(wrong.sentence(), "overconfident: 3.40 times the chi-square that the right model would have");
     }
 
-    /// Trials of 40 instants, each the sum of two squares of normal numbers that stay for 10 instants: worth 4 instants.
+    /// Trials of 40 instants, each a chi-square variable with two degrees of freedom that is constant for 10 instants:
+    /// four independent instants per trial.
     #[test]
-    fn val_trials_are_worth_their_independent_instants() {
+    fn val_intervals_count_independent_instants() {
         let mut rng = Pcg64::seed_from_u64(1);
         let mut square = || rng.sample::<f64, _>(StandardNormal).powi(2);
         let trials: Vec<f64> = (0..4000).map(|_| (0..4).map(|_| square() + square()).sum::<f64>() / 4.0).collect();

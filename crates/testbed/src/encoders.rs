@@ -1,9 +1,9 @@
-//! Joint encoders: what a robot knows of its own motion.
+//! Joint encoders: measured base motion of a whisker on an arm.
 //!
-//! A recording holds the joints as they were. A robot reads them with noise and in steps, and takes the pose of a whisker's base from what it reads. The
-//! motion from one instant to the next, which is all that estimators are given of it, is that between two such poses: the rate of a joint is the
-//! difference of its last two readings, without a filter, which would lag behind. So noise does not add up on the way, for the poses do not drift; it shakes
-//! the base, and by it the contact.
+//! A recording contains the exact joint states. Encoders measure them with noise and quantisation, and the pose of a
+//! whisker's base follows by forward kinematics. Estimators receive the motion between consecutive measured poses; the
+//! rate of a joint is the difference of its last two readings, without a filter and hence without delay. The poses do
+//! not drift: the noise does not accumulate, it makes the base and thereby the contact jitter.
 
 use anyhow::bail;
 use nalgebra::{Matrix3, vector};
@@ -14,15 +14,15 @@ use serde::{Deserialize, Serialize};
 use trace::{ArrayRecording, JOINTS, JointInstant, PoseMatrix, Recording};
 use whisker::estimators::BaseNoise;
 
-use crate::front_end::derived_seed;
+use crate::seeds::derived_seed;
 
-/// The encoders of an arm's joints, all alike.
+/// Encoders of an arm's joints, with equal properties.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Encoders {
-    /// The step of what they count; 0 for none.
+    /// Quantisation step; 0 for none.
     pub resolution_rad: f64,
-    /// Standard deviation of the white noise of an angle, before it is rounded to a step.
+    /// Standard deviation of the white noise of an angle before quantisation.
     pub noise_rad: f64,
 }
 
@@ -30,7 +30,7 @@ impl Encoders {
     /// Checks the settings.
     ///
     /// # Errors
-    /// If one is negative or beyond what an encoder can be.
+    /// If a setting is negative or above 0.1 rad.
     pub fn validate(&self) -> anyhow::Result<()> {
         for (key, value) in [("resolution_rad", self.resolution_rad), ("noise_rad", self.noise_rad)] {
             if !(0.0..=0.1).contains(&value) {
@@ -40,25 +40,26 @@ impl Encoders {
         Ok(())
     }
 
-    /// Whether they show the joints as they are.
+    /// Whether the encoders are noise-free and unquantised.
     pub fn are_perfect(&self) -> bool {
         *self == Self::default()
     }
 
-    /// What they are called in names of traces and groups, in plain characters.
+    /// Label in names of traces and groups, in plain characters; empty for perfect encoders.
     pub fn label(&self) -> String {
         let parts = [("noise", self.noise_rad), ("step", self.resolution_rad)];
         let words = parts.iter().filter(|(_, value)| *value > 0.0).map(|(word, value)| format!("{word}_{value:e}"));
         words.collect::<Vec<_>>().join("_")
     }
 
-    /// Standard deviation of the error of an angle: noise, and the rounding to steps, which is spread evenly over one.
+    /// Standard deviation of the error of an angle: noise and quantisation error, which is uniform over one step.
     pub fn sd_rad(&self) -> f64 {
         self.noise_rad.hypot(self.resolution_rad / 12f64.sqrt())
     }
 
-    /// What their data sheet tells of the pose of a base that is mounted at `mount`: the noise that their errors make of it through the body Jacobian, on the
-    /// average over a recording. A column of the Jacobian is the twist of the base while that joint alone turns at 1 rad/s.
+    /// Covariance of the measured pose of a base mounted at `mount`, propagated from the encoders' error through the
+    /// body Jacobian and averaged over a recording. Column `i` of the Jacobian is the twist of the base when joint `i`
+    /// alone rotates at 1 rad/s.
     pub fn base_noise(&self, array: &ArrayRecording, mount: &PoseMatrix) -> BaseNoise {
         let mut spread = Matrix3::zeros();
         for joint in 0..JOINTS {
@@ -73,8 +74,8 @@ impl Encoders {
         BaseNoise(spread * (self.sd_rad().powi(2) / array.joints.len() as f64))
     }
 
-    /// What a robot makes of a trace: the poses and twists of the base that is mounted at `mount`, by what the encoders show. The readings of the joints follow from
-    /// the seed and the recording's name, so that they are the same for all whiskers of the arm.
+    /// Recording with the measured poses and twists of the base mounted at `mount`. The noise is derived from the seed
+    /// and the recording's name, so that all whiskers of the arm have the same joint readings.
     pub fn measured(&self, array: &ArrayRecording, mount: &PoseMatrix, exact: &Recording, seed: u64) -> Recording {
         let carried = array.sidecar.arm.carry(mount, &self.joints(array, seed));
         let mut instants = exact.instants.clone();
@@ -118,7 +119,7 @@ mod tests {
 
     const NOISY: Encoders = Encoders { resolution_rad: 1e-3, noise_rad: 2e-4 };
 
-    /// Where one base is mounted on the hand, and another beside it.
+    /// Mounts of two bases on the hand.
     const MOUNT: PoseMatrix = mount(0.0);
     const BESIDE: PoseMatrix = mount(0.1);
 
@@ -126,7 +127,7 @@ mod tests {
         PoseMatrix([1.0, 0.0, 0.0, x_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     }
 
-    /// A planar arm of two links and a hand, which stands still.
+    /// Planar arm of two links and a hand, at rest.
     fn array(rows: usize) -> ArrayRecording {
         let link = |a_m: f64| json!({"a_m": a_m, "alpha_rad": 0.0, "d_m": 0.0});
         let links: Vec<Value> = [0.0, 0.3, 0.25, 0.0, 0.0, 0.0, 0.0].map(link).to_vec();
@@ -151,7 +152,7 @@ mod tests {
         }
     }
 
-    /// The poses of a base by what encoders show.
+    /// Measured poses of a base.
     fn measured(encoders: Encoders, array: &ArrayRecording, mount: &PoseMatrix, seed: u64) -> Vec<Pose<Base, World>> {
         let exact = array.sidecar.arm.carry(mount, &array.joints);
         let instant = |(joints, (base, twist)): (&JointInstant, _)| Instant {
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_angles_are_rounded_to_steps() {
+    fn verif_angles_are_quantised() {
         let shown = NOISY.joints(&array(100), 1);
         let steps =
             shown.iter().flat_map(|instant| instant.angles_rad).map(|angle_rad| angle_rad / NOISY.resolution_rad);
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_what_no_encoder_can_be_is_refused() {
+    fn robust_settings_out_of_range_are_rejected() {
         for (encoders, words) in [
             (Encoders { noise_rad: -1e-3, ..NOISY }, "encoders: noise_rad: found -0.001, expected 0 to 0.1"),
             (Encoders { noise_rad: f64::NAN, ..NOISY }, "encoders: noise_rad: found NaN, expected 0 to 0.1"),
@@ -193,16 +194,16 @@ mod tests {
     }
 
     #[test]
-    fn verif_labels_name_what_is_not_perfect() {
+    fn verif_labels_state_the_imperfections() {
         assert_eq!(NOISY.label(), "noise_2e-4_step_1e-3");
         assert_eq!(Encoders { noise_rad: 0.0, ..NOISY }.label(), "step_1e-3");
         assert_eq!(Encoders::default().label(), "");
         assert!(Encoders::default().are_perfect() && !NOISY.are_perfect());
     }
 
-    /// The hand is rigid: two whiskers on it stay where they are to one another, however the joints are read.
+    /// The hand is rigid: the relative pose of two whiskers on it is independent of encoder noise.
     #[test]
-    fn verif_all_whiskers_see_the_same_joints() {
+    fn verif_all_whiskers_share_the_joint_readings() {
         let array = array(50);
         let encoders = Encoders { resolution_rad: 1e-5, ..NOISY };
         let [one, other] = [MOUNT, BESIDE].map(|mount| measured(encoders, &array, &mount, 1));
@@ -214,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn val_noise_of_the_base_is_the_scatter_of_its_measured_poses() {
+    fn val_base_covariance_matches_the_scatter_of_measured_poses() {
         let array = array(4000);
         let encoders = Encoders { resolution_rad: 0.0, noise_rad: 1e-4 };
         let exact = array.sidecar.arm.carry(&BESIDE, &array.joints)[0].0;
@@ -225,7 +226,8 @@ mod tests {
         let errors: Vec<Vector3<f64>> = measured(encoders, &array, &BESIDE, 1).iter().map(error).collect();
         let scatter = errors.iter().map(|error| error * error.transpose()).sum::<Matrix3<f64>>() / errors.len() as f64;
         let BaseNoise(stated) = encoders.base_noise(&array, &BESIDE);
-        // Each entry in units of what the two numbers that it belongs to scatter; four standard errors of a mean of so many.
+        // Entries are normalised by the standard deviations of their two components; the bound is four standard errors
+        // of the sample covariance.
         for (i, j) in (0..3).flat_map(|i| (0..3).map(move |j| (i, j))) {
             let off = (scatter[(i, j)] - stated[(i, j)]) / (stated[(i, i)] * stated[(j, j)]).sqrt();
             assert!(off.abs() < 4.0 * (2.0 / 4000f64).sqrt(), "{i}, {j}: {scatter} {stated}");

@@ -12,7 +12,7 @@ use whisker::Whisker;
 use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
 use crate::dataset::Dataset;
-use crate::front_end::{Choice, FrontEnd, Mounting, Played};
+use crate::front_end::{FrontEnd, FrontEndConfig, Mounting, SensorInput};
 use crate::map::true_circle;
 use crate::provenance::watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
@@ -79,7 +79,7 @@ pub struct FitSettings {
     /// Seed of that noise, and of the front end's.
     pub seed: u64,
     /// The front end through which the traces are read.
-    pub front_end: Choice,
+    pub front_end: FrontEndConfig,
     /// Sensors to calibrate beside those of the dataset's traces.
     pub sensors: Vec<Mounting>,
 }
@@ -188,8 +188,8 @@ fn fit_whisker(
     let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
     let noise = if is_recorded { 0.0 } else { settings.noise };
     let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
-    let played = |(trace, mounting)| Played::new(trace, mounting, noise * largest, settings.seed);
-    let mut played: Vec<Played> = traces.iter().zip(&own).map(played).collect();
+    let played = |(trace, mounting)| SensorInput::new(trace, mounting, noise * largest, settings.seed);
+    let mut played: Vec<SensorInput> = traces.iter().zip(&own).map(played).collect();
     let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;
     let mut readings_n_m = Vec::new();
     for played in &mut played {

@@ -9,6 +9,7 @@
 pub mod baseline;
 pub mod bound;
 pub mod consistency;
+pub mod contact_events;
 pub mod contour;
 pub mod dataset;
 pub mod encoders;
@@ -21,5 +22,6 @@ pub mod participant;
 pub mod provenance;
 pub mod replay;
 pub mod results;
+pub mod seeds;
 pub mod settings;
 pub mod statistics;

@@ -1,4 +1,9 @@
-//! Replay: a recording through an estimator, in order of time, without looking ahead.
+//! Causal replay of a recording through an estimator.
+//!
+//! A replay converts a recording into the [`Sample`]s of a robot (base motion and reading), builds the prior information
+//! ([`knowledge`]) from a calibration, runs the contact detector ([`touched`]) and passes the samples to an estimator in
+//! order of time ([`replay`]). Evaluation, the command `whisker replay` and the report all use these functions, so that
+//! an estimator has the same input everywhere.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,32 +19,32 @@ use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::{CalibratedFace, Face};
 
-use crate::front_end::derived_seed;
+use crate::seeds::derived_seed;
 
-/// The samples that a robot would have had: base motion from the recorded poses, readings from the front end.
+/// Samples of a robot: base motions from the recorded poses and readings from the front end.
 pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {
     with_readings(&motions(recording), readings_n_m)
 }
 
-/// The same as long as nothing was read: without readings.
+/// Samples with base motions only; the readings are zero.
 pub fn motions(recording: &Recording) -> Vec<Sample> {
     let mut steps = Steps::default();
     recording.instants.iter().map(|now| steps.sample(now, 0.0)).collect()
 }
 
-/// Motions, each with its reading.
+/// Combines motions with readings.
 pub fn with_readings(motions: &[Sample], readings_n_m: &[f64]) -> Vec<Sample> {
     motions.iter().zip(readings_n_m).map(|(motion, &reading_n_m)| Sample { reading_n_m, ..*motion }).collect()
 }
 
-/// Turns instants into samples, one by one in the order of time.
+/// Converts instants to samples one by one, in order of time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Steps {
     last: Option<trace::Instant>,
 }
 
 impl Steps {
-    /// The sample of the next instant, which reads so much.
+    /// Sample of the next instant with this reading.
     pub fn sample(&mut self, now: &trace::Instant, reading_n_m: f64) -> Sample {
         let (motion, dt_s) = match self.last.replace(*now) {
             Some(before) => (before.base.then(&now.base.inverse()), now.t_s - before.t_s),
@@ -49,12 +54,13 @@ impl Steps {
     }
 }
 
-/// Standard deviation of all measurement noise of a trace: what is added, what its sensor has where it has one, and what a recording has of itself.
+/// Standard deviation of the total measurement noise of a trace: added noise, noise of the front end's sensor, and
+/// noise of a recorded sensor.
 pub fn noise_sd_n_m(added_sd_n_m: f64, sensor: Option<&SensorFile>, sidecar: &Sidecar) -> f64 {
     added_sd_n_m.hypot(sensor.map_or(0.0, |sensor| sensor.noise_sd_n_m)).hypot(sidecar.own_noise_sd_n_m())
 }
 
-/// Calibrated faces as a sensor reads them, with what it may be off by throughout.
+/// Calibrated faces with the offset and gain uncertainty of a sensor.
 pub fn read_by(sensor: Option<&SensorFile>, faces: &[Arc<CalibratedFace>]) -> Vec<Arc<CalibratedFace>> {
     match sensor {
         Some(sensor) => faces.iter().map(|face| Arc::new(face.read_by(sensor.offset_sd_n_m, sensor.gain_sd))).collect(),
@@ -62,7 +68,7 @@ pub fn read_by(sensor: Option<&SensorFile>, faces: &[Arc<CalibratedFace>]) -> Ve
     }
 }
 
-/// What a robot with the whisker of a trace, and an exact base, knows before it touches anything.
+/// Prior information of an estimator for the whisker of a trace, with exact base poses.
 pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m: f64) -> Arc<Knowledge> {
     Arc::new(Knowledge {
         whisker: sidecar.whisker.clone(),
@@ -75,18 +81,18 @@ pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m:
     })
 }
 
-/// The method of a registered estimator.
+/// Builds the method of a registered estimator.
 ///
 /// # Errors
-/// If its settings are wrong.
+/// If its settings are invalid.
 pub fn method(row: &EstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) -> anyhow::Result<Box<dyn Method>> {
     (row.build)(config, knowledge).with_context(|| format!("settings of `{}`", row.name))
 }
 
-/// A registered estimator, with the randomness that belongs to this trace and seed.
+/// Builds the runner of a registered estimator, with a random seed derived from the trace and the seed.
 ///
 /// # Errors
-/// If its settings are wrong.
+/// If its settings are invalid.
 pub fn runner(
     row: &EstimatorRow,
     config: &Value,
@@ -99,10 +105,10 @@ pub fn runner(
     Ok(Runner::new(method, knowledge.clone(), own_seed))
 }
 
-/// The same with a detection of contacts of its own, for samples that come one by one.
+/// Builds an estimator with its own contact detector, for streaming samples.
 ///
 /// # Errors
-/// If its settings are wrong.
+/// If its settings are invalid.
 pub fn estimator(
     row: &EstimatorRow,
     config: &Value,
@@ -114,53 +120,62 @@ pub fn estimator(
     Ok(Estimator::new(runner(row, config, knowledge, trace_name, seed)?, touch))
 }
 
-/// Checks that a calibration is that of a trace's whisker and knows the face that the trace touches with.
+/// Checks that a calibration belongs to a trace's whisker and contains the face that the trace touches with.
 ///
 /// # Errors
-/// If it is not, or does not; `path` is the calibration's.
+/// If the whisker differs or the face is missing. `path` is the path of the calibration.
 pub fn check_calibration(path: &Path, calibration: &CalibrationFile, sidecar: &Sidecar) -> anyhow::Result<()> {
     if calibration.whisker != sidecar.whisker {
-        bail!("{}: calibrates a whisker with other parameters than that of {}", path.display(), sidecar.name);
+        bail!(
+            "{}: whisker: found other parameters than those of {}; fit a calibration to this whisker",
+            path.display(),
+            sidecar.name
+        );
     }
     if !calibration.faces.iter().any(|face| face.face == sidecar.face) {
-        bail!("{}: has no face {}, which {} touches with", path.display(), sidecar.face.name(), sidecar.name);
+        bail!(
+            "{}: faces: found no face `{}`, with which {} touches",
+            path.display(),
+            sidecar.face.name(),
+            sidecar.name
+        );
     }
     Ok(())
 }
 
-/// What the detection of contacts sees and concludes at each sample.
+/// Signals of the contact detector at each sample.
 pub fn signals(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<Signals> {
     let mut detector = ContactDetector::new(touch, &knowledge.sensing());
     samples.iter().map(|sample| detector.judge(sample.reading_n_m, sample.dt_s)).collect()
 }
 
-/// The side on which the object lies, at each sample at which the detection of contacts takes the whisker to touch.
+/// Output of the contact detector at each sample: the face in contact, or `None` while the whisker is free.
 pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<Option<Face>> {
     let mut detector = ContactDetector::new(touch, &knowledge.sensing());
     samples.iter().map(|sample| detector.step(sample.reading_n_m, sample.dt_s)).collect()
 }
 
-/// Estimates of a replay, and how long it took.
+/// Result of a replay.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    /// One entry a sample; none while the estimator saw no contact.
+    /// One entry per sample; `None` while the estimator has no contact.
     pub estimates: Vec<Option<Estimate>>,
-    /// The outline that the estimator has at the end, where it carries one.
+    /// Final outline of the estimator, if it has one.
     pub outline: Option<Vec<OutlinePoint>>,
     /// Wall-clock time of all steps.
     pub elapsed_ns: u128,
-    /// Why the estimator fell silent before the end, where it failed.
+    /// Failure that ended the estimates early, if any.
     pub failure: Option<String>,
 }
 
 impl Replay {
-    /// That of an estimator which never said anything, for this reason.
+    /// Replay of an estimator that failed before its first estimate.
     pub fn silent(samples: usize, reason: String) -> Self {
         Self { estimates: vec![None; samples], outline: None, elapsed_ns: 0, failure: Some(reason) }
     }
 }
 
-/// Runs an estimator over samples whose contacts are known.
+/// Replays samples with known contacts through an estimator.
 pub fn replay(runner: &mut Runner, samples: &[Sample], touched: &[Option<Face>]) -> Replay {
     let start = Clock::now();
     let estimates = runner.run(samples, touched);

@@ -1,10 +1,10 @@
-//! Order statistics.
+//! Order statistics and means.
 
-/// Standard deviations within which a Gaussian has 95 % of its probability.
+/// 97.5 % quantile of the standard normal distribution: half width of the 95 % interval in standard deviations.
 pub const NORMAL_95: f64 = 1.959_963_984_540_054;
 
-/// The `q`-quantile of some values, linear between order statistics; nothing of nothing. Values that are missing come in as
-/// infinite and sort last.
+/// `q`-quantile with linear interpolation between order statistics. `None` for an empty slice. Missing values are
+/// passed as infinity and sort last.
 pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let mut values = values.to_vec();
     let position = q * values.len().checked_sub(1)? as f64;
@@ -14,7 +14,7 @@ pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
     Some(between(*low, high.unwrap_or(*low), position.fract()))
 }
 
-/// The same of values that are in order.
+/// `q`-quantile of values in ascending order, see [`quantile`].
 pub fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let position = q * last as f64;
@@ -22,29 +22,30 @@ pub fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
     Some(between(low, high, position.fract()))
 }
 
-/// The value at a share of the way between two.
+/// Linear interpolation between two values.
 fn between(low: f64, high: f64, share: f64) -> f64 {
-    // Without the case apart, infinity less infinity would be no number.
+    // The case distinction avoids infinity minus infinity.
     if low == high { low } else { low + (high - low) * share }
 }
 
-/// The middle value, or the mean of the two in the middle; nothing of nothing.
+/// Median, or the mean of the two middle values. `None` without values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     quantile(&values.into_iter().collect::<Vec<_>>(), 0.5)
 }
 
-/// The median over trials of a score that some lack: lacking counts as worse than any, and where the median itself is lacking there is none.
+/// Median of scores, of which some are missing. A missing score counts as worse than any other; `None` if the median
+/// itself is missing.
 pub fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     median(scores.map(|score| score.unwrap_or(f64::INFINITY))).filter(|median| median.is_finite())
 }
 
-/// Mean, nothing of nothing.
+/// Arithmetic mean. `None` without values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let (count, sum) = values.into_iter().fold((0, 0.0), |(count, sum), value| (count + 1, sum + value));
     (count > 0).then(|| sum / f64::from(count))
 }
 
-/// Root mean square, nothing of nothing.
+/// Root mean square. `None` for an empty slice.
 pub fn rms(values: &[f64]) -> Option<f64> {
     mean(values.iter().map(|value| value * value)).map(f64::sqrt)
 }
@@ -66,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_lacking_scores_are_the_worst() {
+    fn verif_missing_scores_count_as_the_worst() {
         assert_eq!(median_of_scores([Some(1.0), None, Some(2.0)].into_iter()), Some(2.0));
         assert_eq!(median_of_scores([Some(1.0), None, None].into_iter()), None);
         assert_eq!(median_of_scores([Some(1.0), None].into_iter()), None);

@@ -14,7 +14,7 @@ use testbed::bound::TraceBound;
 use testbed::dataset::Dataset;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
-use testbed::front_end::Choice;
+use testbed::front_end::FrontEndConfig;
 use testbed::participant::Program;
 use trace::{CalibrationFile, Role, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
@@ -39,14 +39,14 @@ fn dataset(folder: &Path) -> Dataset {
     Dataset::open(folder, None).unwrap()
 }
 
-fn fitted(dataset: &Dataset, front_end: &Choice, out: &Path) {
+fn fitted(dataset: &Dataset, front_end: &FrontEndConfig, out: &Path) {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
     let settings = FitSettings { models, noise: 0.01, seed: 1, front_end: front_end.clone(), sensors: Vec::new() };
     fit(dataset, &settings, out).unwrap();
 }
 
 fn evaluated(dataset: &Dataset, results: &Path) -> Evaluated {
-    fitted(dataset, &Choice::default(), &dataset.calibrations("white"));
+    fitted(dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
     let settings = EvaluateSettings {
         programs: vec![Program::new("mute=true", Duration::from_secs(60)).unwrap()],
         ..settings(results)
@@ -92,8 +92,8 @@ fn robust_a_trial_without_a_touch_is_a_failure_beside_the_others_and_is_not_redo
     assert_eq!((again.failures, again.summary), (first.failures, first.summary));
 }
 
-fn hall() -> Choice {
-    Choice { name: "hall".into(), config: json!({"earth_t": 40e-6}) }
+fn hall() -> FrontEndConfig {
+    FrontEndConfig { name: "hall".into(), config: json!({"earth_t": 40e-6}) }
 }
 
 #[test]
@@ -133,9 +133,9 @@ fn robust_a_calibration_through_another_front_end_is_named() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let dataset = dataset(traces.path());
     let folder = |name: &str| results.path().join(name);
-    fitted(&dataset, &Choice::default(), &folder("white"));
+    fitted(&dataset, &FrontEndConfig::default(), &folder("white"));
     fitted(&dataset, &hall(), &folder("hall"));
-    let refused = |calibrations: &str, front_end: Choice, words: &[&str]| {
+    let refused = |calibrations: &str, front_end: FrontEndConfig, words: &[&str]| {
         let calibrations = Some(folder(calibrations));
         let settings = EvaluateSettings { front_end, calibrations, ..settings(results.path()) };
         let error = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap_err();
@@ -143,8 +143,8 @@ fn robust_a_calibration_through_another_front_end_is_named() {
         assert!(words.iter().all(|word| text.contains(word)) && text.lines().count() == 1, "{text}");
     };
     refused("white", hall(), &["white/straight.json", "front_end", "found none", "`hall`", "--front-end hall"]);
-    refused("hall", Choice::default(), &["hall/straight.json", "front_end.name", "`hall`", "expected `white`"]);
-    let other = Choice { config: json!({}), ..hall() };
+    refused("hall", FrontEndConfig::default(), &["hall/straight.json", "front_end.name", "`hall`", "expected `white`"]);
+    let other = FrontEndConfig { config: json!({}), ..hall() };
     refused("hall", other, &["front_end.config.earth_t", "found 0.00004", "expected 0.000048"]);
     let path = folder("hall").join("straight.json");
     let renamed = fs::read_to_string(&path).unwrap().replacen("\"array\": \"straight\"", "\"array\": \"left\"", 1);
@@ -156,7 +156,7 @@ fn robust_a_calibration_through_another_front_end_is_named() {
 fn verif_the_bound_rides_through_chatter_and_starts_anew_after_a_lift_off() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path());
-    fitted(&dataset, &Choice::default(), &dataset.calibrations("white"));
+    fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
     let trace = Trace::read(&folder.path().join("pin.csv")).unwrap();
     let path = dataset.calibrations("white").join(format!("{}.json", trace.sidecar.whisker.name));
     let faces = CalibrationFile::read(&path).unwrap().calibrated(&path, None).unwrap();

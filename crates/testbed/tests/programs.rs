@@ -1,4 +1,4 @@
-//! Programs of other people: what they are contact_prior, what they may answer, and every way in which they can fail.
+//! External programs: messages sent to them, accepted answers and all failure modes.
 #![cfg(unix)]
 
 #[path = "../../whisker/tests/world/mod.rs"]
@@ -19,14 +19,14 @@ use whisker::events::TouchConfig;
 use whisker::frames::Point;
 use whisker::sensor::Face;
 
-/// So long that only a program that never answers is late, even on a busy machine.
+/// Timeout that only a program without an answer exceeds, even on a loaded machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
-/// Long enough to start and to say something, and then waited for in vain.
+/// Timeout that suffices for the start of a program and some answers.
 const MIDDLING: Duration = Duration::from_secs(3);
-/// Perhaps over before a program has started.
+/// Timeout that may end before a program has started.
 const SHORT: Duration = Duration::from_millis(300);
 
-/// Noise that the robot is contact_prior of.
+/// Measurement noise known to the estimators.
 const NOISE_N_M: f64 = 3e-7;
 
 fn trial(knowledge: &Knowledge) -> Vec<Sample> {
@@ -51,29 +51,29 @@ fn replay(script: &str) -> Replay {
     replay_of(script, TIMEOUT, &world::knowledge(NOISE_N_M))
 }
 
-/// Asserts that a script fails for a reason with these words, and is silent from then on.
+/// Asserts that a script fails with a message containing these words and yields no further estimates.
 fn fails(script: &str, timeout: Duration, words: &[&str]) {
     let replay = replay_of(script, timeout, &world::knowledge(NOISE_N_M));
     let reason = replay.failure.unwrap_or_else(|| panic!("{script}: did not fail"));
     assert!(!reason.contains('\n'), "{reason}");
     for word in words {
-        assert!(reason.contains(word), "{script}: `{reason}` does not say `{word}`");
+        assert!(reason.contains(word), "{script}: `{reason}` does not contain `{word}`");
     }
     assert!(replay.estimates.last().unwrap().is_none(), "{script}");
 }
 
-/// A script that answers every row with this line.
+/// Script that answers every row with this line.
 fn always(answer: &str) -> String {
     format!("read -r known; while read -r row; do echo '{answer}'; done")
 }
 
-/// A script that answers the third row with this line, and every other with `null`.
+/// Script that answers the third row with this line and every other with `null`.
 fn third(answer: &str) -> String {
     format!("read -r known; i=0; while read -r row; do i=$((i+1)); [ $i = 3 ] && echo '{answer}' || echo null; done")
 }
 
 #[test]
-fn verif_answers_become_estimates() {
+fn verif_answers_are_converted_to_estimates() {
     let replay = replay(&always(
         r#"{"contact_x_m": 0.05, "contact_y_m": -0.002, "cov_xx_m2": 4e-8, "cov_xy_m2": 1e-8, "cov_yy_m2": 1e-8,
             "innovation_n_m": 6e-7, "innovation_variance_n2_m2": 9e-14}"#
@@ -89,14 +89,14 @@ fn verif_answers_become_estimates() {
 }
 
 #[test]
-fn verif_no_estimate_is_null_and_a_bare_contact_is_enough() {
+fn verif_null_and_answers_without_covariance_are_accepted() {
     assert!(replay(&always("null")).estimates.iter().all(Option::is_none));
     let bare = replay(&always(r#"{"contact_x_m": 0.05, "contact_y_m": -0.002}"#));
     assert!(bare.estimates.iter().all(|estimate| estimate.is_some_and(|e| e.covariance_m2.is_none())));
 }
 
 #[test]
-fn verif_a_program_is_told_what_the_robot_knows_and_no_more() {
+fn verif_a_program_receives_the_prior_information_and_no_truth() {
     let folder = tempfile::tempdir().unwrap();
     let heard = folder.path().join("heard");
     let contact_prior = Some(ContactPrior { contact: Point::new(0.04, 0.001), sd_m: 3e-3 });
@@ -126,7 +126,7 @@ fn verif_a_program_is_told_what_the_robot_knows_and_no_more() {
     for (name, column) in face["table"].as_object().unwrap() {
         assert_eq!(column.as_array().unwrap().len() as u64, nodes, "{name}");
     }
-    // A point that rests in the frame of the first row moves in Base as both poses of a row say.
+    // A point at rest in Start moves in Base consistently with both poses of a row.
     let number = |row: &Value, key: &str| row[key].as_f64().unwrap();
     let last = lines.last().unwrap();
     let first_to_last = world::base(0.0).then(&world::base((samples.len() - 1) as f64 / world::RATE_HZ).inverse());
@@ -145,10 +145,10 @@ fn verif_a_program_is_told_what_the_robot_knows_and_no_more() {
 }
 
 #[test]
-fn verif_it_hears_no_row_before_it_has_answered_the_last() {
+fn verif_a_row_is_sent_only_after_the_previous_answer() {
     let folder = tempfile::tempdir().unwrap();
     let early = folder.path().join("early");
-    // After the first row a reader in the background waits for the second, which must not come unasked.
+    // After the first row, a background reader waits for the second, which must not arrive before an answer.
     let script = format!(
         "read -r known; read -r row; (read -r next && touch {early}) <&0 & sleep 0.3; kill $! 2> /dev/null; [ -e {early} ] || exit 7",
         early = early.display()
@@ -158,7 +158,7 @@ fn verif_it_hears_no_row_before_it_has_answered_the_last() {
 }
 
 #[test]
-fn robust_wrong_answers_name_row_found_and_expected() {
+fn robust_invalid_answers_are_reported_with_row_found_and_expected() {
     for (answer, words) in [
         (r#"{"contact_x_m": NaN, "contact_y_m": 0}"#, ["found `{\"contact_x_m\": NaN", "expected null or"]),
         (r#"{"contact_x_m": 0.05}"#, ["found `{\"contact_x_m\": 0.05}`", "missing field `contact_y_m`"]),
@@ -180,33 +180,33 @@ fn robust_wrong_answers_name_row_found_and_expected() {
 }
 
 #[test]
-fn robust_crashes_tell_their_last_words() {
+fn robust_crashes_are_reported_with_the_last_line_of_stderr() {
     let script = "read -r known; read -r row; echo null; echo first >&2; echo 'no idea' >&2; exit 3";
-    fails(script, TIMEOUT, &["exit status: 3", "saying `no idea`", "before its answer to row 2 of 150"]);
+    fails(script, TIMEOUT, &["exit status: 3", "last line of stderr `no idea`", "before its answer to row 2 of 150"]);
     fails("kill -9 $$", TIMEOUT, &["SIGKILL", "before its answer to row 1"]);
     fails("exec > /dev/null; read -r known; sleep 600", MIDDLING, &["closed its stdout before its answer to row 1"]);
 }
 
 #[test]
-fn robust_what_does_not_answer_read_or_end_is_ended_in_time() {
+fn robust_programs_that_do_not_answer_read_or_end_time_out() {
     let begin = Instant::now();
-    // Whether it gets as far as to answer the first row depends on how soon it starts.
+    // The first row may or may not be answered, depending on the start-up time.
     fails("read -r known; read -r row; echo null; sleep 600", SHORT, &["no answer to row", "of 150 within 0.3 s"]);
     fails("sleep 600", SHORT, &["no answer to row 1 of 150 within 0.3 s"]);
-    fails(&format!("{}; sleep 600", always("null")), MIDDLING, &["still runs 3 s after the end of its input"]);
+    fails(&format!("{}; sleep 600", always("null")), MIDDLING, &["still running 3 s after its input was closed"]);
     fails("while :; do echo null; done", TIMEOUT, &["more answers than the 150 rows"]);
-    assert!(begin.elapsed() < Duration::from_secs(500), "one was waited for to its end");
+    assert!(begin.elapsed() < Duration::from_secs(500), "a program was not killed after its timeout");
 }
 
 #[test]
-fn robust_nothing_outlives_the_trial() {
+fn robust_child_processes_are_killed_with_the_trial() {
     let folder = tempfile::tempdir().unwrap();
     let pids = folder.path().join("pids");
     let script = format!("sleep 600 & echo $! > {0}; echo $$ >> {0}; wait", pids.display());
     fails(&script, MIDDLING, &["no answer to row 1"]);
     let pids = fs::read_to_string(pids).unwrap();
     let is_running = |pid: &str| {
-        // A zombie that waits for the system's first process to notice it has ended too.
+        // A zombie that has not been reaped yet has ended too.
         let ps = Command::new("ps").args(["-o", "stat=", "-p", pid]).stderr(Stdio::null()).output().unwrap();
         let state = String::from_utf8(ps.stdout).unwrap();
         !state.trim().is_empty() && !state.starts_with('Z')
@@ -214,20 +214,20 @@ fn robust_nothing_outlives_the_trial() {
     assert_eq!(pids.lines().count(), 2);
     let begin = Instant::now();
     while let Some(pid) = pids.lines().find(|pid| is_running(pid)) {
-        assert!(begin.elapsed() < TIMEOUT, "{pid} still runs");
+        assert!(begin.elapsed() < TIMEOUT, "{pid} is still running");
         std::thread::sleep(Duration::from_millis(10));
     }
 }
 
 #[test]
-fn robust_a_program_that_does_not_start_is_one_error() {
+fn robust_a_program_that_does_not_start_is_reported() {
     let program = Program::new("no-such-program --fast", TIMEOUT).unwrap();
     let error = format!("{:#}", program.check(&world::knowledge(NOISE_N_M)).unwrap_err());
     assert!(error.contains("`no-such-program` does not start: No such file"), "{error}");
 }
 
 #[test]
-fn verif_a_registered_entrant_says_what_its_estimator_says() {
+fn verif_a_registered_participant_returns_the_estimates_of_its_estimator() {
     let knowledge = world::knowledge(NOISE_N_M);
     let samples = trial(&knowledge);
     let touched = touched(TouchConfig::default(), &knowledge, &samples);
@@ -250,7 +250,7 @@ fn verif_names_and_hashes() {
     assert_eq!(described("mine=./track --gain=2").name, "mine");
     assert_eq!(described("./track --gain=2").name, Path::new("track").to_str().unwrap());
     for (text, word) in
-        [("a 'b", "quotes in pairs"), ("", "a command"), ("ekf=a", "`ekf` is the name"), ("./a.b.c d", "a.b")]
+        [("a 'b", "matching quotes"), ("", "a command"), ("ekf=a", "`ekf` is the name"), ("./a.b.c d", "a.b")]
     {
         let error = Program::new(text, TIMEOUT).unwrap_err().to_string();
         assert!(error.starts_with("--exec: ") && error.contains(word), "{error}");

@@ -1,4 +1,4 @@
-//! How fast traces are read, with every check, and written.
+//! Throughput of reading (with all checks) and writing traces.
 
 use std::path::Path;
 
@@ -8,14 +8,14 @@ use files::sha256;
 use tempfile::TempDir;
 use trace::{Trace, TraceRows};
 
-/// Rows of the trace: some ten megabytes.
+/// Number of rows, about 10 MB of text.
 const ROWS: usize = 60_000;
 
 fn main() {
     divan::main();
 }
 
-/// A trace that repeats a golden one, and its text's size.
+/// Trace that repeats a golden one, and the size of its text.
 fn long() -> (Trace, BytesCount) {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.csv");
     let mut trace = Trace::read(&golden).expect("the golden trace is sound");
@@ -33,7 +33,7 @@ fn long() -> (Trace, BytesCount) {
     (trace, BytesCount::of_str(&text))
 }
 
-/// Into memory.
+/// Reading into memory.
 #[divan::bench]
 fn read(bencher: Bencher) {
     let (folder, (trace, bytes)) = (TempDir::new().expect("a temporary folder"), long());
@@ -41,7 +41,7 @@ fn read(bencher: Bencher) {
     bencher.counter(bytes).bench_local(|| Trace::read(black_box(&path)).expect("it is sound"));
 }
 
-/// Row by row.
+/// Streaming reading.
 #[divan::bench]
 fn read_rows(bencher: Bencher) {
     let (folder, (trace, bytes)) = (TempDir::new().expect("a temporary folder"), long());
@@ -52,14 +52,14 @@ fn read_rows(bencher: Bencher) {
     });
 }
 
-/// To text.
+/// Formatting as text.
 #[divan::bench]
 fn text(bencher: Bencher) {
     let (trace, bytes) = long();
     bencher.counter(bytes).bench_local(|| black_box(&trace).to_csv());
 }
 
-/// To text, hash and disk.
+/// Formatting, hashing and writing to disk.
 #[divan::bench]
 fn write(bencher: Bencher) {
     let (folder, (trace, bytes)) = (TempDir::new().expect("a temporary folder"), long());

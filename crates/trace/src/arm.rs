@@ -1,8 +1,9 @@
-//! The arm that carries whiskers: from joint angles to the poses of their bases, from joint rates to their twists.
+//! Kinematics of the arm that carries whiskers: base poses from joint angles, base twists from joint rates.
 //!
-//! Links are given by Craig's modified Denavit-Hartenberg parameters (J. J. Craig, Introduction to Robotics, 2nd ed. 1989): in the frame of the
-//! joint before, joint `i` lies at `Rot_x(alpha) Trans_x(a) Rot_z(q_i) Trans_z(d)` and turns about its z. A column of the Jacobian is then
-//! `(z_i x (p - o_i), z_i)`, with the joint's axis `z_i` and origin `o_i` and the point `p` that is carried.
+//! Links are given by Craig's modified Denavit-Hartenberg parameters (J. J. Craig, Introduction to Robotics, 2nd ed.
+//! 1989): in the frame of joint `i - 1`, joint `i` has the pose `Rot_x(alpha) Trans_x(a) Rot_z(q_i) Trans_z(d)` and
+//! rotates about its z axis. For a point `p` carried by the arm, column `i` of the geometric Jacobian is `(z_i x (p -
+//! o_i), z_i)`, with axis `z_i` and origin `o_i` of the joint.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -15,13 +16,14 @@ use whisker::frames::{Base, Pose, Twist, World};
 /// Number of joints.
 pub const JOINTS: usize = 7;
 
-/// How far a matrix may be from a rotation.
+/// Largest deviation of `R R^T` from the identity, per entry, for a matrix accepted as a rotation.
 const NOT_RIGID: f64 = 1e-9;
 
-/// How far the z axis of a base may lie from that of World. So little shortens what is projected on the plane by 5e-7.
+/// Largest tilt of a base's z axis from the z axis of World. It shortens lengths projected on the plane by a factor of
+/// 5e-7.
 pub(crate) const TILT_RAD: f64 = 1e-3;
 
-/// A pose in space as files have it: a 4x4 matrix, row by row, metres.
+/// Pose in space as stored in files: a 4x4 homogeneous matrix in row-major order, translation in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct PoseMatrix(pub [f64; 16]);
@@ -40,7 +42,7 @@ impl PoseMatrix {
         Ok(())
     }
 
-    /// The pose.
+    /// Pose as an isometry.
     pub fn isometry(&self) -> Isometry3<f64> {
         let matrix = Matrix4::from_row_slice(&self.0);
         let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
@@ -49,48 +51,49 @@ impl PoseMatrix {
     }
 }
 
-/// One link, in Craig's modified Denavit-Hartenberg parameters.
+/// Link in Craig's modified Denavit-Hartenberg parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Link {
-    /// Way along the x of the joint before.
+    /// Link length: distance along the x axis of the previous joint.
     pub a_m: f64,
-    /// Angle about that x.
+    /// Link twist: angle about the x axis of the previous joint.
     pub alpha_rad: f64,
-    /// Way along the joint's own axis.
+    /// Link offset: distance along the joint's own axis.
     pub d_m: f64,
 }
 
-/// An arm of seven revolute joints.
+/// Serial arm of seven revolute joints.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arm {
     /// Name of the arm.
     pub name: String,
-    /// Pose of its base in World.
+    /// Pose of the arm's base in World.
     pub base: PoseMatrix,
-    /// Its links, from the base on.
+    /// Links from base to flange.
     pub links: [Link; JOINTS],
-    /// Way from the last joint to the flange, along the last axis.
+    /// Distance from the last joint to the flange along the last axis.
     pub flange_d_m: f64,
 }
 
-/// The joints at one instant.
+/// Joint angles and rates at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointInstant {
-    /// Time since the start.
+    /// Time since the start of the recording.
     pub t_s: f64,
-    /// Angles.
+    /// Joint angles.
     pub angles_rad: [f64; JOINTS],
-    /// Rates.
+    /// Joint rates.
     pub rates_rad_s: [f64; JOINTS],
 }
 
 impl Arm {
-    /// Pose and twist of a base that is mounted on the flange, one an instant: projected on World's plane, the yaw continuous.
+    /// Pose in World and body twist of a whisker base mounted on the flange, one entry per instant. Both are projected
+    /// on the horizontal plane of World; the yaw is unwrapped.
     ///
-    /// `mount` is the pose of the base in the frame of the flange. The twist is the body Jacobian times the joint rates, of which a
-    /// motion in the plane has three components.
+    /// `mount` is the pose of the base in the flange frame. The twist is the body Jacobian times the joint rates,
+    /// reduced to its three planar components.
     pub fn carry(&self, mount: &PoseMatrix, joints: &[JointInstant]) -> Vec<(Pose<Base, World>, Twist)> {
         let mount = mount.isometry();
         let mut last_rad: Option<f64> = None;
@@ -105,14 +108,14 @@ impl Arm {
             .collect()
     }
 
-    /// How far the z axis of a base that is mounted on the flange lies from that of World, one an instant.
+    /// Angle between the z axis of a base mounted on the flange and the z axis of World, one entry per instant.
     pub fn tilts_rad(&self, mount: &PoseMatrix, joints: &[JointInstant]) -> Vec<f64> {
         let mount = mount.isometry();
         let up = |instant: &JointInstant| self.frames(&mount, &instant.angles_rad).1.rotation * Vector3::z();
         joints.iter().map(|instant| up(instant).angle(&Vector3::z())).collect()
     }
 
-    /// The frames of the joints and of the mounted base, in World.
+    /// Poses of the joint frames and of the mounted base in World.
     fn frames(&self, mount: &Isometry3<f64>, angles_rad: &[f64; JOINTS]) -> ([Isometry3<f64>; JOINTS], Isometry3<f64>) {
         let mut frame = self.base.isometry();
         let mut joints = [Isometry3::identity(); JOINTS];
@@ -141,7 +144,7 @@ impl Arm {
     }
 }
 
-/// An angle less whole turns, between -pi and pi.
+/// Angle wrapped to `[-pi, pi]`.
 pub(crate) fn wrapped_rad(angle_rad: f64) -> f64 {
     angle_rad - TAU * (angle_rad / TAU).round()
 }
@@ -155,7 +158,7 @@ mod tests {
     const IDENTITY: PoseMatrix =
         PoseMatrix([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
 
-    /// The Panda, as its maker publishes it (Franka Robotics, FCI documentation).
+    /// Franka Emika Panda with its published parameters (Franka Robotics, FCI documentation).
     fn panda() -> Arm {
         let link = |a_m, alpha_rad, d_m| Link { a_m, alpha_rad, d_m };
         Arm {
@@ -180,21 +183,21 @@ mod tests {
         JointInstant { t_s, angles_rad: std::array::from_fn(angle), rates_rad_s: std::array::from_fn(rate) }
     }
 
-    /// With all joints at zero the arm stands upright; the last link hangs 88 mm before it, the flange down.
+    /// With all joints at zero the arm is upright; the flange points down at x = 88 mm.
     #[test]
-    fn val_the_outstretched_arm_stands_where_its_maker_says() {
+    fn val_zero_configuration_matches_the_published_geometry() {
         let zero = JointInstant { t_s: 0.0, angles_rad: [0.0; JOINTS], rates_rad_s: [0.0; JOINTS] };
         let flange = panda().carried(&Isometry3::identity(), &zero).0;
         assert!((flange.origin().x() - 0.088).abs() < 1e-12 && flange.origin().y().abs() < 1e-12);
     }
 
-    /// Turned about a vertical first joint alone, all that the arm carries moves on a circle.
+    /// If only the vertical first joint turns, every carried point moves on a circle.
     #[test]
-    fn val_the_first_joint_carries_everything_around() {
+    fn val_rotation_of_the_first_joint_moves_the_base_on_a_circle() {
         let (rate_rad_s, angle_rad) = (0.5, 0.7);
         let mut instant = JointInstant { t_s: 0.0, angles_rad: [0.0; JOINTS], rates_rad_s: [0.0; JOINTS] };
         (instant.angles_rad[0], instant.rates_rad_s[0]) = (angle_rad, rate_rad_s);
-        // A base whose z points up although the flange looks down.
+        // Base with its z axis up, mounted on a flange that points down.
         let mount = PoseMatrix([1.0, 0.0, 0.0, 0.1, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let (pose, twist) = panda().carried(&mount.isometry(), &instant);
         let radius_m = 0.188;
@@ -203,12 +206,12 @@ mod tests {
         assert!((twist.wz_rad_s - rate_rad_s).abs() < 1e-12);
     }
 
-    /// The Jacobian against central differences of the pose: the body twist carries the velocity of any frame at the mounted point.
+    /// Body twist compared with central differences of the pose.
     #[test]
-    fn verif_the_jacobian_meets_finite_differences() {
+    fn verif_jacobian_matches_finite_differences() {
         let arm = panda();
         let h_s = 1e-5;
-        // The axes of the mounted frame in turn as its x and y, so that all of the twist in space is seen.
+        // Cyclic permutation of the mounted frame's axes, so that all six components of the twist are compared.
         let turn = Isometry3::new(Vector3::zeros(), Vector3::new(1.0, 1.0, 1.0).normalize() * (TAU / 3.0));
         let mut mount = Isometry3::translation(0.05, -0.02, 0.1);
         for _ in 0..3 {
@@ -228,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_the_yaw_is_continuous() {
+    fn verif_yaw_is_unwrapped() {
         let mut instants = Vec::new();
         for step in 0..100 {
             let mut instant =
@@ -241,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_matrix_that_is_no_pose_is_named() {
+    fn robust_invalid_pose_matrices_are_reported_with_their_key() {
         let path = Path::new("r.json");
         let mut scaled = IDENTITY;
         scaled.0[0] = 1.1;

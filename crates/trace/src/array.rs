@@ -1,7 +1,8 @@
-//! Recordings of several whiskers: whiskers on one arm, on a common clock, among several objects.
+//! Array recordings: several whiskers on one arm, on a common clock, among several objects.
 //!
-//! Each whisker has a trace of its own. What ties them is the recording's file, with the arm, where the whiskers are mounted on it, and the
-//! objects; the joints' table says what the arm did, and the objects' how far each was disturbed.
+//! Each whisker has a trace of its own. The recording's sidecar ties them together: it describes the arm, the mounts of
+//! the whiskers and the objects. The joint table contains the arm's motion, the pose table the displacements of the
+//! objects.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -16,60 +17,60 @@ use crate::arm::{TILT_RAD, wrapped_rad};
 use crate::sidecar::{check_rate, plain_name};
 use crate::{Arm, Contour, Generator, JOINTS, JointInstant, Outline, PoseMatrix, Trace};
 
-/// How far a trace's base may lie from where joints and mount put it.
+/// Largest deviation of a trace's base pose from the forward kinematics.
 const BASE_M: f64 = 1e-6;
 const BASE_RAD: f64 = 1e-6;
 
-/// How far its twist may, in m/s and rad/s.
+/// Largest deviation of a trace's base twist from the forward kinematics, in m/s and rad/s.
 const TWIST: f64 = 1e-5;
 
-/// A whisker of a recording.
+/// Whisker of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MountedWhisker {
-    /// Its name within the recording, for example `left_1`.
+    /// Name within the recording, for example `left_1`.
     pub name: String,
-    /// Name of its trace.
+    /// Name of the whisker's trace.
     pub trace: String,
-    /// The array that it belongs to.
+    /// Name of the array that the whisker belongs to.
     pub array: String,
-    /// Pose of its base in the frame of the arm's flange.
+    /// Pose of the whisker's base in the frame of the arm's flange.
     pub mount: PoseMatrix,
 }
 
-/// An object of a recording.
+/// Object of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneObject {
-    /// Its name within the recording.
+    /// Name within the recording.
     pub name: String,
-    /// Its shape.
+    /// Name of the shape.
     pub shape: String,
-    /// Its mass.
+    /// Mass.
     pub mass_kg: f64,
-    /// Its height.
+    /// Height.
     pub height_m: f64,
-    /// Its friction on the table.
+    /// Coefficient of friction on the table.
     pub friction: f64,
-    /// Its outline at the height of the whiskers, where it stood at the start.
+    /// Initial outline at the height of the whiskers, in World.
     pub contour: Contour,
 }
 
-/// A file that belongs to a recording.
+/// File that belongs to a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartFile {
-    /// Its name, in the recording's folder.
+    /// File name in the recording's folder.
     pub file: String,
-    /// Its hash.
+    /// SHA-256 of the file.
     pub sha256: String,
 }
 
-/// The file of a recording: `<recording>.json`.
+/// Sidecar of a recording, `<recording>.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArraySidecar {
-    /// Version of the format.
+    /// Format version.
     pub format: u32,
     /// `"recording"`.
     pub kind: String,
@@ -77,55 +78,56 @@ pub struct ArraySidecar {
     pub name: String,
     /// Seed of the scene.
     pub seed: u64,
-    /// Rows a second, in all of its tables.
+    /// Sampling rate of all tables.
     pub rate_hz: f64,
-    /// Number of rows, of each of its tables.
+    /// Number of rows of each table.
     pub rows: usize,
-    /// The whiskers.
+    /// Whiskers.
     pub whiskers: Vec<MountedWhisker>,
     /// The arm that carries them.
     pub arm: Arm,
-    /// The objects.
+    /// Objects.
     pub objects: Vec<SceneObject>,
-    /// What the joints did.
+    /// Table of joint angles and rates.
     pub joints: PartFile,
-    /// How far the objects moved.
+    /// Table of object displacements.
     pub poses: PartFile,
-    /// The scene as it was run.
+    /// Scene as simulated.
     pub scene: Value,
-    /// What made the recording.
+    /// Program that made the recording.
     pub generator: Generator,
-    /// Hash over all that determines the data.
+    /// Hash of everything that determines the data.
     pub inputs_sha256: String,
 }
 
-/// A recording of several whiskers, but for their traces.
+/// Recording of several whiskers, without their traces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayRecording {
-    /// What it is and what made it.
+    /// Description and provenance.
     pub sidecar: ArraySidecar,
-    /// The joints, exact, one entry an instant.
+    /// Exact joint states, one entry per instant.
     pub joints: Vec<JointInstant>,
-    /// The objects' outlines at the start, in the sidecar's order.
+    /// Initial outlines of the objects, in the sidecar's order.
     pub outlines: Vec<Outline>,
-    /// How far each object was displaced at most, wherever on it: its middle's way, and what its turn and its tilt add at the rim.
+    /// Upper bound of the displacement of any point of each object: translation of its centre plus the contributions of
+    /// rotation and tilt at the rim.
     pub moved_m: Vec<f64>,
 }
 
 impl ArrayRecording {
-    /// Whether a JSON file is that of a recording.
+    /// Whether a JSON file is the sidecar of a recording.
     ///
     /// # Errors
-    /// [`Error`] if it cannot be read or is no JSON.
+    /// [`Error`] if the file cannot be read or is not valid JSON.
     pub fn is_one(path: &Path) -> Result<bool, Error> {
         let value: Value = read_json(path)?;
         Ok(value.get("kind").and_then(Value::as_str) == Some("recording"))
     }
 
-    /// Reads a recording's file, `<recording>.json`, and the tables that it names, and checks them against it.
+    /// Reads a recording's sidecar `<recording>.json` and the tables that it names, and checks them against it.
     ///
     /// # Errors
-    /// [`Error`] names file, line and column or key, what was found and what was expected.
+    /// [`Error`] with file, line and column or key, value found and value expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let sidecar = ArraySidecar::read(path)?;
         let folder = path.parent().unwrap_or(Path::new("."));
@@ -134,7 +136,7 @@ impl ArrayRecording {
             let bytes = read_table(&path)?;
             let found = sha256(&bytes);
             if found != expected {
-                return Err(Error::value(&path, "sha256", found, format!("{expected}, as `{key}` says")));
+                return Err(Error::value(&path, "sha256", found, format!("{expected}, as stated by `{key}`")));
             }
             Ok((path, bytes))
         };
@@ -155,17 +157,18 @@ impl ArrayRecording {
         Ok(Self { joints, outlines, moved_m, sidecar })
     }
 
-    /// Checks that a trace belongs to this recording: named by it, on its clock, its base where joints and mount put it. `path` is the trace's CSV. Returns the
-    /// place of its whisker in the recording.
+    /// Checks that a trace belongs to this recording: the sidecars name each other, the clocks agree, and the base
+    /// follows the forward kinematics. `path` is the path of the trace's CSV. Returns the index of the trace's whisker
+    /// in the recording.
     ///
     /// # Errors
-    /// [`Error`] names what does not fit, by line and column of the trace or by key of its sidecar.
+    /// [`Error`] with line and column of the trace, or with the key of its sidecar.
     pub fn check(&self, path: &Path, trace: &Trace) -> Result<usize, Error> {
         let name = &self.sidecar.name;
         let beside = path.with_extension("json");
-        let said = trace.sidecar.recording.as_deref();
-        if said != Some(name) {
-            let found = said.map_or_else(|| "no such key".into(), |said| format!("`{said}`"));
+        let named = trace.sidecar.recording.as_deref();
+        if named != Some(name) {
+            let found = named.map_or_else(|| "no such key".into(), |named| format!("`{named}`"));
             return Err(Error::value(&beside, "recording", found, format!("`{name}`, which names this trace")));
         }
         let Some(place) = self.sidecar.place_of(&trace.sidecar.name) else {
@@ -223,17 +226,17 @@ impl ArrayRecording {
 }
 
 impl ArraySidecar {
-    /// Reads a recording's file without the tables that it names.
+    /// Reads a recording's sidecar without the tables that it names.
     ///
     /// # Errors
-    /// [`Error`] names file and key, what was found and what was expected.
+    /// [`Error`] with file and key, value found and value expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let sidecar: Self = read_json(path)?;
         sidecar.validate(path)?;
         Ok(sidecar)
     }
 
-    /// Place of the whisker whose trace this is.
+    /// Index of the whisker with this trace.
     pub fn place_of(&self, trace: &str) -> Option<usize> {
         self.whiskers.iter().position(|whisker| whisker.trace == trace)
     }
@@ -283,7 +286,7 @@ impl ArraySidecar {
     }
 }
 
-/// Checks that no two entries of a list have the same name.
+/// Checks that the names of a list's entries are unique.
 fn distinct<'a>(path: &Path, list: &str, key: &str, names: impl Iterator<Item = &'a String>) -> Result<(), Error> {
     let mut seen = BTreeSet::new();
     for (index, name) in names.enumerate() {
@@ -303,11 +306,11 @@ fn check_rows(path: &Path, found: usize, expected: usize) -> Result<(), Error> {
         line: found as u64 + 2,
         place: "row".into(),
         found: format!("the end after {found} rows"),
-        expected: format!("{expected} rows, as the recording says"),
+        expected: format!("{expected} rows, as stated by the recording"),
     })
 }
 
-/// Checks that a table has the times of the joints' table.
+/// Checks that a table has the same times as the joint table.
 fn check_clock(path: &Path, clock_s: &[f64], joints: &[JointInstant]) -> Result<(), Error> {
     match clock_s.iter().zip(joints).position(|(t_s, joint)| *t_s != joint.t_s) {
         None => Ok(()),
@@ -316,12 +319,12 @@ fn check_clock(path: &Path, clock_s: &[f64], joints: &[JointInstant]) -> Result<
             line: row as u64 + 2,
             place: "column t_s".into(),
             found: clock_s[row].to_string(),
-            expected: format!("{}, the common clock, as the joints' table has it", joints[row].t_s),
+            expected: format!("{}, the time in the joint table", joints[row].t_s),
         }),
     }
 }
 
-/// Rows of a table of numbers, the first of which is a time that grows.
+/// Rows of a numeric table whose first column is a strictly increasing time.
 fn timed_rows(path: &Path, bytes: &[u8], names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
     let mut rows: Vec<Vec<f64>> = Vec::new();
     for row in reader(path, bytes, names)? {
@@ -344,7 +347,7 @@ fn timed_rows(path: &Path, bytes: &[u8], names: &[&str]) -> Result<Vec<Vec<f64>>
     Ok(rows)
 }
 
-/// Parses the bytes of a joints' table.
+/// Parses a joint table.
 fn parse_joints(path: &Path, bytes: &[u8]) -> Result<Vec<JointInstant>, Error> {
     let angles = (1..=JOINTS).map(|joint| format!("q{joint}_rad"));
     let rates = (1..=JOINTS).map(|joint| format!("dq{joint}_rad_s"));
@@ -359,10 +362,11 @@ fn parse_joints(path: &Path, bytes: &[u8]) -> Result<Vec<JointInstant>, Error> {
     Ok(rows.into_iter().map(instant).collect())
 }
 
-/// Parses the bytes of the objects' table: its clock, and each object's largest displacement.
+/// Parses a pose table into its clock and the largest displacement of each object.
 ///
-/// The middle's way, what the turn adds at the outline's farthest place, `2 r sin(yaw / 2)`, and what the tilt adds at that place's height above or below the middle,
-/// `2 sqrt(r^2 + (h / 2)^2) sin(tilt / 2)`, are added up: no place of the object moves farther.
+/// The bound is the sum of the centre's translation, `2 r sin(yaw / 2)` for the rotation at the outermost vertex at
+/// distance `r`, and `2 sqrt(r^2 + (h / 2)^2) sin(tilt / 2)` for the tilt at that vertex's height above or below the
+/// centre. No point of the object moves farther.
 fn parse_poses(path: &Path, bytes: &[u8], bodies: &[(&SceneObject, &Outline)]) -> Result<(Vec<f64>, Vec<f64>), Error> {
     const COLUMNS: [&str; 5] = ["x_m", "y_m", "z_m", "yaw_rad", "tilt_rad"];
     let of_objects = bodies.iter().flat_map(|(object, _)| COLUMNS.map(|column| format!("{}_{column}", object.name)));

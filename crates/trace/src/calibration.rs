@@ -1,4 +1,4 @@
-//! Calibration files: what `whisker fit` learnt of a whisker.
+//! Calibration files, written by `whisker fit`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::Characteristic;
 use crate::characteristic::polynomial;
 use crate::sidecar::plain_name;
 
-/// The only column that stands for a reading in format 1.
+/// The only reading column in format 1.
 const READING: &str = "moment_z_n_m";
 
 /// Largest measurement noise, as a fraction of the largest reading.
@@ -23,23 +23,24 @@ fn faces_sha256(faces: &[FaceFile]) -> String {
     sha256(serde_json::to_vec(faces).expect("numbers and names serialise"))
 }
 
-/// A calibration's file.
+/// Calibration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
-    /// Version of the format.
+    /// Format version.
     pub format: u32,
     /// `"calibration"`.
     pub kind: String,
-    /// The whisker.
+    /// Whisker that was calibrated.
     pub whisker: Whisker,
-    /// Column that was fitted.
+    /// Column of the trace that was fitted.
     pub reading: String,
     /// Measurement noise added before the fit, as a fraction of the largest reading.
     pub noise_fraction: f64,
     /// Seed of that noise.
     pub seed: u64,
-    /// The front end through which the traces were read, and its sensors; nothing where readings were the moments themselves.
+    /// Front end through which the traces were read, with its calibrated sensors. `None` if the readings are the
+    /// moments themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<FrontEndFile>,
     /// Hash over the hashes of the traces.
@@ -48,13 +49,13 @@ pub struct CalibrationFile {
     pub traces: Vec<String>,
     /// Fitted faces.
     pub faces: Vec<FaceFile>,
-    /// Hash of the faces, so that a change by hand does not pass for a fit.
+    /// Hash of `faces`. It detects manual changes.
     pub faces_sha256: String,
-    /// What wrote the file.
+    /// Provenance of the file.
     pub watermark: Watermark,
 }
 
-/// A front end and what was learnt of its sensors.
+/// Front end and the calibration of its sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrontEndFile {
@@ -62,7 +63,7 @@ pub struct FrontEndFile {
     pub name: String,
     /// Its settings.
     pub config: Value,
-    /// The sensors that were calibrated.
+    /// Calibrated sensors.
     pub sensors: Vec<SensorFile>,
 }
 
@@ -73,7 +74,7 @@ impl FrontEndFile {
     }
 }
 
-/// What was learnt of one sensor.
+/// Calibration of one sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorFile {
@@ -81,28 +82,28 @@ pub struct SensorFile {
     pub name: String,
     /// Name of the array on whose board it sits, beside the reference sensor.
     pub array: String,
-    /// How many counts of the reference sensor's two axes in the plane, x and y of Base, appear in those of the sensor.
+    /// Common-mode coefficients: counts of this sensor per count of the reference sensor's x and y axes (in Base).
     pub common_mode: [f64; 2],
-    /// How its counts, with the common mode taken out, answer to the moment.
+    /// Response of the counts to the moment, after common-mode compensation.
     pub characteristic: Characteristic,
-    /// How they answer to the moments of the other whiskers on the board.
+    /// Response of the counts to the moments of the other whiskers on the board.
     pub cross_talk: Vec<CrossTalk>,
-    /// Root mean square of its noise in readings, over the calibrated ones: what changes within a recording.
+    /// RMS of the noise in the readings over the calibrated range, for the part that varies within a recording.
     pub noise_sd_n_m: f64,
-    /// Standard deviation of what its readings are off by at rest throughout a recording, over the calibrated readings.
+    /// Standard deviation of the offset at rest, constant within a recording, over the calibrated range.
     pub offset_sd_n_m: f64,
-    /// Standard deviation of its gain from recording to recording, relative.
+    /// Relative standard deviation of the gain between recordings.
     pub gain_sd: f64,
 }
 
 impl SensorFile {
-    /// Its name with that of its array, which no other sensor has: `left.left_1`.
+    /// Unique name of the form `<array>.<sensor>`, for example `left.left_1`.
     pub fn label(&self) -> String {
         format!("{}.{}", self.array, self.name)
     }
 }
 
-/// What the magnet of another whisker does to the counts of a sensor, with the common mode taken out.
+/// Cross-talk: response of a sensor's counts to the magnet of another whisker, after common-mode compensation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CrossTalk {
@@ -113,51 +114,51 @@ pub struct CrossTalk {
 }
 
 impl CrossTalk {
-    /// Counts above those with the other whisker at rest.
+    /// Counts relative to the other whisker at rest.
     pub fn counts(&self, moment_n_m: f64) -> f64 {
         polynomial(&self.coefficients, moment_n_m)
     }
 }
 
-/// One face of a calibration.
+/// Calibration of one face.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaceFile {
-    /// The face.
+    /// Face of the whisker.
     pub face: Face,
-    /// Region that was calibrated.
+    /// Calibrated domain.
     pub domain: Domain,
-    /// Samples that were fitted.
+    /// Number of fitted samples.
     pub samples: usize,
     /// Largest absolute reading.
     pub largest_reading_n_m: f64,
-    /// How far the contacts lay from the middle of the calibration's pin.
+    /// Distance of the contacts from the centre of the calibration pin.
     pub pin_radius_m: f64,
-    /// Label of the model that predicts held-out traces best.
+    /// Label of the model with the smallest held-out error.
     pub chosen: String,
     /// The fitted models.
     pub models: Vec<ModelFile>,
 }
 
-/// One fitted sensor model of a face.
+/// Fitted sensor model of one face.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
-    /// Name that tells it from the others.
+    /// Unique label of the model.
     pub label: String,
     /// Root mean square residual on held-out data.
     pub heldout_rms_n_m: f64,
     /// Largest residual on held-out data.
     pub heldout_worst_n_m: f64,
-    /// The model's own error over the region.
+    /// Model error over the calibrated domain.
     pub error: ErrorMap,
     /// The sensor model, tagged by `kind`.
     pub model: Value,
 }
 
 impl FaceFile {
-    /// The entry of several fits to the same samples; the one with the smallest held-out error is chosen, the first of equals.
-    /// Nothing without any.
+    /// Collects several fits to the same samples. The model with the smallest held-out error is chosen, the first of
+    /// equals. `None` if there are no fits.
     pub fn new(fits: &[Fit]) -> Option<Self> {
         let best = fits.iter().min_by(|a, b| a.face.heldout_rms_n_m.total_cmp(&b.face.heldout_rms_n_m))?;
         let models = fits.iter().map(|fit| ModelFile {
@@ -178,12 +179,12 @@ impl FaceFile {
         })
     }
 
-    /// Path of a key of this face, for errors.
+    /// Key path of an entry of this face, for error messages.
     fn key(&self, name: &str) -> String {
         format!("faces.{}.{name}", self.face.name())
     }
 
-    /// The model of this label, or without one the chosen one.
+    /// Model with this label, or the chosen model if `label` is `None`.
     pub fn model(&self, label: Option<&str>) -> Option<&ModelFile> {
         let label = label.unwrap_or(&self.chosen);
         self.models.iter().find(|model| model.label == label)
@@ -191,7 +192,7 @@ impl FaceFile {
 }
 
 impl CalibrationFile {
-    /// A calibration of these faces.
+    /// Calibration of these faces.
     #[allow(clippy::too_many_arguments)]
     pub fn new(
         whisker: Whisker,
@@ -219,10 +220,10 @@ impl CalibrationFile {
         }
     }
 
-    /// Reads and checks a calibration's file.
+    /// Reads and checks a calibration file.
     ///
     /// # Errors
-    /// [`Error`] names the file and the place.
+    /// [`Error`] with file and place.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let file: Self = read_json(path)?;
         if file.format != FORMAT {
@@ -246,10 +247,11 @@ impl CalibrationFile {
         Ok(file)
     }
 
-    /// The calibrated faces with the model of this label, or without one with that which was chosen; `path` is for errors.
+    /// Loads the calibrated faces with the model of this label, or with the chosen model if `label` is `None`. `path`
+    /// is used in error messages.
     ///
     /// # Errors
-    /// [`Error::Value`] where a face has no model of this label, or does not describe a region and a model.
+    /// [`Error::Value`] if a face has no model with this label, or if its domain or model is invalid.
     pub fn calibrated(&self, path: &Path, label: Option<&str>) -> Result<Vec<Arc<CalibratedFace>>, Error> {
         self.faces
             .iter()
@@ -271,13 +273,13 @@ impl CalibrationFile {
 
     fn check_sensors(&self, path: &Path) -> Result<(), Error> {
         for (index, sensor) in self.front_end.iter().flat_map(|front_end| &front_end.sensors).enumerate() {
-            // Tables of the report are named after the sensor.
+            // Tables of the report are named after the sensors.
             plain_name(path, &format!("front_end.sensors[{index}].name"), &sensor.name)?;
             plain_name(path, &format!("front_end.sensors[{index}].array"), &sensor.array)?;
             let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.label());
             if !sensor.characteristic.is_valid() {
                 let found = format!("{:?}", sensor.characteristic);
-                let expected = "a polynomial that does not turn back within a range that holds 0";
+                let expected = "a polynomial that is monotone on a range containing 0";
                 return Err(Error::value(path, key("characteristic"), found, expected));
             }
             let SensorFile { noise_sd_n_m, offset_sd_n_m, gain_sd, .. } = *sensor;
@@ -338,7 +340,12 @@ impl CalibrationFile {
         }
         if !model.error.is_valid() {
             let found = format!("{:?}", model.error);
-            return Err(Error::value(path, key("error"), found, "along x away positive numbers, at least 2 x 2"));
+            return Err(Error::value(
+                path,
+                key("error"),
+                found,
+                "a grid (along x away) of positive numbers, at least 2 x 2",
+            ));
         }
         let kind = model.model.get("kind").and_then(Value::as_str).unwrap_or_default();
         let row = sensor::model(kind).map_err(|_| {

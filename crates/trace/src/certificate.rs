@@ -1,10 +1,11 @@
-//! What a simulated trace says of its own truth.
+//! Certificate of a simulated trace's ground truth.
 
 use serde::{Deserialize, Serialize};
 
-/// Disagreement of the simulator with the exact quasi-static whisker, at a sample of a trace's quasi-static instants.
+/// Deviation of the simulation from the exact quasi-static whisker (elastica), at a sample of the trace's quasi-static
+/// instants.
 ///
-/// A figure is missing where there are no such instants.
+/// Error figures are `None` if there are no such instants.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Certificate {
@@ -12,54 +13,54 @@ pub struct Certificate {
     pub touching: usize,
     /// Rows in contact at the tip.
     pub tip: usize,
-    /// Rows in contact in places apart from one another.
+    /// Rows with several separate contacts.
     pub split: usize,
     /// Quasi-static rows.
     pub quasi_static: usize,
-    /// Quasi-static rows that were solved again.
+    /// Quasi-static rows compared with the exact solution.
     pub sampled: usize,
-    /// Sampled rows for which theory finds no contact in one place.
+    /// Compared rows for which the exact solution has no single contact.
     pub unsolved: usize,
-    /// Moment at the root, RMS, relative to the trace's largest.
+    /// RMS error of the root moment, relative to the largest moment of the trace.
     pub moment_rms: Option<f64>,
-    /// The same, worst.
+    /// Largest error of the root moment, relative to the largest moment of the trace.
     pub moment_worst: Option<f64>,
-    /// Contact on the object's surface, RMS.
+    /// RMS error of the contact on the object's surface.
     pub surface_rms_m: Option<f64>,
-    /// The same, worst.
+    /// Largest error of the contact on the object's surface.
     pub surface_worst_m: Option<f64>,
-    /// Arc length of the contact, RMS.
+    /// RMS error of the contact's arc length.
     pub arc_rms_m: Option<f64>,
-    /// The same, worst.
+    /// Largest error of the contact's arc length.
     pub arc_worst_m: Option<f64>,
-    /// Penetration, worst.
+    /// Largest penetration.
     pub penetration_worst_m: Option<f64>,
 }
 
-/// A figure of a certificate that lies above its bound.
+/// Figure of a certificate that exceeds its bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Breach {
     /// Key of the figure.
     pub key: &'static str,
-    /// The figure.
+    /// Value found.
     pub found: f64,
-    /// What it may be at most.
+    /// Upper bound.
     pub bound: f64,
 }
 
 impl Certificate {
-    /// Largest moment error, relative to the trace's largest moment, RMS.
+    /// Bound of the RMS moment error, relative to the largest moment of the trace.
     pub const MOMENT_RMS: f64 = 1e-3;
-    /// Largest error of the contact on the surface, RMS.
+    /// Bound of the RMS error of the contact on the surface.
     pub const SURFACE_RMS_M: f64 = 10e-6;
-    /// Largest error of the contact on the surface at any instant.
+    /// Bound of the largest error of the contact on the surface.
     pub const SURFACE_WORST_M: f64 = 60e-6;
-    /// Largest error of the arc length, RMS.
+    /// Bound of the RMS error of the arc length.
     pub const ARC_RMS_M: f64 = 40e-6;
-    /// Deepest penetration.
+    /// Bound of the penetration.
     pub const PENETRATION_WORST_M: f64 = 10e-6;
 
-    /// The figures that lie above their bounds; a certificate without figures has none.
+    /// Figures that exceed their bounds. Missing figures are not checked.
     pub fn breaches(&self) -> Vec<Breach> {
         [
             ("unsolved", Some(self.unsolved as f64), 0.0),

@@ -1,8 +1,40 @@
-//! Traces, suites, calibration files and where they come from.
+//! Traces of whisker experiments and the files around them: suites, outlines, array recordings and calibrations.
 //!
-//! `datasets/FORMAT.md` specifies the files. A [`Trace`] is read whole, or row by row ([`TraceRows`], [`TraceWriter`]), checked, and comes apart into what the robot knows, the
-//! [`Recording`], and what only the simulator knows, the [`Truth`]. Estimators live upstream of this crate, so they cannot
-//! name the second. An [`ArrayRecording`] ties the traces of several whiskers on one [`Arm`].
+//! A [`Trace`] consists of a [`Sidecar`] (description and provenance), a [`Recording`] (times, base poses and root
+//! moments: the input of an estimator) and a [`Truth`] (the contact as simulated or measured, for scoring only). The
+//! estimators belong to the crate `whisker`, on which this crate depends, so they cannot access the ground truth. A trace
+//! is read and written whole, or row by row with [`TraceRows`] and [`TraceWriter`]. An [`ArrayRecording`] ties together
+//! the traces of several whiskers on one [`Arm`]; a [`Suite`] lists the scenes of an evaluation; a [`CalibrationFile`]
+//! stores fitted sensor models. `datasets/FORMAT.md` specifies all files.
+//!
+//! # Example: delay of a contact detector
+//!
+//! A whisker is swept against a pin. A detector compares the moment at the root with a threshold of 2 % of its range. It
+//! sees the recording alone; the ground truth then gives its delay:
+//!
+//! ```
+//! use std::path::Path;
+//!
+//! use trace::{Recording, Trace};
+//!
+//! /// Time at which the root moment first exceeds a threshold.
+//! fn detect_s(recording: &Recording, threshold_n_m: f64) -> Option<f64> {
+//!     let exceeding = recording.instants.iter().find(|instant| instant.moment_z_n_m.abs() > threshold_n_m);
+//!     exceeding.map(|instant| instant.t_s)
+//! }
+//!
+//! let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+//! let Trace { sidecar, recording, truth } = Trace::read(&golden.join("golden_pin.csv"))?;
+//! assert_eq!((sidecar.rate_hz, recording.instants.len()), (250.0, 301));
+//!
+//! let largest_n_m = recording.instants.iter().map(|instant| instant.moment_z_n_m.abs()).fold(0.0, f64::max);
+//! let detected_s = detect_s(&recording, 0.02 * largest_n_m).expect("the whisker is deflected");
+//!
+//! let onset = truth.instants.iter().position(|instant| instant.touching == Some(true)).expect("a contact");
+//! let delay_s = detected_s - recording.instants[onset].t_s;
+//! assert!((delay_s - 0.004).abs() < 1e-9, "one sample late, not {delay_s} s");
+//! # Ok::<(), files::Error>(())
+//! ```
 
 mod arm;
 mod array;

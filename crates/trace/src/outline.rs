@@ -1,4 +1,4 @@
-//! Outlines of objects: closed polylines.
+//! Outlines of objects as closed polylines.
 
 use std::path::Path;
 
@@ -12,30 +12,30 @@ use crate::table::FARTHEST_M;
 
 const COLUMNS: [&str; 2] = ["x_m", "y_m"];
 
-/// The outline of an object in World: counter-clockwise, the first vertex repeated at the end.
+/// Outline of an object in World: a closed, counter-clockwise polyline whose first vertex is repeated at the end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
     vertices: Vec<Point<World>>,
 }
 
 impl Outline {
-    /// The closed outline through these vertices, of which there must be at least three and the last equal to the first.
+    /// Closed outline through these vertices. `None` unless there are at least three and the last equals the first.
     pub fn new(vertices: Vec<Point<World>>) -> Option<Self> {
         (vertices.len() >= 4 && vertices.first() == vertices.last()).then_some(Self { vertices })
     }
 
-    /// Reads an outline's file.
+    /// Reads an outline file.
     ///
     /// # Errors
-    /// [`Error`] names file, line and column.
+    /// [`Error`] with file, line and column.
     pub fn read(path: &Path) -> Result<Self, Error> {
         Self::parse(path, &read_table(path)?)
     }
 
-    /// Parses the bytes of an outline's file; `path` is for errors.
+    /// Parses the contents of an outline file. `path` is used in error messages.
     ///
     /// # Errors
-    /// [`Error`] names file, line and column.
+    /// [`Error`] with file, line and column.
     pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
         let mut vertices = Vec::new();
         for row in reader(path, bytes, &COLUMNS)? {
@@ -49,7 +49,7 @@ impl Outline {
                     &record,
                     &COLUMNS,
                     column,
-                    &format!("a place within {FARTHEST_M} m"),
+                    &format!("a coordinate of at most {FARTHEST_M} m"),
                 ));
             }
             vertices.push(Point::new(x, y));
@@ -65,24 +65,24 @@ impl Outline {
         })
     }
 
-    /// The table of an outline's file.
+    /// Contents of the outline file in CSV.
     pub fn to_csv(&self) -> String {
         let rows = self.vertices.iter().map(|vertex| format!("{:.10},{:.10}\n", vertex.x(), vertex.y()));
         std::iter::once(format!("{}\n", COLUMNS.join(","))).chain(rows).collect()
     }
 
-    /// The vertices, the first repeated at the end.
+    /// Vertices; the first is repeated at the end.
     pub fn vertices(&self) -> &[Point<World>] {
         &self.vertices
     }
 
-    /// Mean of the vertices.
+    /// Mean of the distinct vertices.
     pub fn middle(&self) -> Point<World> {
         let vertices = &self.vertices[1..];
         Point::from_vector(vertices.iter().map(|vertex| vertex.vector()).sum::<Vector2<f64>>() / vertices.len() as f64)
     }
 
-    /// Distance from a point to the outline, inside or outside.
+    /// Unsigned distance from a point to the outline.
     pub fn distance_m(&self, point: Point<World>) -> f64 {
         self.vertices
             .windows(2)

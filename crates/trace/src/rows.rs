@@ -1,4 +1,4 @@
-//! Reading the rows of a trace, one by one: the file is never whole in memory, however long it is.
+//! Streaming reader of trace rows, with memory independent of the length of the file.
 
 use std::fs::File;
 use std::io::Read;
@@ -13,11 +13,12 @@ use whisker::frames::{Point, Pose, Twist, World};
 use crate::Sidecar;
 use crate::table::{COLUMNS, FARTHEST_M, Instant, TruthInstant};
 
-/// Columns of a row.
+/// Number of columns.
 const CELLS: usize = COLUMNS.len();
 
-/// What the numbers of each column are at most: places are within [`FARTHEST_M`], and nothing else of a whisker is anywhere near a million. So what is made of them
-/// stays finite, and outlines between them have an end. Times may count from whenever a clock does.
+/// Largest magnitude per column: [`FARTHEST_M`] for positions, 1e12 for times, which may count from any epoch, and 1e6
+/// for all other quantities. The bounds keep derived quantities finite and outlines between positions of bounded
+/// length.
 const MOST: [f64; CELLS] = {
     let mut most = [1e6; CELLS];
     most[0] = 1e12;
@@ -32,19 +33,20 @@ const MOST: [f64; CELLS] = {
     most
 };
 
-/// Bytes that are read at once. It holds [`MOST_LINE_BYTES`] and more.
+/// Size of a read buffer in bytes; larger than [`MOST_LINE_BYTES`].
 const CHUNK_BYTES: usize = 1 << 18;
 
-/// No row is longer, by far.
+/// Longest accepted row in bytes.
 const MOST_LINE_BYTES: usize = 1 << 14;
 
-/// The rows of a trace in the order of time: what the robot knows and what only the simulator knows. Each is checked as it is read; after the last one the
-/// whole is checked against the sidecar, so that a trace is sound only if no row up to the end is an error. After an error there is nothing more.
+/// Iterator over the rows of a trace in order of time: recording and ground truth. Each row is checked when it is read;
+/// row count and hash are checked against the sidecar after the last row. A trace is therefore valid only if no item is
+/// an error. The iterator ends after an error.
 #[derive(Debug)]
 pub struct TraceRows {
     path: PathBuf,
     lines: Lines,
-    /// What the sidecar says of the table.
+    /// Row count stated by the sidecar.
     expected_rows: usize,
     expected_sha256: String,
     rows: usize,
@@ -53,20 +55,20 @@ pub struct TraceRows {
 }
 
 impl TraceRows {
-    /// Opens the trace whose CSV or sidecar this is.
+    /// Opens the trace with this CSV or sidecar path.
     ///
     /// # Errors
-    /// [`Error`] names file and place: the sidecar or the header is wrong, or the table cannot be read.
+    /// [`Error`] with file and place if the sidecar or the header is invalid or the table cannot be read.
     pub fn open(path: &Path) -> Result<(Sidecar, Self), Error> {
         let sidecar = Sidecar::read(path)?;
         let rows = Self::of(&sidecar, path)?;
         Ok((sidecar, rows))
     }
 
-    /// The rows of the trace with this sidecar, whose CSV or sidecar `path` is.
+    /// Opens the rows of the trace with this sidecar. `path` is the path of its CSV or sidecar.
     ///
     /// # Errors
-    /// [`Error`] names file and place: the header is wrong, or the table cannot be read.
+    /// [`Error`] with file and place if the header is invalid or the table cannot be read.
     pub fn of(sidecar: &Sidecar, path: &Path) -> Result<Self, Error> {
         let path = path.with_extension("csv");
         let mut lines = Lines::open(&path)?;
@@ -107,12 +109,12 @@ impl TraceRows {
             return Err(at_end("the end of the file".into(), "at least one row".into()));
         }
         if self.rows != self.expected_rows {
-            let expected = format!("{} rows, as its sidecar says", self.expected_rows);
+            let expected = format!("{} rows, as stated by its sidecar", self.expected_rows);
             return Err(at_end(format!("the end after {} rows", self.rows), expected));
         }
         let found = hexadecimal(&std::mem::take(&mut self.lines.digest).finalize());
         if found != self.expected_sha256 {
-            let expected = format!("{}, as its sidecar says", self.expected_sha256);
+            let expected = format!("{}, as stated by its sidecar", self.expected_sha256);
             return Err(Error::value(&self.path, "sha256", found, expected));
         }
         Ok(())
@@ -132,16 +134,16 @@ impl Iterator for TraceRows {
     }
 }
 
-/// The lines of a file, of which one chunk is held, and the hash of all that was read.
+/// Lines of a file, buffered in chunks, with the hash of all bytes read.
 #[derive(Debug)]
 struct Lines {
     file: File,
     digest: Sha256,
     buffer: Vec<u8>,
-    /// What of the buffer is still to be given out.
+    /// Part of the buffer that has not been returned yet.
     start: usize,
     end: usize,
-    /// Number of the last line, from 1.
+    /// Number of the current line, from 1.
     number: u64,
 }
 
@@ -151,7 +153,7 @@ impl Lines {
         Ok(Self { file, digest: Sha256::new(), buffer: vec![0; CHUNK_BYTES], start: 0, end: 0, number: 0 })
     }
 
-    /// Where in the buffer the next line lies that is not empty, without its end; nothing after the last.
+    /// Range in the buffer of the next non-empty line, without its line ending. `None` after the last line.
     fn next(&mut self, path: &Path) -> Result<Option<(usize, usize)>, Error> {
         loop {
             let found = memchr(b'\n', &self.buffer[self.start..self.end]);
@@ -184,7 +186,7 @@ impl Lines {
         }
     }
 
-    /// Reads more behind what is left; whether there was any.
+    /// Reads more data into the buffer. Returns `false` at the end of the file.
     fn fill(&mut self, path: &Path) -> Result<bool, Error> {
         self.buffer.copy_within(self.start..self.end, 0);
         (self.start, self.end) = (0, self.end - self.start);
@@ -200,7 +202,7 @@ impl Lines {
     }
 }
 
-/// Checks that the first line names the columns.
+/// Checks that the first line consists of the column names.
 fn check_header(path: &Path, line: Option<&[u8]>) -> Result<(), Error> {
     let names = COLUMNS.map(|(name, _)| name);
     let wrong = |place: String, found: String, expected: String| Error::Table {
@@ -223,12 +225,12 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<(), Error> {
     Ok(())
 }
 
-/// A line of the table, cut at its commas.
+/// Row of the table, split at its commas.
 struct Line<'a> {
     path: &'a Path,
     number: u64,
     text: &'a [u8],
-    /// Where each cell ends.
+    /// End of each cell.
     ends: [usize; CELLS],
 }
 
@@ -298,7 +300,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The row, which comes after the time `last_s`.
+    /// Parses the row, whose time must be after `last_s`.
     #[inline]
     fn row(&self, last_s: Option<f64>) -> Result<(Instant, TruthInstant), Error> {
         let t_s = self.required(0)?;

@@ -1,4 +1,4 @@
-//! The sidecar of a trace.
+//! Sidecar of a trace.
 
 use std::path::Path;
 
@@ -10,21 +10,21 @@ use whisker::sensor::Face;
 
 use crate::Certificate;
 
-/// Least and most rows a second.
+/// Smallest and largest sampling rate.
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 
-/// What a trace is for.
+/// Purpose of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// Estimators are tried on it.
+    /// Evaluation of estimators.
     Trial,
-    /// Sensor models are fitted to it.
+    /// Fitting of sensor models.
     Calibration,
 }
 
 impl Role {
-    /// The word that files use.
+    /// Name as used in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Trial => "trial",
@@ -33,108 +33,109 @@ impl Role {
     }
 }
 
-/// What made a trace.
+/// Program that made a trace.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Generator {
-    /// The program.
+    /// Name of the program.
     pub name: String,
-    /// Its version.
+    /// Version of the program.
     pub version: String,
-    /// Version of MuJoCo, where it simulated.
+    /// Version of MuJoCo, for simulated traces.
     pub mujoco: Option<String>,
-    /// Commit of the program, where known.
+    /// Commit of the program, if known.
     pub git_commit: Option<String>,
-    /// Hash of the program's sources.
+    /// Hash of the program's source files.
     pub source_sha256: String,
 }
 
-/// What is to be known of a recording of a real sensor.
+/// Properties of a recording of a real sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recorded {
-    /// Where the times come from.
+    /// Source of the times.
     pub clock: String,
-    /// `c1, c2, c3` by which readings became nominal moments: `counts - rest_counts = c1 M + c2 M^2 + c3 M^3`, `M` in N m.
+    /// Coefficients `c1, c2, c3` of the conversion from readings to nominal moments: `counts - rest_counts = c1 M + c2
+    /// M^2 + c3 M^3`, `M` in N m.
     pub characteristic: [f64; 3],
-    /// Root mean square of the readings of the calibration that this and the whisker leave unexplained.
+    /// RMS residual of the calibration's readings with this characteristic and whisker.
     pub residual_counts: f64,
     /// Reading at rest.
     pub rest_counts: f64,
-    /// Standard deviation of the noise that the readings have of themselves, at rest.
+    /// Standard deviation of the sensor noise at rest.
     pub noise_sd_n_m: f64,
-    /// How far from rest a reading is taken for a contact.
+    /// Contact threshold: smallest deviation from the reading at rest that counts as contact.
     pub touch_counts: f64,
 }
 
-/// The object's outline.
+/// Reference to the object's outline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contour {
-    /// Its file, beside the trace.
+    /// File name, in the trace's folder.
     pub file: String,
-    /// Hash of that file.
+    /// SHA-256 of the file.
     pub sha256: String,
-    /// The polyline's largest distance from the true outline.
+    /// Largest distance of the polyline from the true outline.
     pub chord_error_m: f64,
 }
 
-/// The sidecar of a trace: what it is, what made it, from what.
+/// Sidecar of a trace: description and provenance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sidecar {
-    /// Version of the format.
+    /// Format version.
     pub format: u32,
     /// `"trace"`.
     pub kind: String,
     /// Name of the trace.
     pub name: String,
-    /// What it is for.
+    /// Purpose of the trace.
     pub role: Role,
-    /// Group of trials that are scored together.
+    /// Group of trials that are scored together; part of file names of figures.
     pub group: String,
-    /// Shape of the object.
+    /// Name of the object's shape.
     pub object: String,
     /// Side of the whisker on which the object lies.
     pub face: Face,
     /// Seed of the motion.
     pub seed: u64,
-    /// Rows a second.
+    /// Sampling rate.
     pub rate_hz: f64,
     /// Number of rows.
     pub rows: usize,
-    /// The whisker.
+    /// Whisker.
     pub whisker: Whisker,
-    /// The scene as it was run. It belongs to the generator, which alone knows all shapes and motions.
+    /// Scene as simulated. Its schema belongs to the generator, which defines the shapes and motions.
     pub scene: Value,
-    /// What made the trace.
+    /// Program that made the trace.
     pub generator: Generator,
-    /// Hash over all that determines the data.
+    /// Hash of everything that determines the data.
     pub inputs_sha256: String,
-    /// Hash of the CSV.
+    /// SHA-256 of the CSV.
     pub csv_sha256: String,
-    /// The object's outline, where there is one.
+    /// Outline of the object, if there is one.
     pub contour: Option<Contour>,
-    /// How far the truth lies from theory, where the trace was simulated.
+    /// Deviation of the ground truth from theory, for simulated traces.
     pub certificate: Option<Certificate>,
-    /// What is to be known of the recording, where it was not simulated.
+    /// Properties of the recording, for traces of a real sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorded: Option<Recorded>,
-    /// The recording of several whiskers that the trace belongs to.
+    /// Name of the array recording that the trace belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<String>,
 }
 
 impl Sidecar {
-    /// Standard deviation of the noise that the readings have of themselves: none where they were simulated.
+    /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)
     }
 
-    /// Reads and checks the sidecar of the trace whose CSV or sidecar this is.
+    /// Reads and checks the sidecar of the trace with this CSV or sidecar path.
     ///
     /// # Errors
-    /// [`Error`] names file and key, what was found and what was expected.
+    /// [`Error`] with file and key, value found and value expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
         if path.is_dir() {
             return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
@@ -157,7 +158,7 @@ impl Sidecar {
             recorded.validate(path)?;
         }
         plain_name(path, "name", &self.name)?;
-        // Pictures are named after the group, and it is shown wherever the trace is.
+        // Figures are named after the group, which is also shown with the trace.
         plain_name(path, "group", &self.group)?;
         plain_name(path, "object", &self.object)?;
         if let Some(recording) = &self.recording {
@@ -180,7 +181,12 @@ impl Recorded {
     fn validate(&self, path: &Path) -> Result<(), Error> {
         let key = |name: &str| format!("recorded.{name}");
         if self.characteristic[0] == 0.0 {
-            return Err(Error::value(path, key("characteristic"), "0 at first", "a sensor that reads something"));
+            return Err(Error::value(
+                path,
+                key("characteristic"),
+                "a zero first coefficient",
+                "a nonzero first coefficient",
+            ));
         }
         let not_negative = [
             ("residual_counts", self.residual_counts),
@@ -196,12 +202,13 @@ impl Recorded {
     }
 }
 
-/// Whether a name stays within the folder when a path is made of it, and on its line when it is shown.
+/// Whether a name is a single path component without control characters.
 pub fn is_plain_name(name: &str) -> bool {
     !(name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']) || name.contains(char::is_control))
 }
 
-/// Checks that a rate is one at which something is sampled. Detectors keep as many readings as some time has, so that memory grows with it.
+/// Checks the sampling rate. Detectors buffer the readings of a fixed duration, so an unbounded rate would mean
+/// unbounded memory.
 pub(crate) fn check_rate(path: &Path, rate_hz: f64) -> Result<(), Error> {
     let [least, most] = RATES_HZ;
     if !(least..=most).contains(&rate_hz) {
@@ -210,7 +217,7 @@ pub(crate) fn check_rate(path: &Path, rate_hz: f64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Checks that a name from a file stays within the folder when a path is made of it.
+/// Checks that a name from a file is a plain file name.
 pub(crate) fn plain_name(path: &Path, key: &str, name: &str) -> Result<(), Error> {
     if !is_plain_name(name) {
         return Err(Error::value(path, key, format!("`{name}`"), "a plain file name"));

@@ -1,4 +1,4 @@
-//! Suites: which scenes belong together.
+//! Suites: lists of scenes that are generated and evaluated together.
 
 use std::path::{Path, PathBuf};
 
@@ -7,40 +7,40 @@ use serde::{Deserialize, Serialize};
 
 use crate::sidecar::plain_name;
 
-/// A suite's file.
+/// Suite file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Suite {
-    /// Version of the format.
+    /// Format version.
     pub format: u32,
-    /// Name: of the folder under `datasets/` and of the run under `results/`.
+    /// Name of the folder under `datasets/` and of the run under `results/`.
     pub name: String,
-    /// Its scenes.
+    /// Scenes in order.
     pub scenes: Vec<SuiteScene>,
 }
 
-/// One scene of a suite.
+/// Entry of a suite.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SuiteScene {
-    /// The scene's file, relative to the suite's.
+    /// Path of the scene file, relative to the suite file.
     pub scene: PathBuf,
-    /// Seeds with which it is run, at least one; without them once, with its own.
+    /// Seeds with which the scene is run, at least one. `None`: the scene is run once, with its own seed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seeds: Option<Vec<u64>>,
 }
 
-/// The part of a scene that names its trace; the rest is the generator's business.
+/// Part of a scene file that determines the name of its trace. The generator interprets the rest.
 #[derive(Deserialize, Serialize)]
 struct SceneName {
     name: String,
 }
 
 impl Suite {
-    /// Reads a suite's file.
+    /// Reads a suite file.
     ///
     /// # Errors
-    /// [`Error`] names the file and the place.
+    /// [`Error`] with file and place.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let suite: Self = read_json(path)?;
         if suite.format != FORMAT {
@@ -53,10 +53,11 @@ impl Suite {
         Ok(suite)
     }
 
-    /// Names of what the suite's scenes make, in its order: traces, and recordings of several whiskers. `path` is the suite's own.
+    /// Names of the traces and array recordings that the suite's scenes generate, in suite order. `path` is the path of
+    /// the suite file.
     ///
     /// # Errors
-    /// [`Error`] where a scene's file does not tell its name.
+    /// [`Error`] if a scene file is missing or has no valid name.
     pub fn names(&self, path: &Path) -> Result<Vec<String>, Error> {
         let folder = path.parent().unwrap_or(Path::new("."));
         let mut names = Vec::new();

@@ -1,4 +1,4 @@
-//! The table of a trace: columns, rows, reading and writing.
+//! Table of a trace: columns, rows, reading and writing.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use whisker::frames::{Base, Point, Pose, Twist, World};
 
 use crate::{Outline, Sidecar, TraceRows};
 
-/// Names of the columns and the decimals with which each is written.
+/// Column names and the number of decimals written for each.
 pub const COLUMNS: [(&str, usize); 19] = [
     ("t_s", 6),
     ("base_x_m", 10),
@@ -31,41 +31,41 @@ pub const COLUMNS: [(&str, usize); 19] = [
     ("truth_tangent_rad", 10),
 ];
 
-/// Places farther than this from the world's origin, in each direction, are an error of the file.
+/// Largest magnitude of a position coordinate. Larger values are errors of the file.
 pub(crate) const FARTHEST_M: f64 = 1e3;
 
-/// Rows for which room is made before they are read: a sidecar may claim any number.
+/// Upper bound of the preallocated rows: the row count of a sidecar is untrusted.
 const MOST_ROWS_AT_FIRST: usize = 1 << 16;
 
-/// What the robot knows at one instant.
+/// Quantities available to an estimator at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instant {
-    /// Time since the start.
+    /// Time since the start of the recording.
     pub t_s: f64,
-    /// Pose of the base.
+    /// Pose of the whisker base in World.
     pub base: Pose<Base, World>,
-    /// Twist of the base, where recorded.
+    /// Twist of the base in Base, if recorded.
     pub twist: Option<Twist>,
-    /// Bending moment at the root, without measurement noise.
+    /// Bending moment at the root about z, without measurement noise.
     pub moment_z_n_m: f64,
-    /// Rotation of the root against the base, where recorded.
+    /// Rotation of the root relative to the base, if recorded.
     pub rotation_z_rad: Option<f64>,
 }
 
-/// What only the simulator knows at one instant.
+/// Ground truth at one instant. Only the simulator (or the rig) determines it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TruthInstant {
-    /// Whether the whisker touches, where known.
+    /// Whether the whisker is in contact, if known.
     pub touching: Option<bool>,
-    /// Whether it touches with its tip.
+    /// Whether the contact is at the tip.
     pub tip: Option<bool>,
-    /// Whether it touches in places apart from one another, of which the contact is but the nearest.
+    /// Whether there are several separate contacts. The stored contact is then the nearest one.
     pub split: Option<bool>,
-    /// Contact on the centre line.
+    /// Contact on the whisker's centre line, in World.
     pub contact: Option<Point<World>>,
-    /// Contact on the object's surface.
+    /// Contact on the object's surface, in World.
     pub surface: Option<Point<World>>,
-    /// Arc length of the contact.
+    /// Arc length from root to contact.
     pub arc_m: Option<f64>,
     /// Magnitude of the contact force.
     pub force_n: Option<f64>,
@@ -73,36 +73,36 @@ pub struct TruthInstant {
     pub tangent_rad: Option<f64>,
 }
 
-/// What the robot knows of a trace.
+/// Part of a trace that is available to estimators.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// The instants, in order of time.
+    /// Instants in order of time.
     pub instants: Vec<Instant>,
 }
 
-/// What only the simulator knows of a trace, instant by instant.
+/// Ground truth of a trace.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// One entry an instant of the recording.
+    /// One entry per instant of the recording.
     pub instants: Vec<TruthInstant>,
 }
 
-/// A trace: sidecar, recording and truth.
+/// Trace: sidecar, recording and ground truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trace {
-    /// What it is and what made it.
+    /// Description and provenance.
     pub sidecar: Sidecar,
-    /// What the robot knows.
+    /// Part that is available to estimators.
     pub recording: Recording,
-    /// What only the simulator knows.
+    /// Ground truth, for scoring only.
     pub truth: Truth,
 }
 
 impl Trace {
-    /// Reads the trace whose CSV or sidecar this is, and checks it against its sidecar.
+    /// Reads the trace with this CSV or sidecar path and checks it against its sidecar.
     ///
     /// # Errors
-    /// [`Error`] names file, line and column, what was found and what was expected.
+    /// [`Error`] with file, line and column, value found and value expected.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let (sidecar, rows) = TraceRows::open(path)?;
         let most = sidecar.rows.min(MOST_ROWS_AT_FIRST);
@@ -115,10 +115,10 @@ impl Trace {
         Ok(Self { sidecar, recording: Recording { instants }, truth: Truth { instants: truth } })
     }
 
-    /// Reads the object's outline, where the trace has one; `folder` is the trace's own.
+    /// Reads the outline of the object from the trace's folder. `None` if the trace has no outline.
     ///
     /// # Errors
-    /// [`Error`] names file and place; a file that is not the one the sidecar means is an error too.
+    /// [`Error`] with file and place, also if the hash of the file differs from the sidecar's.
     pub fn outline(&self, folder: &Path) -> Result<Option<Outline>, Error> {
         let Some(contour) = &self.sidecar.contour else { return Ok(None) };
         let path = folder.join(&contour.file);
@@ -126,12 +126,12 @@ impl Trace {
         let outline = Outline::parse(&path, &bytes)?;
         let found = sha256(&bytes);
         if found != contour.sha256 {
-            return Err(Error::value(&path, "sha256", found, format!("{}, as the sidecar says", contour.sha256)));
+            return Err(Error::value(&path, "sha256", found, format!("{}, as stated by the sidecar", contour.sha256)));
         }
         Ok(Some(outline))
     }
 
-    /// The table as it stands in the CSV.
+    /// Table in CSV.
     pub fn to_csv(&self) -> String {
         let mut text = header();
         for (known, truth) in self.recording.instants.iter().zip(&self.truth.instants) {
@@ -140,10 +140,11 @@ impl Trace {
         text
     }
 
-    /// Writes CSV and sidecar into a folder; the sidecar, which makes the trace complete, last. Returns the path of the CSV.
+    /// Writes CSV and sidecar into a folder and returns the path of the CSV. The sidecar is written last: it marks the
+    /// trace as complete.
     ///
     /// # Errors
-    /// [`Error::Io`] names the file.
+    /// [`Error::Io`] with the path.
     pub fn write(&self, folder: &Path) -> Result<PathBuf, Error> {
         let path = folder.join(format!("{}.csv", self.sidecar.name));
         write_atomically(&path, self.to_csv().as_bytes())?;
@@ -193,7 +194,7 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant)
     text.push('\n');
 }
 
-/// A number with this many decimals; what rounds to zero has no sign.
+/// Number with a fixed count of decimals. Zero is written without a sign.
 fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {

@@ -1,4 +1,4 @@
-//! Writing a trace row by row: it is never whole in memory, however long it is.
+//! Streaming writer of traces, with memory independent of the length.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use sha2::{Digest as _, Sha256};
 use crate::Sidecar;
 use crate::table::{Instant, TruthInstant, header, push_row};
 
-/// A trace that is being written. It is there when it is finished.
+/// Trace under construction. The files appear when [`TraceWriter::finish`] is called.
 #[derive(Debug)]
 pub struct TraceWriter {
     sidecar: Sidecar,
@@ -21,10 +21,10 @@ pub struct TraceWriter {
 }
 
 impl TraceWriter {
-    /// Begins the trace that this sidecar describes. Number and hash of the rows follow from what is written.
+    /// Starts a trace with this sidecar. Row count and hash are computed from the rows written.
     ///
     /// # Errors
-    /// [`Error::Io`] names the file.
+    /// [`Error::Io`] with the path.
     pub fn create(folder: &Path, sidecar: Sidecar) -> Result<Self, Error> {
         let path = folder.join(format!("{}.csv", sidecar.name));
         let file = AtomicFile::create(&path)?;
@@ -34,10 +34,10 @@ impl TraceWriter {
         Ok(writer)
     }
 
-    /// Takes the next row in the order of time.
+    /// Appends the next row in order of time.
     ///
     /// # Errors
-    /// [`Error::Io`] names the file.
+    /// [`Error::Io`] with the path.
     pub fn push(&mut self, known: &Instant, truth: &TruthInstant) -> Result<(), Error> {
         self.line.clear();
         push_row(&mut self.line, known, truth);
@@ -50,7 +50,7 @@ impl TraceWriter {
         self.file.write_all(self.line.as_bytes()).map_err(Error::io(&self.path))
     }
 
-    /// Puts the CSV in its place, and then the sidecar, which makes the trace complete. Returns the path of the CSV.
+    /// Completes the CSV and then the sidecar, which marks the trace as complete. Returns the path of the CSV.
     ///
     /// # Errors
     /// [`Error::Io`] names the file.

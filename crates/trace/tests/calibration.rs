@@ -1,4 +1,4 @@
-//! Calibration files: written, read, and refused with the place named.
+//! Calibration files: writing, reading and rejection of invalid files.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ fn whisker() -> Whisker {
     Whisker { damping_s: 0.0, ..Whisker::straight() }
 }
 
-/// Fits of each registered model with its default settings to the exact whisker.
+/// Fits of each registered model with its default settings to samples of the exact elastica.
 fn fits() -> Vec<Fit> {
     let whisker = whisker();
     let elastica = Elastica::new(&whisker).unwrap();
@@ -48,7 +48,7 @@ fn calibration(fits: &[Fit]) -> CalibrationFile {
     CalibrationFile::new(whisker(), 0.0, 1, None, String::new(), vec!["trace".into()], faces, watermark)
 }
 
-/// The one line that reading a changed file gives.
+/// Error message for a changed file; it must be one line.
 fn refused(path: &Path, change: impl FnOnce(&mut Value)) -> String {
     let mut file: Value = read_json(path).unwrap();
     change(&mut file);
@@ -60,7 +60,7 @@ fn refused(path: &Path, change: impl FnOnce(&mut Value)) -> String {
 }
 
 #[test]
-fn verif_every_model_is_found_by_its_label_and_the_best_is_chosen() {
+fn verif_models_are_selected_by_label_and_the_best_is_the_default() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("straight.json");
     let fits = fits();
@@ -80,7 +80,7 @@ fn verif_every_model_is_found_by_its_label_and_the_best_is_chosen() {
 }
 
 #[test]
-fn robust_errors_name_the_place() {
+fn robust_errors_state_file_and_key() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("straight.json");
     let file = calibration(&fits());

@@ -1,4 +1,4 @@
-//! Python writes traces, this crate reads them and writes them again: the same bytes.
+//! Golden traces written by the Python generator: reading and rewriting preserves their bytes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ fn golden() -> PathBuf {
 const NAMES: [&str; 2] = ["golden_pin", "golden_circle"];
 
 #[test]
-fn regress_rewrites_the_golden_traces_byte_for_byte() {
+fn regress_rewriting_preserves_the_bytes_of_the_golden_traces() {
     for name in NAMES {
         let trace = Trace::read(&golden().join(format!("{name}.csv"))).unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -27,14 +27,14 @@ fn regress_rewrites_the_golden_traces_byte_for_byte() {
 }
 
 #[test]
-fn val_golden_traces_hold_together() {
+fn val_golden_traces_are_physically_consistent() {
     for name in NAMES {
         let trace = Trace::read(&golden().join(format!("{name}.json"))).unwrap();
         let outline = trace.outline(&golden()).unwrap().expect("an outline");
         let whisker = &trace.sidecar.whisker;
         let mut touching = 0;
         for pair in trace.recording.instants.windows(2) {
-            // The recorded twist carries the pose from one instant to the next, up to the acceleration in between.
+            // The recorded twist, integrated over one step, predicts the next pose up to the acceleration in between.
             let dt_s = pair[1].t_s - pair[0].t_s;
             let twist = pair[1].twist.expect("a twist");
             let moved = twist.motion(dt_s).origin();
@@ -54,6 +54,6 @@ fn val_golden_traces_hold_together() {
 }
 
 #[test]
-fn verif_hash_is_that_of_the_standard() {
+fn val_sha256_matches_the_published_test_vector() {
     assert_eq!(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }

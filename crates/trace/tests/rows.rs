@@ -1,4 +1,4 @@
-//! Reading and writing row by row.
+//! Streaming reading and writing of traces.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ fn golden() -> Trace {
     Trace::read(&path).unwrap()
 }
 
-/// A golden trace so many times over, with the clock going on.
+/// Golden trace repeated `times` times with a continuous clock.
 fn repeated(folder: &Path, times: usize) -> PathBuf {
     let Trace { sidecar, recording, truth } = golden();
     let period_s = recording.instants.len() as f64 / sidecar.rate_hz;
@@ -26,14 +26,14 @@ fn repeated(folder: &Path, times: usize) -> PathBuf {
     writer.finish().unwrap()
 }
 
-/// What the rows end with.
+/// Error messages of a trace's rows.
 fn error(path: &Path) -> String {
     let (_, rows) = TraceRows::open(path).unwrap();
     rows.filter_map(Result::err).map(|error: Error| error.to_string()).collect()
 }
 
 #[test]
-fn verif_written_row_by_row_it_has_the_same_bytes() {
+fn verif_streaming_writer_produces_the_same_bytes() {
     let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let once = repeated(folders[0].path(), 1);
     let whole = golden().write(folders[1].path()).unwrap();
@@ -44,7 +44,7 @@ fn verif_written_row_by_row_it_has_the_same_bytes() {
 }
 
 #[test]
-fn verif_rows_are_those_of_the_whole_trace() {
+fn verif_streaming_reader_returns_the_rows_of_the_whole_trace() {
     let folder = tempfile::tempdir().unwrap();
     let path = repeated(folder.path(), 3);
     let (_, rows) = TraceRows::open(&path).unwrap();
@@ -54,7 +54,7 @@ fn verif_rows_are_those_of_the_whole_trace() {
 }
 
 #[test]
-fn verif_memory_does_not_grow_with_the_length() {
+fn verif_memory_is_independent_of_the_length() {
     let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let most_bytes = |path: PathBuf| {
         allocation_counter::measure(|| {
@@ -68,7 +68,7 @@ fn verif_memory_does_not_grow_with_the_length() {
 }
 
 #[test]
-fn robust_a_damaged_trace_ends_in_one_error_that_names_the_place() {
+fn robust_a_damaged_trace_ends_in_one_error_with_its_place() {
     let folder = tempfile::tempdir().unwrap();
     let path = repeated(folder.path(), 2);
     let text = fs::read_to_string(&path).unwrap();
@@ -103,9 +103,9 @@ fn robust_a_damaged_trace_ends_in_one_error_that_names_the_place() {
     }
 }
 
-/// What a spreadsheet on another system makes of the ends of lines changes no number, but it does change the bytes, and the sidecar tells.
+/// Other line endings leave the numbers unchanged, but not the bytes; the sidecar's hash detects the difference.
 #[test]
-fn robust_other_line_ends_are_read_and_then_refused_by_the_hash() {
+fn robust_other_line_endings_are_parsed_and_rejected_by_the_hash() {
     let folder = tempfile::tempdir().unwrap();
     let path = repeated(folder.path(), 1);
     let text = fs::read_to_string(&path).unwrap().replace('\n', "\r\n");

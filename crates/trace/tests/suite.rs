@@ -1,11 +1,11 @@
-//! Suites name their traces as the generator does.
+//! Names of a suite's traces agree with those of the generator.
 
 use std::fs;
 use std::path::PathBuf;
 
 use trace::Suite;
 
-/// A suite in a temporary folder whose one scene is called `scene`.
+/// Suite in a temporary folder with a scene called `scene`.
 fn suite(entries: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("scene.json"), r#"{"format": 1, "name": "scene", "motion": {}}"#).unwrap();
@@ -20,14 +20,14 @@ fn names(entries: &str) -> Vec<String> {
 }
 
 #[test]
-fn verif_seeds_name_the_traces_however_many_there_are() {
+fn verif_trace_names_contain_the_seeds() {
     assert_eq!(names(r#"{"scene": "scene.json"}"#), ["scene"]);
     assert_eq!(names(r#"{"scene": "scene.json", "seeds": [3]}"#), ["scene_03"]);
     assert_eq!(names(r#"{"scene": "scene.json", "seeds": [0, 112]}"#), ["scene_00", "scene_112"]);
 }
 
 #[test]
-fn robust_wrong_suites_are_refused_with_the_place() {
+fn robust_invalid_suites_are_rejected_with_their_place() {
     for (entries, words) in [
         (r#"{"scene": "scene.json", "seeds": []}"#, "at least one seed"),
         (r#"{"scene": "scene.json", "sedes": [1]}"#, "unknown field `sedes`"),

@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use testbed::dataset::Dataset;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
-use testbed::front_end::{Choice, FRONT_ENDS, FrontEnd, Mounting, Played};
+use testbed::front_end::{FRONT_ENDS, FrontEnd, FrontEndConfig, Mounting, SensorInput};
 use trace::{Role, Trace};
 
 /// Measurement noise, as a fraction of the largest reading, and in N m.
@@ -37,13 +37,13 @@ fn front_ends() -> Vec<&'static str> {
 
 #[divan::bench(args = front_ends(), max_time = 2)]
 fn readings(bencher: Bencher, name: &str) {
-    let front_end = FrontEnd::new(&Choice { name: name.into(), config: json!({}) }).expect("a registered name");
+    let front_end = FrontEnd::new(&FrontEndConfig { name: name.into(), config: json!({}) }).expect("a registered name");
     let (pin, circle) = (golden("golden_pin"), golden("golden_circle"));
     let mounting = Mounting::alone(&pin.sidecar);
-    let recordings = [&pin, &circle].map(|trace| Played::new(trace, &mounting, NOISE_N_M, 1));
+    let recordings = [&pin, &circle].map(|trace| SensorInput::new(trace, &mounting, NOISE_N_M, 1));
     let calibrated = front_end.calibrate(slice::from_ref(&mounting), &recordings).expect("recordings that say enough");
     let sensor = calibrated.as_ref().and_then(|file| file.sensors.first());
-    let played = Played { sensor, ..Played::new(&pin, &mounting, NOISE_N_M, 1) };
+    let played = SensorInput { sensor, ..SensorInput::new(&pin, &mounting, NOISE_N_M, 1) };
     let counter = ItemsCount::new(pin.recording.instants.len());
     bencher.counter(counter).bench_local(|| front_end.readings_n_m(&played).expect("a calibrated sensor"));
 }
@@ -62,7 +62,8 @@ fn set(folder: &Path) -> Dataset {
     }
     let set = Dataset::open(folder, None).expect("the traces just written");
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
-    let settings = FitSettings { models, noise: NOISE, seed: 1, front_end: Choice::default(), sensors: Vec::new() };
+    let settings =
+        FitSettings { models, noise: NOISE, seed: 1, front_end: FrontEndConfig::default(), sensors: Vec::new() };
     fit(&set, &settings, &set.calibrations("white")).expect("traces that calibrate");
     set
 }

@@ -222,7 +222,7 @@ fn robust_empty_file() {
 #[test]
 fn robust_calibration_that_tells_nothing() {
     let change = |table: String| table.lines().take(4).map(|line| format!("{line}\n")).collect();
-    fails(CALIBRATION, change, &["try2.csv", "rows", "to tell the wire's place"]);
+    fails(CALIBRATION, change, &["try2.csv", "rows", "to determine the wire's pose"]);
 }
 
 #[test]

@@ -1,7 +1,8 @@
-//! Recordings of several whiskers: from the files to the maps.
+//! Array recordings, from the files to the maps.
 //!
-//! The arm here is planar: three of its seven joints move, two links and the hand, as in any book. It carries copies of one whisker side by side along the sweep of a
-//! golden trace; a motion without rotation is the same for all, so each sweeps over a copy of the disc.
+//! The arm is planar: three of its seven joints move (two links and the hand). It carries copies of one whisker side by
+//! side along the sweep of a golden trace. Since the hand does not rotate, all have the same motion, and each sweeps
+//! over its own copy of the disc.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,21 +20,21 @@ use testbed::results::{EstimateRow, GridRow, MapObjectRow, MapPointRow, MapRow, 
 use trace::{Outline, Role, Trace};
 use whisker::frames::{Point, Pose, World};
 
-/// Name of the recording, and of its whiskers with the place of each along World's x, to which the disc that it touches is moved, too.
+/// Name of the recording; its whiskers with array and offset along World's x, which is also that of the disc.
 const NAME: &str = "scene_00";
 const WHISKERS: [(&str, &str, f64); 2] = [("left_1", "left", 0.0), ("left_2", "left", 0.12)];
 
-/// Length of the arm's links.
+/// Length of each link.
 const LINK_M: f64 = 0.3;
 
-/// Where the arm stands.
+/// Position of the arm's base in World.
 const BASE: [f64; 2] = [-0.4, -0.2];
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden")
 }
 
-/// Angles and rates of the joints that carry the hand along a trace (two links and a turning hand).
+/// Inverse kinematics: joint angles that move the hand along a trace.
 fn joints(trace: &Trace) -> Vec<[f64; 7]> {
     let angles = |instant: &trace::Instant| {
         let at = instant.base.origin();
@@ -45,7 +46,7 @@ fn joints(trace: &Trace) -> Vec<[f64; 7]> {
     trace.recording.instants.iter().map(angles).collect()
 }
 
-/// Rates that go with the twist of the base.
+/// Joint rates for the twist of the base.
 fn rates(instant: &trace::Instant, angles: &[f64; 7]) -> [f64; 7] {
     let twist = instant.twist.unwrap();
     let velocity = instant.base.rotation() * nalgebra::Vector2::new(twist.vx_m_s, twist.vy_m_s);
@@ -64,7 +65,7 @@ fn matrix(x_m: f64, y_m: f64) -> Value {
     json!([1.0, 0.0, 0.0, x_m, 0.0, 1.0, 0.0, y_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 }
 
-/// Writes a recording with its traces and what calibrates the whisker.
+/// Writes a recording with its traces and the calibration traces of the whisker.
 fn write_recording(folder: &Path) {
     let source = Trace::read(&golden().join("golden_circle.csv")).unwrap();
     let outline = source.outline(&golden()).unwrap().unwrap();
@@ -72,7 +73,7 @@ fn write_recording(folder: &Path) {
     let (mut whiskers, mut objects) = (Vec::new(), Vec::new());
     for (name, array, by_m) in WHISKERS {
         let mut trace = source.clone();
-        // What is mounted beside the hand turns with it, by a millionth.
+        // The trace rotates by about 1e-6 rad, so a laterally mounted whisker moves slightly.
         for (instant, truth) in trace.recording.instants.iter_mut().zip(&mut trace.truth.instants) {
             let (sin, cos) = instant.base.yaw_rad().sin_cos();
             let at = instant.base.origin();
@@ -130,7 +131,7 @@ fn write_recording(folder: &Path) {
     write_calibration(folder);
 }
 
-/// Writes what calibrates the whisker.
+/// Writes the calibration traces of the whisker.
 fn write_calibration(folder: &Path) {
     for (golden_name, name) in [("golden_pin", "grid_0"), ("golden_circle", "grid_1")] {
         let mut trace = Trace::read(&golden().join(format!("{golden_name}.csv"))).unwrap();
@@ -174,18 +175,17 @@ fn verif_two_whiskers_map_two_discs() {
         assert_eq!((map.whiskers, map.objects_touched, map.objects_found), (2, 2, 2), "{map:?}");
         assert_eq!((map.objects_split, map.objects_merged), (0, 0), "{map:?}");
     }
-    // A contact at rest stays where it is in World, however the base is taken to shake.
+    // A contact at rest is constant in World, also with noisy encoders.
     assert!(maps.iter().all(|map| map.points_mean_m.is_some_and(|mean_m| mean_m < 1e-4)), "{maps:?}");
     let objects: Vec<MapObjectRow> = read_rows(&run.folder.join("map_objects.csv")).unwrap();
     let mut matched: Vec<&str> = objects.iter().take(2).filter_map(|row| row.matched.as_deref()).collect();
     matched.sort_unstable();
     assert_eq!(matched, ["disc_left_1", "disc_left_2"]);
-    // A robot with poor encoders does not know where it is.
+    // Noisy encoders change the measured base pose, not the reading.
     let estimates = |trace: &str| -> Vec<EstimateRow> {
         read_rows(&run.folder.join(format!("estimates/{trace}.sliding.csv"))).unwrap()
     };
     let (exact, noisy) = (estimates("scene_00_left_1"), estimates("scene_00_left_1_noise_1e-4_step_1e-6"));
-    // What it reads is the same.
     assert!(exact.iter().zip(&noisy).all(|(a, b)| a.reading_n_m == b.reading_n_m));
     let off_m: Vec<f64> =
         exact.iter().zip(&noisy).map(|(a, b)| (a.base_x_m - b.base_x_m).hypot(a.base_y_m - b.base_y_m)).collect();
@@ -201,7 +201,7 @@ fn verif_two_whiskers_map_two_discs() {
     assert!(!evaluated(&dataset, encoders(), results.path()).is_new);
 }
 
-/// What `whisker check` says of a recording of which one file was changed.
+/// Checks the error of `whisker check` for a recording with one changed file.
 fn check_fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     write_recording(folder.path());
@@ -213,12 +213,12 @@ fn check_fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert_eq!(text.trim_end().lines().count(), 1, "{text}");
     for word in words {
-        assert!(text.contains(word), "does not say `{word}`: {text}");
+        assert!(text.contains(word), "does not contain `{word}`: {text}");
     }
 }
 
 #[test]
-fn verif_check_knows_recordings() {
+fn verif_check_accepts_recordings() {
     let folder = tempfile::tempdir().unwrap();
     write_recording(folder.path());
     let output = Command::new(env!("CARGO_BIN_EXE_whisker")).arg("check").arg(folder.path()).output().unwrap();
@@ -228,7 +228,7 @@ fn verif_check_knows_recordings() {
 }
 
 #[test]
-fn robust_damaged_recordings_are_named() {
+fn robust_damaged_recordings_are_reported_with_file_and_key() {
     let replaced = |from: &'static str, to: &'static str| move |text: String| text.replacen(from, to, 1);
     let json = "scene_00.json";
     check_fails(json, replaced("\"seed\"", "\"sead\""), &["scene_00.json", "unknown field `sead`"]);
@@ -245,8 +245,12 @@ fn robust_damaged_recordings_are_named() {
     check_fails(json, tilted, &["scene_00_left_2.csv:2", "tilted by 0.01", "`left_2`", "to within 0.001 rad"]);
     check_fails(json, replaced("\"rows\": 363", "\"rows\": 362"), &["scene_00.joints.csv:365", "363 rows", "362 rows"]);
     let joints = "scene_00.joints.csv";
-    check_fails(joints, replaced("q1_rad", "q1_deg"), &[joints, "sha256", "as `joints` says"]);
-    check_fails("scene_00.objects.csv", replaced("0.0000000000", "0.1"), &["objects.csv", "sha256", "as `poses` says"]);
+    check_fails(joints, replaced("q1_rad", "q1_deg"), &[joints, "sha256", "as stated by `joints`"]);
+    check_fails(
+        "scene_00.objects.csv",
+        replaced("0.0000000000", "0.1"),
+        &["objects.csv", "sha256", "as stated by `poses`"],
+    );
     check_fails("scene_00.disc_left_1.contour.csv", replaced("0", "1"), &["contour.csv", "sha256"]);
     let trace = "scene_00_left_1.json";
     check_fails(trace, replaced("\"recording\": \"scene_00\"", "\"recording\": \"scene_01\""), &[trace, "`scene_01`"]);
@@ -266,7 +270,7 @@ fn robust_encoders_need_an_arm() {
 }
 
 #[test]
-fn robust_unknown_settings_of_encoders_are_named() {
+fn robust_unknown_encoder_settings_are_reported() {
     let output = Command::new(env!("CARGO_BIN_EXE_whisker"))
         .args(["evaluate", "datasets/golden", "--encoders", "{\"noise_deg\": 1}"])
         .output()

@@ -1,15 +1,15 @@
-//! A line that a program answers.
+//! Answer line of an external program.
 
 use serde_json::Value;
 use strict_json::parse_json;
 use testbed::participant::estimate;
 use whisker::sensor::Face;
 
-use crate::claims::one_error;
 use crate::golden::KNOWLEDGE;
+use crate::properties::one_error;
 
 pub(super) fn run(bytes: &[u8]) {
-    // What is no text does not become a line.
+    // A line is text; other bytes never reach the parser.
     let Ok(line) = std::str::from_utf8(bytes) else { return };
     let Some(Some(estimate)) = one_error(estimate(line, Face::Left, &KNOWLEDGE), "") else { return };
     let answer: Value = parse_json(line.trim().as_bytes()).expect("it was read");

@@ -1,4 +1,4 @@
-//! A recording of messages, metadata and MCAP file, which becomes a trace or a log.
+//! ROS 2 bag (metadata and MCAP file) and its conversion into traces and logs.
 
 use std::path::Path;
 
@@ -8,19 +8,19 @@ use platform::calibration::logs::LogReader;
 use trace::Trace;
 use whisker_cli::ros::import;
 
-use crate::claims::one_error;
+use crate::properties::one_error;
 use crate::scratch;
 
-const FOLDER: &str = "strange_bag";
+const FOLDER: &str = "untrusted_bag";
 
 pub(super) fn run(bytes: &[u8]) {
     let [metadata, mcap] = scratch::parts(bytes);
-    let metadata = scratch::file("strange_bag/metadata.yaml", metadata);
-    let mcap = scratch::file("strange_bag/strange_0.mcap", mcap);
+    let metadata = scratch::file("untrusted_bag/metadata.yaml", metadata);
+    let mcap = scratch::file("untrusted_bag/untrusted_0.mcap", mcap);
     read(&metadata);
     read(&mcap);
     for salvage in [false, true] {
-        becomes_files_of_the_folder(&mcap, salvage);
+        assert_files_stay_in_the_folder(&mcap, salvage);
     }
 }
 
@@ -29,13 +29,13 @@ fn read(path: &Path) {
     for record in reader.records() {
         let Some(record) = one_error(record, FOLDER) else { break };
         if let Some(Some(message)) = one_error(record.decode_any(), FOLDER) {
-            message.write(&mut Again, &record.topic, record.time_ns).expect("it takes every message");
+            message.write(&mut Recoder, &record.topic, record.time_ns).expect("it takes every message");
         }
     }
     one_error(reader.attachments(), FOLDER);
 }
 
-fn becomes_files_of_the_folder(mcap: &Path, salvage: bool) {
+fn assert_files_stay_in_the_folder(mcap: &Path, salvage: bool) {
     let kept = scratch::file("imported/kept", "");
     let out = kept.parent().expect("it lies in a folder");
     let Some(files) = one_error(import(mcap, salvage, out), "") else { return };
@@ -43,7 +43,7 @@ fn becomes_files_of_the_folder(mcap: &Path, salvage: bool) {
         assert_eq!(file.parent(), Some(out), "{}", file.display());
         if file.ends_with("log.csv") {
             for sample in LogReader::open(file).expect("it is there") {
-                sample.expect("what is written can be read");
+                sample.expect("written data can be read");
             }
         } else if file.extension().is_some_and(|extension| extension == "csv") && file.with_extension("json").is_file()
         {
@@ -55,13 +55,13 @@ fn becomes_files_of_the_folder(mcap: &Path, salvage: bool) {
     }
 }
 
-/// What is written again is the same message, whatever its numbers are.
-struct Again;
+/// Asserts that a decoded message is unchanged by encoding and decoding.
+struct Recoder;
 
-impl Publisher for Again {
+impl Publisher for Recoder {
     fn write<M: Message>(&mut self, _topic: &str, _time_ns: u64, message: &M) -> Result<(), Error> {
         let bytes = message.encode();
-        let again = M::decode(&bytes).expect("what is written can be read");
+        let again = M::decode(&bytes).expect("written data can be read");
         assert_eq!(again.encode(), bytes);
         assert!(matches!(AnyMessage::decode(M::TYPE, &bytes), Ok(Some(_))));
         Ok(())

@@ -1,17 +1,17 @@
-//! A calibration, with the hash of its faces put right, so that what lies behind it is reached.
+//! Calibration file with a corrected hash of its faces, so that the parser gets past the hash.
 
 use serde_json::Value;
 use strict_json::parse_json;
 use trace::CalibrationFile;
 use whisker::sensor::AlongAway;
 
-use crate::claims::{one_error, same_json};
 use crate::golden::with_hash;
+use crate::properties::{one_error, same_json};
 use crate::scratch;
 
-const FILE: &str = "strange_calibration.json";
+const FILE: &str = "untrusted_calibration.json";
 
-/// Nodes along and away at which a model is asked.
+/// Number of intervals along and away at which a model is evaluated.
 const NODES: u32 = 4;
 
 pub(super) fn run(bytes: &[u8]) {
@@ -38,5 +38,5 @@ pub(super) fn run(bytes: &[u8]) {
         }
     }
     let path = scratch::file(FILE, text.to_string());
-    assert_eq!(CalibrationFile::read(&path).expect("what is written can be read"), file);
+    assert_eq!(CalibrationFile::read(&path).expect("written data can be read"), file);
 }

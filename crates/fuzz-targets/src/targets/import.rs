@@ -1,9 +1,9 @@
-//! A small clone of a rig's repository: a calibration, a test, a mesh.
+//! Small repository of a rig: a calibration, a test and a mesh.
 
 use importers::IMPORTERS;
 use trace::is_plain_name;
 
-use crate::claims::one_error;
+use crate::properties::one_error;
 use crate::scratch;
 
 pub(super) fn run(bytes: &[u8]) {
@@ -23,7 +23,7 @@ pub(super) fn run(bytes: &[u8]) {
         }
         for trace in &imported.traces {
             assert!(is_plain_name(&trace.sidecar.name));
-            // What is imported is read by the same program.
+            // Imported traces are readable.
             let json = serde_json::to_vec(&trace.sidecar).expect("it serialises");
             scratch::file(&format!("{}.json", trace.sidecar.name), json);
             let path = scratch::file(&format!("{}.csv", trace.sidecar.name), trace.to_csv());

@@ -1,13 +1,13 @@
-//! A recorded log: its table, its sidecar and a manifest that names both.
+//! Recorded log: table, sidecar and a manifest that names both.
 
 use platform::calibration::logs::{LogReader, Source, gather};
 use platform::calibration::{Settings, regression::REGRESSIONS};
 
-use crate::claims::{is_decimal, one_error};
+use crate::properties::{is_decimal, one_error};
 use crate::scratch;
 
-const TABLE: &str = "strange_log.csv";
-const MANIFEST: &str = "strange_manifest.json";
+const TABLE: &str = "untrusted_log.csv";
+const MANIFEST: &str = "untrusted_manifest.json";
 
 /// Header of the project's own logs.
 const HEADER: &str = "t_s,x_counts,y_counts,z_counts";
@@ -15,7 +15,7 @@ const HEADER: &str = "t_s,x_counts,y_counts,z_counts";
 pub(super) fn run(bytes: &[u8]) {
     let [table, sidecar, manifest] = scratch::parts(bytes);
     let path = scratch::file(TABLE, table);
-    scratch::file("strange_log.json", sidecar);
+    scratch::file("untrusted_log.json", sidecar);
     one_error(Source::of_manifest(&scratch::file(MANIFEST, manifest)), MANIFEST);
     let mut reader = LogReader::open(&path).expect("it was written");
     let samples: Option<Vec<_>> = reader.by_ref().map(|sample| one_error(sample, TABLE)).collect();

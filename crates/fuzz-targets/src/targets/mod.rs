@@ -1,4 +1,4 @@
-//! The targets: one file each, and one row in [`TARGETS`].
+//! Targets: one file each, and one row in [`TARGETS`].
 
 mod answer;
 mod bag;
@@ -17,33 +17,33 @@ mod sidecar;
 mod suite;
 mod trace;
 
-/// A parser that is given any bytes.
+/// Parser of untrusted input.
 pub struct Target {
-    /// Its name, and that of its folder in the corpus.
+    /// Name of the target and of its folder in the corpus.
     pub name: &'static str,
-    /// What the bytes stand for.
+    /// Input format.
     pub about: &'static str,
-    /// Gives it the bytes; panics where it does not do what every parser must.
+    /// Runs the parser on the bytes. Panics if a property is violated.
     pub run: fn(&[u8]),
 }
 
 #[rustfmt::skip]
-/// The registry of targets.
+/// Registry of targets.
 pub const TARGETS: &[Target] = &[
     Target { name: "trace", about: "table of a trace", run: trace::run },
     Target { name: "sidecar", about: "sidecar of a trace", run: sidecar::run },
     Target { name: "outline", about: "outline of an object", run: outline::run },
-    Target { name: "recording", about: "recording of several whiskers: its file, the joints' table and the objects'", run: recording::run },
-    Target { name: "suite", about: "suite, and a scene of it", run: suite::run },
+    Target { name: "recording", about: "array recording: sidecar, joint table and pose table", run: recording::run },
+    Target { name: "suite", about: "suite and one of its scenes", run: suite::run },
     Target { name: "calibration", about: "calibration of a whisker", run: calibration::run },
-    Target { name: "import", about: "recordings of others: calibration, test and mesh", run: import::run },
+    Target { name: "import", about: "published recordings: calibration, test and mesh", run: import::run },
     Target { name: "run", about: "description of a run", run: run::run },
     Target { name: "results", about: "tables of a run", run: results::run },
     Target { name: "settings", about: "settings of estimators, front ends, detection and maps", run: settings::run },
-    Target { name: "answer", about: "answer of a program that takes part", run: answer::run },
-    Target { name: "bag", about: "recording of messages: metadata and MCAP file, which becomes a trace or a log", run: bag::run },
-    Target { name: "sensor", about: "what comes over a magnetometer's port", run: sensor::run },
-    Target { name: "printer", about: "what a printer answers", run: printer::run },
+    Target { name: "answer", about: "answer of an external program", run: answer::run },
+    Target { name: "bag", about: "ROS 2 bag: metadata and MCAP file", run: bag::run },
+    Target { name: "sensor", about: "serial stream of a magnetometer", run: sensor::run },
+    Target { name: "printer", about: "replies of a printer", run: printer::run },
     Target { name: "platform_calibration", about: "calibration of the platform", run: platform_calibration::run },
     Target { name: "log", about: "recorded log: table, sidecar and manifest", run: log::run },
 ];

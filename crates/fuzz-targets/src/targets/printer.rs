@@ -1,13 +1,13 @@
-//! Lines that a printer answers.
+//! Replies of a printer.
 
 use platform::printer::{Answer, Position};
 
-use crate::claims::is_decimal;
+use crate::properties::is_decimal;
 
 pub(super) fn run(bytes: &[u8]) {
     for line in String::from_utf8_lossy(bytes).lines() {
         match Answer::parse(line) {
-            Answer::Ok(Some(position)) | Answer::Position(position) => stands_there(line, position),
+            Answer::Ok(Some(position)) | Answer::Position(position) => assert_in_input(line, position),
             Answer::Resend(number) => assert!(line.contains(&number.to_string()), "{number} of `{line}`"),
             Answer::Error(text) | Answer::Halted(text) => assert_eq!(text, line.trim()),
             Answer::Ok(None) | Answer::Busy | Answer::Started | Answer::Remark => {}
@@ -15,8 +15,8 @@ pub(super) fn run(bytes: &[u8]) {
     }
 }
 
-/// Every coordinate is a decimal number behind its axis.
-fn stands_there(line: &str, position: Position) {
+/// Asserts that every coordinate is a decimal number after its axis letter.
+fn assert_in_input(line: &str, position: Position) {
     let line = line.trim();
     let behind = |axis: char, value: f64| {
         let mut words =

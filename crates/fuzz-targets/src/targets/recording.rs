@@ -1,14 +1,14 @@
-//! A recording of several whiskers: its file, its joints and how its objects moved, with the hashes put right. Its outlines are the golden one.
+//! Array recording: sidecar, joint table and pose table, with corrected hashes and the golden outline.
 
 use files::sha256;
 use serde_json::{Value, json};
 use strict_json::parse_json;
 use trace::{ArrayRecording, is_plain_name};
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::{golden, scratch};
 
-const NAME: &str = "strange_recording";
+const NAME: &str = "untrusted_recording";
 
 pub(super) fn run(bytes: &[u8]) {
     let [file, joints, objects] = scratch::parts(bytes);

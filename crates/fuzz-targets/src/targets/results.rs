@@ -1,4 +1,4 @@
-//! The tables of a run: whichever the header fits.
+//! Tables of a run: every row type is tried, and the header selects those that fit.
 
 use std::fmt::Debug;
 use std::path::Path;
@@ -11,12 +11,12 @@ use testbed::results::{
     TrialHead, TurnRow, VertexRow, csv_bytes, read_rows, read_scores, score_bytes,
 };
 
-use crate::claims::one_error;
+use crate::properties::one_error;
 use crate::scratch;
 
-const FILE: &str = "strange_table.csv";
+const FILE: &str = "untrusted_table.csv";
 
-/// What was read, written again.
+/// Copy written from the parsed rows.
 const AGAIN: &str = "table_again.csv";
 
 pub(super) fn run(bytes: &[u8]) {
@@ -46,11 +46,11 @@ pub(super) fn run(bytes: &[u8]) {
 fn rows<T: Serialize + DeserializeOwned + PartialEq + Debug>(path: &Path) {
     let Some(rows) = one_error(read_rows::<T>(path), FILE) else { return };
     let again = scratch::file(AGAIN, csv_bytes(&rows).expect("it serialises"));
-    assert_eq!(read_rows::<T>(&again).expect("what is written can be read"), rows);
+    assert_eq!(read_rows::<T>(&again).expect("written data can be read"), rows);
 }
 
 fn scores<Head: Serialize + DeserializeOwned + PartialEq + Debug>(path: &Path) {
     let Some(rows) = one_error(read_scores::<Head>(path), FILE) else { return };
     let again = scratch::file(AGAIN, score_bytes(&rows).expect("it serialises"));
-    assert_eq!(read_scores::<Head>(&again).expect("what is written can be read"), rows);
+    assert_eq!(read_scores::<Head>(&again).expect("written data can be read"), rows);
 }

@@ -1,9 +1,9 @@
-//! The description of a run.
+//! Description of a run.
 
 use strict_json::parse_json;
 use testbed::results::Run;
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::scratch;
 
 pub(super) fn run(bytes: &[u8]) {
@@ -11,7 +11,7 @@ pub(super) fn run(bytes: &[u8]) {
     let Some(run) = one_error(Run::read(&path), "run.json") else { return };
     let text = serde_json::to_value(&run).expect("it serialises");
     same_json(&parse_json(bytes).expect("it was read"), &text);
-    let again: Run = serde_json::from_value(text).expect("what is written can be read");
+    let again: Run = serde_json::from_value(text).expect("written data can be read");
     assert_eq!(again, run);
     let folder = path.parent().expect("a folder");
     for set in &run.sets {

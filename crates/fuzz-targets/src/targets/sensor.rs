@@ -1,8 +1,8 @@
-//! What comes over the port of a magnetometer, in each of the formats.
+//! Serial stream of a magnetometer, in each of the formats.
 
 use platform::sensor::{Decoder, FORMATS, FormatRow, Tally};
 
-/// What a serial port hands on at once, at most and at least.
+/// Chunk sizes of a serial port.
 const PIECES: [usize; 3] = [usize::MAX, 7, 1];
 
 pub(super) fn run(bytes: &[u8]) {
@@ -17,13 +17,13 @@ pub(super) fn run(bytes: &[u8]) {
         assert!(tally.samples + tally.garbage_lines + tally.partial_lines <= lines + 1, "{tally:?} of {lines} lines");
         assert_eq!(tally.example.is_some(), tally.garbage_lines > 0);
         assert!(tally.example.is_none_or(|example| !example.contains(char::is_control)));
-        // What a sensor prints that sees the same is read as the same.
-        // The first line of all may be a piece of one.
+        // Formatting the readings in the sensor's format and decoding them again preserves them. The leading newline
+        // ends a possibly partial first line.
         let mut printed = b"\n".to_vec();
         readings.iter().for_each(|counts| (row.build)().print(*counts, &mut printed));
         assert_eq!(decode(row, &printed, PIECES[0]).0, readings, "{}", row.name);
         if row.name == "hex" {
-            stands_there(bytes, &readings);
+            assert_in_input(bytes, &readings);
         }
     }
 }
@@ -34,14 +34,14 @@ fn decode(row: &FormatRow, bytes: &[u8], size: usize) -> (Vec<[u16; 3]>, Tally) 
     (readings, decoder.finish())
 }
 
-/// Every reading is a word of a line, and no word is two readings.
-fn stands_there(bytes: &[u8], readings: &[[u16; 3]]) {
+/// Asserts that every reading is a separate word of the input.
+fn assert_in_input(bytes: &[u8], readings: &[[u16; 3]]) {
     let mut words = bytes.split(u8::is_ascii_whitespace);
     for [x, y, z] in readings {
         let digits = format!("{x:04x}{y:04x}{z:04x}");
         assert!(
             words.any(|word| word.len() == 14 && word.ends_with(digits.as_bytes())),
-            "{digits} does not stand there"
+            "{digits} is not in the input"
         );
     }
 }

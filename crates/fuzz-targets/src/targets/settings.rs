@@ -1,20 +1,20 @@
-//! Settings: of every estimator by its name, of front ends under `front_end`, of the detection of contacts, the map and the encoders.
+//! Settings of estimators (by name), of front ends (under `front_end`), of contact detection, maps and encoders.
 
 use std::fmt::Display;
 
 use serde_json::Value;
 use strict_json::{one_line, parse_json};
 use testbed::encoders::Encoders;
-use testbed::front_end::{Choice, FRONT_ENDS, FrontEnd};
+use testbed::front_end::{FRONT_ENDS, FrontEnd, FrontEndConfig};
 use testbed::map::MapConfig;
 use testbed::settings::merged;
 use whisker::estimators::{ESTIMATORS, Runner};
 use whisker::events::{ContactDetector, TouchConfig};
 
-use crate::claims::one_error;
 use crate::golden::KNOWLEDGE;
+use crate::properties::one_error;
 
-/// What was made of settings; an error as the command shows it.
+/// Result of a constructor; an error is formatted as the command prints it.
 fn one_line_of<T, E: Display>(made: Result<T, E>) -> Option<T> {
     one_error(made.map_err(|error| one_line(&format!("{error:#}"))), "")
 }
@@ -46,7 +46,7 @@ pub(super) fn run(bytes: &[u8]) {
     }
     for row in FRONT_ENDS {
         if let Some(config) = file.get("front_end").and_then(|front_ends| front_ends.get(row.name)) {
-            one_line_of(FrontEnd::new(&Choice { name: row.name.into(), config: config.clone() }));
+            one_line_of(FrontEnd::new(&FrontEndConfig { name: row.name.into(), config: config.clone() }));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The sidecar of a trace, beside the golden table and outline.
+//! Sidecar of a trace, with the golden table and outline.
 
 use serde_json::Value;
 use strict_json::parse_json;
@@ -6,7 +6,7 @@ use trace::{Sidecar, Trace};
 use whisker::events::{ContactDetector, DETECTORS, Sensing};
 use whisker::frames::Point;
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::{golden, scratch};
 
 pub(super) fn run(bytes: &[u8]) {
@@ -19,9 +19,9 @@ pub(super) fn run(bytes: &[u8]) {
     let file: Value = parse_json(bytes).expect("it was read");
     let text = serde_json::to_value(sidecar).expect("it serialises");
     same_json(&file, &text);
-    let again: Sidecar = serde_json::from_value(text).expect("what is written can be read");
+    let again: Sidecar = serde_json::from_value(text).expect("written data can be read");
     assert_eq!(&again, sidecar);
-    // Paths are made of these.
+    // Paths are formed from these names.
     for name in [&sidecar.name, &sidecar.group, &sidecar.whisker.name].into_iter().chain(&sidecar.recording) {
         assert_eq!(folder.join(name).parent(), Some(folder), "{name}");
     }

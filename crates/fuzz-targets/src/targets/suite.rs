@@ -1,10 +1,10 @@
-//! A suite, and a scene that it may name as `scene.json`.
+//! Suite with an optional scene `scene.json`.
 
 use serde_json::Value;
 use strict_json::parse_json;
 use trace::{Suite, is_plain_name};
 
-use crate::claims::{one_error, same_json};
+use crate::properties::{one_error, same_json};
 use crate::scratch;
 
 pub(super) fn run(bytes: &[u8]) {

@@ -1,22 +1,22 @@
-//! The table of a trace, beside a sidecar that says of it what is true.
+//! Table of a trace, with a sidecar of matching row count and hash.
 
 use files::sha256;
 use serde_json::json;
 use trace::{COLUMNS, Trace};
 
-use crate::claims::{is_decimal, one_error};
+use crate::properties::{is_decimal, one_error};
 use crate::{golden, scratch};
 
 pub(super) fn run(bytes: &[u8]) {
-    let Some(trace) = read("strange", bytes) else { return };
-    means_what_stands_there(bytes, &trace);
+    let Some(trace) = read("untrusted", bytes) else { return };
+    assert_values_match_the_text(bytes, &trace);
     let is_fine = |pair: &[trace::Instant]| pair[1].t_s - pair[0].t_s < 2e-6;
     if trace.recording.instants.windows(2).any(is_fine) {
-        // Finer than the decimals with which times are written.
+        // Time steps below the resolution of the written times.
         return;
     }
     let text = trace.to_csv();
-    let again = read("again", text.as_bytes()).expect("what is written can be read");
+    let again = read("again", text.as_bytes()).expect("written data can be read");
     assert_eq!(again.to_csv(), text);
     for (row, again) in rows(&trace).zip(rows(&again)) {
         for ((value, again), (column, decimals)) in row.into_iter().zip(again).zip(COLUMNS) {
@@ -38,12 +38,12 @@ fn read(name: &str, csv: &[u8]) -> Option<Trace> {
     one_error(Trace::read(&scratch::file(&format!("{name}.csv"), csv)), name)
 }
 
-/// Lines that are not empty, whatever ends them.
+/// Non-empty lines, for any line ending.
 fn lines(bytes: &[u8]) -> Vec<&[u8]> {
     bytes.split(|byte| matches!(byte, b'\n' | b'\r')).filter(|line| !line.is_empty()).collect()
 }
 
-fn means_what_stands_there(bytes: &[u8], trace: &Trace) {
+fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
     let lines = &lines(bytes)[1..];
     assert_eq!(lines.len(), trace.recording.instants.len());
     for (line, row) in lines.iter().zip(rows(trace)) {
@@ -61,7 +61,7 @@ fn means_what_stands_there(bytes: &[u8], trace: &Trace) {
     }
 }
 
-/// The values of each row, in the order of the columns.
+/// Values of each row in column order. Independent of the crate under test.
 fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len()]> {
     let flag = |value: Option<bool>| value.map(|value| f64::from(u8::from(value)));
     trace.recording.instants.iter().zip(&trace.truth.instants).map(move |(known, truth)| {

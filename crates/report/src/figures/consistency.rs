@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use plotters::style::{Color, RGBAColor};
-use testbed::consistency::{BY_ERRORS, BY_INNOVATIONS, Judged, interval};
+use testbed::consistency::{ConsistencyTest, NEES_TEST, NIS_TEST, interval};
 use testbed::metrics::consistency;
 use testbed::results::{ConsistencyRow, RunSet};
 
@@ -30,7 +30,7 @@ const PANEL_PX: f64 = 250.0;
 struct Average {
     title: &'static str,
     label: &'static str,
-    judged: Judged,
+    judged: ConsistencyTest,
     value: fn(&ConsistencyRow) -> Option<f64>,
 }
 
@@ -38,13 +38,13 @@ const AVERAGES: [Average; 2] = [
     Average {
         title: "normalised estimation error squared (NEES)",
         label: "average over runs",
-        judged: BY_ERRORS,
+        judged: NEES_TEST,
         value: |row| row.anees,
     },
     Average {
         title: "normalised innovation squared (NIS)",
         label: "average over runs",
-        judged: BY_INNOVATIONS,
+        judged: NIS_TEST,
         value: |row| row.anis,
     },
 ];
@@ -120,7 +120,7 @@ fn column(data: &RunData, set: &RunSet) -> Column {
     let labels = data.labels();
     let coverage = data.under_test().filter_map(|estimator| {
         let row = data.summary_of(set, estimator)?;
-        let verdict = data.average_of(set, estimator, &BY_ERRORS)?.verdict().word();
+        let verdict = data.average_of(set, estimator, &NEES_TEST)?.verdict().word();
         let place = data.place_of(estimator);
         Some((Look::of(place), labels[place].clone(), row.get(&consistency::COVERAGE)?, verdict.to_owned()))
     });

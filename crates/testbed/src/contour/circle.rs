@@ -1,8 +1,10 @@
-//! A circle through the touched part of a contour.
+//! Circle fitted to the touched part of a contour.
 //!
-//! Geometric: the weighted squares of the distances from the circle are least (Gauss-Newton). The errors of a contour are alike at nearby vertices, and so
-//! smooth an error looks like another radius: their covariance is `sd_i sd_j exp(-way / CORRELATION_M)`, and the interval follows
-//! from it (generalised least squares). Where the contour is farther from any circle than that allows, the interval is as much wider (Birge 1932).
+//! Geometric fit: minimises the weighted squared distances from the circle (Gauss-Newton). Errors of nearby vertices
+//! are correlated, and a smooth error resembles a different radius. The covariance is modelled as `sd_i sd_j
+//! exp(-distance / CORRELATION_M)` with the distance along the contour, and the interval of the radius follows by
+//! generalised least squares. If the residuals exceed the stated uncertainty, the interval is scaled by the Birge ratio
+//! (Birge 1932).
 
 use filters::least_squares::{Method, Outcome, Problem, Quadratic, Settings, minimise};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Matrix3, Vector2, Vector3};
@@ -11,37 +13,38 @@ use whisker::frames::{Point, World};
 use super::{Contour, Vertex};
 use crate::statistics::{NORMAL_95, rms};
 
-/// Way along the outline over which its errors become others: that of a sensor model's error (`error_length_m` of the filters).
+/// Correlation length of a contour's errors, equal to that of a sensor model's error (`error_length_m` of the filters).
 const CORRELATION_M: f64 = 1e-2;
 
-/// Fewest vertices, and shortest way relative to the radius, that tell of a circle.
+/// Minimum number of vertices and minimum arc that determine a circle.
 const LEAST_VERTICES: usize = 5;
 const LEAST_ARC_RAD: f64 = 0.1;
 
-/// What is round lies so many times nearer to a circle than to any two straight lines.
+/// Minimum ratio of the residuals of two straight lines to those of a circle for a contour to be classified as round.
 const LEAST_ROUND: f64 = 4.0;
 
 /// Gauss-Newton method, until the circle moves by less than 1e-12 m.
 const SETTINGS: Settings =
     Settings { method: Method::GaussNewton, iterations: 100, absolute: 0.0, relative: 0.0, step: 1e-12 };
 
-/// A circle.
+/// Circle with the uncertainty of its radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Circle {
-    /// Its middle.
+    /// Centre.
     pub center: Point<World>,
-    /// Its radius.
+    /// Radius.
     pub radius_m: f64,
-    /// The interval that holds the radius with 95 %: of the curvature, which errors change evenly; no upper end where a straight line is within it.
+    /// Lower end of the 95 % interval of the radius, computed as an interval of the curvature, whose error is nearly
+    /// Gaussian.
     pub low_m: f64,
-    /// Upper end.
+    /// Upper end of the interval. `None` if the interval includes a straight line.
     pub high_m: Option<f64>,
-    /// Root mean square distance of the contour's touched vertices from it.
+    /// RMS distance of the contour's touched vertices from the circle.
     pub residual_rms_m: f64,
 }
 
 impl Circle {
-    /// The circle of which a contour is an arc; nothing where it is too short to tell or states no uncertainty.
+    /// Circle fitted to a contour. `None` if the contour is too short or states no uncertainty.
     pub fn through(contour: &Contour) -> Option<Self> {
         let vertices: Vec<&Vertex> = contour.vertices.iter().filter(|vertex| vertex.touched).collect();
         if vertices.len() < LEAST_VERTICES {
@@ -83,8 +86,9 @@ impl Circle {
         })
     }
 
-    /// The same where the contour itself says that it is round: what was touched of it lies several times nearer to a circle than to any two straight lines, and
-    /// to none so wide that a straight line is within the interval of its radius.
+    /// Circle fitted to a contour that is classified as round: its touched vertices are several times nearer to a
+    /// circle than to any two straight lines, and the interval of the radius excludes a straight line. `None`
+    /// otherwise.
     pub fn round(contour: &Contour) -> Option<Self> {
         let circle = Self::through(contour)?;
         let touched = contour.vertices.iter().filter(|vertex| vertex.touched);
@@ -94,7 +98,8 @@ impl Circle {
     }
 }
 
-/// Root mean square distance of points from the two straight lines that fit them best, one up to some point and one from the next.
+/// RMS distance of points from the two straight lines that fit them best, one for the points before a split and one for
+/// those after it.
 fn two_lines_rms_m(points: &[Vector2<f64>]) -> f64 {
     let squares_m2 = |points: &[Vector2<f64>]| {
         let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
@@ -148,7 +153,7 @@ fn inverse(approximation: &Quadratic) -> Option<Matrix3<f64>> {
     Matrix3::from_column_slice(approximation.curvature.as_slice()).try_inverse()
 }
 
-/// Distances outside of the circle `(x, y, radius)`.
+/// Signed distances from the circle `(x, y, radius)`, positive outside.
 fn off(points: &[Vector2<f64>], circle: &Vector3<f64>) -> DVector<f64> {
     DVector::from_iterator(points.len(), points.iter().map(|point| (point - circle.xy()).norm() - circle.z))
 }
@@ -160,7 +165,7 @@ fn jacobian(points: &[Vector2<f64>], circle: &Vector3<f64>) -> DMatrix<f64> {
     })
 }
 
-/// Where to begin: the circle whose equation the points meet best, `|p|^2 = 2 c p + e` (Kasa 1976), about their mean.
+/// Initial value: algebraic fit of `|p|^2 = 2 c p + e` about the mean of the points (Kasa 1976).
 fn algebraic(points: &[Vector2<f64>]) -> Option<Vector3<f64>> {
     let mean = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
@@ -184,7 +189,7 @@ mod tests {
 
     const SD_M: f64 = 5e-5;
 
-    /// An arc with correlated errors.
+    /// Arc with exponentially correlated errors.
     fn arc(radius_m: f64, turn_rad: f64, sd_m: f64, seed: u64) -> Contour {
         let mut rng = Pcg64::seed_from_u64(seed);
         let step_m = 1e-3;
@@ -206,14 +211,14 @@ mod tests {
     }
 
     #[test]
-    fn verif_an_exact_arc_gives_its_circle() {
+    fn verif_recovers_the_circle_of_an_exact_arc() {
         let circle = Circle::through(&arc(0.05, 0.4, 0.0, 1)).expect("a circle");
         assert!((circle.radius_m - 0.05).abs() < 1e-9 && circle.residual_rms_m < 1e-9);
         assert!(circle.center.distance(&Point::new(0.1, -0.2)) < 1e-9);
     }
 
     #[test]
-    fn val_the_interval_holds_the_radius_as_often_as_it_says() {
+    fn val_the_interval_has_its_nominal_coverage() {
         let holds = |seed| {
             let circle = Circle::through(&arc(0.05, 0.4, SD_M, seed)).expect("a circle");
             circle.low_m <= 0.05 && circle.high_m.is_none_or(|high_m| high_m >= 0.05)
@@ -234,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_flat_or_a_point_is_no_circle() {
+    fn robust_a_straight_line_or_a_point_has_no_circle() {
         let at = |i: i32| Point::new(1e-3 * f64::from(i), 0.0);
         let vertex = |i: i32| Vertex {
             at: at(i),

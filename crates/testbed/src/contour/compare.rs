@@ -1,4 +1,4 @@
-//! A contour beside the true outline, unaligned.
+//! Comparison of a contour with the true outline, without alignment.
 
 use nalgebra::Vector2;
 use trace::Outline;
@@ -7,26 +7,26 @@ use whisker::frames::{Point, World};
 use super::{Contour, Vertex, touched_stretch};
 use crate::statistics::{NORMAL_95, mean, quantile};
 
-/// Both outlines are compared at points no farther apart than this.
+/// Maximum distance between the points at which both outlines are compared.
 const STEP_M: f64 = 1e-4;
 
-/// How far a contour lies from the true outline.
+/// Deviation of a contour from the true outline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Mean distance of the contour's points from the true outline.
     pub mean_m: f64,
     /// 95th percentile of those distances.
     pub p95_m: f64,
-    /// The largest of those distances and of the distances of the touched part of the true outline from the contour; nothing where it is not known what
-    /// was touched.
+    /// Hausdorff distance: maximum over the contour's points of the distance from the true outline, and over the
+    /// touched part of the true outline of the distance from the contour. `None` if the touched part is unknown.
     pub hausdorff_m: Option<f64>,
-    /// Share of the contour's points through whose 95 % region, the ellipse of 1.96 standard deviations, the true outline runs; nothing where the contour
-    /// has none.
+    /// Fraction of the contour's points whose 95 % region, the ellipse of 1.96 standard deviations, intersects the true
+    /// outline. `None` if the contour states no covariance.
     pub band_coverage: Option<f64>,
 }
 
 impl Comparison {
-    /// Lays a contour beside the true outline, of which a part was truly touched.
+    /// Compares a contour with the true outline, of which `touched` is the touched part.
     pub fn new(contour: &Contour, outline: &Outline, touched: &Touched) -> Self {
         let points = sampled(contour);
         let distances_m: Vec<f64> = points.iter().map(|point| outline.distance_m(point.at)).collect();
@@ -43,12 +43,12 @@ impl Comparison {
     }
 }
 
-/// Points along the part of a true outline that was touched; none where that is not known.
+/// Touched part of a true outline, as points; empty if unknown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Touched(Vec<Vector2<f64>>);
 
 impl Touched {
-    /// The part of an outline between the places that were touched.
+    /// Part of an outline between the touched positions.
     pub fn new(outline: &Outline, touched: impl IntoIterator<Item = Point<World>>) -> Self {
         let plain = |point: Point<World>| (point.x(), point.y());
         let line: Vec<(f64, f64)> = outline.vertices().iter().copied().map(plain).collect();
@@ -57,9 +57,10 @@ impl Touched {
 }
 
 impl Vertex {
-    /// Whether the true outline runs through this vertex' 95 % region, the ellipse of 1.96 standard deviations. A straight outline does so with a
-    /// probability of 95 %, however the ellipse lies: the ellipse reaches as far across it as its normal band. Where the outline is but a corner both
-    /// directions count, and the probability is between that and the 85 % of a point.
+    /// Whether the true outline intersects the 95 % region of this vertex, the ellipse of 1.96 standard deviations. For
+    /// a straight outline the probability is 95 % for any orientation of the ellipse, since the extent of the ellipse
+    /// across the outline equals the normal band. At a corner both directions count, and the probability is between 95
+    /// % and the 85 % of a point. `None` without a covariance.
     fn holds(&self, outline: &Outline) -> Option<bool> {
         let whitening = self.covariance_m2?.cholesky()?.l().try_inverse()?;
         let line: Vec<_> = outline.vertices().iter().map(|at| whitening * (at.vector() - self.at.vector())).collect();
@@ -67,7 +68,7 @@ impl Vertex {
     }
 }
 
-/// Distance from a point to the line through some vertices.
+/// Distance from a point to a polyline.
 fn distance(line: &[Vector2<f64>], point: Vector2<f64>) -> f64 {
     let vertices = line.iter().map(|vertex| (vertex - point).norm_squared());
     let edges = line.windows(2).map(|edge| {
@@ -78,7 +79,7 @@ fn distance(line: &[Vector2<f64>], point: Vector2<f64>) -> f64 {
     vertices.chain(edges).fold(f64::INFINITY, f64::min).sqrt()
 }
 
-/// The contour's vertices with points between them, each with a band between those of its neighbours.
+/// Vertices of the contour with interpolated points between them; covariances are interpolated linearly.
 fn sampled(contour: &Contour) -> Vec<Vertex> {
     let between = contour.vertices.windows(2).flat_map(|edge| {
         let (from, to) = (edge[0], edge[1]);
@@ -92,7 +93,7 @@ fn sampled(contour: &Contour) -> Vec<Vertex> {
     between.chain(contour.vertices.last().copied()).collect()
 }
 
-/// Points along a line.
+/// Points along a polyline.
 fn along(line: &[(f64, f64)]) -> impl Iterator<Item = Vector2<f64>> {
     let at = |&(x, y): &(f64, f64)| Vector2::new(x, y);
     let between = line.windows(2).flat_map(move |edge| {
@@ -102,7 +103,7 @@ fn along(line: &[(f64, f64)]) -> impl Iterator<Item = Vector2<f64>> {
     between.chain(line.last().map(at))
 }
 
-/// Where an edge is sampled, from its beginning to before its end.
+/// Sample positions on an edge as fractions of its length, in `[0, 1)`.
 fn parts(length_m: f64) -> impl Iterator<Item = f64> {
     let count = (length_m / STEP_M).ceil().max(1.0);
     (0..count as usize).map(move |i| i as f64 / count)
@@ -129,9 +130,9 @@ mod tests {
     }
 
     #[test]
-    fn val_a_line_beside_a_face() {
+    fn val_distances_of_a_line_parallel_to_a_face() {
         let touched = Touched::new(&square(), [Point::new(0.002, 0.0), Point::new(0.008, 0.0)]);
-        // Half a millimetre below the face, and shorter than what was touched by a millimetre at one end.
+        // Half a millimetre below the face, and one millimetre shorter than the touched part at one end.
         let beside = contour(&[(0.002, -5e-4), (0.007, -5e-4)], Some(3e-4));
         let found = Comparison::new(&beside, &square(), &touched);
         assert!((found.mean_m - 5e-4).abs() < 1e-12 && (found.p95_m - 5e-4).abs() < 1e-12);
@@ -141,9 +142,9 @@ mod tests {
         assert_eq!(Comparison::new(&narrow, &square(), &touched).band_coverage, Some(0.0));
     }
 
-    /// Half a millimetre off a corner, outside of both faces: of the normal band nothing is there, of the ellipse is what it is long.
+    /// Outside of both faces of a corner: coverage depends on the extent of the ellipse in all directions.
     #[test]
-    fn val_at_a_corner_all_directions_count() {
+    fn val_coverage_at_a_corner_depends_on_all_directions() {
         let off = Point::new(-3e-4, -3e-4);
         let beside = |along_m: f64| {
             let (n, t) = (Vector2::new(1.0, -1.0).normalize(), Vector2::new(1.0, 1.0).normalize());
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_what_is_not_known_is_not_stated() {
+    fn verif_unknown_quantities_are_none() {
         let found = Comparison::new(&contour(&[(0.005, 1e-4)], None), &square(), &Touched::default());
         assert!((found.mean_m - 1e-4).abs() < 1e-12);
         assert_eq!((found.hausdorff_m, found.band_coverage), (None, None));

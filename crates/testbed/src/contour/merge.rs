@@ -1,19 +1,21 @@
-//! Many surface points to one outline with a band.
+//! Merging of surface points into one outline with an uncertainty band.
 //!
-//! **Order.** Neither place nor orientation alone orders points along an outline: a corner has many orientations in one place, a flat one orientation in
-//! many places. Pushed outwards along its normal by [`REACH_M`], a convex outline is a smooth curve around the middle of the points that touch it, on which
-//! both become ways: seen from that middle, the pushed points stand in order, through corners and over flats, and for a single pin, too.
+//! **Order.** Neither position nor orientation alone orders points along an outline: a corner has many orientations at
+//! one position, a flat face one orientation at many positions. A convex outline offset outwards along its normals by
+//! [`REACH_M`] is a smooth curve around the centre of its points, on which both are arc lengths. Sorted by the polar
+//! angle about that centre, the offset points are in order, through corners, over flat faces and for a single pin.
 //!
-//! **Merging.** Points that fall into the same stretch of [`CELL_M`] of the pushed outline become one. Their errors are strongly correlated: a filter
-//! that is off stays off, and comes back off on the next stroke. How strongly nobody knows, so their information is averaged, not added
-//! (covariance intersection, Julier and Uhlmann 1997): with weights `w` of sum one
-//! `P^-1 = sum w C^-1`, `x = P sum w C^-1 p`, which is consistent whatever the correlation and as sure as its surest point, however many there
-//! are. A point's weight is what it tells across the outline, `1 / (n' C n)`.
+//! **Merging.** Points in the same cell of length [`CELL_M`] of the offset outline are merged. Their errors are
+//! strongly correlated: a filter's error persists over time and recurs in the next stroke. The correlation is unknown,
+//! so information is averaged rather than added (covariance intersection, Julier and Uhlmann 1997): with weights `w` of
+//! sum one, `P^-1 = sum w C^-1` and `x = P sum w C^-1 p`, which is consistent for any correlation, and never more
+//! certain than the most certain point. The weight of a point is its information across the outline, `1 / (n' C n)`.
 //!
-//! **Band.** Each stretch keeps its full covariance: an error along the outline leaves it where it bends, and at a corner all directions count. How far
-//! the points of a stretch lie apart tells how much of their error they do not share: whatever the correlation, the mean square error of the points
-//! is that of their mean and their scatter about it, so that `E (x - truth)^2 = C - scatter` across the outline. The share of the scatter in what the
-//! points state is taken from the whole outline; no stretch is surer than its own points disagree, as where they state too little.
+//! **Band.** Each cell keeps its full covariance: an error along the outline has no effect on a straight part, but at a
+//! corner all directions count. The scatter of a cell's points measures the uncorrelated part of their errors: for any
+//! correlation, the mean square error of the points is that of their mean plus their scatter about it, so that `E (x -
+//! truth)^2 = C - scatter` across the outline. The ratio of scatter to stated variance is averaged over the whole
+//! outline. The band of a cell is never narrower than the scatter of its own points.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -25,22 +27,22 @@ use whisker::frames::Point;
 use super::{Contour, MOST_SD_M, SurfacePoint, Vertex, direction};
 use crate::statistics::{NORMAL_95, mean};
 
-/// How far points are pushed outwards to be put in order: the way that counts as much as a turn by one radian.
+/// Outward offset used for ordering: length that counts as much as a rotation by one radian.
 const REACH_M: f64 = 1e-2;
 
-/// Length of the pushed outline of which the points become one.
+/// Length of a cell on the offset outline.
 const CELL_M: f64 = 1e-3;
 
-/// Least share of a point's variance that is taken to be common to all of its stretch: three strokes are no ten.
+/// Lower bound of the common fraction of the points' variance within a cell.
 const LEAST_KEPT: f64 = 0.1;
 
-/// Longest way along the tangents from one stretch to the next, over that along their chord: a turn by a right angle.
+/// Upper bound of the path along the tangents between two cells relative to the chord; sqrt(2) is a right angle.
 const LONGEST_DETOUR: f64 = std::f64::consts::SQRT_2;
 
-/// An outline is bridged in steps of this length where it was not touched between two stretches.
+/// Length of the steps that bridge untouched parts between two cells.
 const BRIDGE_STEP_M: f64 = 1e-3;
 
-/// The outline through surface points of a convex object; nothing where none says where it is.
+/// Outline through surface points of a convex object. `None` if no point is usable.
 pub(super) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Contour> {
     let points: Vec<Placed> = points.into_iter().filter_map(Placed::new).collect();
     let cells = cells(&points);
@@ -50,13 +52,13 @@ pub(super) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> 
     (!vertices.is_empty()).then(|| Contour { vertices: bridged(&vertices) })
 }
 
-/// A point with its normal.
+/// Surface point with its information.
 struct Placed {
     at: Vector2<f64>,
     normal: Vector2<f64>,
-    /// Inverse covariance; all alike where none is stated.
+    /// Inverse covariance; the identity if no covariance is stated.
     information: Matrix2<f64>,
-    /// What it tells across the outline.
+    /// Information across the outline.
     weight: f64,
     is_stated: bool,
 }
@@ -78,13 +80,13 @@ impl Placed {
         })
     }
 
-    /// The point pushed outwards.
+    /// Position offset outwards.
     fn pushed(&self) -> Vector2<f64> {
         self.at + self.normal * REACH_M
     }
 }
 
-/// The points of each stretch, counter-clockwise around the object.
+/// Points of each cell, counter-clockwise around the object.
 fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
     let middle = points.iter().map(|point| point.at).sum::<Vector2<f64>>() / points.len().max(1) as f64;
     let seen_at = |point: &Placed| {
@@ -93,7 +95,7 @@ fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
     };
     let mut placed: Vec<(f64, &Placed)> = points.iter().map(|point| (seen_at(point), point)).collect();
     placed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    // The row begins behind the widest gap; that before the first point reaches around to the last.
+    // The sequence starts after the widest gap; the gap before the first point wraps around to the last.
     let around = placed.first().zip(placed.last()).map(|(first, last)| (first.0 - last.0).rem_euclid(2.0 * PI));
     let gaps = around.into_iter().chain(placed.windows(2).map(|pair| pair[1].0 - pair[0].0));
     let widest = gaps.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(place, _)| place);
@@ -104,7 +106,7 @@ fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
     for (_, point) in placed {
         let (pushed, normal) = (point.pushed(), point.normal);
         if let Some((before, normal_before)) = last {
-            // Along the tangent alone: what the points are off across the outline is no way along it, and what they are off along it cancels.
+            // Increment along the tangent only: errors across the outline do not count, and errors along it cancel.
             let outward = normal + normal_before;
             let along = Vector2::new(-outward.y, outward.x).try_normalize(f64::MIN_POSITIVE).unwrap_or_default();
             way_m += along.dot(&(pushed - before));
@@ -115,18 +117,19 @@ fn cells(points: &[Placed]) -> Vec<Vec<&Placed>> {
     cells.into_values().collect()
 }
 
-/// The points of one stretch together.
+/// Merged points of one cell.
 struct Merged {
     at: Vector2<f64>,
     normal: Vector2<f64>,
-    /// Covariance of one point, where stated.
+    /// Covariance of a single point, if stated.
     covariance_m2: Option<Matrix2<f64>>,
-    /// Mean square distance of the points from this one, across the outline, over what they state.
+    /// Mean squared distance of the points from the merged position across the outline, relative to their stated
+    /// variance.
     scatter: f64,
 }
 
 impl Merged {
-    /// Nothing where the points contradict each other.
+    /// Merges the points of a cell. `None` if the points are inconsistent.
     fn new(points: &[&Placed]) -> Option<Self> {
         let total: f64 = points.iter().map(|point| point.weight).sum();
         let share = |point: &Placed| point.weight / total;
@@ -141,12 +144,13 @@ impl Merged {
             points.iter().map(|point| share(point) * point.normal.dot(&(point.at - at)).powi(2)).sum();
         let stated_m2: f64 = points.iter().map(|point| share(point) / point.weight).sum();
         let covariance_m2 = points.iter().all(|point| point.is_stated).then_some(covariance);
-        // Points that state far too little of their errors, along nearly the same line, cross anywhere.
+        // Points with far too small covariances along nearly the same line have an ill-conditioned intersection.
         let is_near = points.iter().any(|point| (point.at - at).norm() <= MOST_SD_M);
         is_near.then_some(Self { at, normal, covariance_m2, scatter: scatter_m2 / stated_m2 })
     }
 
-    /// The vertex, of whose points' variance across the outline this share is common to all.
+    /// Vertex with a band; `kept` is the fraction of the points' variance across the outline that is common to all of
+    /// them.
     fn vertex(&self, kept: f64) -> Vertex {
         let across = self.normal * self.normal.transpose();
         let narrowed = Matrix2::identity() + across * (kept.max(self.scatter).sqrt() - 1.0);
@@ -156,8 +160,9 @@ impl Merged {
     }
 }
 
-/// Puts vertices between those that lie apart. A convex outline that touches the tangents at both ends runs between its chord and their crossing; halfway
-/// between runs the parabola that has them as tangents, and the band of 95 % reaches from the one border to the other.
+/// Interpolates between distant vertices. A convex outline tangent at both ends lies between the chord and the
+/// intersection of the tangents. The interpolation is the parabola with these tangents, halfway between, and the 95 %
+/// band covers the whole region.
 fn bridged(vertices: &[Vertex]) -> Vec<Vertex> {
     let mut bridged: Vec<Vertex> = vertices.first().copied().into_iter().collect();
     for pair in vertices.windows(2) {
@@ -183,8 +188,8 @@ fn bridged(vertices: &[Vertex]) -> Vec<Vertex> {
     bridged
 }
 
-/// Where the tangents at two vertices cross, if that is ahead of the one and behind the other. Where the way there is longer than [`LONGEST_DETOUR`] the
-/// vertices contradict each other and tell nothing of what is between them.
+/// Intersection of the tangents at two vertices. `None` unless it is ahead of the first and behind the second vertex
+/// and the path over it is at most [`LONGEST_DETOUR`] times the chord; otherwise the vertices are inconsistent.
 fn crossing(from: &Vertex, to: &Vertex) -> Option<Vector2<f64>> {
     let (ahead, behind) = (direction(from.normal_rad + 0.5 * PI), direction(to.normal_rad - 0.5 * PI));
     let chord = to.at.vector() - from.at.vector();
@@ -203,7 +208,7 @@ mod tests {
         SurfacePoint { row: 0, touch: 0, since_touch_s: 0.0, at, normal, covariance_m2: Some(covariance_m2) }
     }
 
-    /// A point whose error lies along the outline, as those of whiskers do.
+    /// Point whose error is mainly along the outline, as is typical of whiskers.
     fn point(x_m: f64, y_m: f64, normal_deg: f64) -> SurfacePoint {
         let normal_rad = normal_deg.to_radians();
         let (n, t) = (direction(normal_rad), direction(normal_rad + 0.5 * PI));
@@ -218,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_strokes_over_an_arc_become_one_line_in_order() {
+    fn verif_strokes_over_an_arc_are_merged_in_order() {
         let mut points = circle(0.015, 200.0, 260.0, 300);
         points.extend(circle(0.015, 260.0, 200.0, 250));
         let contour = merged(&points).expect("an outline");
@@ -229,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_many_points_are_no_surer_than_one() {
+    fn verif_correlated_points_do_not_reduce_the_covariance() {
         let sd = |count| {
             merged(&vec![point(0.0, 0.0, 90.0); count]).expect("an outline").vertices[0].sd_m().expect("stated")
         };
@@ -237,15 +242,15 @@ mod tests {
     }
 
     #[test]
-    fn verif_points_that_disagree_widen_the_band() {
+    fn verif_scatter_widens_the_band() {
         let points = [point(0.0, 3e-4, 90.0), point(0.0, -3e-4, 90.0)];
         let sd_m = merged(&points).expect("an outline").vertices[0].sd_m().expect("stated");
         assert!((sd_m - 3e-4).abs() < 1e-12);
     }
 
     #[test]
-    fn verif_corner_and_flats_stand_in_order() {
-        // Along the lower face, around the corner at the origin, up the right face.
+    fn verif_corners_and_flat_faces_are_ordered() {
+        // Along the lower face, around the corner at the origin, along the right face.
         let flat = (0..20).map(|i| point(-0.02 + 1e-3 * f64::from(i), 0.0, -90.0));
         let corner = (0..20).map(|i| point(0.0, 0.0, -90.0 + 4.5 * f64::from(i)));
         let side = (0..20).map(|i| point(0.0, 1e-3 * f64::from(i), 0.0));
@@ -258,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_flat_between_two_corners_is_known_and_a_gap_in_an_arc_is_not() {
+    fn verif_bands_of_bridges_are_narrow_on_flat_faces_and_wide_on_arcs() {
         let corners: Vec<SurfacePoint> = (0..10)
             .flat_map(|i| [point(-5e-3, 0.0, -100.0 + f64::from(i)), point(5e-3, 0.0, -90.0 + f64::from(i))])
             .collect();
@@ -282,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_points_that_contradict_each_other_say_nothing() {
+    fn robust_inconsistent_points_are_dropped() {
         let needle = |x_m: f64, tilt_rad: f64| {
             let (n, t) = (direction(tilt_rad), direction(tilt_rad + 0.5 * PI));
             let covariance = n * n.transpose() * 1e-18 + t * t.transpose() * 1e-7;
@@ -292,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_unsure_points_say_nothing() {
+    fn robust_uncertain_points_are_dropped() {
         let vague = SurfacePoint { covariance_m2: Some(Matrix2::identity() * 1e-4), ..point(0.0, 0.0, 0.0) };
         assert_eq!(merged(&[vague]), None);
         assert_eq!(merged(&[]), None);

@@ -1,7 +1,8 @@
-//! The outline of an object as an estimator found it, with an uncertainty band, and how far it lies from the truth.
+//! Object outlines estimated from contacts, with uncertainty bands, and their comparison with the true outline.
 //!
-//! The surface points of many contacts and strokes become one [`Contour`] (`merge`), unless the estimator carries an outline of its own. It is compared
-//! with the true outline without being aligned to it (`compare`). A round object's radius follows from it (`circle`).
+//! The surface points of all contacts and strokes are merged into one [`Contour`] (`merge`), unless the estimator has
+//! an outline of its own. A contour is compared with the true outline without alignment (`compare`). If it is round, a
+//! circle is fitted to it (`circle`).
 
 mod circle;
 mod compare;
@@ -16,56 +17,59 @@ pub use strokes::second_stroke;
 
 use filters::product;
 use nalgebra::{Matrix2, Vector2};
-use whisker::estimators::{Estimate, OutlinePoint};
+use trace::Recording;
+use whisker::estimators::{Estimate, Knowledge, OutlinePoint};
 use whisker::frames::{Point, World};
 
-use crate::metrics::Trial;
-use crate::replay::Replay;
-
-/// One vertex of a contour.
+/// Vertex of a contour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
-    /// Where the surface is.
+    /// Position on the surface.
     pub at: Point<World>,
     /// Direction of the outward normal in World.
     pub normal_rad: f64,
-    /// Covariance, where the estimator states any.
+    /// Covariance of the position in World, if stated.
     pub covariance_m2: Option<Matrix2<f64>>,
-    /// Whether it was touched; where not, the outline is bridged.
+    /// Whether the vertex was touched; untouched vertices are interpolated.
     pub touched: bool,
 }
 
 impl Vertex {
-    /// Standard deviation across the outline.
+    /// Standard deviation across the outline. `None` without a covariance.
     pub fn sd_m(&self) -> Option<f64> {
         let normal = direction(self.normal_rad);
         Some(normal.dot(&(self.covariance_m2? * normal)).sqrt())
     }
 }
 
-/// A piece of outline: vertices counter-clockwise around the object, joined by straight lines.
+/// Part of an outline: counter-clockwise polyline.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contour {
-    /// The vertices.
+    /// Vertices.
     pub vertices: Vec<Vertex>,
 }
 
 impl Contour {
-    /// The outline that an estimator found in a trial; nothing where it found none. `said` is what its estimates say of the surface.
+    /// Outline estimated in a trial. `None` if there is none.
     ///
-    /// This is the one place that decides where an outline comes from: from the estimator where it carries one, as it is at the end; otherwise the surface
-    /// points of all contacts from the row `since` on, merged.
-    pub fn found(trial: &Trial<'_>, replay: &Replay, said: &[SurfacePoint], since: usize) -> Option<Self> {
-        match &replay.outline {
-            Some(outline) => carried(trial, outline),
+    /// If the estimator has an outline of its own, its final state is used. Otherwise the surface points of all contacts
+    /// from the row `since` on are merged, each touch after a settling time.
+    pub fn found(
+        recording: &Recording,
+        outline: Option<&[OutlinePoint]>,
+        points: &[SurfacePoint],
+        since: usize,
+    ) -> Option<Self> {
+        match outline {
+            Some(outline) => carried(recording, outline),
             None => {
                 let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
-                Self::merged(said.iter().filter(counts))
+                Self::merged(points.iter().filter(counts))
             }
         }
     }
 
-    /// The outline of a convex object through surface points, of one whisker or of several; nothing where none says where it is.
+    /// Outline of a convex object through surface points of one or several whiskers. `None` if no point is usable.
     pub(crate) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Self> {
         merge::merged(points)
     }
@@ -77,9 +81,9 @@ pub(crate) fn direction(angle_rad: f64) -> Vector2<f64> {
     Vector2::new(cos, sin)
 }
 
-/// The outline that an estimator carries, in World and counter-clockwise; nothing of it is left where none of it is sure.
-fn carried(trial: &Trial<'_>, outline: &[OutlinePoint]) -> Option<Contour> {
-    let start = trial.trace.recording.instants.first()?.base;
+/// Outline of an estimator (in Start), transformed to World, counter-clockwise. `None` if all of its points are too uncertain.
+fn carried(recording: &Recording, outline: &[OutlinePoint]) -> Option<Contour> {
+    let start = recording.instants.first()?.base;
     let vertex = |point: &OutlinePoint| {
         let normal = start.rotation() * point.normal;
         Vertex {
@@ -94,20 +98,20 @@ fn carried(trial: &Trial<'_>, outline: &[OutlinePoint]) -> Option<Contour> {
     (!vertices.is_empty()).then_some(Contour { vertices })
 }
 
-/// What one estimate says of the surface.
+/// Surface point computed from one estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Row of the trace.
     pub(crate) row: usize,
-    /// Row at which the touch began.
+    /// Row of the start of the touch.
     pub(crate) touch: usize,
-    /// Time since then.
+    /// Time since the start of the touch.
     pub(crate) since_touch_s: f64,
-    /// Where the surface is, in World.
+    /// Position on the surface, in World.
     pub(crate) at: Vector2<f64>,
-    /// Outward normal in World, a unit vector: from the object to the whisker.
+    /// Unit outward normal in World, from the object to the whisker.
     pub(crate) normal: Vector2<f64>,
-    /// Covariance, where stated.
+    /// Covariance of the position in World, if stated.
     pub(crate) covariance_m2: Option<Matrix2<f64>>,
 }
 
@@ -117,10 +121,11 @@ impl SurfacePoint {
         self.normal.y.atan2(self.normal.x)
     }
 
-    /// Whether its place is sure enough to say where the outline is, in every direction; one that states nothing counts as sure.
+    /// Whether the position is certain enough in every direction, see [`MOST_SD_M`]. Points without a covariance
+    /// qualify.
     pub(crate) fn is_sure(&self) -> bool {
         self.covariance_m2.is_none_or(|covariance| {
-            // The larger eigenvalue.
+            // Larger eigenvalue.
             let half_apart = 0.5 * (covariance.m11 - covariance.m22);
             let largest_m2 = 0.5 * covariance.trace() + (half_apart.powi(2) + covariance.m12.powi(2)).sqrt();
             largest_m2 <= MOST_SD_M * MOST_SD_M
@@ -128,35 +133,40 @@ impl SurfacePoint {
     }
 }
 
-/// A point whose place is less sure than this does not say where the outline is.
+/// Largest standard deviation of the position of a point that contributes to an outline.
 const MOST_SD_M: f64 = 1e-3;
 
-/// After a touch an estimator has so long to find the contact before what it says counts as outline.
+/// Settling time after a touch, during which estimates do not contribute to the outline.
 const SETTLING_S: f64 = 1.0;
 
-/// The surface points in World that an estimator stands for: not where it says itself that its sensor model does not hold, beyond the
-/// calibrated region or at the tip, and not farther from the root than the whisker is long, as filters that have run away say.
-pub fn surface_points(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<SurfacePoint> {
-    let instants = &trial.trace.recording.instants;
+/// Surface points of the estimates, in World. Estimates flagged as outside of the calibrated domain or at the tip are
+/// excluded, and so are diverged ones, whose contact is farther from the root than the whisker is long.
+pub fn surface_points(
+    recording: &Recording,
+    knowledge: &Knowledge,
+    readings_n_m: &[f64],
+    estimates: &[Option<Estimate>],
+) -> Vec<SurfacePoint> {
+    let instants = &recording.instants;
     let mut points = Vec::with_capacity(estimates.len());
     let mut begun = None;
-    for (row, ((known, &reading_n_m), estimate)) in instants.iter().zip(trial.readings_n_m).zip(estimates).enumerate() {
+    for (row, ((known, &reading_n_m), estimate)) in instants.iter().zip(readings_n_m).zip(estimates).enumerate() {
         let Some(estimate) = estimate else {
             begun = None;
             continue;
         };
         let touch = *begun.get_or_insert(row);
-        let is_on_whisker = estimate.contact.vector().norm() <= trial.knowledge.whisker.length_m;
+        let is_on_whisker = estimate.contact.vector().norm() <= knowledge.whisker.length_m;
         if !estimate.calibrated || estimate.at_tip || !is_on_whisker {
             continue;
         }
-        let tangent = direction(trial.knowledge.tangent_rad(estimate, reading_n_m));
+        let tangent = direction(knowledge.tangent_rad(estimate, reading_n_m));
         let outward = Vector2::new(-tangent.y, tangent.x) * estimate.face.away_sign();
         points.push(SurfacePoint {
             row,
             touch,
             since_touch_s: known.t_s - instants[touch].t_s,
-            at: known.base.apply(trial.knowledge.surface_beside(estimate, tangent)).vector(),
+            at: known.base.apply(knowledge.surface_beside(estimate, tangent)).vector(),
             normal: product(&known.base.rotation(), &outward),
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
         });

@@ -1,11 +1,11 @@
-//! The part of an outline that was touched.
+//! Touched part of an outline.
 
-/// A point of the world.
+/// Point in World.
 type Point = (f64, f64);
 
-/// The stretch of a closed outline (its first vertex repeated at the end) from the first to the last touched point along
-/// it: what is left of the outline without its longest untouched part. Touched points are moved to the nearest point of
-/// the outline, those that are not finite are left out; one point where only one place was touched, none where nothing was.
+/// Part of a closed outline (first vertex repeated at the end) from the first to the last touched point: the outline
+/// without its longest untouched part. Touched points are projected on the outline; non-finite points are ignored. The
+/// result is one point if only one position was touched and empty if there is none.
 pub fn touched_stretch(outline: &[Point], touched: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let arcs = arc_lengths(outline);
     let Some(&round) = arcs.last() else {
@@ -17,7 +17,7 @@ pub fn touched_stretch(outline: &[Point], touched: impl IntoIterator<Item = Poin
     let (Some(&first), Some(&last)) = (places.first(), places.last()) else {
         return Vec::new();
     };
-    // (length of an untouched part, where the stretch that avoids it starts, where it ends)
+    // (length of an untouched part, start and end of the stretch that avoids it)
     let inner = places.windows(2).map(|pair| (pair[1] - pair[0], pair[1], pair[0] + round));
     let outer = (first + round - last, first, last);
     let (_, from, to) = inner.fold(outer, |longest, gap| if gap.0 > longest.0 { gap } else { longest });
@@ -32,7 +32,7 @@ pub fn touched_stretch(outline: &[Point], touched: impl IntoIterator<Item = Poin
     stretch
 }
 
-/// Arc length from the first vertex to each.
+/// Arc length from the first vertex to each vertex.
 fn arc_lengths(outline: &[Point]) -> Vec<f64> {
     let sides = outline.windows(2).map(|side| (side[1].0 - side[0].0).hypot(side[1].1 - side[0].1));
     let first = outline.first().map(|_| 0.0);
@@ -43,7 +43,7 @@ fn arc_lengths(outline: &[Point]) -> Vec<f64> {
     first.into_iter().chain(sums).collect()
 }
 
-/// Arc length of the point of the outline nearest to a point.
+/// Arc length of the outline's point nearest to a point.
 fn arc_of_nearest(outline: &[Point], arcs: &[f64], (x, y): Point) -> f64 {
     let nearest_on_side = |(side, arc): (&[Point], &f64)| {
         let (dx, dy) = (side[1].0 - side[0].0, side[1].1 - side[0].1);
@@ -56,7 +56,7 @@ fn arc_of_nearest(outline: &[Point], arcs: &[f64], (x, y): Point) -> f64 {
     nearest.map_or(0.0, |(_, arc)| arc)
 }
 
-/// The point at an arc length.
+/// Point at an arc length.
 fn point_at(outline: &[Point], arcs: &[f64], arc: f64) -> Point {
     let after = arcs.partition_point(|vertex| *vertex < arc).clamp(1, arcs.len().max(2) - 1);
     let (Some(from), Some(to)) = (outline.get(after - 1), outline.get(after)) else {
@@ -73,18 +73,18 @@ mod tests {
     const SQUARE: [Point; 5] = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0), (0.0, 0.0)];
 
     #[test]
-    fn verif_the_stretch_joins_what_was_touched_around_a_corner() {
+    fn verif_the_stretch_continues_around_a_corner() {
         let touched = [(4.1, 1.0), (1.0, -0.1), (f64::NAN, 0.0), (3.0, 0.0)];
         assert_eq!(touched_stretch(&SQUARE, touched), [(1.0, 0.0), (4.0, 0.0), (4.0, 1.0)]);
     }
 
     #[test]
-    fn verif_the_stretch_may_run_through_the_first_vertex() {
+    fn verif_the_stretch_may_contain_the_first_vertex() {
         assert_eq!(touched_stretch(&SQUARE, [(1.0, 0.0), (0.0, 1.0)]), [(0.0, 1.0), (0.0, 0.0), (1.0, 0.0)]);
     }
 
     #[test]
-    fn verif_a_corner_alone_is_one_point() {
+    fn verif_a_touched_corner_is_one_point() {
         assert_eq!(touched_stretch(&SQUARE, [(5.0, -1.0), (4.0, 0.0)]), [(4.0, 0.0)]);
         assert!(touched_stretch(&SQUARE, []).is_empty());
         assert!(touched_stretch(&[], [(0.0, 0.0)]).is_empty());

@@ -1,16 +1,17 @@
-//! Strokes: the parts of a motion between reversals.
+//! Strokes: segments of a motion between reversals.
 
 use nalgebra::{Matrix2, Vector2};
 use trace::Recording;
 use whisker::RestShape;
 
-/// Turning back by less than this share of the whole way to and fro is no reversal.
+/// Smallest reversal, as a fraction of the range of the motion.
 const LEAST_SHARE: f64 = 0.1;
 
-/// First row of the second stroke: where the motion first turns back after the row `touch`. Nothing where it never does.
+/// First row of the second stroke: the first reversal of the motion after the row `touch`. `None` if there is no
+/// reversal.
 ///
-/// What moves is the middle of the undeflected whisker, so that turning the base counts, too; to and fro is the direction in which it
-/// spreads most in the rows from `touch` on.
+/// The motion is that of the midpoint of the undeflected whisker, so that rotations of the base count too, projected on
+/// its principal direction over the rows from `touch` on.
 pub fn second_stroke(recording: &Recording, rest: &RestShape, touch: usize) -> Option<usize> {
     let middle = rest.point(0.5 * rest.length_m());
     let places: Vec<Vector2<f64>> =
@@ -23,11 +24,11 @@ pub fn second_stroke(recording: &Recording, rest: &RestShape, touch: usize) -> O
     first_reversal(&ways_m).map(|row| touch + row)
 }
 
-/// Where a way first turns back.
+/// Row of the first reversal of a displacement.
 fn first_reversal(ways_m: &[f64]) -> Option<usize> {
     let all = |pick: fn(f64, f64) -> f64| ways_m.iter().copied().reduce(pick);
     let least_m = LEAST_SHARE * (all(f64::max)? - all(f64::min)?);
-    // Rows of the smallest and the largest so far; the one that is left behind by more than the least is where it turned.
+    // Rows of the running minimum and maximum. A reversal is an extremum that is left by more than the threshold.
     let (mut low, mut high) = (0, 0);
     for (row, &way_m) in ways_m.iter().enumerate() {
         if way_m < ways_m[low] {
@@ -51,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_the_second_stroke_begins_where_the_motion_turns_back() {
+    fn verif_the_second_stroke_starts_at_the_first_reversal() {
         let there_and_back: Vec<f64> = (0..100).map(|i| (f64::from(i) * 0.1).sin()).collect();
         assert_eq!(first_reversal(&there_and_back), Some(16));
         let away: Vec<f64> = there_and_back.iter().map(|way| -way).collect();

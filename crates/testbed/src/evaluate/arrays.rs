@@ -14,7 +14,7 @@ use whisker::estimators::BaseNoise;
 use super::contours::vertex_rows;
 use super::{EvaluateSettings, check_distinct};
 use crate::encoders::Encoders;
-use crate::map::{FoundObject, Judged, MapConfig, SceneMap, Truths, View, judged};
+use crate::map::{FoundObject, MapConfig, MapScore, SceneMap, Truths, View, score_map};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 use crate::results::{GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, RunMounted, RunRecording, csv_bytes};
@@ -228,7 +228,7 @@ pub(super) fn maps(
             if first.noise == settings.noise[0] && first.seed == settings.seeds[0] {
                 write_map(folder, first, &map, &views)?;
             }
-            let judged = judged(&map, &views, truths, &first.mounted.array);
+            let judged = score_map(&map, &views, truths, &first.mounted.array);
             Ok((map_row(first, &map, &views, &judged), object_rows(first, &map, &judged)))
         })
         .collect::<anyhow::Result<_>>()?;
@@ -287,7 +287,7 @@ fn write_map(folder: &Path, first: &Sighting, map: &SceneMap, views: &[&View]) -
     Ok(())
 }
 
-fn map_row(first: &Sighting, map: &SceneMap, views: &[&View], judged: &Judged) -> MapRow {
+fn map_row(first: &Sighting, map: &SceneMap, views: &[&View], judged: &MapScore) -> MapRow {
     MapRow {
         recording: first.mounted.recording(),
         group: first.group.clone(),
@@ -306,7 +306,7 @@ fn map_row(first: &Sighting, map: &SceneMap, views: &[&View], judged: &Judged) -
     }
 }
 
-fn object_rows(first: &Sighting, map: &SceneMap, judged: &Judged) -> Vec<MapObjectRow> {
+fn object_rows(first: &Sighting, map: &SceneMap, judged: &MapScore) -> Vec<MapObjectRow> {
     let array = &first.mounted.array;
     let row = |(place, found): (usize, &FoundObject)| {
         let truth = judged.objects.get(place);

@@ -14,7 +14,7 @@ use super::contours;
 use super::plan::Plan;
 use super::shards::{Outcome, Shards, Yield};
 use super::tables::{self, Place};
-use crate::consistency::{Average, BY_ERRORS, BY_INNOVATIONS};
+use crate::consistency::{Average, NEES_TEST, NIS_TEST};
 use crate::metrics::{METRICS, Scores};
 use crate::results::{
     ContourTrialRow, FailureRow, MapObjectRow, MapRow, SummaryHead, SummaryRow, TableFile, TrialRow, csv_bytes,
@@ -315,7 +315,7 @@ struct Score {
 impl Score {
     fn of(metric: usize, values: &[Option<f64>]) -> Self {
         let metric = &METRICS[metric];
-        let judged = [BY_ERRORS, BY_INNOVATIONS].into_iter().find(|judged| judged.metric.name == metric.name);
+        let judged = [NEES_TEST, NIS_TEST].into_iter().find(|judged| judged.metric.name == metric.name);
         let stated = || values.iter().copied().flatten().collect::<Vec<f64>>();
         let average = judged.and_then(|judged| Average::of_trials(judged.freedom, &stated()));
         Self { over_trials: metric.summary.of(values), average }
@@ -325,7 +325,7 @@ impl Score {
 /// What the innovations of a set say of the estimator's model; of one that states none, what its errors do.
 fn verdict(scores: &[Score]) -> Option<String> {
     let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
-    [BY_INNOVATIONS, BY_ERRORS].iter().find_map(|judged| {
+    [NIS_TEST, NEES_TEST].iter().find_map(|judged| {
         let average = scores[place(judged.metric.name)?].average.as_ref()?;
         Some(average.sentence())
     })

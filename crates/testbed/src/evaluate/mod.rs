@@ -30,13 +30,13 @@ use whisker::events::{DETECTORS, DetectorRow, TouchConfig};
 use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
-use crate::contour::{Comparison, Contour, Touched, surface_points};
+use crate::contact_events::Events;
+use crate::contour::{Comparison, Touched};
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
 use crate::fit::{REPORT_TABLES, face_stem};
-use crate::front_end::{Choice, FrontEnd, Mounting, Played};
+use crate::front_end::{FrontEnd, FrontEndConfig, Mounting, SensorInput};
 use crate::map::MapConfig;
-use crate::metrics::contact_events::Events;
 use crate::metrics::{GroundTruth, Scored, Scores, Trial, Unscored, contour, first_touch_s};
 use crate::participant::{Participant, Program, Registered, Task};
 use crate::provenance::watermark;
@@ -69,7 +69,7 @@ pub struct EvaluateSettings {
     /// Settings by estimator; what is missing takes its default.
     pub config: BTreeMap<String, Value>,
     /// The front end through which the trials are read.
-    pub front_end: Choice,
+    pub front_end: FrontEndConfig,
     /// Settings of the touch detection, the same for all.
     pub touch: TouchConfig,
     /// Noise levels as fractions of the largest reading of each set.
@@ -519,11 +519,11 @@ impl Bench {
 
     /// A trial as the front end is played it at a noise level. The earth's field turns with the sensor as it is, not as the encoders have it,
     /// and its noise is the same whatever these are.
-    fn played<'a>(&self, member: &'a Member<'_>, noise: f64, seed: u64) -> Played<'a> {
+    fn played<'a>(&self, member: &'a Member<'_>, noise: f64, seed: u64) -> SensorInput<'a> {
         let Member { trial, trace, .. } = member;
-        let played = Played::new(trace, &trial.mounting, self.added_noise_sd_n_m(trial, noise), seed);
+        let played = SensorInput::new(trace, &trial.mounting, self.added_noise_sd_n_m(trial, noise), seed);
         let sidecar = trial.mounted.as_ref().map_or(played.sidecar, Mounted::sidecar);
-        Played { sidecar, sensor: trial.sensor.as_ref(), ..played }
+        SensorInput { sidecar, sensor: trial.sensor.as_ref(), ..played }
     }
 
     /// The sensors of the trials, each once.
@@ -564,9 +564,9 @@ impl Bench {
         let sidecar = &trace.sidecar;
         let calibration = &self.calibrations[&sidecar.whisker.name];
         let (noise_sd_n_m, base_noise) = (self.noise_sd_n_m(bench_trial, noise), bench_trial.base_noise());
-        let neighbours: Vec<Played> =
+        let neighbours: Vec<SensorInput> =
             scene.iter().filter(|other| other.is_beside(member)).map(|other| self.played(other, noise, seed)).collect();
-        let played = Played { neighbours: &neighbours, ..self.played(member, noise, seed) };
+        let played = SensorInput { neighbours: &neighbours, ..self.played(member, noise, seed) };
         let failed = |estimator: Option<&str>, reason: String| {
             let (trace, estimator) = (sidecar.name.clone(), estimator.map(Into::into));
             FailureRow { trace, estimator, noise, seed, reason }
@@ -624,8 +624,8 @@ impl Bench {
                     Err(error) => done.failures.push(failed(Some(name), format!("{error:#}"))),
                 }
             }
-            let said = surface_points(&trial, &replay.estimates);
-            let contour = Contour::found(&trial, &replay, &said, 0).filter(|_| mounted.is_none());
+            let said = trial.surface_points(&replay);
+            let contour = trial.contour(&replay, &said, 0).filter(|_| mounted.is_none());
             if let Some(folder) = out {
                 let path = folder.join("estimates").join(format!("{}.{name}.csv", sidecar.name));
                 write_atomically(&path, &csv_bytes(&tables::estimate_rows(&trial, &replay.estimates))?)?;

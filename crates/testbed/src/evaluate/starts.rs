@@ -7,7 +7,7 @@ use trace::{Sidecar, Trace};
 use whisker::estimators::ContactPrior;
 use whisker::frames::Point;
 
-use crate::front_end::derived_seed;
+use crate::seeds::derived_seed;
 
 /// With which knowledge of the first touch each trial is run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]

@@ -6,7 +6,7 @@ use whisker::estimators::{Estimate, Knowledge, ModelShares};
 use whisker::events::Signals;
 
 use crate::bound::{BoundAt, TraceBound};
-use crate::consistency::{BY_ERRORS, BY_INNOVATIONS, interval};
+use crate::consistency::{NEES_TEST, NIS_TEST, interval};
 use crate::metrics::{Contact, Scored, Trial};
 use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow};
 use crate::statistics::{mean, median, quantile_of_sorted, rms};
@@ -188,7 +188,7 @@ pub(super) fn consistency(place: &Place, bin: u64, states: &[State]) -> Consiste
     let all = |value: fn(&State) -> Option<f64>| -> Vec<f64> { states.iter().filter_map(value).collect() };
     let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
     let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
-    let (of_nees, of_nis) = (within(BY_ERRORS.freedom, &nees), within(BY_INNOVATIONS.freedom, &nis));
+    let (of_nees, of_nis) = (within(NEES_TEST.freedom, &nees), within(NIS_TEST.freedom, &nis));
     ConsistencyRow {
         group: place.group.clone(),
         whisker: place.whisker.clone(),

@@ -1,9 +1,9 @@
-//! The moment itself, with white noise.
+//! Front end without a sensor: the root moment plus white noise.
 
 use anyhow::ensure;
 use serde_json::Value;
 
-use super::{Chain, Played, Reader};
+use super::chain::{Chain, Reader, SensorInput};
 
 pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
     let known = config.as_object().and_then(|settings| settings.keys().next());
@@ -11,16 +11,16 @@ pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
     Ok(Box::new(White))
 }
 
-/// Adds nothing to the noise that every front end is given.
+/// Reads the moment with the white noise that every front end receives.
 #[derive(Debug)]
 struct White;
 
 impl Chain for White {
-    fn readings_n_m(&self, played: &Played) -> anyhow::Result<Vec<f64>> {
-        let instants = &played.recording.instants;
+    fn readings_n_m(&self, input: &SensorInput) -> anyhow::Result<Vec<f64>> {
+        let instants = &input.recording.instants;
         Ok(instants
             .iter()
-            .zip(played.noise_n_m())
+            .zip(input.noise_n_m())
             .map(|(instant, noise_n_m)| instant.moment_z_n_m + noise_n_m)
             .collect())
     }

@@ -1,46 +1,54 @@
-//! Which touches are of the same object: by what convex objects can be, without knowing any.
+//! Association of touches to objects: gating of pairs by convexity, without a model of the objects.
 //!
-//! The points of one touch are of one object. Two touches may be of the same convex object only if two things hold for pairs of their places:
+//! All points of a touch belong to one object. Two touches may belong to the same convex object only if two conditions
+//! hold for pairs of their points:
 //!
-//! 1. **No tangent is crossed.** A convex object lies behind each of its tangents: seen from a place `a` with the outward normal `n`, no other place `b` of it lies
-//!    in front, `n' (b - a) <= 0`, to within what is known of both places and of the normal (a gate of [`GATE`] standard deviations).
-//! 2. **Nothing passed between.** The straight line from `a` to `b` lies in the object: where a whisker has swept across it, there is none.
+//! 1. **Tangents.** A convex object is behind each of its tangents: for a point `a` with outward normal `n`, every
+//! other point `b` satisfies `n' (b - a) <= 0`, up to the uncertainty of both points and of the normal (gate of
+//! [`GATE`] standard deviations).
+//! 2. **Free space.** The segment from `a` to `b` is inside the object: it does not cross space that a whisker has
+//! swept.
 //!
-//! The first tells objects that face each other, or whose near sides are rounded, apart; the second those behind a gap. Touches are joined, the best agreement first, as long as
-//! they agree (agglomerative clustering with the pairs of all members). Estimates are now and then wrong by more than they say, so that a tenth of the pairs may be against it.
+//! The first condition separates objects that face each other or whose near sides are rounded; the second separates
+//! objects behind a gap. Compatible touches are merged by agglomerative clustering, the closest first, using the pairs
+//! of all members. Since estimates occasionally have errors beyond their stated covariance, a tenth of the pairs may
+//! violate a condition.
 //!
-//! The first also tells single places that an object cannot have: where a whisker hangs at a corner, an estimator may go on along the face that ends there, in front of the next.
+//! The first condition also rejects single points of a touch: at a corner, an estimator may extrapolate the current
+//! face in front of the next.
 
 use nalgebra::Vector2;
 
 use super::grid::Open;
 use crate::contour::{Vertex, direction};
 
-// The settings below are rounded guesses of their order, and that is all that is asked of them: with any one of them, or of those of the grid, a quarter, a half, twice or four times as large the
-// maps of the arm's recordings (four objects, shaking and still, Hall sensors and 1 % noise, two seeds) have the same objects, none split or merged.
+// The following settings are order-of-magnitude estimates, and the result is insensitive to them: with any one of them,
+// or of those of the grid, multiplied by 0.25, 0.5, 2 or 4, the maps of the arm's recordings (four objects, shaking and
+// still, Hall sensors and 1 % noise, two seeds) contain the same objects, none split or merged.
 
-/// Standard deviations beyond which a place lies in front of a tangent: by chance one pair in a thousand.
+/// Gate in standard deviations for a point in front of a tangent; exceeded by chance for one pair in a thousand.
 const GATE: f64 = 3.0;
 
-/// Standard deviation of a normal, which follows from the estimated bend of the whisker.
+/// Standard deviation of a normal, which is derived from the estimated deflection of the whisker.
 const NORMAL_SD_RAD: f64 = 0.05;
 
-/// Standard deviation of a place beyond what is stated: what neighbouring errors of a sensor model come to.
+/// Standard deviation of a point in addition to its stated covariance, for the locally correlated error of the sensor
+/// model.
 const PLACE_SD_M: f64 = 3e-4;
 
-/// Share of the pairs that may be against it.
+/// Largest fraction of pairs that may violate a condition.
 const MOST_AGAINST: f64 = 0.1;
 
-/// Most places by which a touch is judged.
+/// Maximum number of points that represent a touch.
 const PLACES: usize = 16;
 
-/// How pairs of places speak on two touches, counted.
+/// Counts of point pairs of two touches.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pairs {
     all: usize,
-    /// One lies in front of the tangent at the other.
+    /// Pairs with one point in front of the tangent at the other.
     in_front: usize,
-    /// A whisker passed between.
+    /// Pairs separated by free space.
     apart: usize,
 }
 
@@ -61,13 +69,13 @@ impl Pairs {
         Self { all: self.all + other.all, in_front: self.in_front + other.in_front, apart: self.apart + other.apart }
     }
 
-    /// Whether nearly all of them allow one object. Where there is no pair, nothing speaks for it.
+    /// Whether at most [`MOST_AGAINST`] of the pairs violate each condition. `false` without pairs.
     fn agree(self) -> bool {
         self.all > 0 && self.in_front.max(self.apart) as f64 <= MOST_AGAINST * self.all as f64
     }
 }
 
-/// Whether `b` lies in front of the tangent at `a`.
+/// Whether `b` is in front of the tangent at `a`.
 fn is_in_front(a: &Vertex, b: &Vertex) -> bool {
     let normal = direction(a.normal_rad);
     let way: Vector2<f64> = b.at.vector() - a.at.vector();
@@ -78,28 +86,29 @@ fn is_in_front(a: &Vertex, b: &Vertex) -> bool {
     normal.dot(&way) > GATE * variance_m2.sqrt()
 }
 
-/// Whether a place is of a convex object with these tangents: not in front of more of them than may be wrong.
+/// Whether a point is compatible with a convex object with these tangents, up to [`MOST_AGAINST`] of them.
 pub(crate) fn is_behind(place: &Vertex, tangents: &[Vertex]) -> bool {
     let in_front = tangents.iter().filter(|tangent| is_in_front(tangent, place)).count();
     in_front as f64 <= MOST_AGAINST * tangents.len() as f64
 }
 
-/// Puts touches, each given by places along its outline, together to objects: the indices of the touches of each, in order.
+/// Groups touches, each given by points along its outline, into objects. Returns the indices of the touches of each
+/// object, in order.
 pub(crate) fn objects(touches: &[Vec<Vertex>], open: &Open) -> Vec<Vec<usize>> {
-    let judged: Vec<Vec<Vertex>> = touches.iter().map(|touch| thinned(touch)).collect();
+    let sampled: Vec<Vec<Vertex>> = touches.iter().map(|touch| thinned(touch)).collect();
     let mut objects: Vec<Vec<usize>> = (0..touches.len()).map(|touch| vec![touch]).collect();
     let mut pairs: Vec<Vec<Pairs>> =
-        judged.iter().map(|one| judged.iter().map(|other| Pairs::of(one, other, open)).collect()).collect();
+        sampled.iter().map(|one| sampled.iter().map(|other| Pairs::of(one, other, open)).collect()).collect();
     let nearest_m = |one: &[Vertex], other: &[Vertex]| {
         let distances = one.iter().flat_map(|a| other.iter().map(move |b| a.at.distance(&b.at)));
         distances.fold(f64::INFINITY, f64::min)
     };
     let mut gaps_m: Vec<Vec<f64>> =
-        judged.iter().map(|one| judged.iter().map(|other| nearest_m(one, other)).collect()).collect();
+        sampled.iter().map(|one| sampled.iter().map(|other| nearest_m(one, other)).collect()).collect();
     loop {
         let candidates = (0..objects.len()).flat_map(|i| (i + 1..objects.len()).map(move |j| (i, j)));
         let agreeing = candidates.filter(|&(i, j)| pairs[i][j].agree());
-        // Those that lie closest know most of each other.
+        // The closest pair of touches has the most reliable association.
         let Some((i, j)) = agreeing.min_by(|&(a, b), &(c, d)| gaps_m[a][b].total_cmp(&gaps_m[c][d])) else { break };
         let joined = objects.remove(j);
         objects[i].extend(joined);
@@ -123,7 +132,7 @@ pub(crate) fn objects(touches: &[Vec<Vertex>], open: &Open) -> Vec<Vec<usize>> {
     objects
 }
 
-/// At most [`PLACES`] of the touched vertices, evenly spread.
+/// At most [`PLACES`] of the touched vertices, evenly spaced.
 fn thinned(vertices: &[Vertex]) -> Vec<Vertex> {
     let touched: Vec<Vertex> = vertices.iter().filter(|vertex| vertex.touched).copied().collect();
     let count = touched.len().min(PLACES);
@@ -138,7 +147,7 @@ mod tests {
     use super::super::grid::Grid;
     use super::*;
 
-    /// An arc of a circle in millimetres and degrees.
+    /// Arc of a circle in millimetres and degrees.
     fn arc((x_mm, y_mm): (f64, f64), radius_mm: f64, from_deg: f64, to_deg: f64) -> Vec<Vertex> {
         let vertex = |i: u32| {
             let deg = from_deg + (to_deg - from_deg) * f64::from(i) / 20.0;
@@ -163,15 +172,15 @@ mod tests {
             arc((0.0, 0.0), 45.0, -40.0, 30.0),
             arc((0.0, 110.0), 36.0, -30.0, 30.0),
             arc((0.0, 0.0), 45.0, -20.0, 40.0),
-            // On the other side of a corridor.
+            // On the opposite side of a corridor.
             arc((140.0, 20.0), 45.0, 150.0, 210.0),
         ];
         assert_eq!(objects(&touches, &nowhere()), [vec![0, 2], vec![1], vec![3]]);
     }
 
-    /// Two flat faces in a line could be one: only what was swept between them tells.
+    /// Two collinear flat faces could belong to one object; only free space between them separates them.
     #[test]
-    fn val_what_was_swept_between_two_flats_makes_them_two() {
+    fn val_free_space_between_collinear_faces_separates_them() {
         let flat = |from_mm: f64| -> Vec<Vertex> {
             let vertex = |i: u32| Vertex {
                 at: Point::new(0.0, 1e-3 * (from_mm + f64::from(i))),
@@ -191,9 +200,9 @@ mod tests {
         assert_eq!(objects(&touches, &grid.open(2)).len(), 2);
     }
 
-    /// The face of a box, the next around the corner, and what runs on past it.
+    /// Face of a box, the adjacent face around the corner, and a point beyond the corner.
     #[test]
-    fn val_what_runs_past_a_corner_is_not_of_the_object() {
+    fn val_points_extrapolated_beyond_a_corner_are_rejected() {
         let vertex = |x_mm: f64, y_mm: f64, deg: f64| Vertex {
             at: Point::new(1e-3 * x_mm, 1e-3 * y_mm),
             normal_rad: deg.to_radians(),
@@ -208,10 +217,10 @@ mod tests {
     }
 
     #[test]
-    fn robust_nothing_touched_is_no_object() {
+    fn robust_untouched_points_form_no_object() {
         assert!(objects(&[], &nowhere()).is_empty());
         let bridge = arc((0.0, 0.0), 45.0, -40.0, 30.0).into_iter().map(|vertex| Vertex { touched: false, ..vertex });
         let touches = [bridge.collect(), arc((0.0, 0.0), 45.0, -20.0, 40.0)];
-        assert_eq!(objects(&touches, &nowhere()), [vec![0], vec![1]], "what was nowhere touched agrees with nothing");
+        assert_eq!(objects(&touches, &nowhere()), [vec![0], vec![1]], "a touch without touched points is not merged");
     }
 }

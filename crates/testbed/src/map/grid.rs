@@ -1,27 +1,30 @@
-//! The occupancy grid: where a whisker has been is free, where it touched is not.
+//! Occupancy grid: cells swept by a whisker are free, touched cells are occupied.
 //!
-//! The plane is cut into square cells that are fixed in World, so that the grids of several whiskers add up. An instant of a whisker is one scan: the cells that its
-//! wire lies in were swept, that of its contact was touched, and touched counts where both are so. The log-odds of a cell are the sum over its scans, within bounds (Moravec and Elfes
-//! 1985; the bounds as in OctoMap, Hornung et al. 2013).
+//! The plane is divided into square cells fixed in World, so that the grids of several whiskers can be added. An
+//! instant of a whisker is one scan: the cells covered by its wire are swept and the cell of its contact is touched;
+//! touched takes precedence. The log-odds of a cell are the sum over its scans, clamped (Moravec and Elfes 1985;
+//! clamping as in OctoMap, Hornung et al. 2013).
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use whisker::frames::{Point, World};
 
-/// What one scan adds to the log-odds of a cell that it swept: it is free three times in five, for the wire of a whisker is known to a cell, not better.
+/// Log-odds increment of a swept cell: free with probability 3/5, since the wire's position is known only to about a
+/// cell.
 const SWEPT: f64 = -0.4;
 
-/// What it adds where it touched: a contact that is sure is in its cell nine times in ten (2.2), but for what estimates state too little.
+/// Log-odds increment of a touched cell. A contact with its stated covariance is in its cell with probability 0.9
+/// (2.2); the margin allows for underestimated covariances.
 const TOUCHED: f64 = 2.0;
 
 /// Bounds of the log-odds.
 const LOWEST: f64 = -4.0;
 const HIGHEST: f64 = 4.0;
 
-/// Place of a cell in the grid: along x and along y.
+/// Index of a cell along x and y.
 pub(crate) type Place = (i32, i32);
 
-/// In how many scans a cell was swept and touched.
+/// Numbers of scans that swept and touched a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Cell {
     pub(crate) swept: u32,
@@ -33,13 +36,13 @@ impl Cell {
         (f64::from(self.swept) * SWEPT + f64::from(self.touched) * TOUCHED).clamp(LOWEST, HIGHEST)
     }
 
-    /// The probability that there is an object.
+    /// Probability of occupancy.
     pub(crate) fn occupied(self) -> f64 {
         1.0 / (1.0 + (-self.log_odds()).exp())
     }
 }
 
-/// Cells that were seen; all others are unknown.
+/// Observed cells; all others are unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Grid {
     cell_m: f64,
@@ -47,18 +50,18 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// A grid of which nothing is known.
+    /// Grid without observations.
     pub(crate) fn new(cell_m: f64) -> Self {
         Self { cell_m, cells: BTreeMap::new() }
     }
 
-    /// The cells that were seen, in order.
+    /// Observed cells in order.
     pub(crate) fn cells(&self) -> impl Iterator<Item = (Point<World>, Cell)> {
         let middle = |place: i32| (f64::from(place) + 0.5) * self.cell_m;
         self.cells.iter().map(move |(&(x, y), &cell)| (Point::new(middle(x), middle(y)), cell))
     }
 
-    /// Takes one scan: the wire as a line, and where it touches.
+    /// Adds one scan: the wire as a polyline, and its contact.
     pub(crate) fn scan(&mut self, wire: &[Point<World>], contact: Option<Point<World>>) {
         let contact = contact.map(|contact| self.place(contact));
         let swept: BTreeSet<Place> = wire.windows(2).flat_map(|ends| self.along(ends[0], ends[1])).collect();
@@ -70,7 +73,7 @@ impl Grid {
         }
     }
 
-    /// Adds what another grid of the same cells has seen.
+    /// Adds the observations of another grid with the same cells.
     pub(crate) fn add(&mut self, other: &Self) {
         for (place, seen) in &other.cells {
             let cell = self.cells.entry(*place).or_default();
@@ -79,7 +82,7 @@ impl Grid {
         }
     }
 
-    /// The cells that are free with all cells around them up to `margin` cells away: well clear of any surface.
+    /// Free cells whose neighbours up to `margin` cells away are free too.
     pub(crate) fn open(&self, margin: i32) -> Open {
         let is_free = |place: &Place| self.cells.get(place).is_some_and(|cell| cell.log_odds() < 0.0);
         let around =
@@ -97,14 +100,14 @@ impl Grid {
     }
 }
 
-/// Free cells well clear of any surface.
+/// Free cells with a margin from any surface.
 pub(crate) struct Open {
     places: BTreeSet<Place>,
     cell_m: f64,
 }
 
 impl Open {
-    /// Whether a straight line leads through.
+    /// Whether the segment between two points crosses an open cell.
     pub(crate) fn is_crossed(&self, from: Point<World>, to: Point<World>) -> bool {
         along(from, to, self.cell_m).any(|place| self.places.contains(&place))
     }
@@ -114,7 +117,7 @@ fn place(point: Point<World>, cell_m: f64) -> Place {
     ((point.x() / cell_m).floor() as i32, (point.y() / cell_m).floor() as i32)
 }
 
-/// The cells along a line, in steps of half a cell.
+/// Cells along a segment, in steps of half a cell.
 fn along(from: Point<World>, to: Point<World>, cell_m: f64) -> impl Iterator<Item = Place> {
     let way = to.vector() - from.vector();
     let steps = (2.0 * way.norm() / cell_m).ceil().max(1.0) as u32;
@@ -130,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_swept_is_free_touched_is_not_and_the_rest_is_unknown() {
+    fn verif_swept_cells_are_free_and_touched_cells_occupied() {
         let mut grid = Grid::new(2e-3);
         grid.scan(&[point(1.0, 1.0), point(9.0, 1.0)], Some(point(9.0, 1.0)));
         let seen: Vec<(f64, bool)> = grid.cells().map(|(at, cell)| (1e3 * at.x(), cell.occupied() > 0.5)).collect();
@@ -154,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_what_is_well_inside_the_free_is_open() {
+    fn verif_open_cells_have_a_free_margin() {
         let mut grid = Grid::new(2e-3);
         for y in 0..10 {
             grid.scan(&[point(1.0, 2.0 * f64::from(y) + 1.0), point(19.0, 2.0 * f64::from(y) + 1.0)], None);

@@ -1,13 +1,14 @@
-//! The map of a scene: what several whiskers, side by side, found of several objects.
+//! Map of a scene with several objects, from the estimates of several whiskers.
 //!
-//! Each whisker of a recording is an estimator of its own, and none knows of the others; what they say is in one frame, World, and so can be put together. The map holds the
-//! contact points of all whiskers, told apart by object (`gating`), the outline of each with its uncertainty ([`Contour`], as it is merged from the strokes of one whisker), the circle
-//! through it where it is round by the data ([`Circle::round`]), and an occupancy grid (`grid`). Nothing of the truth goes into it; the judge (`judge`) lays it beside the truth afterwards,
-//! which it looks up by whisker and row.
+//! Each whisker of a recording has its own estimator, without knowledge of the others; their estimates have the common
+//! frame World. The map contains the contact points of all whiskers, grouped into objects (`gating`); the outline of
+//! each object with its uncertainty ([`Contour`]); a circle if the outline is round ([`Circle::round`]); and an
+//! occupancy grid (`grid`). It is built without ground truth; scoring (`score`) looks up the truth by whisker and row
+//! afterwards.
 
 mod gating;
 mod grid;
-mod judge;
+mod score;
 mod view;
 
 use anyhow::bail;
@@ -15,17 +16,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::contour::{Circle, Contour, Vertex};
 use grid::Grid;
-pub use judge::true_circle;
-pub(crate) use judge::{Judged, Truths, judged};
+pub use score::true_circle;
+pub(crate) use score::{MapScore, Truths, score_map};
 pub(crate) use view::{Seen, View};
 
 /// Settings of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapConfig {
-    /// Side of a cell of the occupancy grid.
+    /// Side length of a cell of the occupancy grid.
     pub cell_m: f64,
-    /// Fewest points of a touch that tells of an object.
+    /// Minimum number of points of a touch that contributes to objects.
     pub least_points: usize,
 }
 
@@ -51,34 +52,34 @@ impl MapConfig {
     }
 }
 
-/// Cells around an open one that must be free, too: a surface with its errors is no farther away.
+/// Margin in cells around an open cell that must be free too; it exceeds the position error of a surface.
 const MARGIN: i32 = 2;
 
-/// Most tangents of an object by which its points are judged.
+/// Maximum number of tangents of an object against which its points are checked.
 const TANGENTS: usize = 200;
 
-/// An object as it was found.
+/// Detected object.
 #[derive(Clone, Debug)]
 pub(crate) struct FoundObject {
-    /// Its points: place of the whisker in the recording, and what it saw.
+    /// Points with the index of their whisker in the recording.
     pub(crate) points: Vec<(usize, Seen)>,
-    /// Its outline.
+    /// Outline.
     pub(crate) contour: Contour,
-    /// The circle of which the outline is an arc, where it is round.
+    /// Circle fitted to the outline, if it is round.
     pub(crate) circle: Option<Circle>,
 }
 
-/// The map of a scene.
+/// Map of a scene.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneMap {
-    /// The objects, those that were touched most first.
+    /// Objects, in descending order of the number of points.
     pub(crate) objects: Vec<FoundObject>,
-    /// What is free and what is not.
+    /// Occupancy grid.
     pub(crate) grid: Grid,
 }
 
 impl SceneMap {
-    /// Puts what the whiskers of a recording saw together.
+    /// Combines the observations of a recording's whiskers.
     pub(crate) fn new(views: &[&View], config: &MapConfig) -> Self {
         let mut grid = Grid::new(config.cell_m);
         views.iter().for_each(|view| grid.add(&view.grid));

@@ -1,45 +1,46 @@
-//! What one whisker saw in a trial: the places that it touched, and those where it was.
+//! Observations of one whisker in a trial: touched points and swept cells.
 
 use whisker::elastica::{Elastica, Load};
 use whisker::frames::{Base, Point, World};
 
 use super::MapConfig;
 use super::grid::Grid;
-use crate::contour::{SurfacePoint, Vertex, surface_points};
+use crate::contour::{SurfacePoint, Vertex};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 
-/// Instants between which the whisker's middle moved by less than this share of a cell are one scan.
+/// Minimum displacement of the whisker's midpoint between scans, as a fraction of a cell.
 const SCAN: f64 = 0.5;
 
-/// The wire is drawn by points so many cells apart.
+/// Distance between the sampled points of the wire, in cells.
 const WIRE_STEP: f64 = 2.0;
 
-/// How far before the contact, in cells, the wire ends for the grid: there it lies along the surface, and its cells belong to both.
+/// Distance before the contact, in cells, at which the wire ends in a scan. Near the contact the wire lies along the
+/// surface, so that its cells belong to both.
 const BEFORE_CONTACT: f64 = 2.0;
 
-/// What one whisker saw, by the estimates of one estimator.
+/// Observations of one whisker with one estimator.
 #[derive(Clone, Debug)]
 pub(crate) struct View {
-    /// Place of the whisker in the recording.
+    /// Index of the whisker in the recording.
     pub(crate) whisker: usize,
-    /// The places that it touched and is sure of.
+    /// Touched points with a sufficiently small covariance.
     pub(crate) points: Vec<Seen>,
-    /// Where it was.
+    /// Occupancy grid of this whisker.
     pub(crate) grid: Grid,
 }
 
-/// A place that was touched.
+/// Touched point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
-    /// What the estimate says.
+    /// Surface point of the estimate.
     pub(crate) point: SurfacePoint,
-    /// Time since the start.
+    /// Time since the start of the recording.
     pub(crate) t_s: f64,
 }
 
 impl Seen {
-    /// The place with its tangent.
+    /// Vertex at the point, with its normal.
     pub(crate) fn vertex(&self) -> Vertex {
         let SurfacePoint { at, covariance_m2, .. } = self.point;
         Vertex { at: Point::from_vector(at), normal_rad: self.point.normal_rad(), covariance_m2, touched: true }
@@ -47,14 +48,14 @@ impl Seen {
 }
 
 impl View {
-    /// Collects what the estimates of a trial say. `whisker` is the whisker's place in the recording.
+    /// Collects the observations of a trial. `whisker` is the index of the whisker in the recording.
     ///
-    /// A point counts if its covariance says that it is sure; nothing else is known of how long an estimator needs. While the
-    /// whisker is free, it counts as its rest shape where the reading says that it is: where the rotation of the root moves its tip by less than a cell, so that
-    /// neither the ringing after a release nor a touch that was not noticed sweeps anything free.
+    /// A point counts if its covariance is small enough; no settling time is assumed. A free whisker has its rest shape
+    /// only if the reading implies a tip displacement below a cell, so that neither ringing after a release nor an
+    /// undetected touch sweeps cells.
     pub(crate) fn new(trial: &Trial<'_>, replay: &Replay, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
         let instants = &trial.trace.recording.instants;
-        let sure = surface_points(trial, &replay.estimates).into_iter().filter(SurfacePoint::is_sure);
+        let sure = trial.surface_points(replay).into_iter().filter(SurfacePoint::is_sure);
         let points: Vec<Seen> = sure.map(|point| Seen { point, t_s: instants[point.row].t_s }).collect();
         let wire = Wire::new(trial, config.cell_m)?;
         let mut grid = Grid::new(config.cell_m);
@@ -80,13 +81,13 @@ impl View {
     }
 }
 
-/// The whisker as it lies in the plane.
+/// Shape of the whisker in the plane.
 struct Wire {
     elastica: Elastica,
-    /// The undeflected whisker.
+    /// Undeflected whisker.
     rest: Vec<Point<Base>>,
     cell_m: f64,
-    /// The largest reading of a whisker at rest.
+    /// Largest magnitude of the reading of a whisker at rest.
     most_n_m: f64,
 }
 
@@ -106,7 +107,7 @@ impl Wire {
         reading_n_m.abs() <= self.most_n_m
     }
 
-    /// The whisker from its root towards the contact; nothing where it cannot touch there.
+    /// Shape of the whisker from the root towards the contact. `None` if the contact is not reachable.
     fn bent(&self, contact: Point<Base>) -> Option<Vec<Point<Base>>> {
         let load: Load = self.elastica.at_point(contact).ok()?.load;
         let line = self.elastica.line(load).ok()?;

@@ -1,25 +1,26 @@
-//! Errors against the least that the readings allow, see [`crate::bound`].
+//! Errors relative to the Cramer-Rao bound, see [`crate::bound`].
 
 use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::rms;
 
-/// A later touch counts from so long after it on. Before that the bound is that of a prior as long as the whisker, which an estimator that knows the object from the touch
-/// before does not have.
+/// Settling time at the start of each touch, which these metrics exclude. During it the bound is dominated by the prior
+/// over the whole whisker, which an estimator that remembers the object from a previous touch does not have.
 const SETTLED_S: f64 = 1.0;
 
-/// The bound itself.
+/// Cramer-Rao bound.
 pub const RMSE: Metric = Metric {
     name: "bound_rmse_m",
-    about: "posterior Cramer-Rao bound of rmse_m, for a contact whose slide is known, from a second after each touch on",
+    about: "posterior Cramer-Rao bound of rmse_m for a contact with known sliding motion, excluding the first second of each touch",
     summary: Summary::Median,
     measure: bound_rmse_m,
 };
 
-/// How far from it an estimator is.
+/// Error relative to the bound.
 pub const RATIO: Metric = Metric {
     name: "rmse_over_bound",
-    about: "root mean square contact error over bound_rmse_m, on the same rows: 1 at the physical limit, for an estimator without hindsight",
-    // The bound holds for mean squares. A median of the strongly correlated errors of a trial would lie below 1 even at the limit.
+    about: "RMS contact error divided by bound_rmse_m on the same rows; 1 at the physical limit of a causal estimator",
+    // The bound holds for mean squares. The median of the strongly correlated errors of a trial would be below 1 even
+    // at the bound.
     summary: Summary::RootMeanSquare,
     measure: |scored| {
         let errors_m: Vec<f64> = settled(scored)?.iter().filter_map(|(contact, _)| contact.error_m).collect();
@@ -31,7 +32,7 @@ fn bound_rmse_m(scored: &Scored<'_>) -> Option<f64> {
     rms(&settled(scored)?.iter().map(|(_, sd_m)| *sd_m).collect::<Vec<f64>>())
 }
 
-/// The steady contact, but for the start of each touch, with the bound; nothing where there is none.
+/// Steady contact without the settling time of each touch, with the bound. `None` if the bound is unavailable.
 fn settled<'a>(scored: &'a Scored<'_>) -> Option<Vec<(&'a Contact, f64)>> {
     let bound = scored.trial.bound?;
     let bounded: Option<Vec<_>> =

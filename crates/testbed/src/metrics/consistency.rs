@@ -1,16 +1,16 @@
-//! Whether an estimator is as sure as it may be: its stated covariances against its errors. How the averages over trials are judged stands in
-//! [`crate::consistency`].
+//! Consistency of an estimator on one trial: errors and innovations relative to their stated covariances.
+//! [`crate::consistency`] tests the averages over trials.
 
 use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::mean;
 
-/// The squared distance, in standard deviations, within which a two-dimensional Gaussian has 95 % of its probability.
+/// 95 % quantile of the chi-square distribution with two degrees of freedom.
 pub const CHI2_95: f64 = 5.991_464_547_107_979;
 
 /// Normalised estimation error squared.
 pub const NEES: Metric = Metric {
     name: "nees",
-    about: "normalised contact error squared, mean over the contact: 2 if the stated covariances are right, more if too small",
+    about: "normalised contact error squared, mean over the contact; 2 if the stated covariances are correct, larger if they are too small",
     summary: Summary::Mean,
     measure: |scored| mean(errors_squared(scored)),
 };
@@ -18,15 +18,15 @@ pub const NEES: Metric = Metric {
 /// Normalised innovation squared.
 pub const NIS: Metric = Metric {
     name: "nis",
-    about: "normalised innovation squared, mean over the contact: 1 if the expected spread of the readings is right, more if too small",
+    about: "normalised innovation squared, mean over the contact; 1 if the stated innovation variances are correct, larger if they are too small",
     summary: Summary::Mean,
     measure: |scored| mean(scored.contacts.iter().filter_map(|contact| contact.nis)),
 };
 
-/// Share of the stated 95 % ellipses that hold the truth.
+/// Coverage of the stated 95 % ellipses.
 pub const COVERAGE: Metric = Metric {
     name: "coverage_95",
-    about: "share of the stated 95 % ellipses that hold the true contact",
+    about: "fraction of the stated 95 % ellipses that contain the true contact",
     summary: Summary::Mean,
     measure: |scored| mean(errors_squared(scored).map(|nees| f64::from(nees <= CHI2_95))),
 };

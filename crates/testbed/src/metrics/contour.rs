@@ -1,19 +1,20 @@
-//! The outline that an estimator makes of an object ([`crate::contour`]) and the contacts it is made of, against the truth. Both, since the one hides the
-//! other: errors lie along the outline, and an outline whose points are in the wrong order of time is still an outline.
+//! Errors of an estimated outline ([`crate::contour`]) and of the contacts it is made of. Both are reported, since
+//! neither implies the other: contact errors along the outline do not change it, and an outline does not depend on the
+//! order of its points in time.
 //!
-//! A *stroke* lasts from one reversal of the base's motion to the next ([`second_stroke`](crate::contour::second_stroke)); from the second on, an estimator that
-//! remembers what it touched has an advantage.
+//! A *stroke* is the motion between two reversals of the base ([`second_stroke`](crate::contour::second_stroke)). From
+//! the second stroke on, estimators that remember the object have an advantage.
 
 use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::rms;
 
-/// Contacts count from so long after the touch on.
+/// Time after the touch from which contacts count.
 const FIRST_S: f64 = 1.0;
 
-/// Contact error once the first second is over.
+/// Contact error after the first second.
 pub const CONTACT_RMSE: Metric = Metric {
     name: "contact_rmse_m",
-    about: "root mean square contact error after the first second of contact",
+    about: "RMS contact error after the first second of contact",
     summary: Summary::Median,
     measure: |scored| contact_rmse_m(scored, |contact| contact.t_contact_s >= FIRST_S),
 };
@@ -21,7 +22,7 @@ pub const CONTACT_RMSE: Metric = Metric {
 /// Contact error from the second stroke on.
 pub const LATER_CONTACT_RMSE: Metric = Metric {
     name: "later_contact_rmse_m",
-    about: "root mean square contact error from the second stroke on",
+    about: "RMS contact error from the second stroke on",
     summary: Summary::Median,
     measure: |scored| {
         let second_stroke = scored.second_stroke?;
@@ -32,23 +33,23 @@ pub const LATER_CONTACT_RMSE: Metric = Metric {
 /// Mean distance of the outline.
 pub const MEAN: Metric = Metric {
     name: "contour_mean_m",
-    about: "mean distance of the outline found from the true one",
+    about: "mean distance of the estimated outline from the true one",
     summary: Summary::Median,
     measure: |scored| Some(scored.contour?.mean_m),
 };
 
-/// 95th percentile of that distance.
+/// 95th percentile of the distance of the outline.
 pub const P95: Metric = Metric {
     name: "contour_p95_m",
-    about: "95th percentile of that distance",
+    about: "95th percentile of the distance of the estimated outline from the true one",
     summary: Summary::Median,
     measure: |scored| Some(scored.contour?.p95_m),
 };
 
-/// Largest distance, both ways.
+/// Hausdorff distance.
 pub const HAUSDORFF: Metric = Metric {
     name: "contour_hausdorff_m",
-    about: "largest distance of the outline found from the true one, or of the touched part of the true one from it",
+    about: "Hausdorff distance between the estimated outline and the touched part of the true one",
     summary: Summary::Median,
     measure: |scored| scored.contour?.hausdorff_m,
 };
@@ -56,7 +57,7 @@ pub const HAUSDORFF: Metric = Metric {
 /// Mean distance of the outline from the second stroke on.
 pub const LATER_MEAN: Metric = Metric {
     name: "later_contour_mean_m",
-    about: "mean distance from the true outline of the outline found from the second stroke on",
+    about: "mean distance of the outline estimated from the second stroke on",
     summary: Summary::Median,
     measure: |scored| Some(scored.later_contour?.mean_m),
 };
@@ -64,20 +65,20 @@ pub const LATER_MEAN: Metric = Metric {
 /// 95th percentile of that distance.
 pub const LATER_P95: Metric = Metric {
     name: "later_contour_p95_m",
-    about: "95th percentile of that distance",
+    about: "95th percentile of the distance of the outline estimated from the second stroke on",
     summary: Summary::Median,
     measure: |scored| Some(scored.later_contour?.p95_m),
 };
 
-/// Share of the outline whose band holds the truth.
+/// Coverage of the outline's 95 % band.
 pub const BAND_COVERAGE: Metric = Metric {
     name: "band_coverage",
-    about: "share of the outline through whose 95 % regions the true outline runs",
+    about: "fraction of the estimated outline whose 95 % regions intersect the true outline",
     summary: Summary::Mean,
     measure: |scored| scored.contour?.band_coverage,
 };
 
-/// Root mean square error of some contacts; nothing where the estimator is silent for too much of the contact.
+/// RMS error of selected contacts. `None` if too many estimates are missing.
 fn contact_rmse_m(scored: &Scored<'_>, counts: impl Fn(&Contact) -> bool) -> Option<f64> {
     let contacts = scored.contacts.iter().filter(|contact| counts(contact));
     let errors_m: Vec<f64> = contacts.filter_map(|contact| contact.error_m).collect();

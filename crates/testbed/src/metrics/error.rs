@@ -1,12 +1,12 @@
-//! Distance between estimated and true contact, unaligned.
+//! Distance between estimated and true contact, without alignment.
 
 use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::{quantile, rms};
 
-/// Root mean square of the steady error.
+/// RMS of the steady error.
 pub const RMSE: Metric = Metric {
     name: "rmse_m",
-    about: "root mean square contact error after the first two seconds of contact",
+    about: "RMS contact error after the first two seconds of contact",
     summary: Summary::Median,
     measure: |scored| rms(&steady(scored)),
 };
@@ -35,26 +35,26 @@ pub const WORST: Metric = Metric {
     measure: |scored| quantile(&steady(scored), 1.0),
 };
 
-/// Root mean square of the error during start-up.
+/// RMS of the error during start-up.
 pub const START_RMSE: Metric = Metric {
     name: "start_rmse_m",
-    about: "root mean square contact error within the first two seconds of contact",
+    about: "RMS contact error within the first two seconds of contact",
     summary: Summary::Median,
     measure: |scored| rms(&stated(scored.start_up())),
 };
 
-/// Time to 1 mm.
+/// Time to an error of 1 mm.
 pub const TIME_TO_1MM: Metric = Metric {
     name: "time_to_1mm_s",
-    about: "time from the touch until the error stays below 1 mm to the end",
+    about: "time from the touch after which the error stays below 1 mm",
     summary: Summary::Median,
     measure: |scored| time_to_stay_below(&scored.contacts, 1e-3),
 };
 
-/// Time to 0.3 mm.
+/// Time to an error of 0.3 mm.
 pub const TIME_TO_0P3MM: Metric = Metric {
     name: "time_to_0p3mm_s",
-    about: "time from the touch until the error stays below 0.3 mm to the end",
+    about: "time from the touch after which the error stays below 0.3 mm",
     summary: Summary::Median,
     measure: |scored| time_to_stay_below(&scored.contacts, 0.3e-3),
 };
@@ -62,12 +62,12 @@ pub const TIME_TO_0P3MM: Metric = Metric {
 /// Whether the error never stays below 1 mm.
 pub const NEVER_1MM: Metric = Metric {
     name: "never_1mm",
-    about: "1 where the error never stays below 1 mm; over trials, their share",
+    about: "1 if the error never stays below 1 mm, else 0; over trials, the fraction",
     summary: Summary::Mean,
     measure: |scored| Some(f64::from(time_to_stay_below(&scored.contacts, 1e-3).is_none())),
 };
 
-/// Errors of the steady contact; none where the estimator is silent for too much of it.
+/// Errors of the steady contact; empty if too many estimates are missing.
 fn steady(scored: &Scored<'_>) -> Vec<f64> {
     if scored.is_silent() { Vec::new() } else { stated(scored.steady()) }
 }
@@ -76,7 +76,7 @@ fn stated(contacts: &[Contact]) -> Vec<f64> {
     contacts.iter().filter_map(|contact| contact.error_m).collect()
 }
 
-/// Time after which the error stays below a bound to the end. A missing estimate is not below it.
+/// Time after which the error stays below a bound until the end. Missing estimates count as above it.
 fn time_to_stay_below(contacts: &[Contact], bound_m: f64) -> Option<f64> {
     let below = |contact: &Contact| contact.error_m.is_some_and(|error| error < bound_m);
     let start = contacts.iter().rposition(|contact| !below(contact)).map_or(0, |last| last + 1);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_time_to_stay_below_counts_from_the_last_excess() {
+    fn verif_time_to_stay_below_starts_after_the_last_excess() {
         let mm = 1e-3;
         assert_eq!(time_to_stay_below(&contacts(&[Some(0.1 * mm); 3]), mm), Some(0.0));
         assert_eq!(time_to_stay_below(&contacts(&[Some(2.0 * mm), Some(0.1 * mm), Some(0.2 * mm)]), mm), Some(1.0));

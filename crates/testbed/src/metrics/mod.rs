@@ -1,7 +1,8 @@
-//! Metrics: what a trial is judged by.
+//! Metrics of a trial: error, start-up, contour, consistency and contact events.
 //!
-//! A [`Metric`] is a number that is taken from the estimates of one estimator on one trial beside the truth ([`Scored`]). Each is a column of
-//! `trials.csv` and, over the trials of a set, of `summary.csv`; readers take it from a row's [`Scores`] by naming the metric.
+//! A [`Metric`] is a number computed from the estimates of one estimator on one trial and the ground truth
+//! ([`Scored`]). Each metric is a column of `trials.csv` and, summarised over the trials of a set, of `summary.csv`.
+//! Readers take it from the [`Scores`] of a row by the metric's constant, not by its column name.
 //!
 //! To add a metric: a constant in the file of its topic, and one row in [`METRICS`].
 
@@ -20,34 +21,34 @@ use serde::{Deserialize, Serialize};
 
 use crate::statistics::{mean, median_of_scores, rms};
 
-/// One metric: a column of `trials.csv` and of `summary.csv`.
+/// Metric: a column of `trials.csv` and of `summary.csv`.
 #[derive(Clone, Copy, Debug)]
 pub struct Metric {
     /// Name of the column, with its unit.
     pub name: &'static str,
-    /// One line about it.
+    /// One-line description.
     pub about: &'static str,
-    /// How trials are put together.
+    /// Summary over trials.
     pub summary: Summary,
-    /// Its value on one trial; nothing where the trial gives nothing to measure.
+    /// Value for one trial. `None` if it is undefined.
     pub measure: fn(&Scored<'_>) -> Option<f64>,
 }
 
-/// How the values of the trials of a set become one.
+/// Summary of a metric over the trials of a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Summary {
-    /// Their median, for metrics of which less is better: a trial without a value counts as worse than any.
+    /// Median, for metrics of which smaller is better; missing values count as worse than any other.
     Median,
-    /// Their largest; nothing where a trial has none.
+    /// Maximum. `None` if a trial has no value.
     Worst,
-    /// The mean of those that there are; of zeros and ones it is a share.
+    /// Mean of the available values; for values of 0 and 1, a fraction.
     Mean,
-    /// Their root mean square; nothing where a trial has none.
+    /// Root mean square. `None` if a trial has no value.
     RootMeanSquare,
 }
 
 impl Summary {
-    /// A word for it.
+    /// Name of the summary.
     pub fn name(self) -> &'static str {
         match self {
             Self::Median => "median",
@@ -57,7 +58,7 @@ impl Summary {
         }
     }
 
-    /// The one value of a set, of those of its trials.
+    /// Summary of the values of the trials.
     pub(crate) fn of(self, values: &[Option<f64>]) -> Option<f64> {
         match self {
             Self::Median => median_of_scores(values.iter().copied()),
@@ -68,7 +69,7 @@ impl Summary {
     }
 }
 
-/// The registry of metrics, in the order of the columns.
+/// Registry of metrics, in column order.
 pub const METRICS: &[Metric] = &[
     error::RMSE,
     error::MEDIAN,
@@ -106,29 +107,29 @@ pub const METRICS: &[Metric] = &[
     contact_events::TIP_RECALL,
 ];
 
-/// The values of all metrics, for one trial or for a set of them.
+/// Values of all metrics, for one trial or for a set of trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scores(Vec<Option<f64>>);
 
 impl Scores {
-    /// What a function says of each metric.
+    /// Scores with a value per metric.
     pub fn from_fn(value: impl FnMut(&Metric) -> Option<f64>) -> Self {
         Self(METRICS.iter().map(value).collect())
     }
 
-    /// The metrics of one trial.
+    /// Scores of one trial.
     pub fn of(scored: &Scored<'_>) -> Self {
-        // Readings of a strange scale make numbers that no table holds.
+        // Readings of extreme scale give non-finite values, which are dropped.
         Self::from_fn(|metric| (metric.measure)(scored).filter(|value| value.is_finite()))
     }
 
-    /// The value of one metric.
+    /// Value of one metric.
     pub fn get(&self, metric: &Metric) -> Option<f64> {
         let place = METRICS.iter().position(|row| row.name == metric.name);
         self.0[place.expect("a metric that is read has its row in METRICS")]
     }
 
-    /// All values, in the order of [`METRICS`].
+    /// Values in the order of [`METRICS`].
     pub fn values(&self) -> &[Option<f64>] {
         &self.0
     }
@@ -141,13 +142,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_every_column_has_a_name_of_its_own() {
+    fn verif_column_names_are_unique() {
         let names: BTreeSet<&str> = METRICS.iter().map(|metric| metric.name).collect();
         assert_eq!(names.len(), METRICS.len());
     }
 
     #[test]
-    fn verif_each_summary_treats_what_is_lacking_in_its_way() {
+    fn verif_summaries_of_missing_values() {
         let (all, some) = ([Some(1.0), Some(4.0), Some(2.0)], [Some(1.0), None, Some(4.0)]);
         assert_eq!((Summary::Median.of(&all), Summary::Median.of(&some)), (Some(2.0), Some(4.0)));
         assert_eq!((Summary::Worst.of(&all), Summary::Worst.of(&some)), (Some(4.0), None));

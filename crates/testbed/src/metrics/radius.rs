@@ -1,4 +1,4 @@
-//! The object's radius, where it has one and the estimator states one: judged by the last estimate of a contact, when all is known that can be.
+//! Radius of round objects, for estimators that state one: evaluated at the last estimate of the contact.
 
 use nalgebra::Vector2;
 use trace::Outline;
@@ -7,10 +7,10 @@ use whisker::estimators::Radius;
 use super::{Metric, Scored, Summary};
 use crate::statistics::{NORMAL_95, mean};
 
-/// How far the radius is off.
+/// Error of the radius.
 pub const ERROR: Metric = Metric {
     name: "radius_error",
-    about: "error of the object's radius at the end, relative to the true one; only of round objects",
+    about: "relative error of the object's radius at the end; round objects only",
     summary: Summary::Median,
     measure: |scored| {
         let (true_m, stated) = (true_m(scored)?, stated(scored).pop()??);
@@ -18,36 +18,36 @@ pub const ERROR: Metric = Metric {
     },
 };
 
-/// Whether the radius lies in the stated interval.
+/// Coverage of the radius' interval.
 pub const COVERED: Metric = Metric {
     name: "radius_covered_95",
-    about: "1 where the stated 95 % interval of the radius at the end holds the true one, 0 also where a radius was stated before but not at the end; over trials, their share",
+    about: "1 if the final 95 % interval of the radius contains the true one, 0 if not or if a radius was stated earlier but not at the end; over trials, the fraction",
     summary: Summary::Mean,
     measure: |scored| is_covered(true_m(scored)?, &stated(scored)).map(f64::from),
 };
 
-/// Whether the interval stated last holds the true radius. Who takes back what he stated is not left out, for his silence would flatter him; who never
-/// states a radius is not judged.
+/// Whether the last stated interval contains the true radius. A radius that was stated and withdrawn counts as not
+/// covered, since omitting it would bias the coverage. `None` if no radius was ever stated.
 fn is_covered(true_m: f64, stated: &[Option<Radius>]) -> Option<bool> {
     let holds = |last: Radius| (last.radius_m - true_m).abs() <= NORMAL_95 * last.sd_m;
     let last = *stated.last()?;
     stated.iter().any(Option::is_some).then(|| last.is_some_and(holds))
 }
 
-/// What every estimate during a contact says of the radius, in the order of time.
+/// Stated radius of every estimate during contact, in order of time.
 fn stated(scored: &Scored<'_>) -> Vec<Option<Radius>> {
     scored.contacts.iter().filter_map(|contact| Some(scored.estimates[contact.row]?.radius)).collect()
 }
 
-/// The object's radius in m, where it is round.
+/// True radius in m. `None` if the object is not round.
 fn true_m(scored: &Scored<'_>) -> Option<f64> {
     let chord_error_m = scored.trial.trace.sidecar.contour.as_ref()?.chord_error_m;
     round_radius_m(scored.trial.outline?, chord_error_m)
 }
 
-/// The radius of a round outline, of which the polyline is nowhere farther away than `chord_error_m`; nothing if it is not round.
+/// Radius of a round outline given as a polyline with this chord error. `None` if the outline is not round.
 fn round_radius_m(outline: &Outline, chord_error_m: f64) -> Option<f64> {
-    // Coordinates are written with ten decimals.
+    // Coordinates are stored with ten decimals.
     const ROUNDING_M: f64 = 1e-9;
     let points: Vec<Vector2<f64>> = outline.vertices().iter().map(|vertex| vertex.vector()).collect();
     let corners = &points[1..];
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_the_last_estimate_decides_whether_the_radius_is_covered() {
+    fn verif_coverage_is_that_of_the_last_estimate() {
         let near = Some(Radius { radius_m: 0.021, sd_m: 1e-3 });
         let off = Some(Radius { radius_m: 0.03, sd_m: 1e-3 });
         for (stated, expected) in [

@@ -1,9 +1,9 @@
-//! Contact error counted in rows instead of seconds, which recordings without a clock do not have.
+//! Contact error over rows instead of seconds, for recordings without a clock.
 
 use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::mean;
 
-/// Mean error once a third of the contact is over.
+/// Mean error after a third of the contact.
 pub const LATE_MEAN: Metric = Metric {
     name: "late_mean_m",
     about: "mean contact error after the first third of the contact",
@@ -11,7 +11,7 @@ pub const LATE_MEAN: Metric = Metric {
     measure: |scored| mean(late(scored)),
 };
 
-/// Largest error once a third of the contact is over.
+/// Largest error after a third of the contact.
 pub const LATE_WORST: Metric = Metric {
     name: "late_worst_m",
     about: "largest contact error after the first third of the contact",
@@ -19,21 +19,22 @@ pub const LATE_WORST: Metric = Metric {
     measure: |scored| late(scored).into_iter().reduce(f64::max),
 };
 
-/// Rows to 1 mm.
+/// Rows to an error of 1 mm.
 pub const ROWS_TO_1MM: Metric = Metric {
     name: "rows_to_1mm",
-    about: "rows from the touch until the error is below 1 mm",
+    about: "number of rows from the touch until the error is first below 1 mm",
     summary: Summary::Median,
     measure: |scored| rows_to(&scored.contacts, 1e-3),
 };
 
-/// Errors after the first third; none where an estimate is missing there: what an estimator leaves out would flatter it.
+/// Errors after the first third of the contact; empty if an estimate is missing there, since omitting it would bias the
+/// metric.
 fn late(scored: &Scored<'_>) -> Vec<f64> {
     let late = &scored.contacts[scored.contacts.len() / 3..];
     late.iter().map(|contact| contact.error_m).collect::<Option<_>>().unwrap_or_default()
 }
 
-/// Rows before the first whose error is below a bound.
+/// Rows before the first error below a bound.
 fn rows_to(contacts: &[Contact], bound_m: f64) -> Option<f64> {
     let reached = contacts.iter().find(|contact| contact.error_m.is_some_and(|error| error < bound_m))?;
     Some((reached.row - contacts[0].row) as f64)

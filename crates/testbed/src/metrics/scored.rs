@@ -1,53 +1,65 @@
-//! One estimator on one trial, beside the truth.
+//! Estimates of one estimator on one trial, together with the ground truth.
 
 use filters::Innovation;
 use trace::{Outline, Trace};
 use whisker::RestShape;
 use whisker::estimators::{Estimate, Knowledge};
 
-use super::contact_events::Events;
 use crate::bound::TraceBound;
-use crate::contour::{Comparison, Contour, SurfacePoint, Touched, second_stroke};
+use crate::contact_events::Events;
+use crate::contour::{Comparison, Contour, SurfacePoint, Touched, second_stroke, surface_points};
 use crate::replay::Replay;
 
-/// Start-up ends this long after the touch.
+/// End of the start-up phase after the touch.
 pub const START_UP_S: f64 = 2.0;
 
-/// An estimator that is silent for more than this share of the steady contact has no steady score: what it left out would flatter it.
+/// Largest fraction of missing estimates in the steady contact for which there are steady scores; more would bias them.
 const MOST_MISSING: f64 = 0.1;
 
-/// A trial under one measurement noise: what the robot knew and read, and what only the judge knows.
+/// Trial under one noise realisation: input of the estimators and ground truth.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial<'a> {
-    /// The trace, with the truth.
+    /// Trace with the ground truth.
     pub trace: &'a Trace,
-    /// The object's outline, where known.
+    /// Outline of the object, if known.
     pub outline: Option<&'a Outline>,
-    /// What the robot knew.
+    /// Prior information available to the estimators.
     pub knowledge: &'a Knowledge,
-    /// What it read.
+    /// Readings, one entry per instant.
     pub readings_n_m: &'a [f64],
-    /// Its touches and lost contacts, true and found; nothing where the truth is not known.
+    /// True and detected contact events. `None` if the truth is unknown.
     pub events: Option<&'a Events>,
-    /// What no estimator can do better than; nothing without noise or truth.
+    /// Cramer-Rao bound. `None` without noise or truth.
     pub bound: Option<&'a TraceBound>,
-    /// What the truth tells of its strokes and outline.
+    /// Strokes and touched part of the outline.
     pub ground_truth: &'a GroundTruth,
 }
 
-/// What is told by the truth of a trace, and by the motion as the robot knows it, whoever estimates and whatever the noise.
+impl Trial<'_> {
+    /// Surface points of an estimator's replay, see [`surface_points`].
+    pub fn surface_points(&self, replay: &Replay) -> Vec<SurfacePoint> {
+        surface_points(&self.trace.recording, self.knowledge, self.readings_n_m, &replay.estimates)
+    }
+
+    /// Outline of an estimator's replay with these surface points from the row `since` on, see [`Contour::found`].
+    pub fn contour(&self, replay: &Replay, points: &[SurfacePoint], since: usize) -> Option<Contour> {
+        Contour::found(&self.trace.recording, replay.outline.as_deref(), points, since)
+    }
+}
+
+/// Ground truth derived from a trace and its measured motion, independent of estimator and noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroundTruth {
-    /// First row of the second stroke, where there is one.
+    /// First row of the second stroke, if any.
     pub second_stroke: Option<usize>,
-    /// The part of the outline that is touched.
+    /// Touched part of the outline.
     pub touched: Touched,
-    /// The part that is touched from the second stroke on.
+    /// Part of the outline that is touched from the second stroke on.
     pub touched_later: Touched,
 }
 
 impl GroundTruth {
-    /// That of a trace, with the object's outline where that is known, of a whisker with this undeflected shape.
+    /// Ground truth of a trace with the object's outline, if known, for a whisker with this undeflected shape.
     pub fn new(trace: &Trace, outline: Option<&Outline>, rest: &RestShape) -> Self {
         let truths = &trace.truth.instants;
         let touch = truths.iter().position(|truth| truth.contact.is_some() && truth.split != Some(true));
@@ -58,21 +70,21 @@ impl GroundTruth {
     }
 }
 
-/// Why a trial cannot be scored.
+/// Reason why a trial cannot be scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unscored {
-    /// The recording does not tell where the contact was.
-    #[error("the true contact is not known; there is nothing to score against")]
+    /// The recording has no ground truth of the contact.
+    #[error("the true contact is unknown, so that the trial cannot be scored")]
     TruthUnknown,
-    /// There was none.
-    #[error("the whisker never touches; there is nothing to score")]
+    /// The whisker is never in contact.
+    #[error("the whisker never touches, so that the trial cannot be scored")]
     NeverTouches,
 }
 
-/// Instant of the true first touch of a trace.
+/// Time of the true first touch of a trace.
 ///
 /// # Errors
-/// [`Unscored`] where there is none to score against.
+/// [`Unscored`] if there is no true contact.
 pub fn first_touch_s(trace: &Trace) -> Result<f64, Unscored> {
     let truths = &trace.truth.instants;
     let first = truths.iter().zip(&trace.recording.instants).find(|(truth, _)| truth.contact.is_some());
@@ -81,7 +93,7 @@ pub fn first_touch_s(trace: &Trace) -> Result<f64, Unscored> {
     first.map(|(_, known)| known.t_s).ok_or(unscored)
 }
 
-/// One instant at which the whisker truly touches in one place. What is said of the estimate is nothing where there is none.
+/// Instant with a single true contact. Fields of the estimate are `None` if there is no estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     /// Row of the trace.
@@ -90,40 +102,41 @@ pub struct Contact {
     pub t_contact_s: f64,
     /// Distance between estimated and true contact.
     pub error_m: Option<f64>,
-    /// Normalised estimation error squared `e' P^-1 e`: chi-square with two degrees of freedom if the stated covariance is right.
+    /// Normalised estimation error squared `e' P^-1 e`: chi-square with two degrees of freedom if the stated covariance
+    /// is correct.
     pub nees: Option<f64>,
-    /// Normalised innovation squared, chi-square with one degree of freedom.
+    /// Normalised innovation squared: chi-square with one degree of freedom if the stated variance is correct.
     pub nis: Option<f64>,
 }
 
-/// The estimates of one estimator on one trial, beside the truth, prepared once for all metrics.
+/// Estimates of one estimator on one trial with the ground truth, prepared for all metrics.
 #[derive(Clone, Debug)]
 pub struct Scored<'a> {
-    /// The trial.
+    /// Trial.
     pub trial: &'a Trial<'a>,
-    /// The estimates, one an instant of the trace.
+    /// Estimates, one entry per instant of the trace.
     pub estimates: &'a [Option<Estimate>],
-    /// Instant of the true first touch.
+    /// Time of the true first touch.
     pub touch_s: f64,
-    /// The instants of contact.
+    /// Instants with a single true contact.
     pub contacts: Vec<Contact>,
-    /// First row of the second stroke, where there is one.
+    /// First row of the second stroke, if any.
     pub second_stroke: Option<usize>,
-    /// The outline that the estimates make, beside the true one; nothing where there is none of either.
+    /// Comparison of the estimated outline with the true one. `None` if either is missing.
     pub contour: Option<Comparison>,
-    /// The same of what was touched from the second stroke on.
+    /// Comparison for the part touched from the second stroke on.
     pub later_contour: Option<Comparison>,
 }
 
 impl<'a> Scored<'a> {
-    /// Lays estimates, what they say of the surface, and the outline that they make, beside the truth.
+    /// Combines estimates, their surface points and their outline with the ground truth.
     ///
     /// # Errors
-    /// [`Unscored`] where the trace has no instant of contact.
+    /// [`Unscored`] if the trace has no instant of contact.
     pub fn new(
         trial: &'a Trial<'a>,
         replay: &'a Replay,
-        said: &[SurfacePoint],
+        points: &[SurfacePoint],
         contour: Option<&Contour>,
     ) -> Result<Self, Unscored> {
         let Trace { recording, truth, .. } = trial.trace;
@@ -162,28 +175,28 @@ impl<'a> Scored<'a> {
         if !scored.is_silent() {
             scored.contour = contour.and_then(|contour| compared(contour, touched));
             scored.later_contour =
-                second_stroke.and_then(|row| compared(&Contour::found(trial, replay, said, row)?, touched_later));
+                second_stroke.and_then(|row| compared(&trial.contour(replay, points, row)?, touched_later));
         }
         Ok(scored)
     }
 
-    /// The contact after start-up.
+    /// Contacts after start-up.
     pub fn steady(&self) -> &[Contact] {
         &self.contacts[self.start_up().len()..]
     }
 
-    /// The contact during start-up.
+    /// Contacts during start-up.
     pub fn start_up(&self) -> &[Contact] {
         let end = self.contacts.partition_point(|contact| contact.t_contact_s < START_UP_S);
         &self.contacts[..end]
     }
 
-    /// Instants of the steady contact without an estimate.
+    /// Number of steady contacts without an estimate.
     pub fn missing(&self) -> usize {
         self.steady().iter().filter(|contact| contact.error_m.is_none()).count()
     }
 
-    /// Whether the estimator left out too much of the steady contact to be scored on the rest.
+    /// Whether too many estimates of the steady contact are missing for steady scores.
     pub fn is_silent(&self) -> bool {
         self.missing() as f64 > MOST_MISSING * self.steady().len() as f64
     }

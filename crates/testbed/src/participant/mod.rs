@@ -1,7 +1,8 @@
-//! What can be put to the test: registered estimators, and programs of other people.
+//! Participants of an evaluation: registered estimators and external programs.
 //!
-//! An [`Participant`] is given what an honest robot knows and reads, and answers with estimates. Whether it runs in this process or is talked to
-//! through pipes is its own affair; noise, seeds, scores, tables and figures are the same for all.
+//! A [`Participant`] receives the prior information and the samples of a trial and returns estimates. Whether it runs
+//! in this process or communicates through pipes is an implementation detail; noise, seeds, scores, tables and figures
+//! are the same for all.
 
 mod process;
 mod program;
@@ -20,40 +21,40 @@ pub use program::Program;
 pub use protocol::{PROTOCOL, estimate};
 pub use registered::Registered;
 
-/// One trial as an participant meets it.
+/// One trial from the view of a participant.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    /// What the robot knows before it touches anything.
+    /// Prior information available to the estimator.
     pub knowledge: &'a Arc<Knowledge>,
-    /// What it learns, in the order of time.
+    /// Samples in order of time.
     pub samples: &'a [Sample],
-    /// What the detection of contacts, the same for all, says of each sample: the side on which the object lies while the whisker touches.
+    /// Output of the common contact detector per sample: the face in contact, or `None` while the whisker is free.
     pub touched: &'a [Option<Face>],
-    /// Name of the trace, from which and the seed each participant's own randomness follows.
+    /// Name of the trace. A participant's random seed is derived from it and the trial's seed.
     pub trace: &'a str,
     /// Seed of the trial.
     pub seed: u64,
 }
 
-/// Takes part in an evaluation.
+/// Participant of an evaluation.
 pub trait Participant: Send + Sync {
-    /// What a run records of it; the name is that of its rows and files.
+    /// Description for the run's record; the name identifies its rows and files.
     fn describe(&self) -> RunEstimator;
 
-    /// Label of the sensor model that it insists on; without one it is given the calibration's choice.
+    /// Label of the sensor model that it requires. `None`: the calibration's chosen model.
     fn sensor_model(&self) -> Option<&'static str> {
         None
     }
 
-    /// Finds out before anything is run whether it can run at all.
+    /// Checks before the evaluation whether the participant can run.
     ///
     /// # Errors
-    /// If its settings are wrong, or its program does not start.
+    /// If its settings are invalid or its program does not start.
     fn check(&self, knowledge: &Arc<Knowledge>) -> anyhow::Result<()>;
 
-    /// Replays one trial. A failure on the way is a part of the answer: [`Replay::failure`].
+    /// Replays one trial. A failure during the trial is part of the result: [`Replay::failure`].
     ///
     /// # Errors
-    /// If it cannot even begin.
+    /// If the trial cannot be started.
     fn replay(&self, task: &Task<'_>) -> anyhow::Result<Replay>;
 }

@@ -1,4 +1,4 @@
-//! A program that is talked to line by line, with a limit to every wait.
+//! External process with line-based communication and a timeout for every wait.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -10,39 +10,40 @@ use std::{env, iter, thread};
 
 use strict_json::one_line;
 
-/// Longest line that is taken.
+/// Longest accepted line in bytes.
 const LONGEST_LINE: u64 = 1 << 16;
 
-/// How much of the end of stderr is looked at for its last words.
-const LAST_WORDS: u64 = 1 << 12;
+/// Number of bytes at the end of stderr that are searched for the last line.
+const STDERR_TAIL: u64 = 1 << 12;
 
-/// Pause between two looks at whether the program has ended.
+/// Polling interval for the end of the process.
 const PAUSE: Duration = Duration::from_millis(2);
 
-/// The project's Python environment, seen from the repository's root.
+/// Python environment of the project, relative to the repository's root.
 const ENVIRONMENT: &str = ".venv/bin";
 
-/// Why no line came.
+/// Reason why no line was received.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Silence {
-    /// None came in time.
+pub(super) enum NoLine {
+    /// No line within the timeout.
     TimedOut,
     /// The program closed its stdout.
     Closed,
 }
 
-/// A running program. Dropped, it is killed with all that it started, so that nothing outlives the trial.
+/// Running process. It is killed with its process group when dropped, so that no child outlives the trial.
 ///
-/// Threads of their own feed its stdin and read its stdout: a program that does not read, or does not answer, blocks neither.
+/// Separate threads write stdin and read stdout, so that a process that does not read or does not answer cannot block.
 pub(super) struct Process {
     child: Child,
-    /// Nothing when its input has ended.
+    /// `None` after the input has been closed.
     input: Option<Sender<String>>,
     output: Receiver<io::Result<String>>,
     stderr: File,
 }
 
-/// The search path with the project's Python environment first, where that is there: `python` then is the one that has the libraries of the examples.
+/// Search path with the project's Python environment first, if it exists, so that `python` has the libraries of the
+/// examples.
 fn path_with_environment() -> Option<OsString> {
     let environment = std::path::absolute(ENVIRONMENT).ok().filter(|folder| folder.is_dir())?;
     let path = env::var_os("PATH").unwrap_or_default();
@@ -50,10 +51,10 @@ fn path_with_environment() -> Option<OsString> {
 }
 
 impl Process {
-    /// Starts the program with its arguments in this process's folder.
+    /// Starts a program with its arguments in the current directory.
     ///
     /// # Errors
-    /// If it does not start.
+    /// If the program does not start.
     pub(super) fn start(command: &[String]) -> io::Result<Self> {
         let stderr = tempfile::tempfile()?;
         let (program, arguments) = command.split_first().ok_or(io::ErrorKind::InvalidInput)?;
@@ -62,38 +63,38 @@ impl Process {
         if let Some(path) = path_with_environment() {
             command.env("PATH", path);
         }
-        // A group of its own, so that what it starts can be ended with it.
+        // A separate process group, so that its children can be killed with it.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn()?;
         let (input, lines) = channel();
         let (answers, output) = sync_channel(1);
         let (stdin, stdout) = (child.stdin.take(), child.stdout.take());
-        thread::spawn(move || stdin.map(|stdin| feed(stdin, &lines)));
-        thread::spawn(move || stdout.map(|stdout| listen(stdout, &answers)));
+        thread::spawn(move || stdin.map(|stdin| write_lines(stdin, &lines)));
+        thread::spawn(move || stdout.map(|stdout| forward_lines(stdout, &answers)));
         Ok(Self { child, input: Some(input), output, stderr })
     }
 
-    /// Gives it a line, without waiting for its being read.
-    pub(super) fn tell(&self, line: String) {
-        // A program that has ended takes nothing; its silence will say so.
+    /// Queues a line for stdin without waiting.
+    pub(super) fn send(&self, line: String) {
+        // If the process has ended, the line is dropped; the next receive reports the end.
         _ = self.input.as_ref().map(|input| input.send(line));
     }
 
-    /// Waits for its next line.
-    pub(super) fn hear(&self, at_most: Duration) -> Result<io::Result<String>, Silence> {
+    /// Waits for the next line of stdout.
+    pub(super) fn receive(&self, at_most: Duration) -> Result<io::Result<String>, NoLine> {
         self.output.recv_timeout(at_most).map_err(|error| match error {
-            RecvTimeoutError::Timeout => Silence::TimedOut,
-            RecvTimeoutError::Disconnected => Silence::Closed,
+            RecvTimeoutError::Timeout => NoLine::TimedOut,
+            RecvTimeoutError::Disconnected => NoLine::Closed,
         })
     }
 
-    /// Ends its input.
-    pub(super) fn hang_up(&mut self) {
+    /// Closes stdin.
+    pub(super) fn close_input(&mut self) {
         self.input = None;
     }
 
-    /// How it ended; nothing where it still runs after that time.
+    /// Exit status. `None` if the process is still running after the timeout.
     pub(super) fn end(&mut self, at_most: Duration) -> io::Result<Option<ExitStatus>> {
         let deadline = Instant::now() + at_most;
         loop {
@@ -105,12 +106,12 @@ impl Process {
         }
     }
 
-    /// The last line that it wrote to stderr.
-    pub(super) fn last_words(&mut self) -> Option<String> {
+    /// Last non-empty line of stderr.
+    pub(super) fn last_stderr_line(&mut self) -> Option<String> {
         let length = self.stderr.metadata().ok()?.len();
-        self.stderr.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).ok()?;
+        self.stderr.seek(SeekFrom::Start(length.saturating_sub(STDERR_TAIL))).ok()?;
         let mut bytes = Vec::new();
-        (&self.stderr).take(LAST_WORDS).read_to_end(&mut bytes).ok()?;
+        (&self.stderr).take(STDERR_TAIL).read_to_end(&mut bytes).ok()?;
         let text = String::from_utf8_lossy(&bytes);
         text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(one_line)
     }
@@ -121,7 +122,7 @@ impl Drop for Process {
         #[cfg(unix)]
         {
             use rustix::process::{Pid, Signal, kill_process_group};
-            // Fails where all of the group have ended, which is as well.
+            // Fails if all processes of the group have ended, which is acceptable.
             _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
         }
         _ = self.child.kill();
@@ -129,8 +130,8 @@ impl Drop for Process {
     }
 }
 
-/// Writes lines as they come. Ends, and with it the program's input, when no more come or none is taken.
-fn feed(mut stdin: ChildStdin, lines: &Receiver<String>) {
+/// Writes lines to stdin. Returns, and thereby closes stdin, when the channel is closed or the process stops reading.
+fn write_lines(mut stdin: ChildStdin, lines: &Receiver<String>) {
     for line in lines {
         if stdin.write_all(line.as_bytes()).and_then(|()| stdin.flush()).is_err() {
             return;
@@ -138,14 +139,14 @@ fn feed(mut stdin: ChildStdin, lines: &Receiver<String>) {
     }
 }
 
-/// Hands on lines as they come, until there are no more or nobody wants them.
-fn listen(stdout: ChildStdout, answers: &SyncSender<io::Result<String>>) {
+/// Forwards the lines of stdout until its end or until the receiver is dropped.
+fn forward_lines(stdout: ChildStdout, answers: &SyncSender<io::Result<String>>) {
     let mut reader = BufReader::new(stdout);
     loop {
         let mut line = String::new();
         let mut read = reader.by_ref().take(LONGEST_LINE).read_line(&mut line);
         if matches!(read, Ok(bytes) if bytes as u64 == LONGEST_LINE) && !line.ends_with('\n') {
-            // What it begins with may be an answer; nobody knows what it ends with.
+            // A truncated line must not be parsed as an answer.
             read = Err(io::Error::other(format!("a line of more than {LONGEST_LINE} bytes")));
         }
         let is_over = !matches!(read, Ok(bytes) if bytes > 0);

@@ -1,4 +1,4 @@
-//! Programs of other people: any that reads rows on stdin and writes estimates on stdout, one process a trial.
+//! External programs as participants: read rows on stdin, write estimates to stdout, one process per trial.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,40 +14,40 @@ use whisker::estimators::{Estimate, Knowledge, MethodClass, estimator};
 use whisker::frames::{Base, Pose, Start};
 use whisker::sensor::Face;
 
-use super::process::{Process, Silence};
-use super::protocol::{Greeting, PROTOCOL, Row, estimate};
+use super::process::{NoLine, Process};
+use super::protocol::{PROTOCOL, Prior, Row, estimate};
 use super::{Participant, Task};
-use crate::front_end::derived_seed;
 use crate::replay::Replay;
 use crate::results::RunEstimator;
+use crate::seeds::derived_seed;
 
-/// A program that takes part under a name.
+/// External program with the name under which it participates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Program {
     name: String,
-    /// The command as it was given.
+    /// Command as given.
     command: String,
     /// Program and arguments.
     words: Vec<String>,
-    /// Hashes of those words that are files.
+    /// SHA-256 of the words that are files.
     files_sha256: BTreeMap<String, String>,
-    /// Longest wait for one answer.
+    /// Timeout of one answer.
     timeout: Duration,
 }
 
 impl Program {
-    /// From `command` or `name=command`, split into words as a shell does, which has no other part in it. Without a name it is called after its
-    /// first argument that is no option where that is a file (a script), else after the program, without folder and extension.
+    /// Parses `command` or `name=command`; the command is split into words by the rules of a shell, but not run by one.
+    /// The default name is the stem of the first non-option argument if that is a file (a script), else of the program.
     ///
     /// # Errors
-    /// If that is no command, or the name is taken by a registered estimator or cannot be a file's.
+    /// If the command is empty or malformed, or the name is not a plain file name or belongs to a registered estimator.
     pub fn new(text: &str, timeout: Duration) -> anyhow::Result<Self> {
         let (name, command) = match text.split_once('=') {
             Some((name, command)) if is_name(name) => (Some(name.to_owned()), command),
             _ => (None, text),
         };
         let words = shlex::split(command).filter(|words| !words.is_empty()).with_context(|| {
-            format!("--exec: found `{text}`, expected a command or name=command, with its quotes in pairs")
+            format!("--exec: found `{text}`, expected a command or name=command, with matching quotes")
         })?;
         let is_file = |word: &&String| Path::new(word).is_file();
         let script = words.iter().skip(1).find(|word| !word.starts_with('-')).filter(is_file);
@@ -73,64 +73,64 @@ impl Program {
         Process::start(&self.words).with_context(|| format!("--exec: `{}` does not start", self.words[0]))
     }
 
-    /// Gives the program one trial, row by row: no row before the answer to the last.
-    fn converse(
+    /// Runs one trial row by row: a row is sent after the answer to the previous one.
+    fn run_trial(
         &self,
         process: &mut Process,
         task: &Task<'_>,
         estimates: &mut Vec<Option<Estimate>>,
     ) -> Result<(), String> {
         let &Task { knowledge, samples, touched, trace, seed } = task;
-        process.tell(line(&Greeting::new(knowledge, derived_seed(seed, &[&self.name, trace]))));
-        // Counted from where the base stood at the first row: no hint at where the world has its origin.
+        process.send(line(&Prior::new(knowledge, derived_seed(seed, &[&self.name, trace]))));
+        // Poses are relative to the base's first pose, so that they do not reveal the origin of World.
         let mut base: Pose<Base, Start> = Pose::new(0.0, 0.0, 0.0);
         let mut t_s = 0.0;
         for (index, (sample, &touched)) in samples.iter().zip(touched).enumerate() {
             base = sample.motion.inverse().then(&base);
             t_s += sample.dt_s;
-            process.tell(line(&Row::new(t_s, &base, sample, touched)));
+            process.send(line(&Row::new(t_s, &base, sample, touched)));
             let row = format!("row {} of {}", index + 1, samples.len());
-            let answer = match process.hear(self.timeout) {
+            let answer = match process.receive(self.timeout) {
                 Ok(answer) => answer.map_err(|error| format!("answer to {row}: {error}"))?,
-                Err(Silence::TimedOut) => {
+                Err(NoLine::TimedOut) => {
                     return Err(format!("no answer to {row} within {} s", self.timeout.as_secs_f64()));
                 }
-                Err(Silence::Closed) => return Err(format!("{} before its answer to {row}", self.end(process))),
+                Err(NoLine::Closed) => return Err(format!("{} before its answer to {row}", self.end(process))),
             };
             let face = touched.unwrap_or_else(|| Face::of_reading(sample.reading_n_m));
             let estimate =
                 estimate(&answer, face, knowledge).map_err(|problem| format!("answer to {row}: {problem}"))?;
             estimates.push(estimate);
         }
-        process.hang_up();
-        match process.hear(self.timeout) {
-            Err(Silence::Closed) => Ok(()),
-            Err(Silence::TimedOut) => {
-                Err(format!("still runs {} s after the end of its input", self.timeout.as_secs_f64()))
+        process.close_input();
+        match process.receive(self.timeout) {
+            Err(NoLine::Closed) => Ok(()),
+            Err(NoLine::TimedOut) => {
+                Err(format!("still running {} s after its input was closed", self.timeout.as_secs_f64()))
             }
             Ok(_) => Err(format!("found more answers than the {} rows, expected one each", samples.len())),
         }
     }
 
-    /// How a program ended that has closed its stdout, and what it said last.
+    /// Description of the end of a program that closed its stdout, with its last line on stderr.
     fn end(&self, process: &mut Process) -> String {
         let end = match process.end(self.timeout) {
             Ok(Some(status)) => format!("ended ({status})"),
             Ok(None) | Err(_) => "closed its stdout".into(),
         };
-        match process.last_words() {
-            Some(words) => format!("{end}, saying `{words}`,"),
+        match process.last_stderr_line() {
+            Some(words) => format!("{end}, last line of stderr `{words}`,"),
             None => end,
         }
     }
 }
 
-/// Whether a name is good for files and figures.
+/// Whether a name is suitable for files and figures.
 fn is_name(name: &str) -> bool {
     is_plain_name(name) && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
 }
 
-/// A message as a line.
+/// Message as a line of JSON.
 fn line(message: &impl serde::Serialize) -> String {
     serde_json::to_string(message).expect("messages serialise") + "\n"
 }
@@ -159,8 +159,8 @@ impl Participant for Program {
         let start = Instant::now();
         let mut estimates = Vec::with_capacity(task.samples.len());
         let mut process = self.start()?;
-        let failure = self.converse(&mut process, task, &mut estimates).err();
-        // From a failure on it is silent.
+        let failure = self.run_trial(&mut process, task, &mut estimates).err();
+        // After a failure there are no estimates.
         estimates.resize(task.samples.len(), None);
         Ok(Replay { estimates, outline: None, elapsed_ns: start.elapsed().as_nanos(), failure })
     }

@@ -1,4 +1,4 @@
-//! What is said between the testbed and a foreign program: JSON lines, specified for people in `docs/your-estimator.md`.
+//! Messages between the testbed and an external program: JSON lines, specified in `docs/your-estimator.md`.
 
 use filters::Innovation;
 use nalgebra::{Matrix1, Matrix2, Vector1};
@@ -9,27 +9,27 @@ use whisker::estimators::{BaseNoise, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
 use whisker::sensor::{AlongAway, CalibratedFace, Domain, Face};
 
-/// Version of the protocol, in the first line that a program reads.
+/// Version of the protocol, sent in the first line.
 pub const PROTOCOL: u32 = 1;
 
-/// Nodes of the sensor model's table along the whisker and away from it.
+/// Number of nodes of the sensor model's table along the whisker and away from it.
 const NODES: [usize; 2] = [61, 31];
 
-/// Points of the undeflected whisker, ends included.
+/// Number of points of the undeflected whisker, including both ends.
 const REST_POINTS: usize = 101;
 
-/// Largest seed that every language's numbers hold exactly, and the mask that leaves as much.
+/// Mask for seeds: the largest integer that is exactly representable as a double-precision number.
 const SEED_MASK: u64 = (1 << 53) - 1;
 
-/// Coordinates and standard deviations beyond this are taken for an error of the program.
+/// Largest magnitude of coordinates and standard deviations in an answer.
 const FARTHEST_M: f64 = 1e3;
 
-/// Longest piece of a wrong answer that is repeated.
+/// Maximum number of characters of an invalid answer that are quoted.
 const QUOTED: usize = 120;
 
-/// The first line: what an honest robot knows before it touches anything.
+/// First line: prior information available to the estimator.
 #[derive(Serialize)]
-pub(super) struct Greeting<'a> {
+pub(super) struct Prior<'a> {
     protocol: u32,
     seed: u64,
     rate_hz: f64,
@@ -38,10 +38,12 @@ pub(super) struct Greeting<'a> {
     whisker: &'a Whisker,
     rest: RestLine,
     faces: Vec<FaceTable<'a>>,
-    told: Option<ToldContact>,
+    /// The key is part of the protocol.
+    #[serde(rename = "told")]
+    contact_prior: Option<ContactPriorLine>,
 }
 
-/// Covariance of the error of the base's measured pose, in Base.
+/// Covariance of the error of the measured base pose, in Base.
 #[derive(Serialize)]
 struct BaseNoiseLine {
     cov_xx_m2: f64,
@@ -52,7 +54,7 @@ struct BaseNoiseLine {
     cov_yaw_yaw_rad2: f64,
 }
 
-/// The undeflected whisker from root to tip, in Base.
+/// Undeflected whisker from root to tip, in Base.
 #[derive(Default, Serialize)]
 struct RestLine {
     arc_m: Vec<f64>,
@@ -61,7 +63,7 @@ struct RestLine {
     tangent_rad: Vec<f64>,
 }
 
-/// What was calibrated on one side.
+/// Calibration of one face.
 #[derive(Serialize)]
 struct FaceTable<'a> {
     face: Face,
@@ -71,7 +73,7 @@ struct FaceTable<'a> {
     table: SensorTable,
 }
 
-/// The sensor model at the nodes of a grid over the calibrated region, those of one arc length together.
+/// Sensor model on a grid over the calibrated domain; the nodes of one arc length are contiguous.
 #[derive(Default, Serialize)]
 struct SensorTable {
     arc_m: Vec<f64>,
@@ -85,20 +87,20 @@ struct SensorTable {
     model_sd_n_m: Vec<f64>,
 }
 
-/// Where the robot was told that it touches first, in Base.
+/// Prior position of the first contact, in Base.
 #[derive(Serialize)]
-struct ToldContact {
+struct ContactPriorLine {
     contact_x_m: f64,
     contact_y_m: f64,
     sd_m: f64,
 }
 
-impl<'a> Greeting<'a> {
+impl<'a> Prior<'a> {
     pub(super) fn new(knowledge: &'a Knowledge, seed: u64) -> Self {
-        let told = knowledge.contact_prior.map(|told| ToldContact {
-            contact_x_m: told.contact.x(),
-            contact_y_m: told.contact.y(),
-            sd_m: told.sd_m,
+        let contact_prior = knowledge.contact_prior.map(|prior| ContactPriorLine {
+            contact_x_m: prior.contact.x(),
+            contact_y_m: prior.contact.y(),
+            sd_m: prior.sd_m,
         });
         Self {
             protocol: PROTOCOL,
@@ -109,7 +111,7 @@ impl<'a> Greeting<'a> {
             whisker: &knowledge.whisker,
             rest: RestLine::new(knowledge),
             faces: knowledge.faces.iter().map(|face| FaceTable::new(knowledge, face)).collect(),
-            told,
+            contact_prior,
         }
     }
 }
@@ -167,12 +169,12 @@ impl<'a> FaceTable<'a> {
     }
 }
 
-/// Evenly spaced values from one to another, both included.
+/// Equally spaced values from `from` to `to`, including both.
 fn evenly(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| from + (to - from) * i as f64 / (count - 1) as f64)
 }
 
-/// An estimate of which nothing but its place is known.
+/// Estimate that states a position only.
 fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
     Estimate {
         contact,
@@ -186,7 +188,7 @@ fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
     }
 }
 
-/// A line after the first: what the robot learns at one instant.
+/// Any later line: the sample at one instant.
 #[derive(Serialize)]
 pub(super) struct Row {
     t_s: f64,
@@ -202,7 +204,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// `base` is where the base stands now, `touched` the side on which the common detector of contacts feels an object.
+    /// `base` is the current pose of the base, `touched` the face in contact according to the common detector.
     pub(super) fn new(t_s: f64, base: &Pose<Base, Start>, sample: &Sample, touched: Option<Face>) -> Self {
         Self {
             t_s,
@@ -219,7 +221,7 @@ impl Row {
     }
 }
 
-/// An answer; `null` stands for none.
+/// Answer of the program; `null` stands for no estimate.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Answer {
@@ -232,14 +234,14 @@ struct Answer {
     innovation_variance_n2_m2: Option<f64>,
 }
 
-/// What is expected of an answer.
-const EXPECTED: &str = "null or {\"contact_x_m\": number, \"contact_y_m\": number} with, if you like, \
+/// Expected form of an answer.
+const EXPECTED: &str = "null or {\"contact_x_m\": number, \"contact_y_m\": number} and optionally \
                         cov_xx_m2, cov_xy_m2 and cov_yy_m2, or innovation_n_m and innovation_variance_n2_m2";
 
-/// The estimate in a program's answer to a row with a contact on `face`, where it gives one.
+/// Parses a program's answer to a row with a contact on `face`. `None` if the answer is `null`.
 ///
 /// # Errors
-/// What was found and what was expected, where the line is no answer.
+/// Found and expected text if the line is not a valid answer.
 pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
     let line = line.trim();
     let found = || {
@@ -247,7 +249,7 @@ pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<
         let rest = if quoted.len() < line.len() { "..." } else { "" };
         format!("found `{}{rest}`", one_line(&quoted))
     };
-    // Serde would take a list for the values of an object, in the order of the fields.
+    // serde would accept a list as the field values in declaration order.
     if line.starts_with('[') {
         return Err(format!("{}, expected {EXPECTED}", found()));
     }
@@ -258,7 +260,7 @@ pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<
 }
 
 impl Answer {
-    /// The estimate, or what was expected.
+    /// Estimate with its flags, or the expected form.
     fn estimate(&self, face: Face, knowledge: &Knowledge) -> Result<Estimate, String> {
         if !(self.contact_x_m.abs() <= FARTHEST_M && self.contact_y_m.abs() <= FARTHEST_M) {
             return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));

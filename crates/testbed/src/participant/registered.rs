@@ -1,4 +1,4 @@
-//! The estimators of the registry.
+//! Registered estimators as participants.
 
 use std::sync::Arc;
 
@@ -11,17 +11,17 @@ use crate::replay::{self, Replay};
 use crate::results::RunEstimator;
 use crate::settings::merged;
 
-/// A registered estimator with its settings.
+/// Registered estimator with its settings.
 pub struct Registered {
     row: &'static EstimatorRow,
     config: Value,
 }
 
 impl Registered {
-    /// The estimator of this name, with settings over its defaults.
+    /// Estimator with this name, with settings that override its defaults.
     ///
     /// # Errors
-    /// If there is none of this name, or the settings are no JSON object.
+    /// If the name is unknown or the settings are not a JSON object.
     pub fn new(name: &str, overrides: &Value) -> anyhow::Result<Self> {
         let row = estimators::estimator(name).with_context(|| {
             let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();

@@ -1,6 +1,6 @@
 //! Sliding contacts: error of the stated radius, detection of a wrong model, and loss of accuracy on pins.
 
-use testbed::consistency::BY_INNOVATIONS;
+use testbed::consistency::NIS_TEST;
 use testbed::metrics::{Metric, error, radius};
 
 use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, monte_carlo};
@@ -58,7 +58,7 @@ fn noticed(group: &'static str, whisker: &'static str) -> Vec<Claim> {
         "times",
         move |context| {
             let trials = context.run(contours::RUN).trials_of(group, whisker, STATIC);
-            Ok(BY_INNOVATIONS.average(trials).map(|average| average.value / average.interval.1))
+            Ok(NIS_TEST.average(trials).map(|average| average.value / average.interval.1))
         },
     )]
 }

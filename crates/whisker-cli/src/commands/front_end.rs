@@ -3,7 +3,7 @@
 use std::fs;
 
 use serde_json::Value;
-use testbed::front_end::{Choice, FRONT_ENDS};
+use testbed::front_end::{FRONT_ENDS, FrontEndConfig};
 
 use super::json;
 
@@ -22,8 +22,8 @@ pub(super) struct Arguments {
 
 impl Arguments {
     /// The selected front end.
-    pub(super) fn choice(&self) -> Choice {
-        Choice { name: self.front_end.clone(), config: self.front_end_config.clone() }
+    pub(super) fn choice(&self) -> FrontEndConfig {
+        FrontEndConfig { name: self.front_end.clone(), config: self.front_end_config.clone() }
     }
 }
 

@@ -9,7 +9,7 @@ use files::AtomicFile;
 use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::evaluate::estimate_row;
-use testbed::front_end::{FrontEnd, Mounting, Played, Reader};
+use testbed::front_end::{FrontEnd, Mounting, Reader, SensorInput};
 use testbed::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::{EstimateRow, RECOMMENDED, Table};
 use testbed::settings::merged;
@@ -84,12 +84,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 .collect::<anyhow::Result<_>>()?;
             let neighbours = beside.iter().map(|(trace, mounting)| {
                 let sensor = front_end.sensor(&path, &calibration, mounting)?;
-                Ok(Played { sensor, ..Played::new(trace, mounting, added_sd_n_m, arguments.seed) })
+                Ok(SensorInput { sensor, ..SensorInput::new(trace, mounting, added_sd_n_m, arguments.seed) })
             });
             let neighbours = neighbours.collect::<anyhow::Result<Vec<_>>>()?;
             let trace = Trace::read(&arguments.trace)?;
-            let played = Played::new(&trace, &mounting, added_sd_n_m, arguments.seed);
-            let readings_n_m = front_end.readings_n_m(&Played { sensor, neighbours: &neighbours, ..played })?;
+            let played = SensorInput::new(&trace, &mounting, added_sd_n_m, arguments.seed);
+            let readings_n_m = front_end.readings_n_m(&SensorInput { sensor, neighbours: &neighbours, ..played })?;
             let mut readings_n_m = readings_n_m.into_iter();
             Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant"))
         }

@@ -1,27 +1,30 @@
-//! How much of the reference sensor's counts appears in those of a sensor, learnt at rest while the board is turned.
+//! Common-mode calibration: influence of the reference sensor's counts on those of a sensor, with the board at rest at
+//! several headings.
 //!
-//! Only the two axes in the plane are used: a board that turns in the plane sees the same vertical field throughout, so nothing would tell the third.
+//! Only the two horizontal axes are used. A board that rotates in the plane sees a constant vertical field, so the
+//! third coefficient is unobservable.
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{Board, Counts, Mounting, samples_in};
+use super::board::{Board, Counts, samples_in};
+use crate::front_end::mounting::Mounting;
 use crate::statistics::mean;
 
-/// Headings, evenly spread, at which the board stands still, and for how long. It is read there for so long that the noise of the reference, which would pass
-/// for a smaller influence, averages out.
+/// Number of equally spaced headings and the time at rest at each. The time averages the noise of the reference, which
+/// would bias the influence towards zero.
 const HEADINGS: usize = 24;
 const STILL_S: f64 = 1.0;
 
-/// Most probability with which noise alone would look like an influence.
+/// Significance level of the F-test: probability of accepting an influence that is noise alone.
 const MOST_CHANCE: f64 = 1e-3;
 
-/// The influence of the reference's x and y on the sensor of a whisker.
-pub(super) fn learn(board: &Board, mounting: &Mounting, seat: usize, seed: u64, dt_s: f64) -> [f64; 2] {
-    let mut watch = board.watch(&mounting.on("headings"), seed);
+/// Estimates the influence of the reference's x and y axes on the sensor in a slot.
+pub(super) fn fit_at_headings(board: &Board, mounting: &Mounting, slot: usize, seed: u64, dt_s: f64) -> [f64; 2] {
+    let mut reader = board.reader(&mounting.on("headings"), seed);
     let stops: Vec<Counts> = (0..HEADINGS)
         .map(|heading| {
             let yaw_rad = std::f64::consts::TAU * heading as f64 / HEADINGS as f64;
-            let still = watch.rest(seat, samples_in(STILL_S, dt_s), dt_s, yaw_rad);
+            let still = reader.rest(slot, samples_in(STILL_S, dt_s), dt_s, yaw_rad);
             average(&still)
         })
         .collect();
@@ -36,9 +39,12 @@ fn average(counts: &[Counts]) -> Counts {
     }
 }
 
-/// Least squares of `own = rest + influence . reference`. No influence where that explains no more of the sensor's counts than noise would: where the reference sees
-/// nothing change, least squares fits noise to noise. By the F-test at [`MOST_CHANCE`]: `F = ((S0 - S) / 2) / (S / (n - 3))` with the sums of squares `S0` without
-/// and `S` with the influence; with two degrees of freedom above, `F` is larger by chance with the probability `(1 + 2 F / (n - 3))^-((n - 3) / 2)`, which is `(S / S0)^((n - 3) / 2)`.
+/// Least-squares fit of `own = rest + influence . reference`. Returns zero unless the influence is significant at level
+/// [`MOST_CHANCE`], since noise would be fitted to noise if the reference sees no change.
+///
+/// F-test: `F = ((S0 - S) / 2) / (S / (n - 3))` with the residual sums of squares `S0` without and `S` with the
+/// influence. With two numerator degrees of freedom, the p-value of `F` is `(1 + 2 F / (n - 3))^-((n - 3) / 2) = (S /
+/// S0)^((n - 3) / 2)`.
 fn fit(stops: &[Counts]) -> [f64; 2] {
     let middle = average(stops);
     let mut normal = Matrix2::zeros();
@@ -65,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_fit_finds_the_influence() {
+    fn verif_fit_recovers_the_influence() {
         let stop = |x: f64, y: f64| Counts { own: 7.0 + 0.02 * x + 1.1 * y, reference: [x, y] };
         let [x, y] = fit(&[stop(1.0, 0.0), stop(0.0, 6.0), stop(-5.0, -1.0), stop(2.0, -3.0)]);
         assert!((x - 0.02).abs() < 1e-12 && (y - 1.1).abs() < 1e-12);
@@ -73,6 +79,6 @@ mod tests {
         let noise = |i: u32| f64::from((i * 7919) % 13) - 6.0;
         let unrelated: Vec<Counts> =
             (0..24).map(|i| Counts { own: noise(i), reference: [noise(i + 31), noise(3 * i + 5)] }).collect();
-        assert_eq!(fit(&unrelated), [0.0, 0.0], "noise is no influence");
+        assert_eq!(fit(&unrelated), [0.0, 0.0], "noise must not be fitted");
     }
 }

@@ -1,29 +1,30 @@
-//! The field of a magnet that turns and swings with the whisker's root.
+//! Field of a magnet that rotates with the whisker's root.
 
 use nalgebra::Vector3;
 
-/// Magnetic constant over 4 pi, T m/A.
+/// Magnetic constant divided by 4 pi, in T m/A.
 const MAGNETIC_T_M_A: f64 = 1e-7;
 
-/// Field of a dipole at a place, both in the same axes, the place seen from the dipole:
-/// `B = mu0 / (4 pi r^3) (3 (m . u) u - m)` with `r` the distance and `u` the direction (Jackson, Classical Electrodynamics, 5.56).
+/// Dipole field at a position relative to the dipole, `B = mu0 / (4 pi r^3) (3 (m . u) u - m)` with distance `r` and
+/// direction `u` (Jackson, Classical Electrodynamics, 5.56). Both arguments have the same axes.
 pub(super) fn dipole_field_t(moment_a_m2: Vector3<f64>, place_m: Vector3<f64>) -> Vector3<f64> {
     let distance_m = place_m.norm();
     let towards = place_m / distance_m;
     MAGNETIC_T_M_A / distance_m.powi(3) * (3.0 * moment_a_m2.dot(&towards) * towards - moment_a_m2)
 }
 
-/// A magnet on the root, in the axes of Base. At rest its moment points along +x, as the whisker does, and it lies behind the root, at -x.
+/// Magnet on the root, in Base. At rest its moment points along +x, the direction of the whisker, and it lies behind
+/// the root, at -x.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Magnet {
-    /// Its moment.
+    /// Magnetic moment.
     pub moment_a_m2: f64,
-    /// From the axis about which the root turns to the magnet.
+    /// Distance from the root's axis of rotation to the magnet.
     pub lever_m: f64,
 }
 
 impl Magnet {
-    /// Its field at a place in Base while the root is turned.
+    /// Field at a position in Base for a given rotation of the root.
     pub(super) fn field_t(&self, rotation_rad: f64, place_m: Vector3<f64>) -> Vector3<f64> {
         let (sin, cos) = rotation_rad.sin_cos();
         let along = Vector3::new(cos, sin, 0.0);
@@ -36,10 +37,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn val_on_the_axis_and_across_it() {
+    fn val_field_on_the_axis_and_across_it() {
         let moment = Vector3::new(0.0, 0.0, 6.5e-3);
         for distance_m in [2e-3, 4e-3, 50e-3] {
-            // mu0 m / (2 pi z^3) on the axis, minus half of it across.
+            // mu0 m / (2 pi z^3) on the axis and minus half of that across it.
             let on_axis_t =
                 4e-7 * std::f64::consts::PI * 6.5e-3 / (2.0 * std::f64::consts::PI * f64::powi(distance_m, 3));
             let axis = dipole_field_t(moment, Vector3::new(0.0, 0.0, -distance_m));
@@ -50,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn val_a_magnet_that_only_turns_reads_the_sine() {
+    fn val_without_lever_the_field_is_sinusoidal() {
         let magnet = Magnet { moment_a_m2: 6.5e-3, lever_m: 0.0 };
         let place = Vector3::new(-4e-3, 0.0, 0.0);
         let across_t = 1e-7 * 6.5e-3 / 4e-3_f64.powi(3);
@@ -62,10 +63,11 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_magnet_that_swings_reads_more_and_bends_over() {
+    fn verif_a_lever_increases_the_slope_and_the_nonlinearity() {
         let magnet = Magnet { moment_a_m2: 6.5e-3, lever_m: 0.5e-3 };
         let field_y = |rotation_rad: f64| magnet.field_t(rotation_rad, Vector3::new(-4.5e-3, 0.0, 0.0)).y;
-        // Turned by a little, the dipole at distance `g` with lever `l` reads (1 + 3 l / g) times what turning alone does.
+        // For small rotations, a dipole at distance `g` with lever `l` has (1 + 3 l / g) times the sensitivity without
+        // lever.
         let across_t = 1e-7 * 6.5e-3 / 4e-3_f64.powi(3);
         assert!((field_y(1e-5) / 1e-5 / across_t + 1.375).abs() < 1e-6);
         assert!((field_y(0.4) / 0.4).abs() < 0.95 * 1.375 * across_t);

@@ -1,28 +1,30 @@
-//! What moves counts by itself: white noise, 1/f noise and a drifting temperature. Seeded and exact at any interval between samples.
+//! Noise processes of a Hall sensor: white noise, 1/f noise and temperature drift. Discretised exactly for any sampling
+//! interval.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 
-/// Corners of the octaves of the 1/f noise: from above any rate at which such sensors are read down to one in an hour.
+/// Highest corner frequency and number of octaves of the 1/f noise: from above any sampling rate of such sensors down
+/// to one period per hour.
 const FASTEST_HZ: f64 = 128.0;
 const OCTAVES: usize = 20;
 
-/// A process that forgets exponentially: `dx = -x dt / time_s + noise`, stationary from the start. At any interval `dt` it is exactly
-/// `x <- a x + sqrt(1 - a^2) sd w` with `a = exp(-dt / time_s)` and `w` standard normal.
+/// Ornstein-Uhlenbeck process `dx = -x dt / time_s + noise` in its stationary distribution. Its exact discretisation
+/// over an interval `dt` is `x <- a x + sqrt(1 - a^2) sd w` with `a = exp(-dt / time_s)` and `w` standard normal.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Forgetting {
+pub(super) struct OrnsteinUhlenbeck {
     sd: f64,
     time_s: f64,
     value: f64,
 }
 
-impl Forgetting {
+impl OrnsteinUhlenbeck {
     pub(super) fn new(sd: f64, time_s: f64, rng: &mut Pcg64) -> Self {
         Self { sd, time_s, value: sd * rng.sample::<f64, _>(StandardNormal) }
     }
 
-    /// The value after an interval.
+    /// Value after an interval.
     pub(super) fn step(&mut self, dt_s: f64, rng: &mut Pcg64) -> f64 {
         let kept = (-dt_s / self.time_s).exp();
         self.value = kept * self.value + (1.0 - kept * kept).sqrt() * self.sd * rng.sample::<f64, _>(StandardNormal);
@@ -30,25 +32,26 @@ impl Forgetting {
     }
 }
 
-/// White and 1/f noise of one axis. The latter is a sum of processes that forget, one an octave, all with the same variance: its one-sided spectrum is
-/// `sd^2 / (f ln 2)` between the outermost corners (van der Ziel 1950).
+/// White and 1/f noise of one axis. The latter is a sum of Ornstein-Uhlenbeck processes of equal variance, one per
+/// octave; its one-sided spectrum is `sd^2 / (f ln 2)` between the outermost corner frequencies (van der Ziel 1950).
 #[derive(Debug)]
 pub(super) struct Noise {
     white_sd: f64,
-    octaves: Vec<Forgetting>,
+    octaves: Vec<OrnsteinUhlenbeck>,
     rng: Pcg64,
 }
 
 impl Noise {
-    /// With this standard deviation of the white noise in each sample, and of each octave of the other.
+    /// Noise with these standard deviations of the white noise per sample and of each octave of the 1/f noise.
     pub(super) fn new(white_sd: f64, octave_sd: f64, seed: u64) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
         let time_s = |octave: i32| 2_f64.powi(octave) / (std::f64::consts::TAU * FASTEST_HZ);
-        let octaves = (0..OCTAVES as i32).map(|octave| Forgetting::new(octave_sd, time_s(octave), &mut rng)).collect();
+        let octaves =
+            (0..OCTAVES as i32).map(|octave| OrnsteinUhlenbeck::new(octave_sd, time_s(octave), &mut rng)).collect();
         Self { white_sd, octaves, rng }
     }
 
-    /// The noise of the next sample, so long after the last.
+    /// Noise of the next sample, after an interval `dt_s`.
     pub(super) fn step(&mut self, dt_s: f64) -> f64 {
         let slow: f64 = self.octaves.iter_mut().map(|octave| octave.step(dt_s, &mut self.rng)).sum();
         slow + self.white_sd * self.rng.sample::<f64, _>(StandardNormal)
@@ -62,7 +65,7 @@ mod tests {
 
     const RATE_HZ: f64 = 250.0;
 
-    /// One-sided spectral density at a frequency, averaged over windows of so many samples under a Hann window.
+    /// One-sided spectral density at a frequency, averaged over Hann windows of `window` samples.
     fn density(series: &[f64], window: usize, frequency_hz: f64) -> f64 {
         let hann = |i: usize| 0.5 - 0.5 * (TAU * i as f64 / window as f64).cos();
         let power: f64 = (0..window).map(|i| hann(i).powi(2)).sum();
@@ -99,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_the_interval_does_not_change_the_noise() {
+    fn verif_the_variance_is_independent_of_the_interval() {
         let variance = |dt_s: f64| {
             let mut noise = Noise::new(0.0, 1.0, 3);
             let series: Vec<f64> = (0..200_000).map(|_| noise.octaves[5].step(dt_s, &mut noise.rng)).collect();

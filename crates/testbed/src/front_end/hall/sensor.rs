@@ -1,22 +1,22 @@
-//! A Hall sensor with three axes: field to counts.
+//! Model of a three-axis Hall sensor: from field to counts.
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 
-use super::Config;
+use super::config::Config;
 
-/// One copy of the sensor. No two are alike, and nobody is told in what they differ.
+/// Individual sensor. Gains, offsets and axis directions vary between sensors and are unknown to the estimators.
 #[derive(Clone, Debug)]
 pub(super) struct HallSensor {
     axes: [Axis; 3],
-    /// The counts that it can state lie in `-range..range`.
+    /// Limit of the counts: they saturate at `-range` and `range - 1`.
     range: f64,
     gain_drift_per_k: f64,
 }
 
-/// Where an axis looks, in the axes of Base, and what it makes of the field there.
+/// Direction (in Base), gain and offset of an axis.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     direction: Vector3<f64>,
@@ -26,7 +26,7 @@ struct Axis {
 }
 
 impl HallSensor {
-    /// The copy that comes from a seed.
+    /// Individual sensor drawn with this seed.
     pub(super) fn new(config: &Config, seed: u64) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut normal = |sd: f64| sd * rng.sample::<f64, _>(StandardNormal);
@@ -43,17 +43,17 @@ impl HallSensor {
         Self { axes, range, gain_drift_per_k: config.gain_drift_per_k }
     }
 
-    /// The same sensor behind an amplifier.
+    /// Sensor with an amplified signal.
     pub(super) fn amplified(&self, by: f64) -> Self {
         let axes = self.axes.map(|axis| Axis { gain_counts_per_t: by * axis.gain_counts_per_t, ..axis });
         Self { axes, ..self.clone() }
     }
 
-    /// Counts of one axis, whole and within the range, in a field, so many degrees warmer than when it was made, with this noise.
-    pub(super) fn counts(&self, axis: usize, field_t: Vector3<f64>, warmer_k: f64, noise_counts: f64) -> f64 {
+    /// Counts of one axis, rounded and saturated, for a field, a temperature deviation from calibration and a noise.
+    pub(super) fn counts(&self, axis: usize, field_t: Vector3<f64>, temperature_k: f64, noise_counts: f64) -> f64 {
         let Axis { direction, gain_counts_per_t, offset_counts, offset_drift_counts_per_k } = self.axes[axis];
-        let signal = gain_counts_per_t * (1.0 + self.gain_drift_per_k * warmer_k) * direction.dot(&field_t);
-        let offset = offset_counts + offset_drift_counts_per_k * warmer_k;
+        let signal = gain_counts_per_t * (1.0 + self.gain_drift_per_k * temperature_k) * direction.dot(&field_t);
+        let offset = offset_counts + offset_drift_counts_per_k * temperature_k;
         (signal + offset + noise_counts).round().clamp(-self.range, self.range - 1.0)
     }
 }
@@ -75,10 +75,10 @@ mod tests {
     }
 
     #[test]
-    fn verif_counts_are_whole_and_end_at_the_range() {
+    fn verif_counts_are_rounded_and_saturate() {
         let sensor = ideal(16);
         let counts = |field_t: f64| sensor.counts(1, Vector3::new(0.0, field_t, 0.0), 0.0, 0.0);
-        // 2.8e5 counts a tesla.
+        // 2.8e5 counts per tesla.
         assert_eq!(counts(1e-3), 280.0);
         assert_eq!(counts(1.001e-3), 280.0);
         assert_eq!(counts(1.002e-3), 281.0);
@@ -89,14 +89,14 @@ mod tests {
     }
 
     #[test]
-    fn verif_temperature_scales_the_field() {
+    fn verif_gain_depends_on_temperature() {
         let sensor = ideal(16);
-        let counts = |warmer_k: f64| sensor.counts(0, Vector3::new(0.01, 0.0, 0.0), warmer_k, 0.0);
+        let counts = |temperature_k: f64| sensor.counts(0, Vector3::new(0.01, 0.0, 0.0), temperature_k, 0.0);
         assert_eq!((counts(0.0), counts(10.0)), (2800.0, 2772.0));
     }
 
     #[test]
-    fn verif_a_seed_is_a_copy() {
+    fn verif_the_seed_determines_the_sensor() {
         let field_t = Vector3::new(0.001, 0.002, 0.003);
         let read = |seed| {
             let sensor = HallSensor::new(&Config::default(), seed);

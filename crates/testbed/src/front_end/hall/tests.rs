@@ -1,7 +1,9 @@
+use nalgebra::{Isometry3, Vector3};
 use trace::{Recorded, Trace};
 
+use super::board::{Counts, Y};
 use super::*;
-use crate::front_end::{Choice, FrontEnd, Seat};
+use crate::front_end::{BoardSlot, FrontEnd, FrontEndConfig};
 use crate::statistics::quantile;
 
 fn mounting(sensor: &str, array: &str) -> Mounting {
@@ -17,16 +19,17 @@ fn hall(config: Config) -> Hall {
     Hall { config }
 }
 
-/// A sensor that was calibrated on the golden traces.
+/// Calibration of a sensor on the golden traces.
 fn calibrated(hall: &Hall, mounting: &Mounting) -> anyhow::Result<SensorFile> {
     let traces = ["golden_pin", "golden_circle"].map(golden);
     let own = traces.each_ref().map(|trace| Mounting::alone(&trace.sidecar));
-    let played: Vec<Played> = traces.iter().zip(&own).map(|(trace, own)| Played::new(trace, own, 0.0, 1)).collect();
-    Ok(hall.calibrate(mounting, &played)?.expect("it has a sensor"))
+    let input: Vec<SensorInput> =
+        traces.iter().zip(&own).map(|(trace, own)| SensorInput::new(trace, own, 0.0, 1)).collect();
+    Ok(hall.calibrate(mounting, &input)?.expect("it has a sensor"))
 }
 
 #[test]
-fn val_counts_are_those_published() {
+fn val_signal_and_rest_counts_match_the_published_ones() {
     let config = Config::default();
     let mut peaks = Vec::new();
     let mut rests = Vec::new();
@@ -38,11 +41,11 @@ fn val_counts_are_those_published() {
         let field_t = |rotation_rad: f64| board.magnets_t(&[rotation_rad], &whisker.place);
         let counts = |rotation_rad: f64| whisker.sensor.counts(Y, field_t(rotation_rad), 0.0, 0.0);
         peaks.push((counts(21.7_f64.to_radians()) - counts(0.0)).abs());
-        let common_mode = common_mode::learn(&board, &mounting, 0, 1, 0.004);
-        let mut watch = board.watch(&mounting, 1);
-        let zero = hall(config.clone()).zero_counts(&mut watch, 0, common_mode, 0.004, 0.0);
+        let common_mode = common_mode::fit_at_headings(&board, &mounting, 0, 1, 0.004);
+        let mut reader = board.reader(&mounting, 1);
+        let zero = hall(config.clone()).zero_counts(&mut reader, 0, common_mode, 0.004, 0.0);
         rests.extend(
-            watch.rest(0, 2500, 0.004, 0.0).iter().map(|counts| (counts.compensated(common_mode) - zero).abs()),
+            reader.rest(0, 2500, 0.004, 0.0).iter().map(|counts| (counts.compensated(common_mode) - zero).abs()),
         );
     }
     let peak = quantile(&peaks, 0.5).unwrap();
@@ -52,7 +55,7 @@ fn val_counts_are_those_published() {
 }
 
 #[test]
-fn val_compensation_leaves_a_tenth_of_the_earths_shift_in_every_copy() {
+fn val_compensation_reduces_the_earths_shift_tenfold_in_every_sensor() {
     let hall = hall(Config::default());
     for copy in 0..20 {
         let mounting = mounting(&format!("sensor {copy}"), &format!("board {}", copy / 3));
@@ -66,7 +69,7 @@ fn val_compensation_leaves_a_tenth_of_the_earths_shift_in_every_copy() {
 }
 
 #[test]
-fn verif_without_compensation_the_shift_stays() {
+fn verif_without_compensation_the_shift_remains() {
     let hall = hall(Config { compensated: false, ..Config::default() });
     let mounting = mounting("sensor", "board");
     let sensor = calibrated(&hall, &mounting).unwrap();
@@ -76,7 +79,7 @@ fn verif_without_compensation_the_shift_stays() {
 }
 
 #[test]
-fn val_earths_field_turns_in_the_sensor() {
+fn val_earths_field_rotates_in_the_sensor_frame() {
     let mut config = Config { earth_t: 50e-6, earth_inclination_rad: 0.0, north_rad: 0.0, ..Config::default() };
     let earth_t = |config: &Config, yaw_rad| Board::new(config, &mounting("sensor", "board")).earth_t(yaw_rad);
     assert!((earth_t(&config, 0.0) - Vector3::new(50e-6, 0.0, 0.0)).norm() < 1e-18);
@@ -86,15 +89,15 @@ fn val_earths_field_turns_in_the_sensor() {
 }
 
 #[test]
-fn verif_readings_are_moments_within_the_noise_that_was_learnt() {
+fn verif_reading_errors_match_the_calibrated_noise() {
     let hall = hall(Config { temperature_sd_k: 0.0, ..Config::default() });
     let trace = golden("golden_pin");
     let mounting = Mounting::alone(&trace.sidecar);
     let sensor = calibrated(&hall, &mounting).unwrap();
     let mut errors_n_m = Vec::new();
     for seed in 1..=20 {
-        let played = Played::new(&trace, &mounting, 0.0, seed);
-        let readings = hall.readings_n_m(&Played { sensor: Some(&sensor), ..played }).unwrap();
+        let input = SensorInput::new(&trace, &mounting, 0.0, seed);
+        let readings = hall.readings_n_m(&SensorInput { sensor: Some(&sensor), ..input }).unwrap();
         let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m);
         errors_n_m.extend(readings.iter().zip(moments).map(|(reading, moment)| reading - moment));
     }
@@ -103,15 +106,15 @@ fn verif_readings_are_moments_within_the_noise_that_was_learnt() {
 }
 
 #[test]
-fn verif_moment_over_stiffness_stands_for_a_rotation_that_is_not_there() {
+fn verif_missing_rotations_are_replaced_by_moment_over_stiffness() {
     let hall = hall(Config::default());
     let mut trace = golden("golden_pin");
     let mounting = Mounting::alone(&trace.sidecar);
-    let counts = |played: Played| hall.counts(&played, &[played.rotations_rad()], 0, [0.0; 2]);
-    let with = counts(Played::new(&trace, &mounting, 0.0, 1));
+    let counts = |input: SensorInput| hall.counts(&input, &[input.rotations_rad()], 0, [0.0; 2]);
+    let with = counts(SensorInput::new(&trace, &mounting, 0.0, 1));
     trace.recording.instants.iter_mut().for_each(|instant| instant.rotation_z_rad = None);
-    let without = counts(Played::new(&trace, &mounting, 0.0, 1));
-    // A rotation is written to 1e-10 rad, so that a count may round the other way.
+    let without = counts(SensorInput::new(&trace, &mounting, 0.0, 1));
+    // Rotations are stored with a resolution of 1e-10 rad, so that a count may round differently.
     assert!(with.iter().zip(&without).all(|(a, b)| (a - b).abs() <= 1.0));
 }
 
@@ -120,7 +123,7 @@ fn verif_whiskers_of_an_array_share_reference_and_temperature() {
     let config = Config::default();
     let [left_1, left_2] = ["left_1", "left_2"].map(|sensor| mounting(sensor, "left"));
     let right = mounting("left_1", "right");
-    let read = |mounting: &Mounting| Board::new(&config, mounting).watch(mounting, 1).rest(0, 200, 0.004, 0.3);
+    let read = |mounting: &Mounting| Board::new(&config, mounting).reader(mounting, 1).rest(0, 200, 0.004, 0.3);
     let reference = |counts: &[Counts]| counts.iter().map(|counts| counts.reference).collect::<Vec<_>>();
     let own = |counts: &[Counts]| counts.iter().map(|counts| counts.own).collect::<Vec<_>>();
     assert_eq!(reference(&read(&left_1)), reference(&read(&left_2)));
@@ -128,18 +131,18 @@ fn verif_whiskers_of_an_array_share_reference_and_temperature() {
     assert_ne!(reference(&read(&left_1)), reference(&read(&right)));
 }
 
-/// Two whiskers on a board, 10 mm apart along it and 8 mm up, the first as in a trace.
+/// Two whiskers on a board, offset by 10 mm along it and 8 mm up; the first as in the trace.
 fn beside(trace: &Trace) -> [Mounting; 2] {
-    let seat = |sensor: &str, base| Seat { sensor: sensor.into(), trace: None, base };
+    let slot = |sensor: &str, base| BoardSlot { sensor: sensor.into(), trace: None, base };
     let (first, second) = (Isometry3::identity(), Isometry3::translation(0.01, 0.0, 0.008));
     ["one", "other"].map(|sensor| Mounting {
-        board: vec![seat("one", first), seat("other", second)],
+        board: vec![slot("one", first), slot("other", second)],
         ..mounting(sensor, "board").on(&trace.sidecar.name)
     })
 }
 
 #[test]
-fn val_neighbours_add_their_dipoles_and_share_the_reference() {
+fn val_dipole_fields_of_neighbours_superpose() {
     let config = Config::default();
     let board = Board::new(&config, &beside(&golden("golden_pin"))[0]);
     let place = board.whiskers[0].place;
@@ -150,11 +153,11 @@ fn val_neighbours_add_their_dipoles_and_share_the_reference() {
     assert!((board.reference_place.coords - middle).norm() < 1e-15);
 }
 
-/// What a neighbour does to readings is taken out to a tenth.
+/// Compensation reduces the effect of a neighbour on the readings tenfold.
 #[test]
-fn val_cross_talk_is_taken_out() {
+fn val_cross_talk_is_compensated() {
     let quiet = Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() };
-    // Counts so fine that whole ones are no matter.
+    // Gain large enough for rounding of the counts to be negligible.
     let hall = hall(Config { gain_counts_per_t: 1e3 * quiet.gain_counts_per_t, bits: 32, ..quiet });
     let trace = golden("golden_pin");
     let mut still = trace.clone();
@@ -166,9 +169,9 @@ fn val_cross_talk_is_taken_out() {
     let mountings = beside(&trace);
     let [one, other] = mountings.each_ref().map(|mounting| calibrated(&hall, mounting).unwrap());
     let worst_n_m = |sensor: &SensorFile| {
-        let moved = [Played { sensor: Some(&other), ..Played::new(&trace, &mountings[1], 0.0, 1) }];
-        let resting = Played::new(&still, &mountings[0], 0.0, 1);
-        let readings = hall.readings_n_m(&Played { sensor: Some(sensor), neighbours: &moved, ..resting }).unwrap();
+        let moved = [SensorInput { sensor: Some(&other), ..SensorInput::new(&trace, &mountings[1], 0.0, 1) }];
+        let resting = SensorInput::new(&still, &mountings[0], 0.0, 1);
+        let readings = hall.readings_n_m(&SensorInput { sensor: Some(sensor), neighbours: &moved, ..resting }).unwrap();
         readings.into_iter().map(f64::abs).fold(0.0, f64::max)
     };
     let without = worst_n_m(&SensorFile { cross_talk: Vec::new(), ..one.clone() });
@@ -177,13 +180,13 @@ fn val_cross_talk_is_taken_out() {
 }
 
 #[test]
-fn verif_seeds_change_the_noise_and_leave_the_sensor() {
+fn verif_the_run_seed_changes_the_noise_and_not_the_sensor() {
     let hall = hall(Config { white_counts: 0.0, flicker_counts: 0.0, temperature_sd_k: 0.0, ..Config::default() });
     let trace = golden("golden_pin");
     let mounting = Mounting::alone(&trace.sidecar);
     let counts = |hall: &Hall, seed| {
-        let played = Played::new(&trace, &mounting, 0.0, seed);
-        hall.counts(&played, &[played.rotations_rad()], 0, [0.0; 2])
+        let input = SensorInput::new(&trace, &mounting, 0.0, seed);
+        hall.counts(&input, &[input.rotations_rad()], 0, [0.0; 2])
     };
     assert_eq!(counts(&hall, 1), counts(&hall, 2));
     let noisy = Hall { config: Config::default() };
@@ -201,7 +204,7 @@ fn robust_a_sensor_that_saturates_cannot_be_calibrated() {
 }
 
 #[test]
-fn robust_recordings_never_get_it() {
+fn robust_recordings_of_real_sensors_are_rejected() {
     let mut trace = golden("golden_pin");
     trace.sidecar.recorded = Some(Recorded {
         clock: "nominal".into(),
@@ -211,26 +214,27 @@ fn robust_recordings_never_get_it() {
         noise_sd_n_m: 0.0,
         touch_counts: 0.0,
     });
-    let front_end = FrontEnd::new(&Choice { name: "hall".into(), config: json!({}) }).unwrap();
+    let front_end = FrontEnd::new(&FrontEndConfig { name: "hall".into(), config: json!({}) }).unwrap();
     let error = front_end.check_trace(&trace.sidecar).unwrap_err().to_string();
-    assert!(error.contains("golden_pin") && error.contains("recorded"), "{error}");
-    let white = FrontEnd::new(&Choice::default()).unwrap();
+    assert!(error.contains("golden_pin") && error.contains("recording of a real sensor"), "{error}");
+    let white = FrontEnd::new(&FrontEndConfig::default()).unwrap();
     white.check_trace(&trace.sidecar).unwrap();
     assert_eq!(white.default_noise(&trace.sidecar), 0.0);
 }
 
 #[test]
-fn robust_wrong_settings_are_named() {
+fn robust_invalid_settings_are_reported_by_name() {
     for (config, words) in [
         (json!({"gap_m": 0.0}), ["`gap_m`", "found 0", "0.0001 to 0.1"]),
         (json!({"gap": 1.0}), ["unknown field `gap`", "", ""]),
         (json!({"bits": 40}), ["`bits`", "found 40", "2 to 32"]),
         (json!([]), ["expected a JSON object", "", ""]),
     ] {
-        let error = FrontEnd::new(&Choice { name: "hall".into(), config }).err().expect("wrong settings");
+        let error = FrontEnd::new(&FrontEndConfig { name: "hall".into(), config }).err().expect("wrong settings");
         let text = format!("{error:#}");
         assert!(text.contains("`hall`") && words.iter().all(|word| text.contains(word)), "{text}");
     }
-    let error = FrontEnd::new(&Choice { name: "optical".into(), config: json!({}) }).err().expect("no such one");
+    let error =
+        FrontEnd::new(&FrontEndConfig { name: "optical".into(), config: json!({}) }).err().expect("no such one");
     assert_eq!(error.to_string(), "unknown front end `optical`, expected one of: white, hall");
 }

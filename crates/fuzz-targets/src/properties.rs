@@ -1,16 +1,16 @@
-//! What is claimed of every parser.
+//! Properties asserted for every parser.
 
 use std::fmt::Display;
 
 use serde_json::Value;
 
-/// Longest error.
+/// Maximum length of an error message in bytes.
 const LONGEST: usize = 4000;
 
-/// What was read, if it was; what was refused must be so with one line that names the file.
+/// Returns the parsed value. Asserts that an error is a single line that contains the file name.
 pub fn one_error<T, E: Display>(read: Result<T, E>, file: &str) -> Option<T> {
     read.map_err(|error| {
-        // As the command shows it: with all causes.
+        // Formatted with all causes, as the command prints it.
         let line = format!("{error:#}");
         assert!(line.contains(file), "does not name `{file}`: {line}");
         assert!(!line.contains(char::is_control), "more than one line: {line:?}");
@@ -19,7 +19,8 @@ pub fn one_error<T, E: Display>(read: Result<T, E>, file: &str) -> Option<T> {
     .ok()
 }
 
-/// Whether a text is a decimal number and nothing else, as people and every language read it: `-1.5e-3`, but no `inf`, `0x1p3`, `1_000` or digits of other scripts.
+/// Whether a text is a plain decimal number such as `-1.5e-3`, in contrast to `inf`, `0x1p3`, `1_000` or digits of
+/// other scripts.
 pub fn is_decimal(text: &str) -> bool {
     let text = text.strip_prefix(['+', '-']).unwrap_or(text);
     let (mantissa, exponent) =
@@ -33,7 +34,8 @@ pub fn is_decimal(text: &str) -> bool {
         && exponent.is_none_or(|digits| !digits.is_empty() && are_digits(digits))
 }
 
-/// Asserts that what was read has every value that stands in the file: numbers as numbers, whatever their spelling; what is `null` may be left out.
+/// Asserts that the parsed value contains every value of the file: numbers are compared as numbers, and `null` may be
+/// omitted.
 pub fn same_json(file: &Value, read: &Value) {
     assert!(is_same(file, read), "read {read} from {file}");
 }

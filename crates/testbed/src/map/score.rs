@@ -1,4 +1,4 @@
-//! The map beside the truth, unaligned.
+//! Scoring of a map against the truth, without alignment.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,60 +10,61 @@ use super::{FoundObject, SceneMap, Seen, View};
 use crate::contour::{Circle, Comparison, Contour, Touched, Vertex};
 use crate::statistics::{mean, quantile};
 
-/// A found object is merged of several where at least this share of its points was truly on another than most are.
+/// A detected object counts as merged if at least this fraction of its points belongs to another true object than the
+/// majority.
 const LEAST_MERGED: f64 = 0.1;
 
-/// A true outline is round where it lies nowhere farther from its circle than this, relative to the radius.
+/// Largest deviation of a round outline from its circle, relative to the radius.
 const MOST_OUT_OF_ROUND: f64 = 2e-3;
 
-/// What the judge says of a map.
+/// Score of a map.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Judged {
-    /// Contact points of all whiskers.
+pub(crate) struct MapScore {
+    /// Number of contact points of all whiskers.
     pub(crate) points: usize,
-    /// Over the rows in which a whisker truly touches.
+    /// Ratio of that number to the rows with a true contact. `None` without contacts.
     pub(crate) share: Option<f64>,
     /// Mean distance of the points from the nearest true outline.
     pub(crate) mean_m: Option<f64>,
     /// 95th percentile of that distance.
     pub(crate) p95_m: Option<f64>,
-    /// True objects that were touched.
+    /// Number of true objects that were touched.
     pub(crate) touched: usize,
-    /// Found objects beyond the first of each true one.
+    /// Number of detected objects beyond the first per true object.
     pub(crate) split: usize,
-    /// Found objects with points of several true ones.
+    /// Number of detected objects with points of several true objects.
     pub(crate) merged: usize,
-    /// One entry a found object.
-    pub(crate) objects: Vec<JudgedObject>,
+    /// One entry per detected object.
+    pub(crate) objects: Vec<ObjectScore>,
 }
 
-/// What the judge says of a found object.
+/// Score of a detected object.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct JudgedObject {
-    /// Place of the true object in the recording: that whose outline is nearest to its points.
+pub(crate) struct ObjectScore {
+    /// Index in the recording of the true object whose outline is nearest to the points.
     pub(crate) object: usize,
-    /// Mean distance of its points from that outline.
+    /// Mean distance of the points from that outline.
     pub(crate) mean_m: f64,
     /// 95th percentile of that distance.
     pub(crate) p95_m: f64,
-    /// Its outline beside the true one.
+    /// Comparison of the outline with the true one.
     pub(crate) contour: Comparison,
-    /// Radius of the true outline, where that is round.
+    /// Radius of the true outline, if round.
     pub(crate) radius_m: Option<f64>,
-    /// Distance of the middle of its circle from the true one, where both are round.
+    /// Distance between the centres of the fitted and the true circle, if both are round.
     pub(crate) center_error_m: Option<f64>,
 }
 
-/// What the whiskers of a recording truly did, by their places in it.
+/// Ground truth per whisker index of a recording.
 pub(crate) type Truths<'a> = BTreeMap<usize, &'a Truth>;
 
-/// What a whisker truly touched when it saw a point.
+/// True contact on the surface for an observed point.
 fn touched_at(truths: &Truths, whisker: usize, seen: &Seen) -> Option<Point<World>> {
     truths.get(&whisker)?.instants[seen.point.row].surface
 }
 
-/// Lays a map beside the truth. Of a recording without objects there is nothing to say but how much was seen.
-pub(crate) fn judged(map: &SceneMap, views: &[&View], truths: &Truths, array: &ArrayRecording) -> Judged {
+/// Scores a map against the truth. Without objects in the recording, only the numbers of points are available.
+pub(crate) fn score_map(map: &SceneMap, views: &[&View], truths: &Truths, array: &ArrayRecording) -> MapScore {
     let outlines = &array.outlines;
     let nearest = |point: Point<World>| {
         let distances = outlines.iter().map(|outline| outline.distance_m(point)).enumerate();
@@ -77,8 +78,8 @@ pub(crate) fn judged(map: &SceneMap, views: &[&View], truths: &Truths, array: &A
     let is_touching = |truth: &&TruthInstant| truth.surface.is_some() && truth.split != Some(true);
     let touching: usize = truths.values().map(|truth| truth.instants.iter().filter(is_touching).count()).sum();
     let touched: BTreeSet<usize> = points.iter().filter_map(|&(whisker, seen)| object_at(whisker, seen)).collect();
-    let objects: Vec<JudgedObject> =
-        map.objects.iter().filter_map(|found| judged_object(found, truths, outlines)).collect();
+    let objects: Vec<ObjectScore> =
+        map.objects.iter().filter_map(|found| score_object(found, truths, outlines)).collect();
     let matched: BTreeSet<usize> = objects.iter().map(|object| object.object).collect();
     let is_merged = |found: &&FoundObject| {
         let mut of_objects: BTreeMap<usize, usize> = BTreeMap::new();
@@ -88,7 +89,7 @@ pub(crate) fn judged(map: &SceneMap, views: &[&View], truths: &Truths, array: &A
         let (all, most): (usize, usize) = (of_objects.values().sum(), of_objects.values().copied().max().unwrap_or(0));
         (all - most) as f64 > LEAST_MERGED * all as f64
     };
-    Judged {
+    MapScore {
         points: points.len(),
         share: (touching > 0).then(|| points.len() as f64 / touching as f64),
         mean_m: mean(distances_m.iter().copied()),
@@ -100,7 +101,7 @@ pub(crate) fn judged(map: &SceneMap, views: &[&View], truths: &Truths, array: &A
     }
 }
 
-fn judged_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> Option<JudgedObject> {
+fn score_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> Option<ObjectScore> {
     let distances_m = |outline: &Outline| -> Vec<f64> {
         found.points.iter().map(|(_, seen)| outline.distance_m(Point::from_vector(seen.point.at))).collect()
     };
@@ -110,7 +111,7 @@ fn judged_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> 
     let touched: Vec<Point<World>> =
         found.points.iter().filter_map(|(whisker, seen)| touched_at(truths, *whisker, seen)).collect();
     let circle = true_circle(&outlines[object]);
-    Some(JudgedObject {
+    Some(ObjectScore {
         object,
         mean_m: mean_of(&distances_m),
         p95_m: quantile(&distances_m, 0.95)?,
@@ -120,10 +121,10 @@ fn judged_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> 
     })
 }
 
-/// The circle that a true outline is, where it is one.
+/// Circle of a true outline. `None` if the outline is not round.
 pub fn true_circle(outline: &Outline) -> Option<Circle> {
     let vertices = outline.vertices();
-    // One covariance for all makes the fit an even one.
+    // Equal covariances make the fit unweighted.
     let vertex = |at: &Point<World>| Vertex {
         at: *at,
         normal_rad: 0.0,
