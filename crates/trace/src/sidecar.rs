@@ -8,7 +8,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
-use crate::Certificate;
+use crate::{Certificate, ObjectClass};
 
 /// Least and most rows a second.
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];
@@ -65,6 +65,9 @@ pub struct Recorded {
     pub noise_sd_n_m: f64,
     /// How far from rest a reading is taken for a contact.
     pub touch_counts: f64,
+    /// Class of the object. `None` in recordings imported before it was stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object_class: Option<ObjectClass>,
 }
 
 /// The object's outline.
@@ -126,6 +129,12 @@ pub struct Sidecar {
 }
 
 impl Sidecar {
+    /// Class of the object: as the recording states it, else by the shape.
+    pub fn object_class(&self) -> ObjectClass {
+        let stated = self.recorded.as_ref().and_then(|recorded| recorded.object_class);
+        stated.unwrap_or_else(|| ObjectClass::of_shape(&self.object))
+    }
+
     /// Standard deviation of the noise that the readings have of themselves: none where they were simulated.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)

@@ -210,6 +210,7 @@ fn robust_recordings_never_get_it() {
         rest_counts: 0.0,
         noise_sd_n_m: 0.0,
         touch_counts: 0.0,
+        object_class: None,
     });
     let front_end = FrontEnd::new(&Choice { name: "hall".into(), config: json!({}) }).unwrap();
     let error = front_end.check_trace(&trace.sidecar).unwrap_err().to_string();
