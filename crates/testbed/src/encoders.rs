@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use trace::{ArrayRecording, JOINTS, JointInstant, PoseMatrix, Recording};
 use whisker::estimators::BaseNoise;
 
-use crate::front_end::derived_seed;
+use crate::seeds::derived_seed;
 
 /// The encoders of an arm's joints, all alike.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

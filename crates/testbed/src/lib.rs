@@ -21,5 +21,6 @@ pub mod participant;
 pub mod provenance;
 pub mod replay;
 pub mod results;
+pub mod seeds;
 pub mod settings;
 pub mod statistics;

@@ -14,7 +14,7 @@ use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::{CalibratedFace, Face};
 
-use crate::front_end::derived_seed;
+use crate::seeds::derived_seed;
 
 /// The samples that a robot would have had: base motion from the recorded poses, readings from the front end.
 pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {

@@ -5,6 +5,7 @@
 //! from it (generalised least squares). Where the contour is farther from any circle than that allows, the interval is as much wider (Birge 1932).
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
+use trace::Outline;
 use whisker::frames::{Point, World};
 
 use super::{Contour, Vertex};
@@ -19,6 +20,9 @@ const LEAST_ARC_RAD: f64 = 0.1;
 
 /// What is round lies so many times nearer to a circle than to any two straight lines.
 const LEAST_ROUND: f64 = 4.0;
+
+/// Largest distance of a round outline from its circle, relative to the radius.
+const MOST_OUT_OF_ROUND: f64 = 2e-3;
 
 /// A circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,6 +99,21 @@ impl Circle {
         let is_round = LEAST_ROUND * circle.residual_rms_m < two_lines_rms_m(&points);
         (is_round && circle.high_m.is_some()).then_some(circle)
     }
+}
+
+/// Circle of a true outline. `None` if the outline is not round.
+pub fn true_circle(outline: &Outline) -> Option<Circle> {
+    let vertices = outline.vertices();
+    // Equal covariances weight all vertices equally.
+    let vertex = |at: &Point<World>| Vertex {
+        at: *at,
+        normal_rad: 0.0,
+        covariance_m2: Some(Matrix2::identity() * 1e-12),
+        touched: true,
+    };
+    let circle = Circle::through(&Contour { vertices: vertices[1..].iter().map(vertex).collect() })?;
+    let off_m = |at: &Point<World>| (at.distance(&circle.center) - circle.radius_m).abs();
+    vertices.iter().all(|at| off_m(at) <= MOST_OUT_OF_ROUND * circle.radius_m).then_some(circle)
 }
 
 /// Root mean square distance of points from the two straight lines that fit them best, one up to some point and one from the next.

@@ -8,11 +8,14 @@ mod compare;
 mod merge;
 mod stretch;
 mod strokes;
+mod vertex;
 
-pub use circle::Circle;
+pub use circle::{Circle, true_circle};
 pub use compare::{Comparison, Touched};
 pub use stretch::touched_stretch;
 pub use strokes::second_stroke;
+pub(crate) use vertex::direction;
+pub use vertex::{Contour, Vertex};
 
 use filters::product;
 use nalgebra::{Matrix2, Vector2};
@@ -21,34 +24,6 @@ use whisker::frames::{Point, World};
 
 use crate::metrics::Trial;
 use crate::replay::Replay;
-
-/// One vertex of a contour.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Vertex {
-    /// Where the surface is.
-    pub at: Point<World>,
-    /// Direction of the outward normal in World.
-    pub normal_rad: f64,
-    /// Covariance, where the estimator states any.
-    pub covariance_m2: Option<Matrix2<f64>>,
-    /// Whether it was touched; where not, the outline is bridged.
-    pub touched: bool,
-}
-
-impl Vertex {
-    /// Standard deviation across the outline.
-    pub fn sd_m(&self) -> Option<f64> {
-        let normal = direction(self.normal_rad);
-        Some(normal.dot(&(self.covariance_m2? * normal)).sqrt())
-    }
-}
-
-/// A piece of outline: vertices counter-clockwise around the object, joined by straight lines.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Contour {
-    /// The vertices.
-    pub vertices: Vec<Vertex>,
-}
 
 impl Contour {
     /// The outline that an estimator found in a trial; nothing where it found none. `said` is what its estimates say of the surface.
@@ -69,12 +44,6 @@ impl Contour {
     pub(crate) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Self> {
         merge::merged(points)
     }
-}
-
-/// Unit vector at an angle.
-pub(crate) fn direction(angle_rad: f64) -> Vector2<f64> {
-    let (sin, cos) = angle_rad.sin_cos();
-    Vector2::new(cos, sin)
 }
 
 /// The outline that an estimator carries, in World and counter-clockwise; nothing of it is left where none of it is sure.

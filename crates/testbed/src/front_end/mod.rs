@@ -9,7 +9,6 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use files::Digest;
 use nalgebra::Isometry3;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -19,6 +18,7 @@ use trace::{
     ArraySidecar, CalibrationFile, FrontEndFile, Instant, MountedWhisker, Recording, SensorFile, Sidecar, Trace,
 };
 
+use crate::seeds::derived_seed;
 use crate::settings::merged;
 
 pub use hall::{Config as HallConfig, shift_counts};
@@ -357,14 +357,4 @@ impl<'a> Played<'a> {
 fn noise(sidecar: &Sidecar, seed: u64) -> impl FnMut() -> f64 + use<> {
     let mut rng = Pcg64::seed_from_u64(derived_seed(seed, &["front end", &sidecar.name]));
     move || rng.sample(StandardNormal)
-}
-
-/// A seed that depends on the run's seed and on what it is for, and on nothing else: not on order or threads.
-pub fn derived_seed(seed: u64, purpose: &[&str]) -> u64 {
-    let mut digest = Digest::default();
-    digest.add(seed.to_le_bytes());
-    for word in purpose {
-        digest.add(word);
-    }
-    u64::from_str_radix(&digest.finish()[..16], 16).expect("a hash is hexadecimal")
 }

@@ -2,19 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Matrix2;
 use trace::{ArrayRecording, Outline, Truth, TruthInstant};
 use whisker::frames::{Point, World};
 
 use super::{FoundObject, SceneMap, Seen, View};
-use crate::contour::{Circle, Comparison, Contour, Touched, Vertex};
+use crate::contour::{Comparison, Touched, true_circle};
 use crate::statistics::{mean, quantile};
 
 /// A found object is merged of several where at least this share of its points was truly on another than most are.
 const LEAST_MERGED: f64 = 0.1;
-
-/// A true outline is round where it lies nowhere farther from its circle than this, relative to the radius.
-const MOST_OUT_OF_ROUND: f64 = 2e-3;
 
 /// What the judge says of a map.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,19 +114,4 @@ fn judged_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> 
         radius_m: circle.map(|circle| circle.radius_m),
         center_error_m: found.circle.zip(circle).map(|(found, circle)| found.center.distance(&circle.center)),
     })
-}
-
-/// The circle that a true outline is, where it is one.
-pub fn true_circle(outline: &Outline) -> Option<Circle> {
-    let vertices = outline.vertices();
-    // One covariance for all makes the fit an even one.
-    let vertex = |at: &Point<World>| Vertex {
-        at: *at,
-        normal_rad: 0.0,
-        covariance_m2: Some(Matrix2::identity() * 1e-12),
-        touched: true,
-    };
-    let circle = Circle::through(&Contour { vertices: vertices[1..].iter().map(vertex).collect() })?;
-    let off_m = |at: &Point<World>| (at.distance(&circle.center) - circle.radius_m).abs();
-    vertices.iter().all(|at| off_m(at) <= MOST_OUT_OF_ROUND * circle.radius_m).then_some(circle)
 }

@@ -13,9 +13,9 @@ mod view;
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
+pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
 use grid::Grid;
-pub use judge::true_circle;
 pub(crate) use judge::{Judged, Truths, judged};
 pub(crate) use view::{Seen, View};
 

@@ -17,9 +17,9 @@ use whisker::sensor::Face;
 use super::process::{Process, Silence};
 use super::protocol::{Greeting, PROTOCOL, Row, estimate};
 use super::{Participant, Task};
-use crate::front_end::derived_seed;
 use crate::replay::Replay;
 use crate::results::RunEstimator;
+use crate::seeds::derived_seed;
 
 /// A program that takes part under a name.
 #[derive(Clone, Debug, PartialEq)]

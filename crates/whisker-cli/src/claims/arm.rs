@@ -13,10 +13,11 @@ use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use testbed::dataset::Dataset;
-use testbed::front_end::{FRONT_ENDS, derived_seed};
+use testbed::front_end::FRONT_ENDS;
 use testbed::map::true_circle;
 use testbed::replay::{knowledge, replay, runner, samples, touched};
 use testbed::results::{MapObjectRow, MapRow};
+use testbed::seeds::derived_seed;
 use testbed::statistics::rms;
 use trace::{
     ArrayRecording, CalibrationFile, Instant, MountedWhisker, Outline, Recording, Role, Sidecar, Trace, Truth,

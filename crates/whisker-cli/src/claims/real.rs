@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use testbed::metrics::rows;
-use testbed::results::{ContourTrialRow, TrialRow, is_round};
+use testbed::results::{ContourTrialRow, TrialRow};
 use testbed::statistics::{mean, median_of_scores};
+use trace::ObjectClass;
 
 use super::{Claim, Context, Evaluation, RECOMMENDED};
 
@@ -12,7 +13,7 @@ use super::{Claim, Context, Evaluation, RECOMMENDED};
 pub(crate) const RUN: &str = "stanford";
 
 /// Groups of the pin trials: with what they are told of the first touch.
-const PINS: [(&str, &str); 2] = [("honest", "real pins"), ("wrong", "real pins, wrong prior")];
+const PINS: [(&str, &str); 2] = [("honest", "real pins"), ("wrong", "real pins, told wrongly")];
 
 /// Group of the sweeps over objects.
 const OBJECTS: &str = "real objects";
@@ -103,9 +104,13 @@ fn cylinder(estimator: &'static str) -> Vec<Claim> {
 
 /// The sweeps over round objects, by one estimator.
 fn sweeps(context: &Context, estimator: &str) -> Vec<ContourTrialRow> {
-    let rows = context.recordings.iter().flat_map(|run| &run.contours);
-    let is_meant = |row: &&ContourTrialRow| row.group == OBJECTS && row.estimator == estimator && is_round(&row.object);
-    rows.filter(is_meant).cloned().collect()
+    let Some(run) = &context.recordings else { return Vec::new() };
+    let objects: Vec<_> = run.run.sets.iter().filter(|set| set.group == OBJECTS).collect();
+    let is_round = |row: &&ContourTrialRow| {
+        let set = objects.iter().find(|set| set.group == row.group && set.whisker == row.whisker);
+        set.is_some_and(|set| set.class_of(&row.object) == ObjectClass::Round)
+    };
+    run.contours.iter().filter(|row| row.estimator == estimator).filter(is_round).cloned().collect()
 }
 
 /// How far the intervals of two sweeps over one object lie apart at most; below zero where all overlap, nothing where a sweep tells no radius.

@@ -1,4 +1,4 @@
-//! `whisker evaluate`: every estimator over every trial.
+//! `whisker evaluate`: evaluation of estimators on trials.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use serde_json::Value;
 use strict_json::parse_json;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{EvaluateSettings, Share, Skipped, evaluate, evaluate_share};
+use testbed::evaluate::{EvaluateSettings, OmittedEstimator, Share, evaluate, evaluate_share};
 use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
@@ -22,7 +22,7 @@ use whisker::events::TouchConfig;
 
 use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
 
-/// Noise seeds a trial, unless asked for others.
+/// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
 
 /// Prior information on the first contact.
@@ -59,10 +59,10 @@ pub(super) struct Arguments {
     /// Estimators, by comma [default: all; `whisker list` names them]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
-    /// A program of yours beside them, as often as you like: it reads rows and writes estimates as JSON lines (docs/your-estimator.md)
+    /// Evaluate an external program too; may be repeated. It reads rows and writes estimates as JSON lines (docs/your-estimator.md)
     #[arg(long, value_name = "[NAME=]COMMAND")]
     exec: Vec<String>,
-    /// Longest wait for one answer of such a program
+    /// Timeout of one answer of such a program
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     exec_timeout: Duration,
     /// File with settings by estimator, of the touch detection and of maps: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
@@ -74,13 +74,13 @@ pub(super) struct Arguments {
     /// own; 0 to recordings, which have their own]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds a trial, from 1 upwards [default: 5; 1 where there is no noise, of encoders neither]
+    /// Number of noise seeds per trial, from 1 upwards [default: 5; 1 without any noise, of encoders included]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: Option<u64>,
-    /// What the estimators are told of the first touch
+    /// Prior of the first contact
     #[arg(long, value_enum, default_value_t)]
     starts: Starts,
-    /// Encoders of the joints of an arm, as often as you like: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', '{}' for perfect ones; only recordings
+    /// Encoders of the joints of an arm; may be repeated: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', '{}' for perfect ones; only recordings
     /// with an arm have any [default: perfect]
     #[arg(long, value_name = "JSON", value_parser = encoders)]
     encoders: Vec<Encoders>,
@@ -90,8 +90,8 @@ pub(super) struct Arguments {
     /// Folder under which the run's folder is made
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Do only one of several equal shares of the work, given as number/shares, at the same time as other processes do the others, on this machine or on others with
-    /// the same file system; the command without it then puts the run together
+    /// Run one of several equal shares of the work, given as number/shares, while other processes run the others, on this machine or on others with the same
+    /// file system; the command without this option then merges the run
     #[arg(long, value_name = "K/N")]
     share: Option<Share>,
     /// Threads [default: one a core]
@@ -113,7 +113,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(levels) => levels.clone(),
         None => vec![default_noise(&datasets, &front_end)?],
     };
-    // Without noise every seed replays the same readings, which would count as so many trials.
+    // Without noise every seed replays the same readings, which would count as separate trials.
     let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
     let is_silent = !front_end.is_noisy() && are_exact && noise.iter().all(|level| *level == 0.0);
     let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
@@ -152,7 +152,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         let FailureRow { trace, noise, seed, reason, .. } = failure;
         eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
     }
-    for Skipped { estimator, sensor_model, calibration } in &evaluated.skipped {
+    for OmittedEstimator { estimator, sensor_model, calibration } in &evaluated.omitted {
         let calibration = calibration.display();
         eprintln!("left out: {estimator}, which needs the sensor model `{sensor_model}` that {calibration} lacks");
     }
@@ -162,12 +162,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// Encoders of an arm's joints.
+/// Parses encoders of an arm's joints.
 fn encoders(text: &str) -> Result<Encoders, String> {
     parse_json(text.as_bytes()).map_err(|error| error.to_string())
 }
 
-/// A time to wait.
+/// Parses a timeout.
 fn seconds(text: &str) -> Result<Duration, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.001..=86_400.0).contains(&value) => Ok(Duration::from_secs_f64(value)),
@@ -175,7 +175,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// The largest that a dataset asks for.
+/// Largest default noise of the datasets.
 fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f64> {
     datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise(front_end)?)))
 }
@@ -191,7 +191,7 @@ struct Config {
     estimators: BTreeMap<String, Value>,
 }
 
-/// The summary for people, in millimetres.
+/// Summary as a table, errors in millimetres.
 fn summary_table(summary: &[SummaryRow]) -> String {
     let header = [
         "group",

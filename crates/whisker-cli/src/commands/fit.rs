@@ -1,4 +1,4 @@
-//! `whisker fit`: calibration traces to calibration files.
+//! `whisker fit`: fit of sensor models to calibration traces.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use whisker::sensor::Face;
 
 use super::{front_end, json, noise_fraction, print, table};
 
-/// In the place of a model's name: find the best.
+/// Value of `--model` that selects the best model by cross-validation.
 const AUTO: &str = "auto";
 
 /// Fit sensor models to the calibration traces of a suite or folder
@@ -37,7 +37,7 @@ pub(super) struct Arguments {
     config: Option<Value>,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Sensors to calibrate beside those of the traces, as array/sensor, by comma
+    /// Sensors to calibrate in addition to those of the traces, as array/sensor, by comma
     #[arg(long, value_delimiter = ',', value_parser = mounting)]
     sensors: Vec<Mounting>,
     /// Measurement noise added to simulated traces, as a fraction of the largest reading [default: the front end's]
@@ -107,14 +107,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A sensor and its array.
+/// Parses a sensor with its array.
 fn mounting(text: &str) -> Result<Mounting, String> {
     let names = text.split_once('/').filter(|(array, sensor)| is_plain_name(array) && is_plain_name(sensor));
     let (array, sensor) = names.ok_or("expected array/sensor, for example left/left_1")?;
     Ok(Mounting::single(array, sensor))
 }
 
-/// Wall-clock time of one prediction with its gradient over the calibrated region, the quickest of a few rounds.
+/// Wall-clock time of one prediction with its gradient over the calibrated region, the minimum of several rounds.
 fn evaluation_ns(calibration: &CalibrationFile, path: &Path, label: &str, face: Face) -> anyhow::Result<f64> {
     const ROUNDS: usize = 5;
     const ALONG: usize = 64;

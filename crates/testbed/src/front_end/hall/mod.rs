@@ -29,8 +29,9 @@ use serde_json::{Value, json};
 use trace::{Characteristic, CrossTalk, Instant, SensorFile, through_zero};
 use whisker::estimators::{Settings, SettingsError, parse, within};
 
-use super::{Chain, Mounting, Played, derived_seed};
+use super::{Chain, Mounting, Played};
 use crate::results::{TransferRow, csv_bytes};
+use crate::seeds::derived_seed;
 use crate::statistics::{mean, rms};
 use dipole::Magnet;
 use noise::{Forgetting, Noise};
