@@ -28,8 +28,9 @@ use std::path::{Path, PathBuf};
 use files::read_table;
 use files::table::{number, reader};
 use files::{Digest, Error, FORMAT, sha256};
-use trace::{Contour, Recorded};
-use trace::{Generator, Instant, Outline, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
+use trace::{
+    Contour, Generator, Instant, ObjectClass, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant,
+};
 use whisker::Whisker;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
@@ -65,12 +66,31 @@ const OBJECTS_Z_MM: f64 = 47.022_115_12;
 
 const MESHES: &str = "data/3d_data";
 
-/// Published mesh of an object, by a word of the object's name.
-const FIXTURES: [(&str, &str); 3] =
-    [("cylinder", "ConeFixture.stl"), ("square", "SquareFixture.stl"), ("surface", "FlatFixture.stl")];
+/// Published mesh and class of an object, by a word of its name.
+const FIXTURES: [Fixture; 3] = [
+    Fixture { word: "cylinder", mesh: "ConeFixture.stl", class: ObjectClass::Round },
+    Fixture { word: "square", mesh: "SquareFixture.stl", class: ObjectClass::Other },
+    Fixture { word: "surface", mesh: "FlatFixture.stl", class: ObjectClass::Other },
+];
 
 /// Offset of the meshes in the object frame, with negated height.
 const MESHES_MM: [f64; 3] = [0.5, 12.5, -0.5];
+
+/// A kind of object of the sweeps.
+struct Fixture {
+    /// Part of the names of such objects.
+    word: &'static str,
+    /// File name of the published mesh.
+    mesh: &'static str,
+    class: ObjectClass,
+}
+
+impl Fixture {
+    /// The kind of the object with this name.
+    fn named(object: &str) -> Option<&'static Self> {
+        FIXTURES.iter().find(|fixture| object.contains(fixture.word))
+    }
+}
 
 /// Sensor of the rig.
 struct Sensor {
@@ -190,8 +210,8 @@ fn import_test(
 /// Outline of an object in its frame, at the height of the sensor's plane for a stage at `stage_z_m`. `None` if there
 /// is no mesh of it.
 fn fixture(folder: &Path, object: &str, stage_z_m: f64) -> Result<Option<Outline>, Error> {
-    let Some((_, file)) = FIXTURES.iter().find(|(word, _)| object.contains(word)) else { return Ok(None) };
-    let path = folder.join(MESHES).join(file);
+    let Some(fixture) = Fixture::named(object) else { return Ok(None) };
+    let path = folder.join(MESHES).join(fixture.mesh);
     if !path.is_file() {
         return Ok(None);
     }
@@ -495,6 +515,7 @@ impl Calibrated {
                 rest_counts: table.rest_counts(),
                 noise_sd_n_m: self.noise_sd_counts / counts_per_n_m.abs(),
                 touch_counts: self.touch_counts,
+                object_class: Some(class_of(head.object)),
             }),
             recording: None,
         };
@@ -503,6 +524,11 @@ impl Calibrated {
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         trace
     }
+}
+
+/// Class of an object by its name.
+fn class_of(object: &str) -> ObjectClass {
+    Fixture::named(object).map_or_else(|| ObjectClass::of_shape(object), |fixture| fixture.class)
 }
 
 /// Name and classification of a trace.

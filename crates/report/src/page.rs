@@ -6,7 +6,8 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::json;
 use testbed::metrics::{bound, error};
-use testbed::results::{RunCalibration, RunEstimator, SummaryRow};
+use testbed::results::files::Writer;
+use testbed::results::{RUN_FILES, RunCalibration, RunEstimator, SummaryRow};
 use whisker::estimators::MethodClass;
 
 use super::all_metrics;
@@ -21,15 +22,9 @@ use super::run_data::{RunData, counted};
 use super::style::{plain, two_digits};
 
 /// Data files that the page links to.
-const DATA_FILES: [&str; 7] = [
-    "summary.csv",
-    "trials.csv",
-    "error_over_time.csv",
-    "consistency.csv",
-    "contours.csv",
-    "contour_trials.csv",
-    "run.json",
-];
+fn data_files() -> impl Iterator<Item = &'static str> {
+    RUN_FILES.iter().filter(|file| file.is_single() && file.writer == Writer::Evaluate).map(|file| file.name)
+}
 
 /// A column of the summary table: heading, unit, what it means, the number and how it is printed. Smaller is better.
 struct Column {
@@ -295,7 +290,7 @@ fn summary_table(data: &RunData) -> Markup {
                     "Hindsight knows the readings that were still to come: it shows what could be known in the end, and is not ranked. "
                 }
                 "As data: "
-                @for file in DATA_FILES { a href=(file) { (file) } " " }
+                @for file in data_files() { a href=(file) { (file) } " " }
             }
             div.scroll tabindex="0" aria-label="Table: summary" {
                 table.blocks {
@@ -412,7 +407,7 @@ fn provenance(data: &RunData) -> Markup {
                 dt { "seeds of the noise" } dd { (seeds.join(", ")) }
                 @for calibration in &run.calibrations { (calibration_entry(calibration)) }
                 dt { "data" }
-                dd { @for file in DATA_FILES { a href=(file) { (file) } " " } }
+                dd { @for file in data_files() { a href=(file) { (file) } " " } }
             }
             details {
                 summary { "Front end, estimators and their settings" }

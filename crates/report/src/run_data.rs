@@ -9,10 +9,10 @@ use testbed::consistency::{Average, ConsistencyTest};
 use testbed::metrics::{Metric, error};
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
-    MapRow, PIN, ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow,
-    TurnRow, VertexRow, has_outline, read_rows, read_scores,
+    MapRow, ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow,
+    TurnRow, VertexRow, read_rows, read_scores,
 };
-use trace::SensorFile;
+use trace::{ObjectClass, SensorFile};
 use whisker::estimators::MethodClass;
 
 /// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
@@ -116,7 +116,7 @@ impl RunData {
     /// The sets on which the error is followed over time, one a whisker: those whose contact stands still or, in a run
     /// without such, those of the first group.
     pub(crate) fn leading_sets(&self) -> Vec<&RunSet> {
-        let first = self.run.sets.iter().find(|set| set.object == PIN);
+        let first = self.run.sets.iter().find(|set| set.class() == ObjectClass::Pin);
         let Some(leading) = first.or(self.run.sets.first()) else {
             return Vec::new();
         };
@@ -125,7 +125,7 @@ impl RunData {
 
     /// The sets on objects that have an outline to be traced.
     pub(crate) fn outline_sets(&self) -> Vec<&RunSet> {
-        self.run.sets.iter().filter(|set| has_outline(&set.object)).collect()
+        self.run.sets.iter().filter(|set| set.class().has_outline()).collect()
     }
 
     /// The scores of an estimator on a set at the level of [`Self::noise`].

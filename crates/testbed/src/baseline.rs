@@ -1,4 +1,4 @@
-//! By which factor a filter beats the baselines.
+//! Ratio of the error of the baselines to that of an estimator.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -9,15 +9,15 @@ use crate::metrics::START_UP_S;
 use crate::results::{ErrorBandRow, Run};
 use crate::statistics::rms;
 
-/// Times since the touch that count as start-up.
+/// Start-up, as time since the touch.
 pub const START_UP: Range<f64> = 0.0..START_UP_S;
 
-/// Times since the touch that count as steady state.
+/// Steady state, as time since the touch.
 pub const STEADY: Range<f64> = START_UP_S..f64::INFINITY;
 
-/// Error of the better baseline over that of an estimator, on one group and whisker at the run's first noise level. An error is the root mean square
-/// over time of the median over trials, at those times in `when_s` at which every trial has an estimate of both: the baselines are silent
-/// until the whisker has been pushed. Nothing for a baseline, or without such times.
+/// Error of the better baseline over that of an estimator, on one group and whisker at the run's first noise level. An error is the root mean square over time of the median
+/// over trials, at the times in `when_s` at which every trial has an estimate of both: the baselines give none until the whisker has been pushed. `None` for a baseline, or
+/// if there are no such times.
 pub fn factor(
     run: &Run,
     bands: &[ErrorBandRow],

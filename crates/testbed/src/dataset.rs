@@ -1,4 +1,4 @@
-//! Which traces a command is to work on.
+//! Datasets: the traces that a command processes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,19 +9,19 @@ use trace::{ArrayRecording, ArraySidecar, Role, Sidecar, Suite, Trace};
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
 
-/// Traces to work on and the name under which their results go.
+/// Traces to process and the name of their results.
 #[derive(Clone, Debug)]
 pub struct Dataset {
     /// Name of the suite or folder.
     pub name: String,
-    /// Folder of the traces, in which the calibrations stand too.
+    /// Folder of the traces and their calibrations.
     pub folder: PathBuf,
     /// Paths of the traces' CSV files, in order.
     pub paths: Vec<PathBuf>,
 }
 
 impl Dataset {
-    /// The traces of a suite (a JSON file; the traces are looked for in `datasets/<suite>`, or in `folder` where given) or of a folder.
+    /// Opens the traces of a suite or of a folder. A suite is a JSON file; its traces lie in `folder`, by default `datasets/<suite>`.
     ///
     /// # Errors
     /// If the suite does not parse, or a trace is missing.
@@ -68,17 +68,17 @@ impl Dataset {
         Ok(Self { name, folder, paths })
     }
 
-    /// The same with those traces only that bear one of these names.
+    /// The dataset restricted to traces with these names.
     pub fn only(&self, names: &[String]) -> Self {
         let is_named =
             |path: &&PathBuf| names.iter().any(|name| path.file_stem().is_some_and(|stem| stem == name.as_str()));
         Self { paths: self.paths.iter().filter(is_named).cloned().collect(), ..self.clone() }
     }
 
-    /// Paths of the traces of one role.
+    /// Paths of the traces with one role.
     ///
     /// # Errors
-    /// The first sidecar that cannot be read, or that there are none.
+    /// If a sidecar cannot be read, or there are none of this role.
     pub fn of_role(&self, role: Role) -> anyhow::Result<Vec<&Path>> {
         let mut paths = Vec::new();
         for path in &self.paths {
@@ -95,12 +95,12 @@ impl Dataset {
     /// Reads the traces of one role.
     ///
     /// # Errors
-    /// The first that cannot be read, or that there are none.
+    /// If a trace cannot be read, or there are none of this role.
     pub fn read(&self, role: Role) -> anyhow::Result<Vec<Trace>> {
         self.of_role(role)?.into_iter().map(|path| Ok(Trace::read(path)?)).collect()
     }
 
-    /// Measurement noise to add where none is asked for: see [`FrontEnd::default_noise`]. A dataset with a simulated trace counts as simulated.
+    /// Default measurement noise to add, see [`FrontEnd::default_noise`]. A dataset with a simulated trace counts as simulated.
     ///
     /// # Errors
     /// If a sidecar cannot be read.
@@ -112,19 +112,19 @@ impl Dataset {
         Ok(noise)
     }
 
-    /// Where the calibrations of these traces, read through this front end, stand: see [`calibrations`].
+    /// Folder of the calibrations of these traces through a front end, see [`calibrations`].
     pub fn calibrations(&self, front_end: &str) -> PathBuf {
         calibrations(&self.folder, front_end)
     }
 }
 
-/// Folder of the calibrations of a folder of traces: `calibrations` for the default front end, in it a folder for each other.
+/// Folder of the calibrations of a folder of traces: `calibrations` for the default front end, and a subfolder for any other.
 pub fn calibrations(folder: &Path, front_end: &str) -> PathBuf {
     let folder = folder.join("calibrations");
     if front_end == FRONT_ENDS[0].name { folder } else { folder.join(front_end) }
 }
 
-/// Paths of the traces that a scene makes: of one, or of each whisker of a recording.
+/// Paths of the traces of a scene: one, or one per whisker of a recording.
 fn traces(folder: &Path, name: &str) -> anyhow::Result<Vec<PathBuf>> {
     let path = folder.join(format!("{name}.json"));
     if !path.is_file() || !ArrayRecording::is_one(&path)? {

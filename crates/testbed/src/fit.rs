@@ -1,4 +1,4 @@
-//! Fitting: calibration traces to calibration files.
+//! Fit of sensor models: calibration traces to calibration files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,33 +11,33 @@ use trace::{CalibrationFile, FaceFile, Role, Sidecar, Trace, TruthInstant};
 use whisker::Whisker;
 use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
+use crate::contour::true_circle;
 use crate::dataset::Dataset;
 use crate::front_end::{FrontEnd, FrontEndConfig, Mounting, SensorInput};
-use crate::map::true_circle;
-use crate::provenance::watermark;
-use crate::results::{ResidualRow, SurfaceRow, csv_bytes};
+use crate::provenance::calibration_watermark;
+use crate::results::{ResidualRow, SurfaceRow, csv_bytes, face_stem};
 use crate::settings::merged;
 use crate::statistics::mean;
 
-/// Nodes of the grid on which a fitted model is written for the report: along and away from the undeflected whisker.
+/// Numbers of nodes, along and away from the undeflected whisker, of the grid on which a fitted model is tabulated for the report.
 const SURFACE_NODES: (usize, usize) = (81, 41);
 
-/// Most residuals a face that are written for the report; more are thinned evenly.
+/// Largest number of residuals per face that are written for the report. More are thinned evenly.
 const MOST_RESIDUALS: usize = 3000;
 
-/// Tables about a face that stand beside its calibration, for the report.
-pub const REPORT_TABLES: [&str; 2] = ["surface", "residuals"];
+/// Tables about a face beside its calibration, for the report.
+const REPORT_TABLES: [&str; 2] = ["surface", "residuals"];
 
-/// Which sensor models to fit.
+/// Sensor models to fit.
 #[derive(Clone, Debug)]
 pub enum Models {
-    /// Every candidate of the registry; cross-validation chooses.
+    /// Every candidate of the registry, chosen from by cross-validation.
     Auto,
-    /// One.
+    /// One model.
     One {
-        /// Its name in the registry.
+        /// Name of the model in the registry.
         kind: String,
-        /// Its settings; what is missing takes its default.
+        /// Settings of the model, over its defaults.
         config: Value,
     },
 }
@@ -45,7 +45,7 @@ pub enum Models {
 /// A sensor model to be fitted.
 struct Candidate {
     row: &'static sensor::ModelRow,
-    /// The settings that were asked for; what is missing takes its default.
+    /// Settings as given, over the defaults.
     own: Value,
     /// All settings.
     config: Value,
@@ -69,14 +69,14 @@ impl Models {
     }
 }
 
-/// What to fit and how.
+/// Settings of a fit.
 #[derive(Clone, Debug)]
 pub struct FitSettings {
     /// Sensor models.
     pub models: Models,
     /// Measurement noise that is added to simulated traces, as a fraction of the largest reading of a whisker's calibration.
     pub noise: f64,
-    /// Seed of that noise, and of the front end's.
+    /// Seed of that noise and of the noise of the front end.
     pub seed: u64,
     /// The front end through which the traces are read.
     pub front_end: FrontEndConfig,
@@ -84,20 +84,20 @@ pub struct FitSettings {
     pub sensors: Vec<Mounting>,
 }
 
-/// A fitted whisker and where it was written.
+/// Calibration of one whisker and its file.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     /// The calibration.
     pub calibration: CalibrationFile,
-    /// Its file.
+    /// Path of its file.
     pub path: PathBuf,
-    /// Whether it had to be made anew.
+    /// Whether it was computed. `false` if an up-to-date file was found.
     pub is_new: bool,
-    /// Candidates that the data do not determine, with the reasons; known only where it was made anew.
+    /// Candidates that the data do not determine, with the reasons. Empty if an up-to-date file was found.
     pub left_out: Vec<String>,
 }
 
-/// Fits every whisker that the dataset calibrates and writes one calibration each, unless it is there already.
+/// Fits every whisker with calibration traces in the dataset and writes its calibration, unless an up-to-date one is there.
 ///
 /// # Errors
 /// If traces cannot be read, contradict one another, or do not determine the model.
@@ -165,7 +165,7 @@ fn fit_whisker(
         let board: Vec<_> = mounting.board.iter().map(|seat| (&seat.sensor, seat.base.to_homogeneous())).collect();
         format!("{}/{} on {board:?}", mounting.array, mounting.sensor)
     }));
-    let watermark = watermark(inputs.iter().map(String::as_str));
+    let watermark = calibration_watermark(inputs.iter().map(String::as_str));
     let path = out.join(format!("{}.json", whisker.name));
     let for_report = |face: &FaceFile| {
         REPORT_TABLES
@@ -184,7 +184,7 @@ fn fit_whisker(
         .flat_map(|trace| &trace.recording.instants)
         .map(|instant| instant.moment_z_n_m.abs())
         .fold(0.0, f64::max);
-    // A recording has its own noise.
+    // The readings of a recording already have noise.
     let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
     let noise = if is_recorded { 0.0 } else { settings.noise };
     let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
@@ -231,7 +231,7 @@ struct Read<'a> {
     readings_n_m: &'a [f64],
 }
 
-/// Fits of the candidates, at least one, and why others are left out.
+/// Fits of the candidates, at least one, and the reasons why others were left out.
 fn fit_face(
     candidates: &[Candidate],
     whisker: &Whisker,
@@ -269,7 +269,7 @@ fn fit_face(
     Ok((fits, failed))
 }
 
-/// Whether a contact, where there is one, is the only one and on the side of the whisker.
+/// Whether a contact, if there is one, is single and on the side of the whisker.
 fn is_single(truth: &TruthInstant) -> bool {
     truth.tip != Some(true) && truth.split != Some(true)
 }
@@ -278,7 +278,7 @@ fn clean_contacts(trace: &Trace) -> Vec<Sample> {
     contacts(trace, &trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect::<Vec<_>>())
 }
 
-/// The known contacts of a calibration trace, single ones on the side of the whisker: elsewhere the mechanics differ.
+/// Known single contacts of a calibration trace on the side of the whisker. The mechanics of other contacts differ.
 fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
     trace
         .recording
@@ -293,8 +293,8 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
         .collect()
 }
 
-/// Radius of the round pin that touched and of the wire on it: the mean distance of the known contacts, single ones on the side of the whisker, from the middle of the pin.
-/// Nothing is known of it where no outline is known, or one that is not round: then 0.
+/// Sum of the radii of the pin and of the wire: mean distance of the known single contacts on the side of the whisker from the centre of the pin.
+/// 0 if the outline is unknown or not round.
 fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> anyhow::Result<f64> {
     let mut distances_m = Vec::new();
     for trace in traces {
@@ -305,17 +305,12 @@ fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> a
     Ok(mean(distances_m).unwrap_or_default())
 }
 
-/// Stem of the files about one face, beside a calibration or in a run.
-pub fn face_stem(whisker: &str, face: Face) -> String {
-    format!("{whisker}_{}", face.name())
-}
-
 fn write_for_report(fit: &Fit, whisker: &Whisker, traces: &[&Trace], out: &Path) -> anyhow::Result<()> {
     let stem = face_stem(&whisker.name, fit.face.face);
     let path = out.join(format!("{stem}.surface.csv"));
     write_atomically(&path, &csv_bytes(&surface(&fit.face))?)?;
 
-    // The largest are always kept: they are what a reader looks for.
+    // The largest residuals are always kept.
     let stride = fit.samples.div_ceil(MOST_RESIDUALS);
     let is_extreme = |residual: f64| residual.abs() > 0.8 * fit.face.heldout_worst_n_m;
     let mut rows = Vec::new();

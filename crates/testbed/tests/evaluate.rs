@@ -1,4 +1,4 @@
-//! Evaluation of the golden traces: what is written, and what is kept.
+//! Evaluation of the golden traces: files written, failures, reuse of up-to-date runs.
 #![cfg(unix)]
 
 use std::fs;
@@ -16,10 +16,12 @@ use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::FrontEndConfig;
 use testbed::participant::Program;
+use testbed::results::RUN_FILES;
+use testbed::results::files::{Writer, run_file};
 use trace::{CalibrationFile, Role, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
 
-/// The golden pin, as a trial and as a calibration, and without its pin: nothing is touched.
+/// Dataset of the golden pin as a trial and as a calibration, and of a trial without any contact.
 fn dataset(folder: &Path) -> Dataset {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
     let write = |of: &str, name: &str, role: Role, change: &dyn Fn(&mut Trace)| {
@@ -64,6 +66,7 @@ fn settings(results: &Path) -> EvaluateSettings {
         ..Default::default()
     }
 }
+
 #[test]
 fn robust_a_trial_without_a_touch_is_a_failure_beside_the_others_and_is_not_redone() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
@@ -82,14 +85,36 @@ fn robust_a_trial_without_a_touch_is_a_failure_beside_the_others_and_is_not_redo
         ]
     );
     assert!(first.summary.iter().all(|row| row.head.trials == 1));
+    assert_files_of_the_registry(&first.folder);
     let again = evaluated(&dataset, results.path());
     assert!(!again.is_new);
-    // A table that cannot be read is no reason to fail for ever.
+    // An unreadable table is written anew.
     let table = results.path().join("golden/failures.csv");
     fs::write(&table, fs::read_to_string(&table).unwrap() + "torn").unwrap();
     let anew = evaluated(&dataset, results.path());
     assert!(anew.is_new && anew.failures == first.failures);
     assert_eq!((again.failures, again.summary), (first.failures, first.summary));
+}
+
+/// Checks that every file of a run is registered, and that the run has every file that exists once per run.
+fn assert_files_of_the_registry(run: &Path) {
+    let mut folders = vec![run.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let file = run_file(&path).unwrap_or_else(|| panic!("{}: not in RUN_FILES", path.display()));
+            assert_eq!(file.writer, Writer::Evaluate, "{}", path.display());
+            if let Some(rows) = file.rows {
+                (rows.count)(&path).unwrap();
+            }
+        }
+    }
+    let single = RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate && file.is_single());
+    single.for_each(|file| assert!(file.path(run).is_file(), "{}: missing", file.name));
 }
 
 fn hall() -> FrontEndConfig {

@@ -41,6 +41,7 @@ mod array;
 mod calibration;
 mod certificate;
 mod characteristic;
+mod object_class;
 mod outline;
 mod rows;
 mod sidecar;
@@ -53,6 +54,7 @@ pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObj
 pub use calibration::{CalibrationFile, CrossTalk, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::{Characteristic, through_zero};
+pub use object_class::ObjectClass;
 pub use outline::Outline;
 pub use rows::TraceRows;
 pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, is_plain_name};

@@ -8,7 +8,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
-use crate::Certificate;
+use crate::{Certificate, ObjectClass};
 
 /// Smallest and largest sampling rate.
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];
@@ -66,6 +66,9 @@ pub struct Recorded {
     pub noise_sd_n_m: f64,
     /// Contact threshold: smallest deviation from the reading at rest that counts as contact.
     pub touch_counts: f64,
+    /// Class of the object. `None` in recordings imported before it was stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object_class: Option<ObjectClass>,
 }
 
 /// Reference to the object's outline.
@@ -127,6 +130,12 @@ pub struct Sidecar {
 }
 
 impl Sidecar {
+    /// Class of the object: as the recording states it, else by the shape.
+    pub fn object_class(&self) -> ObjectClass {
+        let stated = self.recorded.as_ref().and_then(|recorded| recorded.object_class);
+        stated.unwrap_or_else(|| ObjectClass::of_shape(&self.object))
+    }
+
     /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)

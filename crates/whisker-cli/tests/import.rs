@@ -148,7 +148,7 @@ fn verif_known_contacts_are_found_in_imported_recordings() {
     write(&config, r#"{"ekf": {"motion": {"kind": "resting"}}}"#);
     let run = ["evaluate", text(&dataset), "--estimators", "ekf", "--seeds", "1", "--starts", "wrong"];
     let said = good(&[&run[..], &["--config", text(&config), "--results", text(&results)]].concat());
-    assert!(said.contains("told wrongly") && said.contains("not scored"), "{said}");
+    assert!(said.contains("wrong prior") && said.contains("not scored"), "{said}");
     let trials = results.join("stanford/trials.csv");
     let errors = column(&trials, "late_mean_m");
     assert_eq!(errors.len(), 7, "the honest start and six wrong ones: {errors:?}");

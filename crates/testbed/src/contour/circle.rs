@@ -8,6 +8,7 @@
 
 use filters::least_squares::{Method, Outcome, Problem, Quadratic, Settings, minimise};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Matrix3, Vector2, Vector3};
+use trace::Outline;
 use whisker::frames::{Point, World};
 
 use super::{Contour, Vertex};
@@ -26,6 +27,10 @@ const LEAST_ROUND: f64 = 4.0;
 /// Gauss-Newton method, until the circle moves by less than 1e-12 m.
 const SETTINGS: Settings =
     Settings { method: Method::GaussNewton, iterations: 100, absolute: 0.0, relative: 0.0, step: 1e-12 };
+
+/// Circle with the uncertainty of its radius.
+/// Largest deviation of a round outline from its circle, relative to the radius.
+const MOST_OUT_OF_ROUND: f64 = 2e-3;
 
 /// Circle with the uncertainty of its radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,6 +101,21 @@ impl Circle {
         let is_round = LEAST_ROUND * circle.residual_rms_m < two_lines_rms_m(&points);
         (is_round && circle.high_m.is_some()).then_some(circle)
     }
+}
+
+/// Circle of a true outline. `None` if the outline is not round.
+pub fn true_circle(outline: &Outline) -> Option<Circle> {
+    let vertices = outline.vertices();
+    // Equal covariances make the fit unweighted.
+    let vertex = |at: &Point<World>| Vertex {
+        at: *at,
+        normal_rad: 0.0,
+        covariance_m2: Some(Matrix2::identity() * 1e-12),
+        touched: true,
+    };
+    let circle = Circle::through(&Contour { vertices: vertices[1..].iter().map(vertex).collect() })?;
+    let off_m = |at: &Point<World>| (at.distance(&circle.center) - circle.radius_m).abs();
+    vertices.iter().all(|at| off_m(at) <= MOST_OUT_OF_ROUND * circle.radius_m).then_some(circle)
 }
 
 /// RMS distance of points from the two straight lines that fit them best, one for the points before a split and one for

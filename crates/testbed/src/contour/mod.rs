@@ -9,45 +9,20 @@ mod compare;
 mod merge;
 mod stretch;
 mod strokes;
+mod vertex;
 
-pub use circle::Circle;
+pub use circle::{Circle, true_circle};
 pub use compare::{Comparison, Touched};
 pub use stretch::touched_stretch;
 pub use strokes::second_stroke;
+pub(crate) use vertex::direction;
+pub use vertex::{Contour, Vertex};
 
 use filters::product;
 use nalgebra::{Matrix2, Vector2};
 use trace::Recording;
 use whisker::estimators::{Estimate, Knowledge, OutlinePoint};
-use whisker::frames::{Point, World};
-
-/// Vertex of a contour.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Vertex {
-    /// Position on the surface.
-    pub at: Point<World>,
-    /// Direction of the outward normal in World.
-    pub normal_rad: f64,
-    /// Covariance of the position in World, if stated.
-    pub covariance_m2: Option<Matrix2<f64>>,
-    /// Whether the vertex was touched; untouched vertices are interpolated.
-    pub touched: bool,
-}
-
-impl Vertex {
-    /// Standard deviation across the outline. `None` without a covariance.
-    pub fn sd_m(&self) -> Option<f64> {
-        let normal = direction(self.normal_rad);
-        Some(normal.dot(&(self.covariance_m2? * normal)).sqrt())
-    }
-}
-
-/// Part of an outline: counter-clockwise polyline.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Contour {
-    /// Vertices.
-    pub vertices: Vec<Vertex>,
-}
+use whisker::frames::Point;
 
 impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
@@ -73,12 +48,6 @@ impl Contour {
     pub(crate) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Self> {
         merge::merged(points)
     }
-}
-
-/// Unit vector at an angle.
-pub(crate) fn direction(angle_rad: f64) -> Vector2<f64> {
-    let (sin, cos) = angle_rad.sin_cos();
-    Vector2::new(cos, sin)
 }
 
 /// Outline of an estimator (in Start), transformed to World, counter-clockwise. `None` if all of its points are too uncertain.

@@ -1,15 +1,14 @@
-//! Tables of the outlines found.
+//! Rows of the tables about outlines found.
 
-use trace::Sidecar;
+use trace::{ObjectClass, Sidecar};
 
-use super::tables::Place;
 use crate::contour::{Circle, Comparison, Contour};
-use crate::results::{ContourScoreRow, ContourTrialRow, VertexRow, is_round};
+use crate::results::{ContourScoreRow, ContourTrialRow, SetKey, VertexRow};
 use crate::statistics::{mean, median_of_scores};
 
-/// What a row of `contour_trials.csv` says of an outline, whoever found it: `compared` where the true outline is known.
+/// Columns of `contour_trials.csv` that depend on the outline alone. `compared` is `None` if the true outline is unknown.
 pub(super) fn trial_row(sidecar: &Sidecar, contour: Option<&Contour>, compared: Option<Comparison>) -> ContourTrialRow {
-    let circle = contour.filter(|_| is_round(&sidecar.object)).and_then(Circle::through);
+    let circle = contour.filter(|_| sidecar.object_class() == ObjectClass::Round).and_then(Circle::through);
     ContourTrialRow {
         trace: sidecar.name.clone(),
         group: sidecar.group.clone(),
@@ -29,31 +28,45 @@ pub(super) fn trial_row(sidecar: &Sidecar, contour: Option<&Contour>, compared: 
     }
 }
 
-/// What is kept of the trials of a set for `contours.csv`: error of the contact, mean, 95th percentile and largest distance of the outline, and coverage of its band.
-pub(super) type Judged = [Option<f64>; 5];
-
-pub(super) fn judged(trial: &ContourTrialRow) -> Judged {
-    [trial.contact_rmse_m, trial.mean_m, trial.p95_m, trial.hausdorff_m, trial.band_coverage]
+/// Values of a trial that are combined in `contours.csv`.
+#[derive(Clone, Copy)]
+pub(super) struct ContourScores {
+    contact_rmse_m: Option<f64>,
+    mean_m: Option<f64>,
+    p95_m: Option<f64>,
+    hausdorff_m: Option<f64>,
+    band_coverage: Option<f64>,
 }
 
-/// A row of `contours.csv`, of all trials of a set.
-pub(super) fn summarise(place: &Place, trials: &[Judged]) -> ContourScoreRow {
-    let values = |of: usize| trials.iter().map(move |trial| trial[of]);
-    ContourScoreRow {
-        group: place.group.clone(),
-        whisker: place.whisker.clone(),
-        estimator: place.estimator.clone(),
-        noise: place.noise,
-        trials: trials.len(),
-        contact_rmse_m: median_of_scores(values(0)),
-        mean_m: median_of_scores(values(1)),
-        p95_m: median_of_scores(values(2)),
-        hausdorff_m: median_of_scores(values(3)),
-        band_coverage: mean(values(4).flatten()),
+impl ContourScores {
+    pub(super) fn of(trial: &ContourTrialRow) -> Self {
+        Self {
+            contact_rmse_m: trial.contact_rmse_m,
+            mean_m: trial.mean_m,
+            p95_m: trial.p95_m,
+            hausdorff_m: trial.hausdorff_m,
+            band_coverage: trial.band_coverage,
+        }
     }
 }
 
-/// Rows of `contours/<trace>.<estimator>.csv`; none where no outline was found.
+/// Row of `contours.csv` over all trials of a set.
+pub(super) fn contour_score(key: &SetKey, trials: &[ContourScores]) -> ContourScoreRow {
+    ContourScoreRow {
+        group: key.set.group.clone(),
+        whisker: key.set.whisker.clone(),
+        estimator: key.estimator.clone(),
+        noise: key.noise,
+        trials: trials.len(),
+        contact_rmse_m: median_of_scores(trials.iter().map(|trial| trial.contact_rmse_m)),
+        mean_m: median_of_scores(trials.iter().map(|trial| trial.mean_m)),
+        p95_m: median_of_scores(trials.iter().map(|trial| trial.p95_m)),
+        hausdorff_m: median_of_scores(trials.iter().map(|trial| trial.hausdorff_m)),
+        band_coverage: mean(trials.iter().filter_map(|trial| trial.band_coverage)),
+    }
+}
+
+/// Rows of `contours/<trace>.<estimator>.csv`. Empty if no outline was found.
 pub(super) fn vertex_rows(contour: Option<&Contour>) -> Vec<VertexRow> {
     let vertices = contour.into_iter().flat_map(|contour| &contour.vertices);
     vertices

@@ -1,8 +1,8 @@
-//! From what the items left behind to the tables of a run.
+//! Merging of the items' results into the tables of a run.
 //!
-//! Tables with a row a trial are written as the shards are read, in the order of trials, noise levels and seeds, whatever the order in which they were
-//! finished. A row over the trials of a set needs one value of each of them at once, for quantiles. Such rows are made some at a time, as many as a fixed memory
-//! allows, and the shards are read again for the next: memory does not grow with the number of trials, unless a single column of one set does not fit.
+//! Tables with one row per trial are written as the shards are read, in the order of trials, noise levels and seeds, whatever the order in which the items were
+//! finished. A row over the trials of a set needs the values of all of them at once, for quantiles. Such rows are computed in windows of limited memory, and the shards are
+//! read again for each window: memory does not grow with the number of trials, unless the values of a single row exceed the limit.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,21 +10,24 @@ use std::path::Path;
 use files::{AtomicFile, write_atomically};
 use rayon::prelude::*;
 
-use super::contours;
+use super::contours::{ContourScores, contour_score};
 use super::plan::Plan;
-use super::shards::{Outcome, Shards, Yield};
-use super::tables::{self, Place};
+use super::shards::{EstimatorResult, Shards, TrialResults};
+use super::tables;
 use crate::consistency::{Average, NEES_TEST, NIS_TEST};
 use crate::metrics::{METRICS, Scores};
+use crate::results::files::{
+    CONSISTENCY, CONTOUR_TRIALS, CONTOURS, ERROR_OVER_TIME, FAILURES, MAP_OBJECTS, MAPS, SUMMARY, TRIALS,
+};
 use crate::results::{
-    ContourTrialRow, FailureRow, MapObjectRow, MapRow, SummaryHead, SummaryRow, TableFile, TrialRow, csv_bytes,
-    score_bytes,
+    ContourTrialRow, FailureRow, Keyed, MapObjectRow, MapRow, RunFile, SetKey, SetName, SummaryHead, SummaryRow,
+    TableFile, TrialRow, csv_bytes, score_bytes,
 };
 
-/// Bytes of values that are held at once.
+/// Largest number of bytes of values held at once.
 const MOST_BYTES: usize = 100_000_000;
 
-/// What comes of a run beside its tables.
+/// Summary and failures of a merged run.
 pub(super) struct Merged {
     pub(super) summary: Vec<SummaryRow>,
     pub(super) failures: Vec<FailureRow>,
@@ -37,70 +40,99 @@ pub(super) struct Merged {
 pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Result<Merged> {
     let order = plan.in_order();
     let shards = InOrder { shards, plan, order: &order };
-    let table = |name: &str| folder.join(name);
-    let file = |name: &str| AtomicFile::create(&table(name));
-    let mut trials = TableFile::<TrialRow>::of_scores(file("trials.csv")?)?;
-    let mut contour_trials = TableFile::<ContourTrialRow>::new(file("contour_trials.csv")?)?;
-    let mut maps = TableFile::<MapRow>::new(file("maps.csv")?)?;
-    let mut map_objects = TableFile::<MapObjectRow>::new(file("map_objects.csv")?)?;
+    let TrialTables { sets, contour_sets, failures } = write_trial_tables(&shards, folder)?;
+    write_contours(&shards, &contour_sets, folder)?;
+    write_errors(&shards, &sets, folder)?;
+    write_consistency(&shards, &sets, folder)?;
+    let summary = write_summary(&shards, &sets, folder)?;
+    Ok(Merged { summary, failures })
+}
+
+/// Sets and failures found while the tables by trial are written.
+struct TrialTables {
+    sets: Sets,
+    /// Sets with outlines.
+    contour_sets: Sets,
+    failures: Vec<FailureRow>,
+}
+
+/// Writes the tables with one row per trial, map, object of a map or failure.
+fn write_trial_tables(shards: &InOrder<'_>, folder: &Path) -> anyhow::Result<TrialTables> {
+    let create = |file: RunFile| AtomicFile::create(&file.path(folder));
+    let mut trials = TableFile::<TrialRow>::of_scores(create(TRIALS)?)?;
+    let mut contour_trials = TableFile::<ContourTrialRow>::new(create(CONTOUR_TRIALS)?)?;
+    let mut maps = TableFile::<MapRow>::new(create(MAPS)?)?;
+    let mut map_objects = TableFile::<MapObjectRow>::new(create(MAP_OBJECTS)?)?;
     let mut failures = Vec::new();
     let (mut sets, mut contour_sets) = (Sets::default(), Sets::default());
-    shards.each(|done| {
-        for outcome in done.outcomes {
-            trials.push_scores(&outcome.row)?;
-            sets.add(&outcome);
+    shards.each(|results| {
+        for result in results.estimators {
+            trials.push_scores(&result.row)?;
+            sets.of(&result.row.head.key()).add(&result);
         }
-        for contour in done.contours {
+        for contour in results.contours {
             contour_trials.push(&contour)?;
-            contour_sets.of(&place_of_contour(&contour)).trials += 1;
+            contour_sets.of(&contour.key()).trials += 1;
         }
-        done.maps.iter().try_for_each(|map| maps.push(map))?;
-        done.map_objects.iter().try_for_each(|object| map_objects.push(object))?;
-        failures.extend(done.failures);
+        results.maps.iter().try_for_each(|map| maps.push(map))?;
+        results.map_objects.iter().try_for_each(|object| map_objects.push(object))?;
+        failures.extend(results.failures);
         Ok(())
     })?;
     trials.finish()?.finish()?;
     contour_trials.finish()?.finish()?;
     maps.finish()?.finish()?;
     map_objects.finish()?.finish()?;
-    write_atomically(&table("failures.csv"), &csv_bytes(&failures)?)?;
+    write_atomically(&FAILURES.path(folder), &csv_bytes(&failures)?)?;
+    Ok(TrialTables { sets, contour_sets, failures })
+}
 
-    let columns = contour_sets.sets.iter().enumerate().map(|(set, of)| ((set, 0), of.trials)).collect();
-    let contours = shards.by_column(
+fn write_contours(shards: &InOrder<'_>, sets: &Sets, folder: &Path) -> anyhow::Result<()> {
+    let columns = sets.sets.iter().enumerate().map(|(set, of)| ((set, 0), of.trials)).collect();
+    let rows = shards.by_column(
         columns,
-        |done, keep| {
-            for contour in &done.contours {
-                keep((contour_sets.place(&place_of_contour(contour)), 0), contours::judged(contour));
+        |results, keep| {
+            for contour in &results.contours {
+                keep((sets.index(&contour.key()), 0), ContourScores::of(contour));
             }
         },
-        |(set, _), judged| contours::summarise(&contour_sets.sets[set].place, &judged),
+        |(set, _), scores| contour_score(&sets.sets[set].key, &scores),
     )?;
-    write_atomically(&table("contours.csv"), &csv_bytes(&contours)?)?;
+    write_atomically(&CONTOURS.path(folder), &csv_bytes(&rows)?)?;
+    Ok(())
+}
 
-    let errors = shards.by_column(
+fn write_errors(shards: &InOrder<'_>, sets: &Sets, folder: &Path) -> anyhow::Result<()> {
+    let rows = shards.by_column(
         sets.columns(|set| &set.error_bins),
-        |done, keep| {
-            for outcome in &done.outcomes {
-                let set = sets.place(&place_of(outcome));
-                outcome.over_time.errors_m.iter().for_each(|&(bin, error_m)| keep((set, bin), error_m));
+        |results, keep| {
+            for result in &results.estimators {
+                let set = sets.index(&result.row.head.key());
+                result.over_time.errors_m.iter().for_each(|&(bin, error_m)| keep((set, bin), error_m));
             }
         },
-        |(set, bin), errors_m| tables::error_band(&sets.sets[set].place, bin, errors_m),
+        |(set, bin), errors_m| tables::error_band(&sets.sets[set].key, bin, errors_m),
     )?;
-    write_atomically(&table("error_over_time.csv"), &csv_bytes(&errors)?)?;
+    write_atomically(&ERROR_OVER_TIME.path(folder), &csv_bytes(&rows)?)?;
+    Ok(())
+}
 
-    let consistency = shards.by_column(
+fn write_consistency(shards: &InOrder<'_>, sets: &Sets, folder: &Path) -> anyhow::Result<()> {
+    let rows = shards.by_column(
         sets.columns(|set| &set.state_bins),
-        |done, keep| {
-            for outcome in &done.outcomes {
-                let set = sets.place(&place_of(outcome));
-                outcome.over_time.states.iter().for_each(|&(bin, state)| keep((set, bin), state));
+        |results, keep| {
+            for result in &results.estimators {
+                let set = sets.index(&result.row.head.key());
+                result.over_time.states.iter().for_each(|&(bin, state)| keep((set, bin), state));
             }
         },
-        |(set, bin), states| tables::consistency(&sets.sets[set].place, bin, &states),
+        |(set, bin), states| tables::consistency(&sets.sets[set].key, bin, &states),
     )?;
-    write_atomically(&table("consistency.csv"), &csv_bytes(&consistency)?)?;
+    write_atomically(&CONSISTENCY.path(folder), &csv_bytes(&rows)?)?;
+    Ok(())
+}
 
+fn write_summary(shards: &InOrder<'_>, sets: &Sets, folder: &Path) -> anyhow::Result<Vec<SummaryRow>> {
     let metrics = sets
         .sets
         .iter()
@@ -108,24 +140,24 @@ pub(super) fn merge(plan: &Plan, shards: &Shards, folder: &Path) -> anyhow::Resu
         .flat_map(|(set, of)| (0..METRICS.len() as u64).map(move |metric| ((set, metric), of.trials)));
     let scores = shards.by_column(
         metrics.collect(),
-        |done, keep| {
-            for outcome in &done.outcomes {
-                let set = sets.place(&place_of(outcome));
-                (0..).zip(outcome.row.scores.values()).for_each(|(metric, &value)| keep((set, metric), value));
+        |results, keep| {
+            for result in &results.estimators {
+                let set = sets.index(&result.row.head.key());
+                (0..).zip(result.row.scores.values()).for_each(|(metric, &value)| keep((set, metric), value));
             }
         },
-        |(_, metric), values| Score::of(metric as usize, &values),
+        |(_, metric), values| SetScore::of(metric as usize, &values),
     )?;
     let summary: Vec<SummaryRow> =
         sets.sets.iter().zip(scores.chunks(METRICS.len())).map(|(set, scores)| set.summary(scores)).collect();
-    write_atomically(&table("summary.csv"), &score_bytes(&summary)?)?;
-    Ok(Merged { summary, failures })
+    write_atomically(&SUMMARY.path(folder), &score_bytes(&summary)?)?;
+    Ok(summary)
 }
 
-/// A row over a set: the set by its place, and which of its rows of this kind.
+/// A row over the trials of a set: index of the set, and number of the row within the set.
 type Column = (usize, u64);
 
-/// The shards, in the order of results.
+/// Shards in the order of results.
 struct InOrder<'a> {
     shards: &'a Shards,
     plan: &'a Plan,
@@ -133,25 +165,25 @@ struct InOrder<'a> {
 }
 
 impl InOrder<'_> {
-    /// Takes every trial in turn.
-    fn each(&self, mut take: impl FnMut(Yield) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    /// Passes the results of every trial to a function, in order.
+    fn each(&self, mut take: impl FnMut(TrialResults) -> anyhow::Result<()>) -> anyhow::Result<()> {
         for some in self.order.chunks(2 * rayon::current_num_threads()) {
             let read = |&(item, member): &(usize, usize)| {
                 let mut trials = self.shards.read(item)?;
                 let seeds = self.plan.items[item].seeds.len();
                 Ok(trials.drain(member * seeds..(member + 1) * seeds).collect())
             };
-            let read: Vec<Vec<Yield>> = some.par_iter().map(read).collect::<anyhow::Result<_>>()?;
+            let read: Vec<Vec<TrialResults>> = some.par_iter().map(read).collect::<anyhow::Result<_>>()?;
             read.into_iter().flatten().try_for_each(&mut take)?;
         }
         Ok(())
     }
 
-    /// Makes a row of each column, in their order: `pick` hands over the values of a trial, each with its column. `columns` says how many values each one has.
+    /// Computes the row of each column, in their order. `pick` extracts the values of a trial, each with its column; `columns` gives the number of values of each.
     fn by_column<T: Send, Row: Send>(
         &self,
         columns: Vec<(Column, usize)>,
-        pick: impl Fn(&Yield, &mut dyn FnMut(Column, T)),
+        pick: impl Fn(&TrialResults, &mut dyn FnMut(Column, T)),
         row: impl Fn(Column, Vec<T>) -> Row + Sync,
     ) -> anyhow::Result<Vec<Row>> {
         let mut rows = Vec::new();
@@ -166,8 +198,8 @@ impl InOrder<'_> {
             left = later;
             let mut held: BTreeMap<Column, Vec<T>> =
                 window.iter().map(|&(column, count)| (column, Vec::with_capacity(count))).collect();
-            self.each(|done| {
-                pick(&done, &mut |column, value| {
+            self.each(|results| {
+                pick(&results, &mut |column, value| {
                     if let Some(values) = held.get_mut(&column) {
                         values.push(value);
                     }
@@ -182,27 +214,17 @@ impl InOrder<'_> {
     }
 }
 
-fn place_of(outcome: &Outcome) -> Place {
-    let head = &outcome.row.head;
-    let (group, whisker, estimator) = (head.group.clone(), head.whisker.clone(), head.estimator.clone());
-    Place { group, whisker, estimator, noise: head.noise }
-}
-
-fn place_of_contour(row: &ContourTrialRow) -> Place {
-    let (group, whisker, estimator) = (row.group.clone(), row.whisker.clone(), row.estimator.clone());
-    Place { group, whisker, estimator, noise: row.noise }
-}
-
-/// Trials that are put together, and how many values each row over them will have.
+/// Trials of one key, and the numbers of values of the rows over them.
 struct Set {
-    place: Place,
+    key: SetKey,
     object: String,
     trials: usize,
     elapsed_ns: u64,
     steps: usize,
-    /// Of models that are weighed against one another: their names, the sums of their probabilities, and in how many trials.
+    /// Names of the models that the estimator averages, with the sums of their probabilities over trials.
     models: Vec<(String, f64)>,
-    weighed: usize,
+    /// Number of trials with model probabilities.
+    averaged: usize,
     error_bins: BTreeMap<u64, usize>,
     state_bins: BTreeMap<u64, usize>,
 }
@@ -211,29 +233,22 @@ struct Set {
 #[derive(Default)]
 struct Sets {
     sets: Vec<Set>,
-    places: BTreeMap<(String, String, u64, String), usize>,
+    indices: BTreeMap<(SetName, u64, String), usize>,
 }
 
 impl Sets {
-    fn key(place: &Place) -> (String, String, u64, String) {
-        (place.group.clone(), place.whisker.clone(), place.noise.to_bits(), place.estimator.clone())
+    /// Index of a set that is known.
+    fn index(&self, key: &SetKey) -> usize {
+        self.indices[&key.ordered()]
     }
 
-    fn place(&self, place: &Place) -> usize {
-        self.places[&Self::key(place)]
-    }
-
-    fn of(&mut self, place: &Place) -> &mut Set {
+    fn of(&mut self, key: &SetKey) -> &mut Set {
         let next = self.sets.len();
-        let set = *self.places.entry(Self::key(place)).or_insert(next);
+        let set = *self.indices.entry(key.ordered()).or_insert(next);
         if set == next {
-            self.sets.push(Set::new(place.clone()));
+            self.sets.push(Set::new(key.clone()));
         }
         &mut self.sets[set]
-    }
-
-    fn add(&mut self, outcome: &Outcome) {
-        self.of(&place_of(outcome)).add(outcome);
     }
 
     /// The columns of a table over time.
@@ -244,57 +259,57 @@ impl Sets {
 }
 
 impl Set {
-    fn new(place: Place) -> Self {
+    fn new(key: SetKey) -> Self {
         Self {
-            place,
+            key,
             object: String::new(),
             trials: 0,
             elapsed_ns: 0,
             steps: 0,
             models: Vec::new(),
-            weighed: 0,
+            averaged: 0,
             error_bins: BTreeMap::new(),
             state_bins: BTreeMap::new(),
         }
     }
 
-    fn add(&mut self, outcome: &Outcome) {
+    fn add(&mut self, result: &EstimatorResult) {
         if self.trials == 0 {
-            self.object = outcome.row.head.object.clone();
+            self.object = result.row.head.object.clone();
         }
         self.trials += 1;
-        self.elapsed_ns += outcome.elapsed_ns;
-        self.steps += outcome.steps;
-        if !outcome.models.is_empty() {
-            if self.weighed == 0 {
-                self.models = outcome.models.iter().map(|(name, _)| (name.clone(), 0.0)).collect();
+        self.elapsed_ns += result.elapsed_ns;
+        self.steps += result.steps;
+        if !result.models.is_empty() {
+            if self.averaged == 0 {
+                self.models = result.models.iter().map(|(name, _)| (name.clone(), 0.0)).collect();
             }
-            self.weighed += 1;
+            self.averaged += 1;
             for (name, sum) in &mut self.models {
-                *sum += outcome.models.iter().find(|(known, _)| known == name).map_or(0.0, |(_, share)| *share);
+                *sum += result.models.iter().find(|(known, _)| known == name).map_or(0.0, |(_, share)| *share);
             }
         }
-        for &(bin, _) in &outcome.over_time.errors_m {
+        for &(bin, _) in &result.over_time.errors_m {
             *self.error_bins.entry(bin).or_default() += 1;
         }
-        for &(bin, _) in &outcome.over_time.states {
+        for &(bin, _) in &result.over_time.states {
             *self.state_bins.entry(bin).or_default() += 1;
         }
     }
 
-    fn summary(&self, scores: &[Score]) -> SummaryRow {
+    fn summary(&self, scores: &[SetScore]) -> SummaryRow {
         let mut models: Vec<(&str, f64)> =
-            self.models.iter().map(|(name, sum)| (name.as_str(), sum / self.weighed as f64)).collect();
+            self.models.iter().map(|(name, sum)| (name.as_str(), sum / self.averaged as f64)).collect();
         models.sort_by(|a, b| b.1.total_cmp(&a.1));
         let models: Vec<String> = models.into_iter().map(|(name, share)| format!("{name}={share:.3}")).collect();
         let mut over_trials = scores.iter().map(|score| score.over_trials);
         SummaryRow {
             head: SummaryHead {
-                group: self.place.group.clone(),
-                whisker: self.place.whisker.clone(),
+                group: self.key.set.group.clone(),
+                whisker: self.key.set.whisker.clone(),
                 object: self.object.clone(),
-                estimator: self.place.estimator.clone(),
-                noise: self.place.noise,
+                estimator: self.key.estimator.clone(),
+                noise: self.key.noise,
                 trials: self.trials,
                 step_ns: self.elapsed_ns as f64 / self.steps as f64,
                 models: (!models.is_empty()).then(|| models.join(" ")),
@@ -305,28 +320,28 @@ impl Set {
     }
 }
 
-/// One metric of a set.
-struct Score {
+/// One metric over the trials of a set.
+struct SetScore {
     over_trials: Option<f64>,
-    /// Its average beside what it would be if all that is stated were right, where it is a mean of chi-square numbers.
+    /// Average with the expectation of a consistent estimator. `None` unless the metric is a mean of chi-square numbers.
     average: Option<Average>,
 }
 
-impl Score {
+impl SetScore {
     fn of(metric: usize, values: &[Option<f64>]) -> Self {
         let metric = &METRICS[metric];
-        let judged = [NEES_TEST, NIS_TEST].into_iter().find(|judged| judged.metric.name == metric.name);
+        let test = [NEES_TEST, NIS_TEST].into_iter().find(|test| test.metric.name == metric.name);
         let stated = || values.iter().copied().flatten().collect::<Vec<f64>>();
-        let average = judged.and_then(|judged| Average::of_trials(judged.freedom, &stated()));
+        let average = test.and_then(|test| Average::of_trials(test.freedom, &stated()));
         Self { over_trials: metric.summary.of(values), average }
     }
 }
 
-/// What the innovations of a set say of the estimator's model; of one that states none, what its errors do.
-fn verdict(scores: &[Score]) -> Option<String> {
-    let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
-    [NIS_TEST, NEES_TEST].iter().find_map(|judged| {
-        let average = scores[place(judged.metric.name)?].average.as_ref()?;
+/// Consistency of the estimator by its innovations or, if it states none, by its errors.
+fn verdict(scores: &[SetScore]) -> Option<String> {
+    let index = |name: &str| METRICS.iter().position(|metric| metric.name == name);
+    [NIS_TEST, NEES_TEST].iter().find_map(|test| {
+        let average = scores[index(test.metric.name)?].average.as_ref()?;
         Some(average.sentence())
     })
 }

@@ -1,4 +1,4 @@
-//! Folders that appear when they are whole.
+//! Folders that appear when they are complete.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,41 +8,42 @@ use files::is_temporary;
 
 use super::shards::Shards;
 
-/// The folder in which a run is built, named after the hash of its inputs. It takes the place of the run's folder when it is whole; until then that stays as it
-/// was. What is finished in it is gone on with, whether an interrupted evaluation left it or another process is just doing it.
+/// Folder in which a run is built, named after the hash of its inputs. It replaces the run's folder when it is complete; until then that folder is unchanged. Items that
+/// are finished in it are reused, whether an interrupted evaluation or a concurrent process wrote them.
 pub(super) struct PartFolder<'a> {
     part: PathBuf,
     folder: &'a Path,
 }
 
-/// How the names of such folders end, after so many digits of the hash.
+/// Suffix of the names of such folders.
 const PART: &str = ".part";
+/// Number of digits of the hash before the suffix.
 const DIGITS: usize = 16;
-/// What a run is called while another takes its place.
+/// Suffix of a run while another replaces it.
 const OLD: &str = "old";
 
-/// A hidden folder beside another.
+/// Hidden folder beside another.
 fn beside(folder: &Path, what: &str) -> PathBuf {
     folder.with_file_name(format!(".{}.{what}", folder.file_name().unwrap_or_default().display()))
 }
 
 impl<'a> PartFolder<'a> {
-    /// The folder beside `folder` for a run from inputs with this hash. Several processes may open it at once: nothing is cleared away.
+    /// Opens the folder beside `folder` for a run from inputs with this hash. Several processes may open it at once; nothing is removed.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If the folder cannot be created.
     pub(super) fn open(folder: &'a Path, inputs_sha256: &str) -> anyhow::Result<Self> {
         let part = beside(folder, &format!("{}{PART}", &inputs_sha256[..DIGITS]));
         fs::create_dir_all(&part).with_context(|| part.display().to_string())?;
         Ok(Self { part, folder })
     }
 
-    /// Where to write.
+    /// Path of the folder.
     pub(super) fn path(&self) -> &Path {
         &self.part
     }
 
-    /// Puts the whole run in its place.
+    /// Replaces the run's folder by the complete run.
     ///
     /// # Errors
     /// If a folder cannot be moved.
@@ -58,16 +59,16 @@ impl<'a> PartFolder<'a> {
         tidy(self.folder)
     }
 
-    /// Clears away a run that is not worth keeping.
+    /// Removes the folder.
     ///
     /// # Errors
-    /// If that cannot be done.
+    /// If it cannot be removed.
     pub(super) fn discard(self) -> anyhow::Result<()> {
         remove(&self.part)
     }
 }
 
-/// Puts the old run back where a program was killed between the two renames of [`PartFolder::finish`]: it is the one that counts.
+/// Restores the old run if a process was killed between the two renames of [`PartFolder::finish`].
 ///
 /// # Errors
 /// If it cannot be moved.
@@ -79,11 +80,11 @@ pub(super) fn restore(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes what was kept for going on from a whole run, and what others left beside it: the old run, and what was begun from other inputs or by processes that
-/// nobody waited for. That comes last, so that a program killed before loses nothing; the next one tidies up.
+/// Removes the shards of a complete run, the run that it replaced, and unfinished runs of the same name beside it. It is called last, so that a process killed earlier
+/// loses nothing; the next one tidies up.
 ///
 /// # Errors
-/// If it cannot be removed.
+/// If a file or folder cannot be removed.
 pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Shards::remove(folder)?;
     remove(&beside(folder, OLD))?;
@@ -101,7 +102,7 @@ pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes a folder: its shards first, so that what somebody leaves who is killed here does not pass for finished.
+/// Removes a folder, its shards first, so that a partly removed folder does not count as finished work.
 fn remove(folder: &Path) -> anyhow::Result<()> {
     Shards::remove(folder)?;
     if folder.exists() {
@@ -110,7 +111,7 @@ fn remove(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes what processes that were killed had begun to write.
+/// Removes temporary files of killed processes.
 fn clear_temporary(folder: &Path) -> std::io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
@@ -130,7 +131,7 @@ mod tests {
     const HASHES: [&str; 2] = ["0123456789abcdef01", "fedcba9876543210fe"];
 
     #[test]
-    fn robust_a_folder_that_another_process_opens_too_keeps_what_is_finished() {
+    fn robust_a_folder_opened_by_two_processes_keeps_finished_items() {
         let results = tempfile::tempdir().unwrap();
         let folder = results.path().join("run");
         let part = PartFolder::open(&folder, HASHES[0]).unwrap();
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_what_belongs_to_another_run_is_not_tidied_away() {
+    fn robust_tidying_keeps_the_folders_of_other_runs() {
         let results = tempfile::tempdir().unwrap();
         let others = [
             ".run.b.0123456789abcdef.part",
@@ -159,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_killed_while_a_run_takes_the_place_of_another() {
+    fn robust_a_run_survives_a_kill_between_the_renames() {
         let results = tempfile::tempdir().unwrap();
         let folder = results.path().join("run");
         PartFolder::open(&folder, HASHES[0]).unwrap().finish().unwrap();

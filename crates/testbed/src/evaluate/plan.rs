@@ -1,38 +1,38 @@
-//! What there is to do in a batch, cut into items.
+//! Division of the work of a batch into items.
 //!
-//! An item is some seeds of one scene at one noise level. It is begun by one thread, which others may help, kept when it is done, and found again by the next evaluation from the
-//! same inputs. The cut depends on the settings alone, so every process and any number of threads cut alike.
+//! An item is some seeds of one scene at one noise level. One thread starts it, others may help; its results are kept when it is finished, and found by the next evaluation
+//! from the same inputs. The division depends on the settings alone, so it is the same for every process and any number of threads.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// Replays of an item by one estimator: few, so that little is lost with an item that is interrupted, but enough for one read of the scene.
+/// Number of replays of an item by one estimator: few, so that little is lost with an interrupted item, but enough to justify one read of the scene.
 const REPLAYS: usize = 10;
 
-/// A piece of work.
+/// A unit of work.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Item {
-    /// Place of its scene in the plan.
+    /// Index of its scene in the plan.
     pub(super) scene: usize,
-    /// Place of its noise level in the settings.
+    /// Index of its noise level in the settings.
     pub(super) level: usize,
-    /// Places of its seeds in the settings.
+    /// Indices of its seeds in the settings.
     pub(super) seeds: Range<usize>,
 }
 
 /// All items of a batch.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    /// Places of the trials that are replayed together: the whiskers of a recording, or a trace by itself.
+    /// Indices of the trials of each scene: the whiskers of a recording, or one trace.
     pub(super) scenes: Vec<Vec<usize>>,
     /// The items, scene by scene, level by level, in the order of the seeds.
     pub(super) items: Vec<Item>,
 }
 
 impl Plan {
-    /// Cuts the work on trials, given by the names of their scenes.
+    /// Divides the work on trials, given by the names of their scenes.
     pub(super) fn new(scene_of_trials: impl Iterator<Item = String>, levels: usize, seeds: usize) -> Self {
         let mut scenes: Vec<Vec<usize>> = Vec::new();
         let mut places = BTreeMap::new();
@@ -54,12 +54,12 @@ impl Plan {
         Self { scenes, items }
     }
 
-    /// Trials of an item, each counted once for every seed.
+    /// Number of trials of an item, each counted once for every seed.
     pub(super) fn trials_of(&self, item: &Item) -> usize {
         self.scenes[item.scene].len() * item.seeds.len()
     }
 
-    /// Items, each with the place of a trial in its scene, in the order of results: by trials, noise levels and seeds.
+    /// Items, each with the index of a trial in its scene, in the order of results: by trials, noise levels and seeds.
     pub(super) fn in_order(&self) -> Vec<(usize, usize)> {
         let mut trials: Vec<(usize, usize, usize)> = Vec::new();
         for (scene, members) in self.scenes.iter().enumerate() {
@@ -80,7 +80,7 @@ pub struct Share {
 }
 
 impl Share {
-    /// Whether an item belongs to it.
+    /// Whether an item belongs to the share.
     pub(super) fn has(self, item: usize) -> bool {
         item % self.of == self.number - 1
     }

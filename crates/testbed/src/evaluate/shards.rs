@@ -1,4 +1,4 @@
-//! What finished items leave behind, each in a file of its own, until the run is put together.
+//! Results of finished items, each in a file of its own until the run is merged.
 
 use std::fs;
 use std::io::Write;
@@ -11,43 +11,43 @@ use serde::{Deserialize, Serialize};
 use super::tables::OverTime;
 use crate::results::{ContourTrialRow, FailureRow, MapObjectRow, MapRow, TrialRow};
 
-/// Folder of the shards in that of the run.
+/// Folder of the shards in the run's folder.
 const FOLDER: &str = "shards";
 
-/// What an item yields: one a trial, in the order of the scene's traces, and of each by seed.
-pub(super) type Shard = Vec<Yield>;
+/// Results of an item: one entry per trial and seed, in the order of the scene's traces, then of the seeds.
+pub(super) type Shard = Vec<TrialResults>;
 
-/// What a trial yields under one seed.
+/// Results of a trial at one noise level under one seed.
 #[derive(Default, Serialize, Deserialize)]
-pub(super) struct Yield {
-    /// One an participant, where the trial can be scored.
-    pub(super) outcomes: Vec<Outcome>,
-    /// One an participant, where the object has an outline.
+pub(super) struct TrialResults {
+    /// One per participant if the trial can be scored.
+    pub(super) estimators: Vec<EstimatorResult>,
+    /// One per participant if the object has an outline.
     pub(super) contours: Vec<ContourTrialRow>,
-    /// What went wrong.
+    /// Failures of the trial or of participants.
     pub(super) failures: Vec<FailureRow>,
-    /// Maps of the scene under that seed, with its first trace.
+    /// Maps of the scene under that seed, kept with its first trace.
     pub(super) maps: Vec<MapRow>,
     /// Objects of these maps.
     pub(super) map_objects: Vec<MapObjectRow>,
 }
 
-/// What one trial yields for one estimator.
+/// Results of one estimator on one trial.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Outcome {
+pub(super) struct EstimatorResult {
     pub(super) row: TrialRow,
-    /// Mean probabilities of the models that the estimator weighs, over the contact.
+    /// Mean probabilities over the contact of the models that the estimator averages.
     pub(super) models: Vec<(String, f64)>,
     pub(super) over_time: OverTime,
     pub(super) elapsed_ns: u64,
     pub(super) steps: usize,
 }
 
-/// The folder of the shards. A shard begins with the hash of the rest, so that one which was cut short or damaged is not taken for finished work.
+/// Folder of the shards. A shard begins with the hash of its remaining bytes, so that a truncated or damaged one does not count as finished work.
 pub(super) struct Shards(PathBuf);
 
 impl Shards {
-    /// Those in the folder of a run.
+    /// Shards in the folder of a run.
     pub(super) fn in_run(folder: &Path) -> Self {
         Self(folder.join(FOLDER))
     }
@@ -58,10 +58,10 @@ impl Shards {
 
     /// Whether an item is finished.
     pub(super) fn has(&self, item: usize) -> bool {
-        fs::read(self.path(item)).is_ok_and(|bytes| whole(&bytes).is_some())
+        fs::read(self.path(item)).is_ok_and(|bytes| body(&bytes).is_some())
     }
 
-    /// Keeps what an item yields.
+    /// Writes the results of an item.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -74,21 +74,21 @@ impl Shards {
         Ok(file.finish_fast()?)
     }
 
-    /// What an item yielded.
+    /// Reads the results of an item.
     ///
     /// # Errors
     /// If the file cannot be read, or is damaged.
     pub(super) fn read(&self, item: usize) -> anyhow::Result<Shard> {
         let path = self.path(item);
         let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
-        let Some(body) = whole(&bytes) else { bail!("{}: damaged; evaluate again", path.display()) };
+        let Some(body) = body(&bytes) else { bail!("{}: damaged; evaluate again", path.display()) };
         postcard::from_bytes(body).with_context(|| path.display().to_string())
     }
 
-    /// Clears them away.
+    /// Removes all shards of a run.
     ///
     /// # Errors
-    /// If that cannot be done.
+    /// If they cannot be removed.
     pub(super) fn remove(folder: &Path) -> anyhow::Result<()> {
         let folder = folder.join(FOLDER);
         if folder.exists() {
@@ -98,8 +98,8 @@ impl Shards {
     }
 }
 
-/// What stands behind the hash, where that is right.
-fn whole(bytes: &[u8]) -> Option<&[u8]> {
+/// Bytes after the hash. `None` if the hash does not match.
+fn body(bytes: &[u8]) -> Option<&[u8]> {
     const HASH: usize = 64;
     let (hash, body) = bytes.split_at_checked(HASH)?;
     (sha256(body).as_bytes() == hash).then_some(body)
@@ -110,12 +110,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn robust_a_damaged_shard_is_no_finished_work() {
+    fn robust_a_damaged_shard_does_not_count_as_finished() {
         let folder = tempfile::tempdir().unwrap();
         let shards = Shards::in_run(folder.path());
         assert!(!shards.has(3));
         let failure = FailureRow { trace: "pin".into(), estimator: None, noise: 0.01, seed: 7, reason: "torn".into() };
-        let done = Yield { failures: vec![failure.clone()], ..Yield::default() };
+        let done = TrialResults { failures: vec![failure.clone()], ..TrialResults::default() };
         shards.write(3, &vec![done]).unwrap();
         assert!(shards.has(3));
         assert_eq!(shards.read(3).unwrap()[0].failures, [failure]);

@@ -1,4 +1,4 @@
-//! The tables of a run.
+//! Rows of the tables of a run.
 
 use serde::{Deserialize, Serialize};
 use trace::{Instant, Trace, TruthInstant};
@@ -8,7 +8,7 @@ use whisker::events::Signals;
 use crate::bound::{BoundAt, TraceBound};
 use crate::consistency::{NEES_TEST, NIS_TEST, interval};
 use crate::metrics::{Contact, Scored, Trial};
-use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow};
+use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SetKey};
 use crate::statistics::{mean, median, quantile_of_sorted, rms};
 
 /// Width of the time bins of `error_over_time.csv`.
@@ -17,14 +17,14 @@ const ERROR_BIN_S: f64 = 0.02;
 /// Width of the time bins of `consistency.csv`, whose averages change more slowly.
 const CONSISTENCY_BIN_S: f64 = 0.1;
 
-/// What is kept of a trial for the tables over time, by bin in the order of time: of each bin the last instant with an estimate.
+/// Values of a trial for the tables over time, by bin in the order of time: those of the last instant with an estimate in each bin.
 #[derive(Serialize, Deserialize)]
 pub(super) struct OverTime {
     pub(super) errors_m: Vec<(u64, f64)>,
     pub(super) states: Vec<(u64, State)>,
 }
 
-/// How sure an estimator was at one instant, how far off, and how sure it could have been.
+/// Error, consistency and posterior Cramer-Rao bound at one instant.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct State {
     error_m: f64,
@@ -53,7 +53,7 @@ impl OverTime {
     }
 }
 
-/// Something of the last instant with an estimate of each bin.
+/// Value of the last instant with an estimate in each bin.
 fn last_in_bins<T>(contacts: &[Contact], width_s: f64, value: impl Fn(&Contact, f64) -> T) -> Vec<(u64, T)> {
     let estimated: Vec<(u64, &Contact, f64)> = contacts
         .iter()
@@ -66,8 +66,8 @@ fn last_in_bins<T>(contacts: &[Contact], width_s: f64, value: impl Fn(&Contact, 
     estimated.chunk_by(|a, b| a.0 == b.0).filter_map(of_bin).collect()
 }
 
-/// Time in the middle of a bin.
-fn middle_s(bin: u64, width_s: f64) -> f64 {
+/// Centre of a bin.
+fn center_s(bin: u64, width_s: f64) -> f64 {
     (bin as f64 + 0.5) * width_s
 }
 
@@ -97,7 +97,7 @@ pub(super) fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -
     seen.map(row).collect()
 }
 
-/// What an estimator said at an instant, beside the truth.
+/// Row of `estimates/<trace>.<estimator>.csv`: estimate and truth at one instant.
 pub fn estimate_row(
     knowledge: &Knowledge,
     known: &Instant,
@@ -149,7 +149,7 @@ pub(super) fn bound_rows(trace: &Trace, bound: &TraceBound) -> Vec<BoundRow> {
         .collect()
 }
 
-/// Mean of the probabilities of rival models; nothing of nothing.
+/// Mean of model probabilities. `None` if there are none.
 pub(super) fn mean_shares(shares: impl Iterator<Item = ModelShares>) -> Option<ModelShares> {
     let all: Vec<ModelShares> = shares.collect();
     let names: Vec<&'static str> = all.first()?.iter().map(|(name, _)| name).collect();
@@ -157,25 +157,16 @@ pub(super) fn mean_shares(shares: impl Iterator<Item = ModelShares>) -> Option<M
     Some(ModelShares::new(names.into_iter().map(|name| (name, mean(name)))))
 }
 
-/// What a row of a table over a set says of where it stands.
-#[derive(Clone, Debug)]
-pub(super) struct Place {
-    pub(super) group: String,
-    pub(super) whisker: String,
-    pub(super) estimator: String,
-    pub(super) noise: f64,
-}
-
-/// A row of `error_over_time.csv`, of the errors in a bin.
-pub(super) fn error_band(place: &Place, bin: u64, mut errors_m: Vec<f64>) -> ErrorBandRow {
+/// Row of `error_over_time.csv` from the errors in a bin.
+pub(super) fn error_band(key: &SetKey, bin: u64, mut errors_m: Vec<f64>) -> ErrorBandRow {
     errors_m.sort_by(f64::total_cmp);
     let at = |q| quantile_of_sorted(&errors_m, q).expect("a bin holds at least one trial");
     ErrorBandRow {
-        group: place.group.clone(),
-        whisker: place.whisker.clone(),
-        estimator: place.estimator.clone(),
-        noise: place.noise,
-        t_contact_s: middle_s(bin, ERROR_BIN_S),
+        group: key.set.group.clone(),
+        whisker: key.set.whisker.clone(),
+        estimator: key.estimator.clone(),
+        noise: key.noise,
+        t_contact_s: center_s(bin, ERROR_BIN_S),
         trials: errors_m.len(),
         p10_m: at(0.1),
         median_m: at(0.5),
@@ -183,18 +174,18 @@ pub(super) fn error_band(place: &Place, bin: u64, mut errors_m: Vec<f64>) -> Err
     }
 }
 
-/// A row of `consistency.csv`, of the states in a bin.
-pub(super) fn consistency(place: &Place, bin: u64, states: &[State]) -> ConsistencyRow {
+/// Row of `consistency.csv` from the states in a bin.
+pub(super) fn consistency(key: &SetKey, bin: u64, states: &[State]) -> ConsistencyRow {
     let all = |value: fn(&State) -> Option<f64>| -> Vec<f64> { states.iter().filter_map(value).collect() };
     let (nees, nis) = (all(|state| state.nees), all(|state| state.nis));
     let within = |freedom, values: &[f64]| (!values.is_empty()).then(|| interval(freedom, values.len() as f64));
     let (of_nees, of_nis) = (within(NEES_TEST.freedom, &nees), within(NIS_TEST.freedom, &nis));
     ConsistencyRow {
-        group: place.group.clone(),
-        whisker: place.whisker.clone(),
-        estimator: place.estimator.clone(),
-        noise: place.noise,
-        t_contact_s: middle_s(bin, CONSISTENCY_BIN_S),
+        group: key.set.group.clone(),
+        whisker: key.set.whisker.clone(),
+        estimator: key.estimator.clone(),
+        noise: key.noise,
+        t_contact_s: center_s(bin, CONSISTENCY_BIN_S),
         trials: states.len(),
         rmse_m: rms(&all(|state| Some(state.error_m))).expect("a bin holds at least one trial"),
         bound_m: rms(&all(|state| state.bound_m)),

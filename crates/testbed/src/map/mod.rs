@@ -14,9 +14,9 @@ mod view;
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
+pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
 use grid::Grid;
-pub use score::true_circle;
 pub(crate) use score::{MapScore, Truths, score_map};
 pub(crate) use view::{Seen, View};
 

@@ -2,20 +2,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Matrix2;
 use trace::{ArrayRecording, Outline, Truth, TruthInstant};
 use whisker::frames::{Point, World};
 
 use super::{FoundObject, SceneMap, Seen, View};
-use crate::contour::{Circle, Comparison, Contour, Touched, Vertex};
+use crate::contour::{Comparison, Touched, true_circle};
 use crate::statistics::{mean, quantile};
 
 /// A detected object counts as merged if at least this fraction of its points belongs to another true object than the
 /// majority.
 const LEAST_MERGED: f64 = 0.1;
-
-/// Largest deviation of a round outline from its circle, relative to the radius.
-const MOST_OUT_OF_ROUND: f64 = 2e-3;
 
 /// Score of a map.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,19 +115,4 @@ fn score_object(found: &FoundObject, truths: &Truths, outlines: &[Outline]) -> O
         radius_m: circle.map(|circle| circle.radius_m),
         center_error_m: found.circle.zip(circle).map(|(found, circle)| found.center.distance(&circle.center)),
     })
-}
-
-/// Circle of a true outline. `None` if the outline is not round.
-pub fn true_circle(outline: &Outline) -> Option<Circle> {
-    let vertices = outline.vertices();
-    // Equal covariances make the fit unweighted.
-    let vertex = |at: &Point<World>| Vertex {
-        at: *at,
-        normal_rad: 0.0,
-        covariance_m2: Some(Matrix2::identity() * 1e-12),
-        touched: true,
-    };
-    let circle = Circle::through(&Contour { vertices: vertices[1..].iter().map(vertex).collect() })?;
-    let off_m = |at: &Point<World>| (at.distance(&circle.center) - circle.radius_m).abs();
-    vertices.iter().all(|at| off_m(at) <= MOST_OUT_OF_ROUND * circle.radius_m).then_some(circle)
 }

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use testbed::metrics::rows;
-use testbed::results::{ContourTrialRow, TrialRow, is_round};
+use testbed::results::{ContourTrialRow, TrialRow};
 use testbed::statistics::{mean, median_of_scores};
+use trace::ObjectClass;
 
 use super::{Claim, Context, Evaluation, RECOMMENDED};
 
@@ -103,9 +104,13 @@ fn cylinder(estimator: &'static str) -> Vec<Claim> {
 
 /// Sweeps over round objects, for one estimator.
 fn sweeps(context: &Context, estimator: &str) -> Vec<ContourTrialRow> {
-    let rows = context.recordings.iter().flat_map(|run| &run.contours);
-    let is_meant = |row: &&ContourTrialRow| row.group == OBJECTS && row.estimator == estimator && is_round(&row.object);
-    rows.filter(is_meant).cloned().collect()
+    let Some(run) = &context.recordings else { return Vec::new() };
+    let objects: Vec<_> = run.run.sets.iter().filter(|set| set.group == OBJECTS).collect();
+    let is_round = |row: &&ContourTrialRow| {
+        let set = objects.iter().find(|set| set.group == row.group && set.whisker == row.whisker);
+        set.is_some_and(|set| set.class_of(&row.object) == ObjectClass::Round)
+    };
+    run.contours.iter().filter(|row| row.estimator == estimator).filter(is_round).cloned().collect()
 }
 
 /// Largest gap between the radius intervals of two sweeps over one object (m), negative if all overlap. `None` if a sweep has no radius.

@@ -1,17 +1,13 @@
-//! `whisker check`: whether a file is what it claims to be.
+//! `whisker check`: validation of files.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::bail;
 use files::read_json;
-use serde::de::DeserializeOwned;
 use serde_json::Value;
-use testbed::results::{
-    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, FailureRow,
-    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TransferRow,
-    TrialHead, TurnRow, VertexRow, read_rows, read_scores,
-};
+use testbed::results::files::run_file;
+use testbed::results::{Run, read_rows};
 use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, SensorFile, Suite, Trace};
 
 use super::{print, python};
@@ -39,7 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The files themselves, and for a folder its CSV and JSON files; a trace and its sidecar count once.
+/// The given files, and the CSV and JSON files of given folders. A trace and its sidecar count once.
 fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
@@ -67,8 +63,8 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 
 fn check(path: &Path) -> anyhow::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    if let Some(table) = TABLES.iter().find(|table| table.mark.is_of(path)) {
-        return Ok(format!("{} with {} rows", table.about, (table.rows)(path)?));
+    if let Some(found) = check_table(path)? {
+        return Ok(found);
     }
     for ending in [".joints.csv", ".objects.csv"] {
         if name.ends_with(ending) {
@@ -120,76 +116,30 @@ fn check(path: &Path) -> anyhow::Result<String> {
     }
 }
 
-/// What a table is known by.
-enum Mark {
-    /// The whole name.
-    Name(&'static str),
-    /// The end of the name.
-    End(&'static str),
-    /// The folder that it lies in.
-    Folder(&'static str),
-}
-
-impl Mark {
-    fn is_of(&self, path: &Path) -> bool {
-        match self {
-            Self::Name(name) => path.file_name().is_some_and(|found| found == *name),
-            Self::End(end) => path.file_name().is_some_and(|found| found.to_string_lossy().ends_with(end)),
-            Self::Folder(folder) => {
-                path.extension().is_some_and(|extension| extension == "csv")
-                    && path.parent().is_some_and(|found| found.ends_with(folder))
-            }
-        }
-    }
-}
-
-/// A table that generator, fit or evaluation writes.
+/// A table that is no file of a run.
 struct Table {
-    mark: Mark,
-    about: &'static str,
-    /// Parses it and counts its rows.
-    rows: fn(&Path) -> anyhow::Result<usize>,
+    /// Whole name, or end of the name.
+    end: &'static str,
+    label: &'static str,
+    /// Parses a file and returns the number of its rows.
+    count: fn(&Path) -> anyhow::Result<usize>,
 }
 
-const TABLES: &[Table] = &[
-    Table { mark: Mark::End(".contour.csv"), about: "outline", rows: count_vertices },
-    Table { mark: Mark::Name("trials.csv"), about: "trials", rows: count_scores::<TrialHead> },
-    Table { mark: Mark::Name("summary.csv"), about: "summary", rows: count_scores::<SummaryHead> },
-    Table { mark: Mark::Name("error_over_time.csv"), about: "errors over time", rows: count::<ErrorBandRow> },
-    Table { mark: Mark::Name("consistency.csv"), about: "consistency over time", rows: count::<ConsistencyRow> },
-    Table { mark: Mark::Name("contours.csv"), about: "scores of outlines", rows: count::<ContourScoreRow> },
-    Table { mark: Mark::Name("contour_trials.csv"), about: "trials of outlines", rows: count::<ContourTrialRow> },
-    Table { mark: Mark::Name("failures.csv"), about: "failed trials", rows: count::<FailureRow> },
-    Table { mark: Mark::Name("claims.csv"), about: "claims", rows: count::<MeasuredClaim> },
-    Table { mark: Mark::Name("maps.csv"), about: "maps", rows: count::<MapRow> },
-    Table { mark: Mark::Name("map_objects.csv"), about: "objects of maps", rows: count::<MapObjectRow> },
-    Table { mark: Mark::End(".points.csv"), about: "contact points of a map", rows: count::<MapPointRow> },
-    Table { mark: Mark::End(".outlines.csv"), about: "outlines of a map", rows: count::<MapVertexRow> },
-    Table { mark: Mark::End(".grid.csv"), about: "occupancy grid", rows: count::<GridRow> },
-    Table { mark: Mark::End(".surface.csv"), about: "sensor model", rows: count::<SurfaceRow> },
-    Table { mark: Mark::End(".residuals.csv"), about: "residuals", rows: count::<ResidualRow> },
-    Table { mark: Mark::End(".turn.csv"), about: "turned sensor", rows: count::<TurnRow> },
-    Table { mark: Mark::End(".transfer.csv"), about: "counts over rotations", rows: count::<TransferRow> },
-    Table { mark: Mark::Folder("estimates"), about: "estimates", rows: count::<EstimateRow> },
-    Table { mark: Mark::Folder("events"), about: "contact events", rows: count::<EventRow> },
-    Table { mark: Mark::Folder("bounds"), about: "bound", rows: count::<BoundRow> },
-    Table { mark: Mark::Folder("contours"), about: "outline found", rows: count::<VertexRow> },
-    Table { mark: Mark::Folder("outlines"), about: "true outline", rows: count_vertices },
+const OTHER_TABLES: [Table; 2] = [
+    Table { end: ".contour.csv", label: "outline", count: |path| Ok(Outline::read(path)?.vertices().len()) },
+    Table { end: "claims.csv", label: "claims", count: |path| Ok(read_rows::<MeasuredClaim>(path)?.len()) },
 ];
 
-fn count_vertices(path: &Path) -> anyhow::Result<usize> {
-    Ok(Outline::read(path)?.vertices().len())
+/// Parses a table that generator, fit or evaluation writes. `None` if the path is not that of one.
+fn check_table(path: &Path) -> anyhow::Result<Option<String>> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let other = OTHER_TABLES.iter().find(|table| name.ends_with(table.end)).map(|table| (table.label, table.count));
+    let of_run = || run_file(path).and_then(|file| file.rows).map(|rows| (rows.label, rows.count));
+    let Some((label, count)) = other.or_else(of_run) else { return Ok(None) };
+    Ok(Some(format!("{label} with {} rows", count(path)?)))
 }
 
-fn count<Row: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
-    Ok(read_rows::<Row>(path)?.len())
-}
-
-fn count_scores<Head: DeserializeOwned>(path: &Path) -> anyhow::Result<usize> {
-    Ok(read_scores::<Head>(path)?.len())
-}
-
-/// A recording of several whiskers with all that belongs to it.
+/// Checks a recording of several whiskers with all its files.
 fn check_recording(path: &Path) -> anyhow::Result<String> {
     let array = ArrayRecording::read(path)?;
     for whisker in &array.sidecar.whiskers {
@@ -205,7 +155,7 @@ fn check_recording(path: &Path) -> anyhow::Result<String> {
     ))
 }
 
-/// The recording to which a table of joints or objects belongs: it cannot be judged by itself.
+/// Checks the recording to which a table of joints or objects belongs: the table cannot be checked by itself.
 fn check_part(path: &Path, ending: &str) -> anyhow::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let recording = path.with_file_name(format!("{}.json", name.trim_end_matches(ending)));
@@ -232,7 +182,10 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
     Ok(format!("trace `{}`, {} rows, {last:.2} s, {truth}{certificate}", sidecar.name, sidecar.rows))
 }
 
-/// What the certificate says, in a line; an error where a figure lies above its bound.
+/// The certificate in one line.
+///
+/// # Errors
+/// If a figure exceeds its bound.
 fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
     let breaches: Vec<String> = certificate
         .breaches()
@@ -263,7 +216,7 @@ fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
     ))
 }
 
-/// Shapes and motions are known to the generator alone, so it judges scenes.
+/// Checks a scene by the generator, which alone knows shapes and motions.
 fn check_scene(path: &Path) -> anyhow::Result<()> {
     let output = python::generator(["check".as_ref(), path.as_os_str()])?.output()?;
     if output.status.success() {

@@ -12,7 +12,7 @@ use serde_json::Value;
 use strict_json::parse_json;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{EvaluateSettings, Share, Skipped, evaluate, evaluate_share};
+use testbed::evaluate::{EvaluateSettings, OmittedEstimator, Share, evaluate, evaluate_share};
 use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
@@ -152,7 +152,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         let FailureRow { trace, noise, seed, reason, .. } = failure;
         eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
     }
-    for Skipped { estimator, sensor_model, calibration } in &evaluated.skipped {
+    for OmittedEstimator { estimator, sensor_model, calibration } in &evaluated.omitted {
         let calibration = calibration.display();
         eprintln!("left out: {estimator}, which needs the sensor model `{sensor_model}` that {calibration} lacks");
     }

@@ -1,4 +1,4 @@
-//! `whisker fit`: calibration traces to calibration files.
+//! `whisker fit`: fit of sensor models to calibration traces.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};

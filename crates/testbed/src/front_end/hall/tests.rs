@@ -213,6 +213,7 @@ fn robust_recordings_of_real_sensors_are_rejected() {
         rest_counts: 0.0,
         noise_sd_n_m: 0.0,
         touch_counts: 0.0,
+        object_class: None,
     });
     let front_end = FrontEnd::new(&FrontEndConfig { name: "hall".into(), config: json!({}) }).unwrap();
     let error = front_end.check_trace(&trace.sidecar).unwrap_err().to_string();

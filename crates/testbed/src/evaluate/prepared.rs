@@ -1,0 +1,230 @@
+//! Preparation of an evaluation: trials, calibrations, front end and participants, read and checked before anything is replayed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use trace::{Outline, Role, SensorFile, Sidecar, Trace};
+use whisker::estimators::{BaseNoise, ContactPrior};
+
+use super::array_members::{ArrayMember, ArrayReader};
+use super::calibration::{Calibration, Calibrations};
+use super::settings::{EvaluateSettings, OmittedEstimator, check_distinct};
+use super::starts::{self, Starts};
+use crate::dataset::Dataset;
+use crate::encoders::Encoders;
+use crate::front_end::{FrontEnd, Mounting};
+use crate::metrics::{Unscored, first_touch_s};
+use crate::participant::Participant;
+use crate::replay::{check_calibration, knowledge, noise_sd_n_m};
+use crate::results::SetName;
+
+/// A trace to be replayed, without its rows, which are read when it is replayed.
+pub(super) struct TrialSpec {
+    /// Sidecar under the name that the trial has in the run.
+    pub(super) sidecar: Sidecar,
+    /// CSV of the trace.
+    pub(super) path: PathBuf,
+    /// Outline of the object, if known.
+    pub(super) outline: Option<Outline>,
+    pub(super) mounting: Mounting,
+    /// Calibration of the magnetic sensor. `None` if the front end has none.
+    pub(super) sensor: Option<SensorFile>,
+    /// Recording of several whiskers to which the trace belongs.
+    pub(super) array: Option<ArrayMember>,
+    /// Prior of the first contact. `None` for the default prior along the undeflected whisker.
+    pub(super) contact_prior: Option<ContactPrior>,
+    /// Whether the true contact is known, so that the trial can be scored.
+    pub(super) is_known: bool,
+}
+
+impl TrialSpec {
+    /// Name of the scene: the recording of several whiskers, or the trace alone. Trials of one scene are replayed together.
+    pub(super) fn scene(&self) -> String {
+        self.array.as_ref().map_or_else(
+            || format!("trace {}", self.sidecar.name),
+            |member| format!("recording {}", member.recording()),
+        )
+    }
+
+    /// Noise of the known pose of the base.
+    pub(super) fn base_noise(&self) -> BaseNoise {
+        self.array.as_ref().map(ArrayMember::base_noise).unwrap_or_default()
+    }
+
+    /// Group and whisker.
+    pub(super) fn set(&self) -> SetName {
+        SetName { group: self.sidecar.group.clone(), whisker: self.sidecar.whisker.name.clone() }
+    }
+}
+
+/// An evaluation that is ready to run.
+pub(super) struct Prepared {
+    pub(super) trials: Vec<TrialSpec>,
+    pub(super) calibrations: Calibrations,
+    /// Largest absolute reading of each set without noise.
+    pub(super) largest_readings_n_m: BTreeMap<SetName, f64>,
+    pub(super) front_end: FrontEnd,
+    pub(super) participants: Vec<Box<dyn Participant>>,
+    /// Names of the participants.
+    pub(super) names: Vec<String>,
+    pub(super) omitted: Vec<OmittedEstimator>,
+}
+
+impl Prepared {
+    /// Reads and checks the inputs of an evaluation.
+    ///
+    /// # Errors
+    /// If settings are invalid, or inputs cannot be read or contradict one another.
+    pub(super) fn new(datasets: &[Dataset], settings: &EvaluateSettings) -> anyhow::Result<Self> {
+        check_settings(settings)?;
+        let participants = settings.participants()?;
+        let mut prepared = Self {
+            trials: Vec::new(),
+            calibrations: Calibrations::default(),
+            largest_readings_n_m: BTreeMap::new(),
+            front_end: FrontEnd::new(&settings.front_end)?,
+            participants: Vec::new(),
+            names: Vec::new(),
+            omitted: Vec::new(),
+        };
+        let mut arrays = ArrayReader::default();
+        for dataset in datasets {
+            let default = || dataset.calibrations(prepared.front_end.row.name);
+            let calibrations = settings.calibrations.clone().unwrap_or_else(default);
+            for csv in dataset.of_role(Role::Trial)? {
+                prepared.add_trace(csv, &dataset.folder, &calibrations, &mut arrays, settings)?;
+            }
+        }
+        arrays.check(&settings.encoders)?;
+        check_distinct("trace", prepared.trials.iter().map(|trial| trial.sidecar.name.clone()))?;
+        for participant in participants {
+            prepared.admit(participant, settings)?;
+        }
+        Ok(prepared)
+    }
+
+    /// Adds the trials of one trace: one for each prior of the first contact and for each of the encoders.
+    fn add_trace(
+        &mut self,
+        csv: &Path,
+        folder: &Path,
+        calibrations: &Path,
+        arrays: &mut ArrayReader,
+        settings: &EvaluateSettings,
+    ) -> anyhow::Result<()> {
+        let trace = Trace::read(csv)?;
+        let sidecar = &trace.sidecar;
+        self.front_end.check_trace(sidecar)?;
+        let whisker = &sidecar.whisker.name;
+        let path = calibrations.join(format!("{whisker}.json"));
+        let calibration = self.calibrations.open(whisker, &path)?;
+        check_calibration(&path, &calibration.file, sidecar)?;
+        let mounting = Mounting::of(folder, sidecar)?;
+        let spec = TrialSpec {
+            sensor: self.front_end.sensor(&path, &calibration.file, &mounting)?.cloned(),
+            sidecar: sidecar.clone(),
+            path: csv.into(),
+            outline: trace.outline(folder)?,
+            mounting,
+            array: None,
+            contact_prior: None,
+            is_known: first_touch_s(&trace) != Err(Unscored::TruthUnknown),
+        };
+        let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m.abs());
+        let largest_n_m = moments.fold(0.0, f64::max);
+        if settings.starts == Starts::Wrong {
+            for (sidecar, prior) in starts::wrong(&trace) {
+                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m);
+            }
+        }
+        for (sidecar, member) in arrays.trials(folder, &trace, &settings.encoders)? {
+            self.add(spec.with(sidecar, member, None), largest_n_m);
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, trial: TrialSpec, largest_n_m: f64) {
+        let largest = self.largest_readings_n_m.entry(trial.set()).or_default();
+        *largest = largest.max(largest_n_m);
+        self.trials.push(trial);
+    }
+
+    /// Admits a participant that can run with the calibrations of all whiskers, so that errors are found before anything is replayed. A participant whose sensor model
+    /// is not calibrated is omitted unless the settings require it.
+    fn admit(&mut self, participant: Box<dyn Participant>, settings: &EvaluateSettings) -> anyhow::Result<()> {
+        let (label, name) = (participant.sensor_model(), participant.describe().name);
+        if let Some(label) = label.filter(|_| !settings.requires(&name))
+            && let Some(lacking) = self.calibrations.iter().find(|calibration| calibration.lacks(label))
+        {
+            let (sensor_model, calibration) = (label.into(), lacking.path.clone());
+            self.omitted.push(OmittedEstimator { estimator: name, sensor_model, calibration });
+            return Ok(());
+        }
+        self.calibrations.load(label)?;
+        let first = &self.trials[0];
+        participant.check(&knowledge(&first.sidecar, self.calibration(first).faces(label), 0.0))?;
+        self.names.push(name);
+        self.participants.push(participant);
+        Ok(())
+    }
+
+    /// Calibration of a trial's whisker.
+    pub(super) fn calibration(&self, trial: &TrialSpec) -> &Calibration {
+        self.calibrations.of(&trial.sidecar.whisker.name)
+    }
+
+    /// Names of the trials whose true contact is unknown.
+    pub(super) fn unscored(&self) -> Vec<String> {
+        self.trials.iter().filter(|trial| !trial.is_known).map(|trial| trial.sidecar.name.clone()).collect()
+    }
+
+    /// Standard deviation of the measurement noise that is added to a trial at a noise level.
+    pub(super) fn added_noise_sd_n_m(&self, trial: &TrialSpec, noise: f64) -> f64 {
+        noise * self.largest_readings_n_m[&trial.set()]
+    }
+
+    /// Standard deviation of all measurement noise of a trial at a noise level.
+    pub(super) fn noise_sd_n_m(&self, trial: &TrialSpec, noise: f64) -> f64 {
+        noise_sd_n_m(self.added_noise_sd_n_m(trial, noise), trial.sensor.as_ref(), &trial.sidecar)
+    }
+
+    /// Trials that belong to recordings of several whiskers.
+    pub(super) fn array_members(&self) -> impl Iterator<Item = (&Sidecar, &ArrayMember)> {
+        self.trials.iter().filter_map(|trial| Some((&trial.sidecar, trial.array.as_ref()?)))
+    }
+
+    /// Sensors of the trials, each once.
+    pub(super) fn sensors(&self) -> impl Iterator<Item = &SensorFile> {
+        let mut seen = BTreeSet::new();
+        let of_trials = self.trials.iter().filter_map(|trial| trial.sensor.as_ref());
+        of_trials.filter(move |sensor| seen.insert((&sensor.array, &sensor.name)))
+    }
+}
+
+impl TrialSpec {
+    /// The same trace as another trial.
+    fn with(&self, sidecar: Sidecar, array: Option<ArrayMember>, contact_prior: Option<ContactPrior>) -> Self {
+        Self {
+            sidecar,
+            array,
+            contact_prior,
+            path: self.path.clone(),
+            outline: self.outline.clone(),
+            mounting: self.mounting.clone(),
+            sensor: self.sensor.clone(),
+            is_known: self.is_known,
+        }
+    }
+}
+
+fn check_settings(settings: &EvaluateSettings) -> anyhow::Result<()> {
+    if settings.noise.is_empty() || settings.seeds.is_empty() {
+        bail!("an evaluation needs at least one noise level and one seed");
+    }
+    check_distinct("noise level", settings.noise.iter().map(f64::to_string))?;
+    settings.touch.validate().context("settings of `touch`")?;
+    settings.map.validate()?;
+    settings.encoders.iter().try_for_each(Encoders::validate)?;
+    check_distinct("encoders", settings.encoders.iter().map(Encoders::label))
+}

@@ -1,0 +1,103 @@
+//! Sensing: known motion, readings and detected contacts of a trial at one noise level and under one seed.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use trace::Trace;
+use whisker::estimators::{Knowledge, Sample};
+use whisker::sensor::Face;
+
+use super::array_members::ArrayMember;
+use super::prepared::Prepared;
+use super::trial::TrialJob;
+use super::work::LoadedTrial;
+use crate::bound::TraceBound;
+use crate::contact_events::Events;
+use crate::front_end::SensorInput;
+use crate::metrics::GroundTruth;
+use crate::replay::{knowledge, motions, read_by, touched, with_readings};
+
+/// A trial as the robot senses it, with the truth that all estimators are compared with.
+pub(super) struct Sensed<'a> {
+    /// Trace with the base poses that the encoders measure.
+    pub(super) trace: Cow<'a, Trace>,
+    /// Readings with measurement noise.
+    pub(super) readings_n_m: Vec<f64>,
+    /// Motion and reading at each instant.
+    pub(super) samples: Vec<Sample>,
+    /// Standard deviation of all measurement noise.
+    pub(super) noise_sd_n_m: f64,
+    /// Prior information with the sensor model that the calibration chose.
+    pub(super) knowledge: Arc<Knowledge>,
+    /// Side of the detected contact at each instant. `None` while none is detected.
+    pub(super) touched: Vec<Option<Face>>,
+    /// True and detected contacts. `None` if the truth is unknown.
+    pub(super) events: Option<Events>,
+    /// Posterior Cramer-Rao bound. `None` without noise or truth.
+    pub(super) bound: Option<&'a TraceBound>,
+    /// True strokes and touched part of the outline.
+    pub(super) ground_truth: Cow<'a, GroundTruth>,
+}
+
+impl<'a> TrialJob<'a> {
+    /// Passes the trial through encoders, front end and touch detection.
+    ///
+    /// # Errors
+    /// If the front end cannot read the trace.
+    pub(super) fn sense(&self) -> anyhow::Result<Sensed<'a>> {
+        let (loaded, prepared) = (self.loaded, self.prepared);
+        let spec = loaded.spec;
+        let noise = self.noise();
+        let bound = loaded.bound(self.level, || prepared.bound(loaded, noise));
+        let trace = match &spec.array {
+            Some(member) => member.measured(&loaded.trace, self.seed),
+            None => Cow::Borrowed(&loaded.trace),
+        };
+        let readings_n_m = self.readings_n_m()?;
+        let (samples, ground_truth) = match &trace {
+            Cow::Borrowed(_) => (with_readings(&loaded.motions, &readings_n_m), Cow::Borrowed(&loaded.ground_truth)),
+            Cow::Owned(measured) => {
+                let rest = measured.sidecar.whisker.rest_shape();
+                let ground_truth = GroundTruth::new(measured, spec.outline.as_ref(), &rest);
+                (with_readings(&motions(&measured.recording), &readings_n_m), Cow::Owned(ground_truth))
+            }
+        };
+        let noise_sd_n_m = prepared.noise_sd_n_m(spec, noise);
+        let faces = read_by(spec.sensor.as_ref(), prepared.calibration(spec).faces(None));
+        let knowledge = knowledge(&trace.sidecar, &faces, noise_sd_n_m);
+        let touched = touched(self.settings.touch, &knowledge, &samples);
+        let events = Events::of(&trace, &touched);
+        Ok(Sensed { trace, readings_n_m, samples, noise_sd_n_m, knowledge, touched, events, bound, ground_truth })
+    }
+
+    /// Readings of the front end, including the influence of the other whiskers of its board.
+    fn readings_n_m(&self) -> anyhow::Result<Vec<f64>> {
+        let (noise, seed) = (self.noise(), self.seed);
+        let beside = self.scene.iter().filter(|other| other.is_beside(self.loaded));
+        let neighbours: Vec<SensorInput> = beside.map(|other| self.prepared.sensor_input(other, noise, seed)).collect();
+        let input = SensorInput { neighbours: &neighbours, ..self.prepared.sensor_input(self.loaded, noise, seed) };
+        self.prepared.front_end.readings_n_m(&input)
+    }
+}
+
+impl Prepared {
+    /// Input of the front end for a trial at a noise level. The earth's field turns with the true pose of the sensor, and the sensor's noise is independent of the
+    /// encoders.
+    fn sensor_input<'a>(&self, loaded: &'a LoadedTrial<'_>, noise: f64, seed: u64) -> SensorInput<'a> {
+        let spec = loaded.spec;
+        let input = SensorInput::new(&loaded.trace, &spec.mounting, self.added_noise_sd_n_m(spec, noise), seed);
+        let sidecar = spec.array.as_ref().map_or(input.sidecar, ArrayMember::recorded);
+        SensorInput { sidecar, sensor: spec.sensor.as_ref(), ..input }
+    }
+
+    /// Posterior Cramer-Rao bound of a trial at a noise level.
+    fn bound(&self, loaded: &LoadedTrial<'_>, noise: f64) -> Option<TraceBound> {
+        let spec = loaded.spec;
+        let faces = self.calibration(spec).faces(None);
+        let face = faces
+            .iter()
+            .find(|face| face.face == spec.sidecar.face)
+            .expect("the face was checked when the trial was prepared");
+        TraceBound::new(&loaded.trace, face, self.noise_sd_n_m(spec, noise), &spec.base_noise())
+    }
+}

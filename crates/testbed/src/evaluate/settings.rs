@@ -1,0 +1,126 @@
+//! Inputs and outputs of an evaluation.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use anyhow::bail;
+use serde_json::Value;
+use trace::is_plain_name;
+use whisker::estimators::ESTIMATORS;
+use whisker::events::TouchConfig;
+
+use super::starts::Starts;
+use crate::encoders::Encoders;
+use crate::front_end::FrontEndConfig;
+use crate::map::MapConfig;
+use crate::participant::{Participant, Program, Registered};
+use crate::results::{FailureRow, SummaryRow};
+
+/// Settings of an evaluation.
+#[derive(Clone, Debug, Default)]
+pub struct EvaluateSettings {
+    /// Name of the run.
+    pub name: String,
+    /// Names of registered estimators. `None` for all whose sensor model is calibrated.
+    pub estimators: Option<Vec<String>>,
+    /// External programs, evaluated beside the estimators.
+    pub programs: Vec<Program>,
+    /// Settings by estimator, over its defaults.
+    pub config: BTreeMap<String, Value>,
+    /// Front end through which the trials are read.
+    pub front_end: FrontEndConfig,
+    /// Settings of the touch detection, the same for all estimators.
+    pub touch: TouchConfig,
+    /// Noise levels as fractions of the largest reading of each set.
+    pub noise: Vec<f64>,
+    /// Seeds of the measurement noise.
+    pub seeds: Vec<u64>,
+    /// Priors of the first contact.
+    pub starts: Starts,
+    /// Encoders of an arm's joints, each evaluated as trials of their own. Empty for perfect encoders.
+    pub encoders: Vec<Encoders>,
+    /// Settings of the maps of recordings of several whiskers.
+    pub map: MapConfig,
+    /// Folder of the calibrations. `None` for the one beside the traces.
+    pub calibrations: Option<PathBuf>,
+    /// Folder in which the run's folder is created.
+    pub results: PathBuf,
+}
+
+/// Outcome of an evaluation.
+#[derive(Clone, Debug)]
+pub struct Evaluated {
+    /// Folder of the run.
+    pub folder: PathBuf,
+    /// Rows of `summary.csv`.
+    pub summary: Vec<SummaryRow>,
+    /// Whether the run was computed. `false` if an up-to-date run was found.
+    pub is_new: bool,
+    /// Trials that could not be scored, or on which an estimator failed.
+    pub failures: Vec<FailureRow>,
+    /// Estimators that were omitted: they were not named and their sensor model is not calibrated.
+    pub omitted: Vec<OmittedEstimator>,
+    /// Names of the trials that were replayed but not scored, because the true contact is unknown.
+    pub unscored: Vec<String>,
+}
+
+/// Estimator that was omitted because a calibration lacks its sensor model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OmittedEstimator {
+    /// Name of the estimator.
+    pub estimator: String,
+    /// Label of the sensor model that it requires.
+    pub sensor_model: String,
+    /// Calibration without that model.
+    pub calibration: PathBuf,
+}
+
+impl EvaluateSettings {
+    /// Folder of the run, which may replace nothing but another run.
+    pub(super) fn target(&self) -> anyhow::Result<PathBuf> {
+        if !is_plain_name(&self.name) {
+            bail!("name of the run: found `{}`, expected a plain folder name", self.name);
+        }
+        let folder = self.results.join(&self.name);
+        if folder.exists() && !folder.join("run.json").is_file() {
+            bail!("{}: exists and is no run; evaluate under another --name", folder.display());
+        }
+        Ok(folder)
+    }
+
+    /// Participants: registered estimators, then programs.
+    pub(super) fn participants(&self) -> anyhow::Result<Vec<Box<dyn Participant>>> {
+        let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
+        let estimators = self.estimators.clone().unwrap_or_else(all);
+        if let Some(name) = self.config.keys().find(|name| !estimators.contains(name)) {
+            let known = estimators.join(", ");
+            bail!("settings are given for `{name}`, which is not among the estimators: {known}");
+        }
+        check_distinct("estimator", estimators.iter().cloned())?;
+        check_distinct("program", self.programs.iter().map(|program| program.describe().name))?;
+        let mut participants: Vec<Box<dyn Participant>> = Vec::new();
+        for name in &estimators {
+            let overrides = self.config.get(name).cloned().unwrap_or_else(|| Value::Object(Default::default()));
+            participants.push(Box::new(Registered::new(name, &overrides)?));
+        }
+        participants.extend(self.programs.iter().map(|program| Box::new(program.clone()) as Box<dyn Participant>));
+        Ok(participants)
+    }
+
+    /// Whether an estimator or program must run: it was named or has settings.
+    pub(super) fn requires(&self, participant: &str) -> bool {
+        self.estimators.is_some() || self.config.contains_key(participant)
+    }
+}
+
+/// Checks that names are distinct. `what` names their kind in the message.
+pub(super) fn check_distinct(what: &str, names: impl Iterator<Item = String>) -> anyhow::Result<()> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if seen.contains(&name) {
+            bail!("{what} `{name}`: found twice, expected each once");
+        }
+        seen.insert(name);
+    }
+    Ok(())
+}

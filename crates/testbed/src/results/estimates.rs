@@ -1,0 +1,91 @@
+//! Rows by instant of a replayed trial.
+
+use serde::{Deserialize, Serialize};
+
+/// One instant of one replayed trial: known motion and reading, estimate, and truth. Points in World.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EstimateRow {
+    /// Time since the start of the trace.
+    pub t_s: f64,
+    /// Position of the base, x.
+    pub base_x_m: f64,
+    /// Position of the base, y.
+    pub base_y_m: f64,
+    /// Yaw of the base.
+    pub base_yaw_rad: f64,
+    /// Reading with measurement noise, as given to the estimator.
+    pub reading_n_m: f64,
+    /// Estimated contact, x.
+    pub contact_x_m: Option<f64>,
+    /// Estimated contact, y.
+    pub contact_y_m: Option<f64>,
+    /// Estimated point of the object's surface, x.
+    pub surface_x_m: Option<f64>,
+    /// Estimated point of the object's surface, y.
+    pub surface_y_m: Option<f64>,
+    /// Posterior variance of the contact along x.
+    pub cov_xx_m2: Option<f64>,
+    /// Posterior covariance of the contact between x and y.
+    pub cov_xy_m2: Option<f64>,
+    /// Posterior variance of the contact along y.
+    pub cov_yy_m2: Option<f64>,
+    /// Whether the estimated contact lies in the calibrated domain of the sensor model.
+    pub calibrated: Option<bool>,
+    /// Whether the estimated contact may lie at the tip.
+    pub at_tip: Option<bool>,
+    /// Estimated radius of curvature of the object at the contact.
+    pub radius_m: Option<f64>,
+    /// Standard deviation of `radius_m`.
+    pub radius_sd_m: Option<f64>,
+    /// Probabilities of the models that the estimator averages, the most probable first, as `sliding=0.970 ekf=0.030`.
+    pub models: Option<String>,
+    /// True contact, x.
+    pub truth_contact_x_m: Option<f64>,
+    /// True contact, y.
+    pub truth_contact_y_m: Option<f64>,
+    /// True point of the object's surface, x.
+    pub truth_surface_x_m: Option<f64>,
+    /// True point of the object's surface, y.
+    pub truth_surface_y_m: Option<f64>,
+}
+
+impl EstimateRow {
+    /// Distance between the estimated and the true contact. `None` if either is unknown.
+    pub fn contact_error_m(&self) -> Option<f64> {
+        let (dx_m, dy_m) = (self.contact_x_m? - self.truth_contact_x_m?, self.contact_y_m? - self.truth_contact_y_m?);
+        Some(dx_m.hypot(dy_m))
+    }
+}
+
+/// State of a contact detector at one instant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EventRow {
+    /// Time since the start of the recording.
+    pub t_s: f64,
+    /// Reading with measurement noise.
+    pub reading_n_m: f64,
+    /// Filtered reading that the detector compares with the threshold.
+    pub watched_n_m: f64,
+    /// Threshold of the absolute value of `watched_n_m`.
+    pub threshold_n_m: f64,
+    /// Whether the detector reports a contact.
+    pub touched: bool,
+    /// Whether the whisker touches. `None` if unknown.
+    pub truth_touching: Option<bool>,
+}
+
+/// Information on the contact in the readings of a trace at one instant of contact, for any estimator. See [`crate::bound`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoundRow {
+    /// Time since the start of the trace.
+    pub t_s: f64,
+    /// Posterior Cramer-Rao bound of the root mean square error.
+    pub bound_m: f64,
+    /// The same bound from the readings of the last half second alone. `None` if their information matrix is singular.
+    pub window_m: Option<f64>,
+    /// Condition number of the information matrix of that window.
+    pub condition: Option<f64>,
+}

@@ -1,0 +1,308 @@
+//! Table of the files of a run. FORMAT.md's list, the report's downloads, `whisker check` and the up-to-date test derive from it.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use trace::Outline;
+use whisker::events::DETECTORS;
+
+use super::{
+    BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, FailureRow,
+    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TransferRow,
+    TrialHead, TurnRow, VertexRow, read_rows, read_scores,
+};
+
+/// Command that writes a file of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writer {
+    /// `whisker evaluate`.
+    Evaluate,
+    /// `whisker report`.
+    Report,
+    /// `whisker report --animations`.
+    Animations,
+}
+
+impl Writer {
+    /// The command.
+    pub fn command(self) -> &'static str {
+        match self {
+            Self::Evaluate => "whisker evaluate",
+            Self::Report => "whisker report",
+            Self::Animations => "whisker report --animations",
+        }
+    }
+}
+
+/// Instances of a file in one run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Per {
+    /// One file.
+    Run,
+    /// One per trace.
+    Trace,
+    /// One per trace with a known outline of its object.
+    OutlinedTrace,
+    /// One per trace and estimator.
+    TraceAndEstimator,
+    /// One per trace and contact detector.
+    TraceAndDetector,
+    /// One per recording of several whiskers and object.
+    RecordingAndObject,
+    /// One per recording of several whiskers and estimator.
+    RecordingAndEstimator,
+    /// One per calibrated face of a whisker.
+    Face,
+    /// One per sensor, if the front end writes such a table.
+    Sensor,
+}
+
+/// Rows of a table.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows {
+    /// Row type, as FORMAT.md states it.
+    pub of: &'static str,
+    /// Short name of the table.
+    pub label: &'static str,
+    /// Parses a file and returns the number of its rows.
+    pub count: fn(&Path) -> anyhow::Result<usize>,
+}
+
+/// One row of the table of a run's files.
+#[derive(Clone, Copy, Debug)]
+pub struct RunFile {
+    /// Path in the run's folder, with placeholders such as `<trace>`.
+    pub name: &'static str,
+    /// Instances in one run.
+    pub per: Per,
+    /// Command that writes it.
+    pub writer: Writer,
+    /// Rows of a table. `None` for other files.
+    pub rows: Option<Rows>,
+    /// Description in one line.
+    pub about: &'static str,
+}
+
+/// Names from which those of a run's files are composed.
+#[derive(Clone, Copy, Debug)]
+pub struct RunNames<'a> {
+    /// Contents of `run.json`.
+    pub run: &'a Run,
+    /// Traces with a known outline of their object.
+    pub outlined: &'a [String],
+    /// File names of the tables that the front end writes about its sensors.
+    pub sensor_tables: &'a BTreeSet<String>,
+}
+
+/// A table with the columns of a row type.
+macro_rules! table {
+    ($row:ident, $label:literal) => {
+        Some(Rows {
+            of: concat!("`", stringify!($row), "`"),
+            label: $label,
+            count: |path| Ok(read_rows::<$row>(path)?.len()),
+        })
+    };
+}
+
+/// A table with the columns of a head, then the metrics.
+macro_rules! scores {
+    ($head:ident, $label:literal) => {
+        Some(Rows {
+            of: concat!("`", stringify!($head), "`, then the metrics"),
+            label: $label,
+            count: |path| Ok(read_scores::<$head>(path)?.len()),
+        })
+    };
+}
+
+/// An outline as in a dataset.
+const OUTLINE_ROWS: Option<Rows> = Some(Rows {
+    of: "an outline as in a dataset",
+    label: "true outline",
+    count: |path| Ok(Outline::read(path)?.vertices().len()),
+});
+
+/// Declares the files by name and lists them in [`RUN_FILES`].
+macro_rules! run_files {
+    ($($constant:ident = $name:literal, $per:ident, $writer:ident, $rows:expr, $about:literal;)+) => {
+        $(#[doc = concat!("`", $name, "`: ", $about, ".")]
+        pub const $constant: RunFile =
+            RunFile { name: $name, per: Per::$per, writer: Writer::$writer, rows: $rows, about: $about };)+
+
+        /// The registry of a run's files.
+        pub const RUN_FILES: &[RunFile] = &[$($constant),+];
+    };
+}
+
+run_files! {
+    RUN = "run.json", Run, Evaluate, None,
+        "watermark, noise levels, seeds, front end with its settings and the calibration of its sensors, settings of the touch detection, estimators with their \
+         settings (for a program its command and the hashes of its files), sets of trials, calibrations, whiskers";
+    TRIALS = "trials.csv", Run, Evaluate, scores!(TrialHead, "trials"),
+        "one row per trace, estimator, noise level and seed";
+    SUMMARY = "summary.csv", Run, Evaluate, scores!(SummaryHead, "summary"),
+        "one row per group, whisker, estimator and noise level";
+    FAILURES = "failures.csv", Run, Evaluate, table!(FailureRow, "failed trials"),
+        "one row per trial that could not be scored, or on which the named estimator failed, with the reason";
+    ERROR_OVER_TIME = "error_over_time.csv", Run, Evaluate, table!(ErrorBandRow, "errors over time"),
+        "distribution of the contact error over the trials of a set, in bins of 20 ms since the touch";
+    CONSISTENCY = "consistency.csv", Run, Evaluate, table!(ConsistencyRow, "consistency over time"),
+        "average NEES and NIS with their 95 % intervals, error and posterior Cramer-Rao bound over the trials of a set, in bins of 0.1 s since the touch";
+    CONTOURS = "contours.csv", Run, Evaluate, table!(ContourScoreRow, "scores of outlines"),
+        "one row per group, whisker, estimator and noise level, for objects other than pins: outline found against the true one";
+    CONTOUR_TRIALS = "contour_trials.csv", Run, Evaluate, table!(ContourTrialRow, "trials of outlines"),
+        "one row per trace, estimator, noise level and seed: outline found against the true one, and the circle through the outline of a round object";
+    TRACE_CONTOUR = "contours/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(VertexRow, "outline found"),
+        "outline found, counter-clockwise, with its covariance, at the first noise level and seed";
+    ESTIMATES = "estimates/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(EstimateRow, "estimates"),
+        "one row per instant, at the first noise level and seed";
+    BOUND = "bounds/<trace>.csv", Trace, Evaluate, table!(BoundRow, "bound"),
+        "one row per instant of contact: posterior Cramer-Rao bound at the first noise level; no rows without noise or truth";
+    EVENTS = "events/<trace>.<detector>.csv", TraceAndDetector, Evaluate, table!(EventRow, "contact events"),
+        "one row per instant, at the first noise level and seed: state of each contact detector";
+    OUTLINE = "outlines/<trace>.csv", OutlinedTrace, Evaluate, OUTLINE_ROWS,
+        "true outline of the object";
+    OBJECT_OUTLINE = "outlines/<recording>.<object>.csv", RecordingAndObject, Evaluate, OUTLINE_ROWS,
+        "true outline of each object of a recording of several whiskers";
+    MAPS = "maps.csv", Run, Evaluate, table!(MapRow, "maps"),
+        "one row per recording of several whiskers, estimator, noise level and seed: contact points of the map against the true outlines, number of objects found";
+    MAP_OBJECTS = "map_objects.csv", Run, Evaluate, table!(MapObjectRow, "objects of maps"),
+        "one row per object found in such a map, against the true one";
+    MAP_POINTS = "maps/<recording>.<estimator>.points.csv", RecordingAndEstimator, Evaluate, table!(MapPointRow, "contact points of a map"),
+        "contact points of all whiskers, at the first noise level and seed";
+    MAP_OUTLINES = "maps/<recording>.<estimator>.outlines.csv", RecordingAndEstimator, Evaluate, table!(MapVertexRow, "outlines of a map"),
+        "outlines of the objects found, at the first noise level and seed";
+    MAP_GRID = "maps/<recording>.<estimator>.grid.csv", RecordingAndEstimator, Evaluate, table!(GridRow, "occupancy grid"),
+        "observed cells of the occupancy grid, at the first noise level and seed";
+    SURFACE = "models/<whisker>_<face>.surface.csv", Face, Evaluate, table!(SurfaceRow, "sensor model"),
+        "sensor model on a grid over its calibrated domain, copied from the calibration";
+    RESIDUALS = "models/<whisker>_<face>.residuals.csv", Face, Evaluate, table!(ResidualRow, "residuals"),
+        "held-out residuals, copied from the calibration";
+    TURN = "sensors/<array>.<sensor>.turn.csv", Sensor, Evaluate, table!(TurnRow, "turned sensor"),
+        "counts of a resting sensor that is turned by half a circle and back, with and without the common mode; only with a front end that has sensors";
+    TRANSFER = "sensors/<array>.<sensor>.transfer.csv", Sensor, Evaluate, table!(TransferRow, "counts over rotations"),
+        "counts over the rotation of the root, without noise, with and without amplifiers; only with a front end that has sensors";
+    FIGURES = "figures/", Run, Report, None, "figures as SVG and PNG";
+    PAGE = "index.html", Run, Report, None, "report page";
+    ANIMATIONS = "animations/", Run, Animations, None, "animations of the sweeps, copied from the dataset";
+}
+
+impl RunFile {
+    /// Whether the run has one such file directly in its folder.
+    pub fn is_single(&self) -> bool {
+        self.per == Per::Run && !self.name.contains('/')
+    }
+
+    /// Path of the file of which a run has one.
+    pub fn path(&self, folder: &Path) -> PathBuf {
+        self.path_of(folder, &[])
+    }
+
+    /// Path of one instance, with its placeholders replaced in their order.
+    pub fn path_of(&self, folder: &Path, values: &[&str]) -> PathBuf {
+        folder.join(self.name_of(values))
+    }
+
+    /// Name of one instance without its folder, with its placeholders replaced in their order.
+    pub fn file_name_of(&self, values: &[&str]) -> String {
+        let name = self.name_of(values);
+        name.rsplit_once('/').map_or(name.clone(), |(_, file)| file.into())
+    }
+
+    /// Path of one instance in the run's folder, with its placeholders replaced in their order.
+    pub fn name_of(&self, values: &[&str]) -> String {
+        let mut name = String::new();
+        let mut rest = self.name;
+        for value in values {
+            let (before, after) = rest.split_once('<').expect("as many values as placeholders");
+            name += before;
+            name += value;
+            rest = after.split_once('>').expect("a placeholder ends").1;
+        }
+        assert!(!rest.contains('<'), "{}: found {} values, expected one per placeholder", self.name, values.len());
+        name + rest
+    }
+
+    /// Paths of all instances in the folder of a run.
+    pub fn instances(&self, names: &RunNames<'_>) -> Vec<String> {
+        let run = names.run;
+        let traces = || run.sets.iter().flat_map(|set| &set.traces);
+        let each_estimator = |first: &String| {
+            let of_estimator = |row: &super::RunEstimator| self.name_of(&[first, &row.name]);
+            run.estimators.iter().map(of_estimator).collect::<Vec<_>>()
+        };
+        match self.per {
+            Per::Run => vec![self.name.into()],
+            Per::Trace => traces().map(|trace| self.name_of(&[trace])).collect(),
+            Per::OutlinedTrace => names.outlined.iter().map(|trace| self.name_of(&[trace])).collect(),
+            Per::TraceAndEstimator => traces().flat_map(each_estimator).collect(),
+            Per::TraceAndDetector => {
+                traces().flat_map(|trace| DETECTORS.iter().map(move |row| self.name_of(&[trace, row.name]))).collect()
+            }
+            Per::RecordingAndObject => run
+                .recordings
+                .iter()
+                .flat_map(|recording| recording.objects.iter().map(|object| self.name_of(&[&recording.name, object])))
+                .collect(),
+            Per::RecordingAndEstimator => {
+                run.recordings.iter().flat_map(|recording| each_estimator(&recording.name)).collect()
+            }
+            Per::Face => run.calibrations.iter().map(|face| self.name_of(&[&face.whisker, &face.face])).collect(),
+            Per::Sensor => {
+                let sensors = run.front_end.sensors.iter();
+                let tables = sensors.map(|sensor| [&*sensor.array, &*sensor.name]);
+                let is_written = |values: &[&str; 2]| names.sensor_tables.contains(&self.file_name_of(values));
+                tables.filter(is_written).map(|values| self.name_of(&values)).collect()
+            }
+        }
+    }
+
+    /// How precisely a path, of which perhaps only the file name is given, identifies this file: 0 by its whole name, 1 by the end of its name, 2 by its folder. `None`
+    /// if it is another file.
+    fn identified_by(&self, path: &Path) -> Option<u8> {
+        let found = path.file_name()?.to_str()?;
+        let (folder, name) = self.name.rsplit_once('/').unwrap_or(("", self.name));
+        let (is_this, precision) = match name.rsplit_once('>') {
+            None => (!name.is_empty() && found == name, 0),
+            Some((_, ".csv")) => {
+                (found.ends_with(".csv") && path.parent().is_some_and(|parent| parent.ends_with(folder)), 2)
+            }
+            Some((_, end)) => (found.ends_with(end), 1),
+        };
+        is_this.then_some(precision)
+    }
+}
+
+/// File of a run at a path, by its name and folder.
+pub fn run_file(path: &Path) -> Option<&'static RunFile> {
+    let identified = RUN_FILES.iter().filter_map(|file| Some((file.identified_by(path)?, file)));
+    identified.min_by_key(|(precision, _)| *precision).map(|(_, file)| file)
+}
+
+/// The list of a run's files in FORMAT.md, as a Markdown table.
+pub fn markdown() -> String {
+    let mut text = String::from("| file | written by | contents |\n| --- | --- | --- |\n");
+    for file in RUN_FILES {
+        let rows = file.rows.map_or_else(String::new, |rows| format!(" ({})", rows.of));
+        text += &format!("| `{}` | `{}` | {}{rows} |\n", file.name, file.writer.command(), file.about);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_every_file_is_identified_by_its_own_path() {
+        for file in RUN_FILES.iter().filter(|file| file.rows.is_some()) {
+            let values = ["one", "two"];
+            let path = PathBuf::from("results/run").join(file.name_of(&values[..file.name.matches('<').count()]));
+            let found = run_file(&path).expect("it is in the table");
+            // Two files share a folder of outlines.
+            assert!(found.name == file.name || file.name == OBJECT_OUTLINE.name, "{}: found {}", file.name, found.name);
+        }
+        assert!(run_file(Path::new("datasets/standard/pin.csv")).is_none());
+    }
+}

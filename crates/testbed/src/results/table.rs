@@ -1,0 +1,204 @@
+//! Tables of rows as CSV: writing and reading with the columns of the row type.
+
+use std::fs;
+use std::io::Write;
+use std::marker::PhantomData;
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use csv::{IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
+use files::AtomicFile;
+use serde::de::{DeserializeOwned, Error as _, Visitor, value};
+use serde::{Deserializer, Serialize, forward_to_deserialize_any};
+use strict_json::shown;
+
+/// Rows as the bytes of a CSV. The header is written even without rows.
+///
+/// # Errors
+/// If a row does not serialise.
+pub fn csv_bytes<Row: Serialize + DeserializeOwned>(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
+    table_bytes(columns::<Row>(), rows.iter())
+}
+
+pub(super) fn table_bytes(columns: &[&str], rows: impl Iterator<Item: Serialize>) -> anyhow::Result<Vec<u8>> {
+    let mut writer = WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+    writer.write_record(columns)?;
+    for row in rows {
+        writer.serialize(row)?;
+    }
+    Ok(writer.into_inner()?)
+}
+
+/// Writer of a table row by row, with the bytes of [`csv_bytes`] or [`super::score_bytes`].
+pub struct Table<Row, To: Write> {
+    pub(super) writer: Writer<To>,
+    rows: PhantomData<Row>,
+}
+
+/// Writer of a table into a file, which appears when it is finished.
+pub type TableFile<Row> = Table<Row, AtomicFile>;
+
+impl<Row: Serialize + DeserializeOwned, To: Write> Table<Row, To> {
+    /// Starts a table with the columns of `Row`.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn new(to: To) -> anyhow::Result<Self> {
+        Self::with_columns(to, columns::<Row>())
+    }
+
+    /// Appends a row.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn push(&mut self, row: &Row) -> anyhow::Result<()> {
+        self.writer.serialize(row).map_err(refusal)
+    }
+}
+
+impl<Row, To: Write> Table<Row, To> {
+    pub(super) fn with_columns(to: To, columns: &[&str]) -> anyhow::Result<Self> {
+        let mut writer = WriterBuilder::new().has_headers(false).from_writer(to);
+        writer.write_record(columns).map_err(refusal)?;
+        Ok(Self { writer, rows: PhantomData })
+    }
+
+    /// Finishes the table and returns its destination.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(self) -> anyhow::Result<To> {
+        Ok(self.writer.into_inner().map_err(IntoInnerError::into_error)?)
+    }
+}
+
+/// Reason for a failed write: the error of the operating system if there is one.
+pub(super) fn refusal(error: csv::Error) -> anyhow::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error.into(),
+        other => anyhow::anyhow!("{other:?}"),
+    }
+}
+
+/// Reads a table whose columns are the fields of `T`.
+///
+/// # Errors
+/// If the file cannot be read or is damaged. The error names file, line and column, and both the value found and the one expected.
+pub fn read_rows<T: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<T>> {
+    read_table(path, parse_row)
+}
+
+pub(super) fn read_table<T>(
+    path: &Path,
+    parse: impl Fn(&StringRecord, &StringRecord) -> Result<T, String>,
+) -> anyhow::Result<Vec<T>> {
+    let at = path.display();
+    let bytes = fs::read(path).with_context(|| format!("{at}: cannot be read"))?;
+    if let Some(line) = stray_quote(&bytes) {
+        bail!("{at}:{line}: found more after the quote that ends a field, expected a comma or the end of the line");
+    }
+    let mut reader = ReaderBuilder::new().from_reader(bytes.as_slice());
+    let header = reader.headers().with_context(|| format!("{at}:1: cannot be read"))?.clone();
+    let mut rows = Vec::new();
+    for (index, record) in reader.records().enumerate() {
+        let record = record.with_context(|| format!("{at}: row {}", index + 1))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        for (place, (column, field)) in header.iter().zip(&record).enumerate() {
+            if field.parse::<f64>().is_ok_and(|value| !value.is_finite())
+                && !accepts_text(place, &record, &header, &parse)
+            {
+                bail!("{at}:{line}: column `{}`: found {field}, expected a finite number", shown(column));
+            }
+        }
+        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {}", shown(&problem)))?);
+    }
+    Ok(rows)
+}
+
+/// Line of the first quoted field with characters after its closing quote. The CSV parser would append them to the field and read `"1"5` as 15.
+fn stray_quote(bytes: &[u8]) -> Option<u64> {
+    let mut line = 1;
+    let mut is_quoted = false;
+    let mut last = b'\n';
+    for (i, &byte) in bytes.iter().enumerate() {
+        let next = bytes.get(i + 1).copied().unwrap_or(b'\n');
+        match byte {
+            // A pair of quotes within a quoted field encodes one quote: it closes and reopens the field.
+            b'"' if is_quoted => {
+                is_quoted = false;
+                if !matches!(next, b'"' | b',' | b'\r' | b'\n') {
+                    return Some(line);
+                }
+            }
+            b'"' => is_quoted = matches!(last, b'"' | b',' | b'\r' | b'\n'),
+            b'\n' => line += 1,
+            _ => {}
+        }
+        last = byte;
+    }
+    None
+}
+
+/// Whether a column holds text, which may be `nan` or `inf`: the row then parses with any other text in that column.
+fn accepts_text<T>(
+    place: usize,
+    record: &StringRecord,
+    header: &StringRecord,
+    parse: impl Fn(&StringRecord, &StringRecord) -> Result<T, String>,
+) -> bool {
+    let other: StringRecord =
+        record.iter().enumerate().map(|(i, field)| if i == place { "text" } else { field }).collect();
+    parse(&other, header).is_ok()
+}
+
+/// Parses a row. The error names the column and the value found.
+pub(super) fn parse_row<T: DeserializeOwned>(record: &StringRecord, header: &StringRecord) -> Result<T, String> {
+    record.deserialize(Some(header)).map_err(|error| {
+        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+            return error.to_string();
+        };
+        match err.field().and_then(|field| usize::try_from(field).ok()) {
+            Some(field) => format!(
+                "column `{}`: found `{}`, expected another kind of value: {}",
+                header.get(field).unwrap_or_default(),
+                record.get(field).unwrap_or_default(),
+                err.kind()
+            ),
+            None => err.kind().to_string(),
+        }
+    })
+}
+
+/// Names of the fields of a struct in their order, as it requests them from a deserializer.
+pub(super) fn columns<T: DeserializeOwned>() -> &'static [&'static str] {
+    let mut names: &'static [&'static str] = &[];
+    // The deserializer provides no values, so this always ends with an error.
+    _ = T::deserialize(FieldNames(&mut names));
+    names
+}
+
+/// Deserializer without values that records the field names requested from it.
+struct FieldNames<'a>(&'a mut &'static [&'static str]);
+
+impl<'de> Deserializer<'de> for FieldNames<'_> {
+    type Error = value::Error;
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        names: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, value::Error> {
+        *self.0 = names;
+        self.deserialize_any(visitor)
+    }
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, value::Error> {
+        Err(value::Error::custom("no values"))
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
+        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
+    }
+}
