@@ -8,8 +8,8 @@
 //! An average *over time* as well has more samples, but not as many as there are instants: a filter carries its errors on, so those of neighbouring instants
 //! are nearly the same. Each trial's average over time is therefore one sample ([`Average`]), and how far these scatter says how many independent
 //! instants a trial is worth: the average over `m` independent values that are chi-square with `f` degrees of freedom has the relative variance
-//! `2 / (f m)`. The interval is that of `N m` samples, with `m` at least one. It is much narrower than that of `N`, and with enough trials it finds
-//! fault with any filter; a [`Verdict`] is passed only on what is off by more than [`MATTERS`] besides.
+//! `2 / (f m)`. The interval is that of `N m` samples, with `m` at least one. It is much narrower than that of `N`: with enough trials every filter lies
+//! outside it. A [`Verdict`] of consistency means that the average lies inside; the ratio of the average to its expectation shows by how much it differs.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -26,10 +26,6 @@ pub const NIS_FREEDOM: usize = 1;
 
 /// Probability with which the average of a consistent estimator lies in [`interval`].
 const LEVEL: f64 = 0.95;
-
-/// By which factor an average may lie beyond its interval without a verdict. A sensor model errs by an amount of which only the size is known; what
-/// estimators make of it puts them off by some hundredths.
-pub const MATTERS: f64 = 1.1;
 
 /// The interval that holds 95 % of the averages over `samples` independent values that are chi-square with `freedom` degrees of freedom; `samples`
 /// is at least 1.
@@ -96,9 +92,9 @@ impl Average {
     /// What it says of the estimator.
     pub fn verdict(&self) -> Verdict {
         let (low, high) = self.interval;
-        if self.value > MATTERS * high {
+        if self.value > high {
             Verdict::Overconfident
-        } else if self.value < low / MATTERS {
+        } else if self.value < low {
             Verdict::Underconfident
         } else {
             Verdict::Consistent
@@ -163,6 +159,9 @@ mod tests {
         let verdicts =
             [1.0, 2.0, 3.0].map(|average| Average::of_trials(NEES_FREEDOM, &trials(average)).unwrap().verdict());
         assert_eq!(verdicts, [Verdict::Underconfident, Verdict::Consistent, Verdict::Overconfident]);
+        let just_below = Average::of_trials(NEES_FREEDOM, &trials(1.8)).unwrap();
+        assert!(just_below.value < just_below.interval.0 && just_below.value > 0.95 * just_below.interval.0);
+        assert_eq!(just_below.verdict(), Verdict::Underconfident);
         let wrong = Average::of_trials(NIS_FREEDOM, &trials(3.4)).unwrap();
         assert_eq!(wrong.sentence(), "overconfident: 3.40 times the chi-square that the right model would have");
     }
