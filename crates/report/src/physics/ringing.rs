@@ -1,4 +1,4 @@
-//! The reading of a whisker that is let go.
+//! Reading of a whisker after its release.
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -74,7 +74,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         let entries: Vec<_> = curves
             .chain([
                 LegendEntry::line("exponential through the extremes", MUTED, CURVE_PX),
-                LegendEntry::dashes("published: time to die down, noise", INK),
+                LegendEntry::dashes("published: decay time, noise", INK),
             ])
             .collect();
         legend(canvas, (16.0, 18.0), &entries)?;
@@ -100,7 +100,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         left.instant(dying_s, INK)?;
         right.instant(dying_s, INK)
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 430, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 430, paint)))
 }
 
 impl Release {

@@ -1,4 +1,4 @@
-//! What time step and number of segments do to the reading.
+//! Sensitivity of the reading to time step and number of segments.
 
 use anyhow::Result;
 use serde::Deserialize;
@@ -59,5 +59,5 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 900, height_px: 250, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(900, 250, paint)))
 }
