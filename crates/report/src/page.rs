@@ -1,4 +1,4 @@
-//! The page: tables, figures and the watermark in one HTML file that fetches nothing.
+//! The page: tables, figures and provenance in one HTML file that loads no other file.
 
 use anyhow::Result;
 use base64::Engine as _;

@@ -36,7 +36,7 @@ impl RunData {
     /// Reads the run in a folder.
     ///
     /// # Errors
-    /// When a file is missing, is not of the format that [`testbed::results`] describes, or holds nothing to show; the
+    /// When a file is missing, is not of the format that [`testbed::results`] describes, or has no scores; the
     /// error names file, line and column.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let run_file = folder.join("run.json");

@@ -145,7 +145,7 @@ impl Column {
         panel.area([(0.0, low), (end_s, low), (end_s, high), (0.0, high)], INTERVAL)?;
         panel.level(freedom as f64, if freedom == 1 { "1" } else { "2" }, MUTED)?;
         let curves = &self.curves[row];
-        // The first estimator lies on top.
+        // The first estimator is drawn on top.
         for (index, (look, series)) in curves.iter().enumerate().rev() {
             let offset_px = 24.0 + MARKER_SPACING_PX * index as f64 / curves.len() as f64;
             panel.marked_line(series, *look, CURVE_PX, (offset_px, MARKER_SPACING_PX))?;

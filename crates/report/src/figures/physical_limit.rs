@@ -123,7 +123,7 @@ impl Column {
         let ratios = Panel::new(canvas, rows[1], "", axes.time.clone(), axis(&axes.ratio))?;
         ratios.line(ratios.across(1.0), INK, BOUND_PX)?;
         errors.line(self.bound_mm.iter().copied(), INK, BOUND_PX)?;
-        // The first method lies on top.
+        // The first method is drawn on top.
         for (index, curve) in self.curves.iter().enumerate().rev() {
             let offset_px = 12.0 + MARKER_SPACING_PX * index as f64 / self.curves.len() as f64;
             for (panel, series) in [(&errors, &curve.error_mm), (&ratios, &curve.ratio)] {

@@ -82,7 +82,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         let time = Axis::linear("time since the release (s)", 0.0, end_s);
         let left = Panel::new(canvas, frames[0], "", time.clone(), reading.clone())?;
         let right = Panel::new(canvas, frames[1], "", time, magnitude.clone())?;
-        // The first one, which rings as the traces do, lies on top.
+        // The first one, which rings as the traces do, is drawn on top.
         for ringing in ringings.iter().rev() {
             left.line(ringing.reading.iter().copied(), ringing.look.color, CURVE_PX)?;
             right.line(

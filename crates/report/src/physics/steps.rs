@@ -21,7 +21,7 @@ struct Row {
 pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
     let rows: Vec<Row> = data.table("steps")?;
     let cases = names(rows.iter().map(|row| row.case.as_str()));
-    // The defaults themselves change nothing.
+    // Rows of the defaults have a change of zero.
     let changed: Vec<&Row> = rows.iter().filter(|row| row.change_worst > 0.0).collect();
     let variant = |row: &Row| format!("{} segments, {} ms", row.segments, 1e3 * row.timestep_s);
     let variants: Vec<String> = changed.iter().map(|row| variant(row)).collect();

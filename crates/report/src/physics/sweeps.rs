@@ -92,7 +92,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
             let surface = Panel::new(canvas, rows[1], "", time.clone().unnamed(), axis(&surface))?;
             let arc = Panel::new(canvas, rows[2], "", time, axis(&arc))?;
             bounds.paint(&moment, &surface, &arc, last)?;
-            // The straight whisker, whose errors are the smoothest, lies on top.
+            // The straight whisker, whose errors are the smoothest, is drawn on top.
             for curves in curves.iter().rev() {
                 let rows = [(&moment, &curves.moment_percent), (&surface, &curves.surface_mm), (&arc, &curves.arc_mm)];
                 for (panel, errors) in rows {
