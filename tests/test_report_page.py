@@ -123,6 +123,25 @@ def test_every_figure_is_there_and_visible(opened, report):
         assert len(opened.locator(f"section#{name} figcaption").inner_text()) > 60, name
 
 
+def test_pictures_of_all_methods_are_folded_away_and_open_without_scripts(browser, address, report):
+    page = browser.new_page(java_script_enabled=False, viewport=VIEWPORTS["desktop"])
+    page.goto(address)
+    drawings = page.locator("details.all svg")
+    assert drawings.count() == len(list((report.parent / "figures" / "all").glob("*.svg")))
+    for folded in page.locator("details.all").all():
+        contents = folded.locator(":scope > :not(summary)")
+        assert not contents.first.is_visible()
+        folded.locator(":scope > summary").click()
+        assert contents.first.is_visible()
+    for drawing in drawings.all():
+        assert drawing.bounding_box()["width"] >= 600
+    page.close()
+
+
+def test_the_summary_comes_first(opened):
+    assert opened.locator("main section").first.get_attribute("id") == "summary"
+
+
 def test_the_sweeps_are_shown_still_and_lead_to_their_animations(opened, address, report):
     moving = sorted(file.name for file in (report.parent / "animations").glob("*.webp"))
     links = opened.locator("section#sweeps a")
@@ -231,6 +250,9 @@ def test_the_replay_shows_every_trial_and_estimator(opened, report):
             assert " s" in replay_part(opened, "now").inner_text()
     trials.select_option(index=0)
     estimators.select_option(index=0)
+    names = [estimator["name"] for estimator in json.loads((report.parent / "run.json").read_text())["estimators"]]
+    if "recommended" in names:
+        assert estimators.input_value() == "recommended"
     overview = replay_part(opened, "overview")
     assert overview.locator(".truth, .wire, .estimate, .found").count() == 4
     wide = replay_part(opened, "closeup").get_attribute("viewBox").split()[2]

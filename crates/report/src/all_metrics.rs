@@ -1,4 +1,4 @@
-//! The page's table of every metric, whatever its place in the other tables.
+//! The page's table of every metric.
 
 use maud::{Markup, html};
 use testbed::metrics::{METRICS, Metric};
@@ -11,14 +11,12 @@ pub(crate) fn details(data: &RunData) -> Markup {
     let noise = data.noise();
     html! {
         details {
-            summary { "Every metric" }
-            div.scroll tabindex="0" aria-label="Table: every metric" {
+            summary { "All metrics of all methods" }
+            div.scroll tabindex="0" aria-label="Table: all metrics" {
                 table.blocks {
                     thead {
                         tr {
-                            th { "group" }
-                            th { "whisker" }
-                            th { "estimator" }
+                            @for name in ["group", "whisker", "estimator"] { th { (name) } }
                             @for metric in METRICS {
                                 th.number title=(metric.about) { (heading(metric)) br; small { (unit(metric).0) } }
                             }
@@ -51,7 +49,7 @@ pub(crate) fn details(data: &RunData) -> Markup {
     }
 }
 
-/// Unit in which a metric is shown to people, the multiple of its SI unit that makes it, and the end of its name.
+/// Unit in which a metric is printed, its multiple of the SI unit, and the suffix of the metric's name.
 fn unit(metric: &Metric) -> (&'static str, f64, &'static str) {
     let units = [("mm", 1e3, "_m"), ("s", 1.0, "_s")];
     units.into_iter().find(|(.., end)| metric.name.ends_with(end)).unwrap_or(("", 1.0, ""))

@@ -1,7 +1,6 @@
-//! Animated sweeps: one a set of trials, drawn by the generator as `<group>.<whisker>.webp` with a still picture `.png`.
+//! Animations of trials: one a set, drawn by the generator as `<group>.<whisker>.webp` with a still picture `.png`.
 //!
-//! They are the only files that the page links to pictures in. The still stands on the page itself, so nothing moves there
-//! that the reader has not asked for.
+//! The page contains the still and links the animation, so that it stays still until the reader follows the link.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -22,7 +21,7 @@ pub(crate) struct Animation {
     pub(crate) group: String,
     /// Their whisker.
     pub(crate) whisker: String,
-    /// Where the animation lies, relative to the page.
+    /// Path of the animation, relative to the page.
     pub(crate) address: String,
     /// Size of its file.
     pub(crate) bytes: u64,
@@ -35,10 +34,10 @@ fn names(set: &RunSet) -> [String; 2] {
     ["webp", "png"].map(|kind| format!("{}.{}.{kind}", set.group, set.whisker))
 }
 
-/// Copies the animations of a run's sets from the folder `from` into the run's; what `from` lacks, the run is to lack too.
+/// Copies the animations of a run's sets from the folder `from` into the run's, and removes those that `from` lacks.
 ///
 /// # Errors
-/// When `from` is no folder, the run cannot be read, or a file cannot be copied; the error names it.
+/// When `from` is not a folder, the run cannot be read, or a file cannot be copied; the error names it.
 pub(crate) fn take(run_folder: &Path, from: &Path) -> Result<()> {
     ensure!(from.is_dir(), "{}: found no folder, expected that of the animations", from.display());
     let run = Run::read(&run_folder.join("run.json"))?;
@@ -52,10 +51,10 @@ pub(crate) fn take(run_folder: &Path, from: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The animations that lie in a run's folder, in the order of its sets.
+/// The animations in a run's folder, in the order of its sets.
 ///
 /// # Errors
-/// When a file is there but cannot be read; the error names it.
+/// When a file exists but cannot be read; the error names it.
 pub(crate) fn read(run_folder: &Path, sets: &[RunSet]) -> Result<Vec<Animation>> {
     let mut animations = Vec::new();
     for set in sets {
@@ -75,7 +74,7 @@ pub(crate) fn read(run_folder: &Path, sets: &[RunSet]) -> Result<Vec<Animation>>
     Ok(animations)
 }
 
-/// The bytes of a file; nothing where there is none.
+/// The bytes of a file. `None` if there is none.
 fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>> {
     match fs::read(path) {
         Ok(bytes) => Ok(Some(bytes)),

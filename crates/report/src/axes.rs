@@ -1,17 +1,17 @@
-//! Panels: a pair of axes and what is drawn between them, clipped to their frame.
+//! Panels: a pair of axes and the curves, areas and markers between them, clipped to their frame.
 
 use std::iter;
 
 use anyhow::Result;
-use plotters::style::{Color, RGBAColor, RGBColor};
 
 use super::canvas::{Align, Canvas, Px};
+use super::color::{Rgb, Rgba};
 use super::style::{FINE_GRID, FRAME, GRID, HAIRLINE_PX, LABEL, Look, MARKER_PX, PANEL_TITLE, SMALL};
 
 /// How far [`Panel::tile`] moves corners outwards along either axis, in CSS pixels.
 const TILE_GROWTH_PX: f64 = 0.4;
 
-/// Distance of the vertical axis' name from the frame, further where long numbers stand between.
+/// Least distance of the vertical axis' name from the frame; larger beside long numbers.
 const LEAST_NAME_PX: f64 = 46.0;
 
 /// Fewest numbers along an axis.
@@ -78,14 +78,14 @@ pub(crate) fn equal(count: usize) -> Vec<f64> {
 /// One axis of a panel.
 #[derive(Clone, Debug)]
 pub(crate) struct Axis {
-    /// Quantity and unit; empty where a neighbour carries the name.
+    /// Quantity and unit; empty if a neighbour carries the name.
     label: String,
     from: f64,
     to: f64,
     logarithmic: bool,
     numbered: bool,
     grid: bool,
-    /// The values with a number, where they are not left to the axis.
+    /// The values with a number, unless the axis chooses them.
     marks: Option<Vec<f64>>,
 }
 
@@ -137,7 +137,7 @@ impl Axis {
         }
     }
 
-    /// An axis with a place for each of `count` things: 0, 1 .. in its middle, without grid and numbers.
+    /// An axis with places 0, 1 .. for `count` categories, without grid and numbers.
     pub(crate) fn places(count: usize) -> Self {
         Self { grid: false, ..Self::linear("", -0.5, count as f64 - 0.5).bare() }
     }
@@ -155,7 +155,7 @@ impl Axis {
         self
     }
 
-    /// Where the value lies between the ends: 0 to 1.
+    /// Position of the value between the ends: 0 to 1.
     fn fraction(&self, value: f64) -> f64 {
         if self.logarithmic {
             (value / self.from).ln() / (self.to / self.from).ln()
@@ -164,8 +164,8 @@ impl Axis {
         }
     }
 
-    /// Grid values with their numbers, about `count` of them on a linear axis and three at the least: fewer do not tell
-    /// the scale.
+    /// Grid values with their numbers, about `count` of them on a linear axis and at least three, so that the scale can be
+    /// read.
     pub(crate) fn ticks(&self, count: f64) -> Vec<(f64, String)> {
         if !self.grid {
             return Vec::new();
@@ -239,7 +239,7 @@ pub(crate) fn extent(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)
     })
 }
 
-/// The finite values without the smallest 2 %: a logarithmic axis would reach down to wherever an error passes zero.
+/// The finite values without the smallest 2 %, so that a logarithmic axis does not extend to the zero crossings of an error.
 pub(crate) fn without_dips(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
     let mut sorted: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
@@ -247,16 +247,16 @@ pub(crate) fn without_dips(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
 }
 
 /// A pair of axes with a frame. Everything is given in data coordinates; a point that is not finite interrupts a line.
-pub(crate) struct Panel<'a, 'b> {
-    canvas: &'a Canvas<'b>,
+pub(crate) struct Panel<'a> {
+    canvas: &'a Canvas,
     frame: Rect,
     x: Axis,
     y: Axis,
 }
 
-impl<'a, 'b> Panel<'a, 'b> {
+impl<'a> Panel<'a> {
     /// Draws grid, frame, numbers, names (outside the frame) and the title (above it).
-    pub(crate) fn new(canvas: &'a Canvas<'b>, frame: Rect, title: &str, x: Axis, y: Axis) -> Result<Self> {
+    pub(crate) fn new(canvas: &'a Canvas, frame: Rect, title: &str, x: Axis, y: Axis) -> Result<Self> {
         let panel = Self { canvas, frame, x, y };
         panel.draw_axes()?;
         canvas.text(title, (frame.left, frame.top - 13.0), PANEL_TITLE)?;
@@ -265,7 +265,7 @@ impl<'a, 'b> Panel<'a, 'b> {
 
     /// A panel with one scale on both axes that shows the whole box (x from, to, y from, to).
     pub(crate) fn with_equal_scales(
-        canvas: &'a Canvas<'b>,
+        canvas: &'a Canvas,
         frame: Rect,
         title: &str,
         labels: (&str, &str),
@@ -291,17 +291,17 @@ impl<'a, 'b> Panel<'a, 'b> {
         for (values, color) in [(self.x.fine_ticks(), FINE_GRID), (values_of(&x_ticks), GRID)] {
             for value in values {
                 let x = self.x_at(value);
-                self.canvas.line(&[(x, top), (x, bottom)], color.to_rgba(), HAIRLINE_PX)?;
+                self.canvas.line(&[(x, top), (x, bottom)], color, HAIRLINE_PX)?;
             }
         }
         for (values, color) in [(self.y.fine_ticks(), FINE_GRID), (values_of(&y_ticks), GRID)] {
             for value in values {
                 let y = self.y_at(value);
-                self.canvas.line(&[(left, y), (right, y)], color.to_rgba(), HAIRLINE_PX)?;
+                self.canvas.line(&[(left, y), (right, y)], color, HAIRLINE_PX)?;
             }
         }
         let corners = [(left, top), (left, bottom), (right, bottom), (right, top), (left, top)];
-        self.canvas.line(&corners, FRAME.to_rgba(), HAIRLINE_PX)?;
+        self.canvas.line(&corners, FRAME, HAIRLINE_PX)?;
         if self.x.numbered {
             for (value, number) in &x_ticks {
                 let x = self.x_at(*value);
@@ -315,7 +315,7 @@ impl<'a, 'b> Panel<'a, 'b> {
                 let y = self.y_at(*value);
                 let anchor = (left - 6.0, y);
                 self.canvas.text(number, anchor, SMALL.aligned(Align::Right))?;
-                name_px = name_px.max(self.canvas.text_width_px(number, SMALL)? + 18.0);
+                name_px = name_px.max(self.canvas.text_width_px(number, SMALL) + 18.0);
             }
         }
         let below = (0.5 * (left + right), bottom + 32.0);
@@ -324,7 +324,7 @@ impl<'a, 'b> Panel<'a, 'b> {
         self.canvas.text(&self.y.label, beside, LABEL.aligned(Align::Upwards))
     }
 
-    /// Where a data point lies on the canvas.
+    /// Position of a data point on the canvas.
     pub(crate) fn at(&self, (x, y): (f64, f64)) -> Px {
         (self.x_at(x), self.y_at(y))
     }
@@ -337,16 +337,22 @@ impl<'a, 'b> Panel<'a, 'b> {
         self.frame.bottom - self.y.fraction(value) * (self.frame.bottom - self.frame.top)
     }
 
+    /// The ends of a horizontal line across the panel.
+    pub(crate) fn across(&self, y: f64) -> [(f64, f64); 2] {
+        [(self.x.from, y), (self.x.to, y)]
+    }
+
     /// A line through the points.
     pub(crate) fn line(
         &self,
         points: impl IntoIterator<Item = (f64, f64)>,
-        color: impl Color,
+        color: impl Into<Rgba>,
         width_px: f64,
     ) -> Result<()> {
+        let color = color.into();
         let path: Vec<Px> = points.into_iter().map(|point| self.at(point)).collect();
         for run in clip_line(&path, &self.frame) {
-            self.canvas.line(&run, color.to_rgba(), width_px)?;
+            self.canvas.line(&run, color, width_px)?;
         }
         Ok(())
     }
@@ -372,7 +378,7 @@ impl<'a, 'b> Panel<'a, 'b> {
     }
 
     /// A filled polygon.
-    pub(crate) fn area(&self, corners: impl IntoIterator<Item = (f64, f64)>, color: RGBAColor) -> Result<()> {
+    pub(crate) fn area(&self, corners: impl IntoIterator<Item = (f64, f64)>, color: impl Into<Rgba>) -> Result<()> {
         let corners: Vec<Px> = corners.into_iter().map(|corner| self.at(corner)).collect();
         let clipped = clip_polygon(corners, &self.frame);
         if clipped.len() < 3 {
@@ -382,7 +388,7 @@ impl<'a, 'b> Panel<'a, 'b> {
     }
 
     /// A polygon of a mosaic: grown a little, so that no seam shows beside its neighbours.
-    pub(crate) fn tile(&self, corners: [(f64, f64); 4], color: RGBAColor) -> Result<()> {
+    pub(crate) fn tile(&self, corners: [(f64, f64); 4], color: impl Into<Rgba>) -> Result<()> {
         let corners = corners.map(|corner| self.at(corner));
         let sum = corners.iter().fold((0.0, 0.0), |sum, corner| (sum.0 + corner.0, sum.1 + corner.1));
         let center = (0.25 * sum.0, 0.25 * sum.1);
@@ -392,7 +398,7 @@ impl<'a, 'b> Panel<'a, 'b> {
     }
 
     /// The area between a lower and an upper curve, given as (x, lower, upper).
-    pub(crate) fn band(&self, rows: &[(f64, f64, f64)], color: RGBAColor) -> Result<()> {
+    pub(crate) fn band(&self, rows: &[(f64, f64, f64)], color: impl Into<Rgba>) -> Result<()> {
         let upper = rows.iter().map(|(x, _, high)| (*x, *high));
         let lower = rows.iter().rev().map(|(x, low, _)| (*x, *low));
         self.area(upper.chain(lower), color)
@@ -403,8 +409,9 @@ impl<'a, 'b> Panel<'a, 'b> {
         &self,
         points: impl IntoIterator<Item = (f64, f64)>,
         radius_px: f64,
-        color: RGBAColor,
+        color: impl Into<Rgba>,
     ) -> Result<()> {
+        let color = color.into();
         let mut last = (f64::NAN, f64::NAN);
         for at in points.into_iter().map(|point| self.at(point)) {
             let hidden = (at.0 - last.0).hypot(at.1 - last.1) < 0.5;
@@ -417,20 +424,20 @@ impl<'a, 'b> Panel<'a, 'b> {
     }
 
     /// A dashed line across the whole panel at a height, with a word to the right of the frame.
-    pub(crate) fn level(&self, y: f64, word: &str, color: RGBColor) -> Result<()> {
+    pub(crate) fn level(&self, y: f64, word: &str, color: Rgb) -> Result<()> {
         let height = self.y_at(y);
         let Rect { left, top, right, bottom } = self.frame;
         if !(top..=bottom).contains(&height) {
             return Ok(());
         }
-        self.canvas.dashes((left, height), (right, height), color.to_rgba())?;
+        self.canvas.dashes((left, height), (right, height), color)?;
         self.canvas.text(word, (right + 6.0, height), SMALL)
     }
 
     /// A dashed line between two points.
-    pub(crate) fn dashes(&self, from: (f64, f64), to: (f64, f64), color: RGBColor) -> Result<()> {
+    pub(crate) fn dashes(&self, from: (f64, f64), to: (f64, f64), color: Rgb) -> Result<()> {
         match clip_segment(self.at(from), self.at(to), &self.frame) {
-            Some((from, to)) => self.canvas.dashes(from, to, color.to_rgba()),
+            Some((from, to)) => self.canvas.dashes(from, to, color),
             None => Ok(()),
         }
     }
@@ -451,14 +458,14 @@ impl<'a, 'b> Panel<'a, 'b> {
     pub(crate) fn rule(&self, x: f64) -> Result<()> {
         let across = self.x_at(x);
         let ends = [(across, self.frame.top + HAIRLINE_PX), (across, self.frame.bottom - HAIRLINE_PX)];
-        self.canvas.line(&ends, GRID.to_rgba(), HAIRLINE_PX)
+        self.canvas.line(&ends, GRID, HAIRLINE_PX)
     }
 
     /// A dashed line from bottom to top at an instant.
-    pub(crate) fn instant(&self, x: f64, color: RGBColor) -> Result<()> {
+    pub(crate) fn instant(&self, x: f64, color: Rgb) -> Result<()> {
         let across = self.x_at(x);
         let ends = ((across, self.frame.top), (across, self.frame.bottom));
-        self.canvas.dashes(ends.0, ends.1, color.to_rgba())
+        self.canvas.dashes(ends.0, ends.1, color)
     }
 }
 

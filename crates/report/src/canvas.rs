@@ -1,31 +1,26 @@
-//! Drawing in CSS pixels, clipped to rectangles; and the two files of a picture.
+//! Drawing in CSS pixels: SVG elements, and the SVG and PNG files of a picture.
 
-use std::fs;
+use std::cell::RefCell;
+use std::fmt::Write as _;
 use std::path::Path;
-use std::sync::Once;
 
-use anyhow::{Context, Result, anyhow};
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD as BASE64;
+use anyhow::{Context, Result};
 use files::write_atomically;
-use plotters::coord::Shift;
-use plotters::element::BitMapElement;
-use plotters::prelude::*;
-use plotters::style::register_font;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{Options, Tree};
 
-use super::surface::{FONT_HEIGHT_EM, Surface, UNITS_PER_PX, svg_baselines};
-
-/// The embedded typeface: Inter, cut to Latin, Greek and mathematical signs.
-pub(crate) const FONT_FAMILY: &str = "Inter";
+use super::color::{Rgb, Rgba};
+use super::font;
 
 /// Image pixels in a CSS pixel of the PNG files.
-const PNG_SCALE: u32 = 2;
+const PNG_SCALE: f32 = 2.0;
 
 /// Length of a dash.
 const DASH_PX: f64 = 5.0;
 /// Space between dashes.
 const DASH_GAP_PX: f64 = 4.0;
+/// Largest width at which a page shows a picture, over the width at which it was laid out.
+const LARGEST_ZOOM: f64 = 1.25;
 
 /// A point in CSS pixels, y downwards.
 pub(crate) type Px = (f64, f64);
@@ -33,17 +28,18 @@ pub(crate) type Px = (f64, f64);
 /// Paints a picture.
 pub(crate) type Paint = dyn Fn(&Canvas) -> Result<()>;
 
-/// A picture that has been laid out and can be painted on any backend.
+/// A picture that has been laid out.
 pub(crate) struct Picture {
-    /// Width in CSS pixels.
-    pub(crate) width_px: u32,
-    /// Height in CSS pixels.
-    pub(crate) height_px: u32,
-    /// Paints it.
-    pub(crate) paint: Box<Paint>,
+    /// Width and height in CSS pixels.
+    size_px: (u32, u32),
+    /// Caption of this picture beyond that of its figure: methods, sets and trials drawn. May be empty.
+    pub(crate) note: String,
+    /// Pictures of the same kind that together show every method; empty if this one does.
+    pub(crate) all_methods: Vec<Picture>,
+    paint: Box<Paint>,
 }
 
-/// Where a text stands on its anchor.
+/// Position of a text relative to its anchor. Vertically it is always centred.
 #[derive(Clone, Copy)]
 pub(crate) enum Align {
     /// Starts at the anchor.
@@ -64,249 +60,210 @@ pub(crate) struct Lettering {
     /// Semi-bold instead of regular.
     pub(crate) bold: bool,
     /// Colour.
-    pub(crate) color: RGBColor,
-    /// Alignment to the anchor; vertically a text is always centred on it.
+    pub(crate) color: Rgb,
+    /// Alignment to the anchor.
     pub(crate) align: Align,
 }
 
-/// A surface of a figure, addressed in CSS pixels.
-pub(crate) struct Canvas<'a>(DrawingArea<Surface<'a>, Shift>);
+/// The elements of a picture, addressed in CSS pixels.
+pub(crate) struct Canvas {
+    size_px: (u32, u32),
+    elements: RefCell<String>,
+}
 
-impl Canvas<'_> {
+impl Canvas {
     /// Width in CSS pixels.
     pub(crate) fn width_px(&self) -> f64 {
-        f64::from(self.0.dim_in_pixel().0 / UNITS_PER_PX)
+        f64::from(self.size_px.0)
     }
 
     /// Height in CSS pixels.
     pub(crate) fn height_px(&self) -> f64 {
-        f64::from(self.0.dim_in_pixel().1 / UNITS_PER_PX)
+        f64::from(self.size_px.1)
     }
 
-    /// An open line through the points.
-    pub(crate) fn line(&self, points: &[Px], color: RGBAColor, width_px: f64) -> Result<()> {
-        let mut path: Vec<_> = points.iter().map(|&point| units(point)).collect();
-        path.dedup();
-        let stroke = color.stroke_width((width_px * f64::from(UNITS_PER_PX)).round() as u32);
-        self.draw(&PathElement::new(path, stroke))
+    /// An open line through the points, with round joins and ends.
+    pub(crate) fn line(&self, points: &[Px], color: impl Into<Rgba>, width_px: f64) -> Result<()> {
+        let attributes =
+            format!("fill=\"none\" stroke-width=\"{}\" {}", round(width_px), paint("stroke", color.into()));
+        self.element(format_args!("<polyline {attributes} points=\"{}\"/>", coordinates(points)))
     }
 
     /// A straight dashed line.
-    pub(crate) fn dashes(&self, from: Px, to: Px, color: RGBAColor) -> Result<()> {
-        let length = (to.0 - from.0).hypot(to.1 - from.1);
-        let along = |distance: f64| {
-            let share = distance.min(length) / length;
-            (from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1))
-        };
-        let mut start = 0.0;
-        while start < length {
-            self.line(&[along(start), along(start + DASH_PX)], color, 1.25)?;
-            start += DASH_PX + DASH_GAP_PX;
-        }
-        Ok(())
+    pub(crate) fn dashes(&self, from: Px, to: Px, color: impl Into<Rgba>) -> Result<()> {
+        self.element(format_args!(
+            "<polyline fill=\"none\" stroke-width=\"1.25\" stroke-linecap=\"butt\" stroke-dasharray=\"{DASH_PX} {DASH_GAP_PX}\" \
+             {} points=\"{}\"/>",
+            paint("stroke", color.into()),
+            coordinates(&[from, to])
+        ))
     }
 
     /// A filled polygon.
-    pub(crate) fn polygon(&self, corners: &[Px], color: RGBAColor) -> Result<()> {
-        let corners: Vec<_> = corners.iter().map(|&corner| units(corner)).collect();
-        self.draw(&Polygon::new(corners, color))
+    pub(crate) fn polygon(&self, corners: &[Px], color: impl Into<Rgba>) -> Result<()> {
+        self.element(format_args!("<polygon {} points=\"{}\"/>", paint("fill", color.into()), coordinates(corners)))
     }
 
     /// A filled disc.
-    pub(crate) fn disc(&self, center: Px, radius_px: f64, color: RGBAColor) -> Result<()> {
-        let radius = (radius_px * f64::from(UNITS_PER_PX)).round() as i32;
-        self.draw(&Circle::new(units(center), radius, color.filled()))
+    pub(crate) fn disc(&self, (x, y): Px, radius_px: f64, color: impl Into<Rgba>) -> Result<()> {
+        let (x, y, radius) = (round(x), round(y), round(radius_px));
+        self.element(format_args!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" {}/>", paint("fill", color.into())))
     }
 
-    /// A line of text; nothing where it is empty.
-    pub(crate) fn text(&self, text: &str, anchor: Px, lettering: Lettering) -> Result<()> {
+    /// A line of text. An empty one draws nothing.
+    pub(crate) fn text(&self, text: &str, (x, y): Px, lettering: Lettering) -> Result<()> {
         if text.is_empty() {
             return Ok(());
         }
-        let h_pos = match lettering.align {
-            Align::Left => HPos::Left,
-            Align::Center | Align::Upwards => HPos::Center,
-            Align::Right => HPos::Right,
+        let anchor = match lettering.align {
+            Align::Left => "start",
+            Align::Center | Align::Upwards => "middle",
+            Align::Right => "end",
         };
-        let transform = match lettering.align {
-            Align::Upwards => FontTransform::Rotate270,
-            _ => FontTransform::None,
+        let turn = match lettering.align {
+            Align::Upwards => format!(" transform=\"rotate(-90 {} {})\"", round(x), round(y)),
+            _ => String::new(),
         };
-        let style = text_style(lettering).transform(transform).pos(Pos::new(h_pos, VPos::Center));
-        self.0.draw_text(text, &style, units(anchor)).map_err(|error| anyhow!("{error}"))
+        let weight = if lettering.bold { " font-weight=\"bold\"" } else { "" };
+        self.element(format_args!(
+            "<text x=\"{}\" y=\"{}\" font-size=\"{}\"{weight} text-anchor=\"{anchor}\" {}{turn}>{}</text>",
+            round(x),
+            round(y + font::MIDDLE_EM * lettering.size_px),
+            lettering.size_px,
+            paint("fill", lettering.color.into()),
+            maud::html! { (text) }.into_string()
+        ))
     }
 
     /// Width of a line of text in CSS pixels.
-    pub(crate) fn text_width_px(&self, text: &str, lettering: Lettering) -> Result<f64> {
-        let (width, _) = self.0.estimate_text_size(text, &text_style(lettering)).map_err(|error| anyhow!("{error}"))?;
-        Ok(f64::from(width) / f64::from(UNITS_PER_PX))
+    pub(crate) fn text_width_px(&self, text: &str, lettering: Lettering) -> f64 {
+        lettering.size_px * font::width_em(text, lettering.bold)
     }
 
-    fn draw<'e, E>(&self, element: &'e E) -> Result<()>
-    where
-        &'e E: plotters::element::PointCollection<'e, (i32, i32)>,
-        E: for<'s> plotters::element::Drawable<Surface<'s>>,
-    {
-        self.0.draw(element).map_err(|error| anyhow!("{error}"))
+    fn element(&self, element: std::fmt::Arguments) -> Result<()> {
+        writeln!(self.elements.borrow_mut(), "{element}").context("SVG")
     }
 }
 
-fn units((x, y): Px) -> (i32, i32) {
-    let scale = f64::from(UNITS_PER_PX);
-    ((x * scale).round() as i32, (y * scale).round() as i32)
+/// The attributes that paint a fill or stroke.
+fn paint(what: &str, Rgba(Rgb(red, green, blue), opacity): Rgba) -> String {
+    let color = format!("{what}=\"#{red:02x}{green:02x}{blue:02x}\"");
+    if opacity < 1.0 { format!("{color} {what}-opacity=\"{}\"", round(opacity)) } else { color }
 }
 
-fn text_style(lettering: Lettering) -> TextStyle<'static> {
-    let style = if lettering.bold { FontStyle::Bold } else { FontStyle::Normal };
-    let size = lettering.size_px * f64::from(UNITS_PER_PX) * FONT_HEIGHT_EM;
-    FontDesc::new(FontFamily::Name(FONT_FAMILY), size, style).color(&lettering.color)
+/// A length to a hundredth.
+fn round(value: f64) -> f64 {
+    (100.0 * value).round() / 100.0
 }
 
-/// `@font-face` rules with the typeface inside.
-pub(crate) fn font_face_css() -> String {
-    let fonts: [(u32, &[u8]); 2] = [
-        (400, include_bytes!("../assets/inter-regular.woff2")),
-        (700, include_bytes!("../assets/inter-semibold.woff2")),
-    ];
-    fonts
-        .iter()
-        .map(|(weight, bytes)| {
-            format!(
-                "@font-face{{font-family:{FONT_FAMILY};font-weight:{weight};\
-                 src:url(data:font/woff2;base64,{}) format(\"woff2\")}}",
-                BASE64.encode(bytes)
-            )
-        })
-        .collect()
-}
-
-fn register_fonts() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        let fonts: [(FontStyle, &'static [u8]); 2] = [
-            (FontStyle::Normal, include_bytes!("../assets/inter-regular.otf")),
-            (FontStyle::Bold, include_bytes!("../assets/inter-semibold.otf")),
-        ];
-        for (style, bytes) in fonts {
-            let registered = register_font(FONT_FAMILY, style, bytes);
-            assert!(registered.is_ok(), "the embedded fonts are valid");
-        }
-    });
+/// Points to a tenth of a pixel, without repetitions.
+fn coordinates(points: &[Px]) -> String {
+    let mut tenths: Vec<[i64; 2]> =
+        points.iter().map(|&(x, y)| [x, y].map(|value| (10.0 * value).round() as i64)).collect();
+    tenths.dedup();
+    // A line of one point is a dot with its round ends.
+    if let [point] = tenths[..] {
+        tenths.push(point);
+    }
+    let pairs: Vec<String> = tenths.iter().map(|[x, y]| format!("{},{}", *x as f64 / 10.0, *y as f64 / 10.0)).collect();
+    pairs.join(" ")
 }
 
 impl Picture {
-    /// The picture as an SVG element without a font of its own, to stand in a page that has [`font_face_css`]; `title`
-    /// is what a screen reader says.
+    /// A picture of a width and height in CSS pixels.
+    pub(crate) fn new(width_px: u32, height_px: u32, paint: impl Fn(&Canvas) -> Result<()> + 'static) -> Self {
+        Self { size_px: (width_px, height_px), note: String::new(), all_methods: Vec::new(), paint: Box::new(paint) }
+    }
+
+    /// The same picture with a caption of its own.
+    pub(crate) fn noted(self, note: String) -> Self {
+        Self { note, ..self }
+    }
+
+    /// The picture as an SVG element without a font, for a page that has [`font::face_css`]; `title` is its label for screen
+    /// readers.
     pub(crate) fn to_inline_svg(&self, title: &str) -> Result<String> {
         self.to_svg(title, "")
     }
 
-    /// The picture as an SVG file that looks alike everywhere.
+    /// The picture as an SVG file with its font.
     pub(crate) fn to_standalone_svg(&self, title: &str) -> Result<String> {
-        self.to_svg(title, &format!("<style>{}</style>", font_face_css()))
+        self.to_svg(title, &format!("<style>{}</style>\n", font::face_css()))
     }
 
     fn to_svg(&self, title: &str, style: &str) -> Result<String> {
-        let mut drawn = String::new();
-        let size = self.size_units();
-        self.paint_on(Surface::Svg(SVGBackend::with_string(&mut drawn, size)))?;
-        let (_, body) = drawn.split_once('\n').context("plotters wrote an SVG without a first line")?;
+        let canvas = Canvas { size_px: self.size_px, elements: RefCell::default() };
+        (self.paint)(&canvas)?;
+        let (width, height) = self.size_px;
+        let widest = LARGEST_ZOOM * f64::from(width);
         Ok(format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" role=\"img\" \
-             aria-label=\"{title}\" stroke-linejoin=\"round\" stroke-linecap=\"round\">\n{style}{}",
-            self.width_px,
-            self.height_px,
-            size.0,
-            size.1,
-            svg_baselines(body)
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+             role=\"img\" aria-label=\"{title}\" style=\"max-width:{widest}px\" font-family=\"{}\" stroke-linejoin=\"round\" \
+             stroke-linecap=\"round\">\n{style}<rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n{}</svg>\n",
+            font::FAMILY,
+            canvas.elements.into_inner()
         ))
     }
 
-    /// Writes the picture as a PNG of two image pixels a CSS pixel: painted in drawing units, then averaged.
+    /// Writes the picture as a PNG of [`PNG_SCALE`] image pixels a CSS pixel, rasterised from its SVG.
     ///
     /// # Errors
-    /// When the file cannot be written; the error names it, and nothing half-written stays.
+    /// When the file cannot be written; the error names it, and no part of it is left.
     pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
-        let (width, height) = self.size_units();
-        let mut fine = vec![0; (width * height * 3) as usize];
-        self.paint_on(Surface::Raster(BitMapBackend::with_buffer(&mut fine, (width, height))))?;
-        let factor = UNITS_PER_PX / PNG_SCALE;
-        let size = (width / factor, height / factor);
-        let pixels = average_blocks(&fine, width as usize, factor as usize);
-        let element = BitMapElement::with_owned_buffer((0, 0), size, pixels)
-            .context("the picture's size does not fit its pixels")?;
-        let encoded = encode_png(&element, size).with_context(|| format!("{}: cannot be encoded", path.display()))?;
+        let options = Options { fontdb: font::database(), font_family: font::FAMILY.to_owned(), ..Options::default() };
+        let tree = Tree::from_str(&self.to_inline_svg("")?, &options).context("SVG")?;
+        let size = tree.size().to_int_size().scale_by(PNG_SCALE).context("a picture without size")?;
+        let mut pixels = Pixmap::new(size.width(), size.height()).context("a picture without size")?;
+        resvg::render(&tree, Transform::from_scale(PNG_SCALE, PNG_SCALE), &mut pixels.as_mut());
+        let encoded = pixels.encode_png().with_context(|| format!("{}: cannot be encoded", path.display()))?;
         Ok(write_atomically(path, &encoded)?)
     }
-
-    fn size_units(&self) -> (u32, u32) {
-        (self.width_px * UNITS_PER_PX, self.height_px * UNITS_PER_PX)
-    }
-
-    fn paint_on(&self, surface: Surface) -> Result<()> {
-        register_fonts();
-        let canvas = Canvas(surface.into_drawing_area());
-        canvas.0.fill(&WHITE).map_err(|error| anyhow!("{error}"))?;
-        (self.paint)(&canvas)?;
-        canvas.0.present().map_err(|error| anyhow!("{error}"))
-    }
-}
-
-/// The bytes of a PNG file. The library encodes into a named file only: one that goes with its handle, whatever happens.
-fn encode_png(element: &BitMapElement<(i32, i32)>, size: (u32, u32)) -> Result<Vec<u8>> {
-    let scratch = tempfile::Builder::new().suffix(".png").tempfile()?;
-    let image = BitMapBackend::new(scratch.path(), size).into_drawing_area();
-    image.draw(element)?;
-    image.present()?;
-    Ok(fs::read(scratch.path())?)
-}
-
-/// Averages RGB blocks of `factor` x `factor` in an image of `width`.
-fn average_blocks(fine: &[u8], width: usize, factor: usize) -> Vec<u8> {
-    let (columns, rows) = (width / factor, fine.len() / (3 * width * factor));
-    let mut coarse = Vec::with_capacity(columns * rows * 3);
-    let count = (factor * factor) as u32;
-    for row in 0..rows {
-        for column in 0..columns {
-            for channel in 0..3 {
-                let mut sum = 0;
-                for y in 0..factor {
-                    let start = ((row * factor + y) * width + column * factor) * 3 + channel;
-                    sum += (0..factor).map(|x| u32::from(fine[start + 3 * x])).sum::<u32>();
-                }
-                coarse.push(((sum + count / 2) / count) as u8);
-            }
-        }
-    }
-    coarse
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn verif_averaging_keeps_the_mean_of_each_block() {
-        let pixel = |value: u8| [value, value + 1, value + 2];
-        let fine: Vec<u8> = [0, 10, 100, 110, 20, 30, 120, 130].into_iter().flat_map(pixel).collect();
-        assert_eq!(average_blocks(&fine, 4, 2), [15, 16, 17, 115, 116, 117]);
+    fn picture(paint: impl Fn(&Canvas) -> Result<()> + 'static) -> String {
+        Picture::new(40, 20, paint).to_inline_svg("test").expect("drawn")
     }
 
     #[test]
-    fn verif_fonts_draw_every_sign_that_figures_use() {
-        let picture = Picture {
-            width_px: 40,
-            height_px: 20,
-            paint: Box::new(|canvas| {
-                let lettering = Lettering { size_px: 12.0, bold: false, color: BLACK, align: Align::Left };
-                let blank = canvas.text_width_px("\u{fffd}", lettering)?;
-                for sign in ['µ', '·', '−', '×', '°', '√', '–', 'θ', 'σ'] {
-                    let width = canvas.text_width_px(&sign.to_string(), lettering)?;
-                    assert!(width > 0.0 && width != blank, "{sign}: {width}");
-                }
-                Ok(())
-            }),
-        };
-        picture.to_inline_svg("signs").expect("drawn");
+    fn verif_points_are_rounded_and_repetitions_left_out() {
+        assert_eq!(coordinates(&[(0.04, 1.0), (0.0, 1.01), (12.34, -5.0)]), "0,1 12.3,-5");
+        assert_eq!(coordinates(&[(1.0, 2.0), (1.0, 2.0)]), "1,2 1,2", "a dot");
+    }
+
+    #[test]
+    fn verif_text_is_escaped_and_opacity_is_written_where_it_counts() {
+        let lettering = Lettering { size_px: 10.0, bold: true, color: Rgb(1, 2, 255), align: Align::Upwards };
+        let svg = picture(move |canvas| {
+            canvas.text("a < b", (5.0, 6.0), lettering)?;
+            canvas.disc((1.0, 2.0), 3.0, Rgb::WHITE.mix(0.5))
+        });
+        assert!(svg.contains("transform=\"rotate(-90 5 6)\">a &lt; b</text>"), "{svg}");
+        assert!(
+            svg.contains("y=\"9.6\" font-size=\"10\" font-weight=\"bold\" text-anchor=\"middle\" fill=\"#0102ff\""),
+            "{svg}"
+        );
+        assert!(svg.contains("r=\"3\" fill=\"#ffffff\" fill-opacity=\"0.5\""), "{svg}");
+    }
+
+    #[test]
+    fn verif_a_png_has_the_colours_of_the_picture_at_twice_its_size() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("picture.png");
+        let lettering = Lettering { size_px: 12.0, bold: true, color: Rgb(200, 0, 0), align: Align::Left };
+        let picture = Picture::new(40, 20, move |canvas| {
+            canvas.polygon(&[(0.0, 0.0), (10.0, 0.0), (10.0, 20.0), (0.0, 20.0)], Rgb(0, 114, 178))?;
+            canvas.text("MMM", (12.0, 10.0), lettering)
+        });
+        picture.write_png(&path).expect("written");
+        let pixels = Pixmap::load_png(&path).expect("a PNG");
+        assert_eq!((pixels.width(), pixels.height()), (80, 40));
+        let at = |x, y| pixels.pixel(x, y).map(|pixel| (pixel.red(), pixel.green(), pixel.blue()));
+        assert_eq!([at(5, 20), at(79, 0)], [Some((0, 114, 178)), Some((255, 255, 255))]);
+        let red = pixels.pixels().iter().filter(|pixel| pixel.red() == 200 && pixel.green() == 0).count();
+        assert!(red > 100, "pixels of the text: {red}");
     }
 }

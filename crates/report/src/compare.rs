@@ -1,4 +1,4 @@
-//! Filters against the baseline.
+//! Comparison of methods with the baselines.
 
 use testbed::baseline::{self, START_UP, STEADY};
 use testbed::metrics::error;
@@ -7,12 +7,12 @@ use testbed::results::{RunSet, TrialRow};
 use super::run_data::RunData;
 use super::style::two_digits;
 
-/// Part of a contact that is scored by itself.
+/// Part of a contact that is scored separately.
 #[derive(Clone, Copy)]
 pub(crate) enum Phase {
     /// The first two seconds of contact.
     Start,
-    /// What follows them.
+    /// The rest of the contact.
     Steady,
 }
 
@@ -46,7 +46,7 @@ pub(crate) fn phase_errors<'a>(
     data.trials_of(set, estimator).into_iter().filter_map(move |trial| phase.rmse_m(trial))
 }
 
-/// Error of the better baseline over that of an estimator; absent for baselines and where one of them has no errors.
+/// Ratio of the error of the better baseline to that of an estimator. `None` for baselines, and if either has no errors.
 pub(crate) fn factor_over_baseline(data: &RunData, set: &RunSet, estimator: &str, phase: Phase) -> Option<f64> {
     let when_s = match phase {
         Phase::Start => START_UP,

@@ -1,15 +1,16 @@
-//! The page's table of consistency: whether the estimators are as sure as they may be.
+//! The page's tables of consistency: NEES, NIS and coverage with verdicts.
 
 use maud::{Markup, html};
 use testbed::consistency::{ConsistencyTest, NEES_TEST, NIS_TEST};
 use testbed::metrics::consistency;
-use testbed::results::{ConsistencyRow, RunSet, SummaryRow};
+use testbed::results::{ConsistencyRow, RunEstimator, RunSet, SummaryRow};
 use whisker::estimators::MethodClass;
 
+use super::methods::with_all_methods;
 use super::run_data::RunData;
 use super::style::plain;
 
-/// Three columns: an average that is judged.
+/// Three columns of the table: an average, its verdict, and the share of times inside the interval.
 struct Columns {
     heading: &'static str,
     judged: ConsistencyTest,
@@ -22,42 +23,56 @@ const COLUMNS: [Columns; 2] = [
     Columns { heading: "NIS", judged: NIS_TEST, at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]) },
 ];
 
-/// The section of the page; nothing where no estimator of the leading sets states a covariance.
+/// The content of the section. `None` if no estimator states a covariance on a leading set.
 pub(crate) fn section(data: &RunData) -> Option<Markup> {
-    let judges = |set: &RunSet| -> Vec<(String, &SummaryRow)> {
-        let recursive = data.run.estimators.iter().filter(|estimator| estimator.class != MethodClass::Baseline);
-        let rows = recursive.filter_map(|estimator| Some((estimator.label(), data.summary_of(set, &estimator.name)?)));
+    let sets = data.leading_sets();
+    let table = with_all_methods(data, |estimators| table(data, &sets, estimators))?;
+    let models = with_all_methods(data, |estimators| models(data, estimators));
+    Some(html! {
+        p {
+            @if let Some(set) = sets.first() { "Group " b { (plain(&set.group)) } ". " }
+            "NEES: squared contact error normalised by the stated covariance, with expectation 2 for a consistent estimator; NIS: "
+            "squared innovation normalised by its expected variance, with expectation 1. Average over the whole contact, with its 95 % interval in brackets, "
+            "from the chi-square distribution (Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2) with the number of independent samples "
+            "estimated from the scatter of the trials' averages. An estimator is consistent if its average lies in the interval. "
+            "Times inside: share of the times at which the average over trials lies in the interval for one time."
+        }
+        (table)
+        @if let Some(models) = models {
+            h3 { "Model probabilities and verdicts by set" }
+            p {
+                "Probabilities of the models that an estimator averages over, mean over contact and trials. The verdict is on the NIS, "
+                "which is available without the truth; with hindsight it is on the NEES. With a model that does not fit the object an estimator is overconfident."
+            }
+            (models)
+        }
+    })
+}
+
+fn table(data: &RunData, sets: &[&RunSet], estimators: &[&RunEstimator]) -> Option<Markup> {
+    let rows_of = |set: &RunSet| -> Vec<(String, &SummaryRow)> {
+        let own = estimators.iter().filter(|estimator| estimator.class != MethodClass::Baseline);
+        let rows = own.filter_map(|estimator| Some((estimator.label(), data.summary_of(set, &estimator.name)?)));
         rows.filter(|(_, row)| row.get(&consistency::NEES).is_some()).collect()
     };
-    let sets: Vec<(&RunSet, Vec<(String, &SummaryRow)>)> =
-        data.leading_sets().into_iter().map(|set| (set, judges(set))).filter(|(_, rows)| !rows.is_empty()).collect();
-    let (first, _) = sets.first()?;
-    Some(html! {
-        section #consistent {
-            h2 { "How sure, and how right" }
-            p {
-                "Group " b { (plain(&first.group)) } ". NEES is the squared contact error in units of the stated covariance, 2 on average if that is "
-                "right; NIS the squared innovation in units of the expected one, 1 on average. The verdict is on the average over "
-                "the whole contact; in brackets its 95 % interval, from the chi-square distribution "
-                "(Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2) with as many independent samples as the scatter of the trials' "
-                "own averages shows. What is off by less than a tenth is let pass. Beside it the share of the times at which the average "
-                "over the trials lies in the interval for one time."
-            }
+    let blocks: Vec<(&RunSet, Vec<(String, &SummaryRow)>)> =
+        sets.iter().map(|set| (*set, rows_of(set))).filter(|(_, rows)| !rows.is_empty()).collect();
+    (!blocks.is_empty()).then(|| {
+        html! {
             div.scroll tabindex="0" aria-label="Table: consistency" {
                 table.blocks {
                     thead {
                         tr {
-                            th { "whisker" }
-                            th { "estimator" }
+                            @for name in ["whisker", "estimator"] { th { (name) } }
                             @for columns in &COLUMNS {
                                 th.number { (columns.heading) }
                                 th { "verdict" }
                                 th.number { "times inside" br; small { "%" } }
                             }
-                            th.number { "truth in 95 % ellipse" br; small { "%" } }
+                            th.number { "95 % ellipses that" br; "contain the contact" br; small { "%" } }
                         }
                     }
-                    @for (set, rows) in &sets {
+                    @for (set, rows) in &blocks {
                         tbody {
                             @for (label, row) in rows {
                                 tr {
@@ -71,35 +86,31 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
                     }
                 }
             }
-            (models(data))
         }
     })
 }
 
-/// Of every set and estimator that says of its model how probable it is, or of whose model the readings say something.
-fn models(data: &RunData) -> Markup {
+/// Model probabilities and verdicts on every set. `None` without a verdict.
+fn models(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
     let rows = data.run.sets.iter().flat_map(|set| {
-        let of_set = data.run.estimators.iter().filter(|estimator| estimator.class != MethodClass::Baseline);
-        of_set.filter_map(move |estimator| Some((set, estimator.label(), data.summary_of(set, &estimator.name)?)))
+        estimators.iter().filter_map(move |estimator| {
+            let head = &data.summary_of(set, &estimator.name)?.head;
+            Some((set, estimator.label(), head.models.as_deref().unwrap_or("–"), head.verdict.as_ref()?))
+        })
     });
-    html! {
-        h3 { "Which model holds" }
-        p {
-            "Where an estimator weighs models against one another, their probabilities, mean over the contact and the trials. The verdict is on the NIS, "
-            "which the robot itself can see; of an estimator with hindsight on the NEES. A model that is wrong for an object makes the estimator "
-            "overconfident there."
-        }
-        div.scroll tabindex="0" aria-label="Table: models and verdicts" {
-            table.blocks {
-                thead { tr { th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" } } }
-                tbody {
-                    @for (set, label, row) in rows {
-                        @if let Some(verdict) = &row.head.verdict {
+    let rows: Vec<_> = rows.collect();
+    (!rows.is_empty()).then(|| {
+        html! {
+            div.scroll tabindex="0" aria-label="Table: models and verdicts" {
+                table.blocks {
+                    thead { tr { th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" } } }
+                    tbody {
+                        @for (set, label, models, verdict) in &rows {
                             tr {
                                 td { (plain(&set.group)) }
                                 td { (set.whisker) }
                                 td { (label) }
-                                td { (row.head.models.as_deref().unwrap_or("–")) }
+                                td { (models) }
                                 td { (verdict) }
                             }
                         }
@@ -107,7 +118,7 @@ fn models(data: &RunData) -> Markup {
                 }
             }
         }
-    }
+    })
 }
 
 impl Columns {

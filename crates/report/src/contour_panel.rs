@@ -1,9 +1,8 @@
-//! A panel with outlines that estimators found over the true one.
+//! Panels with estimated outlines over the true one.
 
 use std::f64::consts::PI;
 
 use anyhow::Result;
-use plotters::style::Color;
 use testbed::results::VertexRow;
 use testbed::statistics::NORMAL_95;
 
@@ -20,7 +19,7 @@ const LEAST_VIEW_MM: f64 = 1.0;
 const TOUCHED_PX: f64 = 3.5;
 /// Radius of the touched vertices.
 const DOT_PX: f64 = 1.5;
-/// Panels in a row, how high a panel is, and how far apart panels are.
+/// Panels in a row, height of a panel and distance of panels.
 const COLUMNS: usize = 3;
 const PANEL_PX: u32 = 210;
 const GAP_PX: u32 = 64;
@@ -29,16 +28,17 @@ const END_STEPS: u32 = 16;
 /// Height of a line of text.
 const LINE_PX: f64 = 15.0;
 
-/// The outline that one estimator found.
+/// The outline estimated by one method.
 pub(crate) struct Found {
-    /// Label of the estimator, and what the panel says of its outline, line by line.
+    /// Label of the estimator.
     pub(crate) estimator: String,
+    /// Annotation, line by line.
     pub(crate) words: Vec<String>,
     pub(crate) look: Look,
     line: Points,
-    /// What was touched of it.
+    /// Touched vertices.
     touched: Points,
-    /// The 95 % band, once around; empty where none is stated.
+    /// The 95 % band, as a closed outline; empty without covariances.
     band: Points,
 }
 
@@ -57,8 +57,8 @@ impl Found {
     }
 }
 
-/// The envelope of the vertices' ellipses, once around: where each reaches farthest outwards, half the last ellipse, where each reaches farthest
-/// inwards, and half the first.
+/// The envelope of the vertices' 95 % ellipses: their outermost points, half of the last ellipse, their innermost points and half of the first. `None` without
+/// covariances.
 pub(crate) fn band(vertices: &[VertexRow]) -> Option<Points> {
     let farthest = |row: &VertexRow, turn_rad: f64| {
         let (sin, cos) = (row.normal_rad + turn_rad).sin_cos();
@@ -78,14 +78,14 @@ pub(crate) fn band(vertices: &[VertexRow]) -> Option<Points> {
 /// One panel.
 pub(crate) struct ContourPanel {
     pub(crate) title: String,
-    /// The true outline, closed; empty where it is not known.
+    /// The true outline, closed; empty if unknown.
     pub(crate) outline: Points,
-    /// What was touched of it, from one end to the other; empty where that is not known.
+    /// The touched part of it, from one end to the other; empty if unknown.
     pub(crate) touched: Points,
     pub(crate) found: Vec<Found>,
 }
 
-/// Lays panels out under a legend; nothing without panels.
+/// Lays panels out under a legend. `None` without panels.
 pub(crate) fn picture(panels: Vec<ContourPanel>) -> Option<Picture> {
     if panels.is_empty() {
         return None;
@@ -123,11 +123,11 @@ pub(crate) fn picture(panels: Vec<ContourPanel>) -> Option<Picture> {
         }
         Ok(())
     };
-    Some(Picture { width_px: 1200, height_px: height_px as u32, paint: Box::new(paint) })
+    Some(Picture::new(1200, height_px as u32, paint))
 }
 
 impl ContourPanel {
-    /// What is said of the outlines, line by line.
+    /// Annotations of the outlines, line by line.
     fn words(&self) -> impl Iterator<Item = (&str, Look)> {
         self.found.iter().flat_map(|found| found.words.iter().map(|line| (line.as_str(), found.look)))
     }
@@ -145,7 +145,7 @@ impl ContourPanel {
         for (index, (words, look)) in self.words().enumerate() {
             canvas.text(words, line_at(index + 1), Lettering { color: look.color, ..SMALL })?;
         }
-        panel.area(self.outline.iter().copied(), OBJECT.to_rgba())?;
+        panel.area(self.outline.iter().copied(), OBJECT)?;
         panel.line(self.outline.iter().copied(), FRAME, 1.5)?;
         panel.line(self.touched.iter().copied(), INK, TOUCHED_PX)?;
         for end in self.touched.first().into_iter().chain(self.touched.last()) {
@@ -156,7 +156,7 @@ impl ContourPanel {
         }
         for found in &self.found {
             panel.line(found.line.iter().copied(), found.look.color, CURVE_PX)?;
-            panel.discs(found.touched.iter().copied(), DOT_PX, found.look.color.to_rgba())?;
+            panel.discs(found.touched.iter().copied(), DOT_PX, found.look.color)?;
         }
         Ok(())
     }

@@ -1,17 +1,14 @@
-//! The page's tables of the outlines found.
+//! The page's tables of contour accuracy.
 
 use maud::{Markup, html};
-use testbed::results::ContourTrialRow;
+use testbed::results::{ContourScoreRow, ContourTrialRow, RunEstimator};
 
+use super::methods::with_all_methods;
 use super::run_data::RunData;
 use super::style::plain;
 
-/// The section of the page; nothing where no object has an outline.
+/// The content of the section. `None` if no object has an outline.
 pub(crate) fn section(data: &RunData) -> Option<Markup> {
-    let rows: Vec<_> = data.contours.iter().filter(|row| row.noise == data.noise()).collect();
-    if rows.is_empty() {
-        return None;
-    }
     let sweeps: Vec<&ContourTrialRow> = data
         .unscored_sets()
         .into_iter()
@@ -19,27 +16,31 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
         .flat_map(|trace| data.contours_of(trace))
         .filter(|row| row.mean_m.is_some() || row.radius_m.is_some())
         .collect();
-    let label = |estimator: &str| {
-        let known = data.run.estimators.iter().find(|row| row.name == estimator);
-        known.map_or_else(|| estimator.to_owned(), |row| row.label())
-    };
+    let table = with_all_methods(data, |estimators| score_table(data, estimators))?;
     Some(html! {
-        section #outlines {
-            h2 { "Outlines found" }
-            p {
-                "The outline that an estimator carries, or the surface points of all contacts and strokes, merged into one, with a 95 % band. Contact: root "
-                "mean square error after the first second. Mean and 95 %: distance of the outline from the true one. Hausdorff: the largest of those distances and of the "
-                "distances of the touched part of the true outline from the one found. In the band: share of the outline through "
-                "whose 95 % ellipses the true one runs. Medians over trials, the share a mean. Nothing is aligned. As data: "
-                a href="contours.csv" { "contours.csv" } " " a href="contour_trials.csv" { "contour_trials.csv" }
-            }
-            div.scroll tabindex="0" aria-label="Table: outlines found" {
+        p {
+            "Outline estimated by the method, or the surface points of all contacts and strokes merged into one, with a 95 % band. Contact: RMS "
+            "error after the first second. Mean and 95 %: mean and 95th percentile of the distance of the estimated outline from the true one. Hausdorff: the "
+            "largest of these distances and of those of the touched part of the true outline from the estimated one. In the band: share of the outline "
+            "whose 95 % ellipses contain the true one. Medians over trials, the share a mean; without alignment. As data: "
+            a href="contours.csv" { "contours.csv" } " " a href="contour_trials.csv" { "contour_trials.csv" }
+        }
+        (table)
+        @if !sweeps.is_empty() { (sweep_table(data, &sweeps)) }
+    })
+}
+
+fn score_table(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
+    let is_shown = |name: &str| estimators.iter().any(|estimator| estimator.name == name);
+    let rows = data.contours.iter().filter(|row| row.noise == data.noise() && is_shown(&row.estimator));
+    let rows: Vec<&ContourScoreRow> = rows.collect();
+    (!rows.is_empty()).then(|| {
+        html! {
+            div.scroll tabindex="0" aria-label="Table: contour accuracy" {
                 table {
                     thead {
                         tr {
-                            th { "group" }
-                            th { "whisker" }
-                            th { "estimator" }
+                            @for name in ["group", "whisker", "estimator"] { th { (name) } }
                             @for heading in ["contact", "mean", "95 %", "Hausdorff"] {
                                 th.number { (heading) br; small { "mm" } }
                             }
@@ -52,7 +53,7 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
                             tr {
                                 td { (plain(&row.group)) }
                                 td { (row.whisker) }
-                                td { (label(&row.estimator)) }
+                                td { (label(data, &row.estimator)) }
                                 @for length_m in [row.contact_rmse_m, row.mean_m, row.p95_m, row.hausdorff_m] {
                                     td.number { (number(length_m, 1e3, 3)) }
                                 }
@@ -63,20 +64,25 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
                     }
                 }
             }
-            @if !sweeps.is_empty() { (sweep_table(&sweeps, &label)) }
         }
     })
 }
 
-/// What is known of each sweep over an object of which nobody knows where it was touched.
-fn sweep_table(rows: &[&ContourTrialRow], label: &dyn Fn(&str) -> String) -> Markup {
+/// Name of an estimator in tables.
+fn label(data: &RunData, name: &str) -> String {
+    let known = data.run.estimators.iter().find(|estimator| estimator.name == name);
+    known.map_or_else(|| name.to_owned(), RunEstimator::label)
+}
+
+/// Scores of single sweeps over objects without known contacts.
+fn sweep_table(data: &RunData, rows: &[&ContourTrialRow]) -> Markup {
     html! {
-        h3 { "Sweep by sweep, where the true contact is not known" }
+        h3 { "Single sweeps without known contacts" }
         p {
-            "Mean and 95 %: distance from the object's own outline, where that could be placed. Radius: of the circle through the outline, with the interval "
-            "that holds it with 95 % if the outline's band is right; residual: root mean square distance of the outline from it."
+            "Mean and 95 %: distance from the object's own outline, if that could be placed. Radius: of the circle fitted to the outline, with the 95 % interval "
+            "that follows from the outline's band; residual: RMS distance of the outline from the circle."
         }
-        div.scroll tabindex="0" aria-label="Table: sweep by sweep" {
+        div.scroll tabindex="0" aria-label="Table: single sweeps" {
             table {
                 thead {
                     tr {
@@ -91,7 +97,7 @@ fn sweep_table(rows: &[&ContourTrialRow], label: &dyn Fn(&str) -> String) -> Mar
                     @for row in rows {
                         tr {
                             td { (row.trace) }
-                            td { (label(&row.estimator)) }
+                            td { (label(data, &row.estimator)) }
                             @for length_m in [row.mean_m, row.p95_m] { td.number { (number(length_m, 1e3, 3)) } }
                             @for length_m in [row.radius_m, row.radius_low_m, row.radius_high_m] {
                                 td.number { (number(length_m, 1e3, 2)) }

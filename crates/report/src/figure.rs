@@ -1,4 +1,4 @@
-//! What a figure of any report is.
+//! Figures of a report and their files.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -9,62 +9,94 @@ use files::write_atomically;
 
 use super::canvas::Picture;
 
+/// The folder of the figures' files, in that of the results.
+const FOLDER: &str = "figures";
+/// The folder of the pictures of all methods, in that of the results.
+pub(crate) const ALL_METHODS: &str = "figures/all";
+
 /// One figure of a report that is drawn from `Data`.
 pub(crate) struct Figure<Data> {
     /// Name of its files.
     pub(crate) name: &'static str,
-    /// Its heading on the page.
+    /// Heading on the page.
     pub(crate) title: &'static str,
-    /// What is seen, in plain text.
+    /// Quantities, panels and signs, in plain text. The picture's own note names the methods and trials drawn.
     pub(crate) caption: &'static str,
-    /// Lays it out; absent where the data hold nothing of the kind.
+    /// Lays the figure out. `None` if the results hold no data for it.
     pub(crate) draw: fn(&Data) -> Result<Option<Picture>>,
 }
 
-/// A figure's heading, caption and files and, where there was something to show in it, its picture.
+/// A figure with the picture that was drawn of it.
 pub(crate) struct Drawn {
     /// Name of its files.
     pub(crate) name: &'static str,
-    /// Its heading on the page.
+    /// Heading on the page.
     pub(crate) title: &'static str,
-    /// What is seen, in plain text.
-    pub(crate) caption: &'static str,
+    /// Caption of the figure and note of the picture.
+    pub(crate) caption: String,
     /// The picture.
-    pub(crate) picture: Option<Picture>,
+    pub(crate) picture: Picture,
 }
 
-/// Draws every figure and writes `<name>.svg` and `<name>.png` into `figures` in `folder`; gives them with the files' paths.
+/// The figures of some results.
+pub(crate) struct Figures {
+    /// Those for which there is data, in the order of the page.
+    pub(crate) drawn: Vec<Drawn>,
+    /// Titles of the others.
+    pub(crate) left_out: Vec<&'static str>,
+    /// Files written: SVG and PNG of each picture in turn.
+    pub(crate) files: Vec<PathBuf>,
+}
+
+/// Draws every figure and writes `figures/<name>.svg` and `.png` in `folder`, and the pictures of all methods as
+/// `figures/all/<name>_<number>.svg` and `.png`. Removes those of an earlier report.
 ///
 /// # Errors
-/// When a figure cannot be drawn or a file cannot be written; the error names the one or the other.
-pub(crate) fn draw_all<Data>(
-    folder: &Path,
-    figures: &[Figure<Data>],
-    data: &Data,
-) -> Result<(Vec<Drawn>, Vec<PathBuf>)> {
-    let folder = folder.join("figures");
-    fs::create_dir_all(&folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
-    let mut drawn = Vec::new();
-    let mut paths = Vec::new();
-    for figure in figures {
-        let &Figure { name, title, caption, draw } = figure;
-        let picture = draw(data).with_context(|| format!("figure `{name}`"))?;
-        let [svg, png] = ["svg", "png"].map(|kind| folder.join(format!("{name}.{kind}")));
-        if let Some(picture) = &picture {
-            write_atomically(&svg, picture.to_standalone_svg(title)?.as_bytes())?;
-            picture.write_png(&png)?;
-            paths.extend([svg, png]);
-        } else {
-            // A picture of an earlier run must not stand beside a page that leaves it out.
-            remove(&svg)?;
-            remove(&png)?;
-        }
-        drawn.push(Drawn { name, title, caption, picture });
+/// When a figure cannot be drawn or a file cannot be written; the error names the figure or the file.
+pub(crate) fn draw_all<Data>(folder: &Path, figures: &[Figure<Data>], data: &Data) -> Result<Figures> {
+    let all_methods = folder.join(ALL_METHODS);
+    if all_methods.exists() {
+        fs::remove_dir_all(&all_methods).with_context(|| format!("{}: cannot be removed", all_methods.display()))?;
     }
-    Ok((drawn, paths))
+    let mut all = Figures { drawn: Vec::new(), left_out: Vec::new(), files: Vec::new() };
+    for &Figure { name, title, caption, draw } in figures {
+        let files = files_of(folder, FOLDER, name);
+        let Some(picture) = draw(data).with_context(|| format!("figure `{name}`"))? else {
+            // A picture of an earlier run must not stand beside a page that leaves it out.
+            files.iter().try_for_each(|file| remove(file))?;
+            all.left_out.push(title);
+            continue;
+        };
+        write(&picture, title, files, &mut all.files)?;
+        for (index, picture) in picture.all_methods.iter().enumerate() {
+            write(picture, title, files_of(folder, ALL_METHODS, &numbered(name, index)), &mut all.files)?;
+        }
+        let caption = if picture.note.is_empty() { caption.to_owned() } else { format!("{caption} {}", picture.note) };
+        all.drawn.push(Drawn { name, title, caption, picture });
+    }
+    Ok(all)
 }
 
-/// Removes a file, if it is there.
+/// Name of one of the pictures of all methods.
+pub(crate) fn numbered(name: &str, index: usize) -> String {
+    format!("{name}_{}", index + 1)
+}
+
+fn files_of(folder: &Path, below: &str, name: &str) -> [PathBuf; 2] {
+    ["svg", "png"].map(|kind| folder.join(below).join(format!("{name}.{kind}")))
+}
+
+fn write(picture: &Picture, title: &str, files: [PathBuf; 2], written: &mut Vec<PathBuf>) -> Result<()> {
+    let [svg, png] = &files;
+    let folder = svg.parent().context("a file without a folder")?;
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
+    write_atomically(svg, picture.to_standalone_svg(title)?.as_bytes())?;
+    picture.write_png(png)?;
+    written.extend(files);
+    Ok(())
+}
+
+/// Removes a file, if there is one.
 ///
 /// # Errors
 /// When it cannot be removed; the error names it.

@@ -1,7 +1,34 @@
-//! Draws results: every figure as SVG and PNG, and one page that needs no other file.
+//! Figures (SVG and PNG) and a self-contained HTML page of the results of an evaluation.
 //!
-//! There are two kinds of results, evaluated runs (see [`testbed::results`]) and the study of the physics (`physics`). The
-//! report knows their files and nothing else: it can be drawn again at any time, and the same results give the same bytes.
+//! Reads the folder of a run, whose files [`testbed::results`] defines (`run.json`, `summary.csv`, `trials.csv` and the others),
+//! or the folder of the physics study, which `python -m whisker_sim.physics` writes (`watermark.json`, `claims.csv` and its
+//! tables). Writes into the same folder:
+//!
+//! | file | content |
+//! | --- | --- |
+//! | `index.html` | tables, figures, interactive replay and provenance; loads no other file |
+//! | `figures/<name>.svg`, `.png` | one figure, with a few methods if the run has many |
+//! | `figures/all/<name>_<number>.svg`, `.png` | the same with all methods, in groups |
+//!
+//! Only these files are read: a report can be drawn again at any time, and the same results give the same bytes. PNG files are
+//! rasterised from the SVG with two image pixels a CSS pixel and the embedded typeface.
+//!
+//! ```no_run
+//! use std::path::Path;
+//!
+//! # fn main() -> anyhow::Result<()> {
+//! let written = report::report(Path::new("results/standard"))?;
+//! assert!(written.page.ends_with("index.html"));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The figures of a run, each with its title; a figure whose data the run lacks is left out:
+//!
+//! ```
+//! let titles: Vec<_> = report::figures().filter(|(name, _)| *name == "consistency").collect();
+//! assert_eq!(titles, [("consistency", "Consistency (NEES, NIS)")]);
+//! ```
 
 use std::path::{Path, PathBuf};
 
@@ -12,18 +39,20 @@ mod all_metrics;
 mod animations;
 mod axes;
 mod canvas;
+mod color;
 mod compare;
 mod consistency;
 mod contour_panel;
 mod contours;
 mod figure;
 mod figures;
+mod font;
+mod methods;
 mod page;
 mod physics;
 mod replay;
 mod run_data;
 mod style;
-mod surface;
 #[cfg(test)]
 mod tests;
 
@@ -31,16 +60,16 @@ use figure::draw_all;
 use figures::FIGURES;
 use run_data::RunData;
 
-/// What [`report`] wrote.
+/// Files that [`report`] wrote.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReportPaths {
     /// The page.
     pub page: PathBuf,
-    /// The figures, SVG and PNG of each in turn.
+    /// The figures: SVG and PNG of each picture in turn.
     pub figures: Vec<PathBuf>,
 }
 
-/// Copies the animations of a run's sets from a folder into that of the run, from which the report links them.
+/// Copies the animations of a run's sets from the folder `from` into that of the run, from which the page links them.
 ///
 /// # Errors
 /// When a folder is missing, or a file cannot be copied; the error names it.
@@ -48,21 +77,21 @@ pub fn take_animations(run: &Path, from: &Path) -> Result<()> {
     animations::take(run, from)
 }
 
-/// Reads the results in a folder and writes `index.html` and `figures/<name>.svg` and `.png` there.
+/// Reads the results in a folder and writes its figures and `index.html` there.
 ///
 /// # Errors
-/// When a file of the results is missing or damaged, holds no scores, or a file cannot be written; the error names the file
+/// When a file of the results is missing or damaged or holds no scores, or a file cannot be written. The error names the file
 /// and, for a damaged one, line and column.
 pub fn report(folder: &Path) -> Result<ReportPaths> {
     let (html, figures) = if physics::is_study(folder) {
         let data = physics::Data::read(folder)?;
-        let (drawn, figures) = draw_all(folder, physics::FIGURES, &data)?;
-        (physics::html(&data, &drawn)?, figures)
+        let figures = draw_all(folder, physics::FIGURES, &data)?;
+        (physics::html(&data, &figures)?, figures.files)
     } else {
         let data = RunData::read(folder)?;
-        let (drawn, figures) = draw_all(folder, FIGURES, &data)?;
+        let figures = draw_all(folder, FIGURES, &data)?;
         let animations = animations::read(folder, &data.run.sets)?;
-        (page::html(&data, &animations, &drawn)?, figures)
+        (page::html(&data, &animations, &figures)?, figures.files)
     };
     let page = folder.join("index.html");
     write_atomically(&page, html.as_bytes())?;

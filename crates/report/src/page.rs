@@ -1,4 +1,4 @@
-//! The page: tables, figures and the watermark in one HTML file that fetches nothing.
+//! The page: tables, figures and provenance in one HTML file that loads no other file.
 
 use anyhow::Result;
 use base64::Engine as _;
@@ -12,11 +12,12 @@ use whisker::estimators::MethodClass;
 
 use super::all_metrics;
 use super::animations::Animation;
-use super::canvas::font_face_css;
 use super::compare::{Phase, factor_over_baseline, format_factor};
 use super::consistency;
 use super::contours;
-use super::figure::Drawn;
+use super::figure::{ALL_METHODS, Drawn, Figures, numbered};
+use super::font;
+use super::methods::with_all_methods;
 use super::replay;
 use super::run_data::{RunData, counted};
 use super::style::{plain, two_digits};
@@ -26,7 +27,7 @@ fn data_files() -> impl Iterator<Item = &'static str> {
     RUN_FILES.iter().filter(|file| file.is_single() && file.writer == Writer::Evaluate).map(|file| file.name)
 }
 
-/// A column of the summary table: heading, unit, what it means, the number and how it is printed. Smaller is better.
+/// A column of the summary table: heading, unit, definition, value and number of decimals. Smaller is better.
 struct Column {
     heading: &'static str,
     unit: &'static str,
@@ -46,8 +47,8 @@ const COLUMNS: [Column; 9] = [
     Column {
         heading: "over bound",
         unit: "times",
-        meaning: "root mean square over trials of that error over the least that the readings so far allow, the posterior \
-                  Cramer-Rao bound of one who knows how the contact slides; 1 is the physical limit",
+        meaning: "root mean square error over trials, relative to the posterior Cramér–Rao bound given the readings so far \
+                  and the true sliding of the contact; 1 is the limit",
         value: |row| row.get(&bound::RATIO),
         decimals: 2,
     },
@@ -75,21 +76,21 @@ const COLUMNS: [Column; 9] = [
     Column {
         heading: "to 1 mm",
         unit: "s",
-        meaning: "median time from the touch until the error stays below 1 mm; a dash where most trials never do",
+        meaning: "median time from the touch until the error stays below 1 mm; a dash if it never does in most trials",
         value: |row| row.get(&error::TIME_TO_1MM),
         decimals: 2,
     },
     Column {
         heading: "to 0.3 mm",
         unit: "s",
-        meaning: "median time from the touch until the error stays below 0.3 mm; a dash where most trials never do",
+        meaning: "median time from the touch until the error stays below 0.3 mm; a dash if it never does in most trials",
         value: |row| row.get(&error::TIME_TO_0P3MM),
         decimals: 2,
     },
     Column {
         heading: "never 1 mm",
         unit: "%",
-        meaning: "share of the trials that never stay below 1 mm",
+        meaning: "share of the trials whose error never stays below 1 mm",
         value: |row| row.get(&error::NEVER_1MM).map(|value| 100.0 * value),
         decimals: 0,
     },
@@ -106,56 +107,77 @@ const COLUMNS: [Column; 9] = [
 ///
 /// # Errors
 /// When a picture cannot be painted, or a file of the run is damaged.
-pub(crate) fn html(data: &RunData, animations: &[Animation], drawn: &[Drawn]) -> Result<String> {
-    let run = &data.run;
-    let traces = data.run.sets.iter().map(|set| set.traces.len()).sum::<usize>();
-    let consistent = consistency::section(data);
-    let replay = replay::section(data)?;
-    let outlines = contours::section(data);
+pub(crate) fn html(data: &RunData, animations: &[Animation], figures: &Figures) -> Result<String> {
+    let sections = sections(data, animations, figures)?;
+    let title = format!("Whisker contact localisation: {}", data.run.name);
     let page = html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("Whisker contact localisation: {}", run.name)))
+            (head(&title))
             body {
                 header {
-                    h1 { "Whisker contact localisation: " (run.name) }
-                    p {
-                        (counted(traces, "trial")) " in " (counted(run.sets.len(), "set")) ", "
-                        (counted(run.estimators.len(), "estimator")) ", "
-                        "measurement noise " (percent_list(&run.noise)) " of each set's largest reading"
-                        @if !run.front_end.sensors.is_empty() { " on top of that of the front end " (run.front_end.name) }
-                        ", "
-                        (counted(run.seeds.len(), "seed")) " of it. "
-                        "All errors are distances from the true contact, unaligned."
-                    }
+                    h1 { (title) }
+                    (lead(data))
                     nav {
-                        @if !animations.is_empty() { a href="#sweeps" { "The sweeps" } }
-                        @if replay.is_some() { a href="#replay" { "Watching it think" } }
-                        a href="#baseline" { "Against the baseline" }
-                        @for figure in drawn { a href={ "#" (figure.name) } { (figure.title) } }
-                        @if outlines.is_some() { a href="#outlines" { "Outlines found" } }
-                        @if consistent.is_some() { a href="#consistent" { "How sure, and how right" } }
-                        a href="#summary" { "Summary" }
+                        @for Section { id, title, .. } in &sections { a href={ "#" (id) } { (title) } }
                         a href="#provenance" { "Provenance" }
                     }
                 }
                 main {
-                    @if !animations.is_empty() { (sweeps(animations)) }
-                    @if let Some(section) = &replay { (section) }
-                    (factor_table(data))
-                    @for figure in drawn { (figure_section(figure)?) }
-                    @if let Some(section) = &outlines { (section) }
-                    @if let Some(section) = &consistent { (section) }
-                    (summary_table(data))
+                    @for Section { id, title, content } in &sections { section id=(id) { h2 { (title) } (content) } }
                 }
-                (provenance(data))
+                (provenance(data, &figures.left_out))
             }
         }
     };
     Ok(page.into_string())
 }
 
-/// The head of a page that fetches nothing.
+/// A section of a page.
+pub(crate) struct Section {
+    /// Anchor.
+    pub(crate) id: &'static str,
+    /// Heading.
+    pub(crate) title: &'static str,
+    /// Content below the heading.
+    pub(crate) content: Markup,
+}
+
+/// The sections of the page, in order: those for which the run has data.
+fn sections(data: &RunData, animations: &[Animation], figures: &Figures) -> Result<Vec<Section>> {
+    let mut sections = vec![Section { id: "summary", title: "Summary", content: summary(data) }];
+    let mut add = |id, title, content: Option<Markup>| {
+        sections.extend(content.map(|content| Section { id, title, content }));
+    };
+    add("baseline", "Filters compared with the baselines", comparison(data));
+    add("sweeps", "Animations", (!animations.is_empty()).then(|| sweeps(animations)));
+    add("replay", "Interactive replay", replay::section(data)?);
+    for figure in &figures.drawn {
+        add(figure.name, figure.title, Some(figure_content(figure)?));
+    }
+    add("outlines", "Contour accuracy", contours::section(data));
+    add("consistent", "Consistency by method", consistency::section(data));
+    Ok(sections)
+}
+
+/// The contents of the run in a sentence.
+fn lead(data: &RunData) -> Markup {
+    let run = &data.run;
+    let traces = run.sets.iter().map(|set| set.traces.len()).sum::<usize>();
+    html! {
+        p {
+            (counted(traces, "trial")) " in " (counted(run.sets.len(), "set")) ", "
+            (counted(run.estimators.len(), "estimator")) ", "
+            "measurement noise " (percent_list(&run.noise)) " of each set's largest reading"
+            @if !run.front_end.sensors.is_empty() { ", in addition to that of the front end " (run.front_end.name) }
+            ", "
+            (counted(run.seeds.len(), "noise seed")) ". "
+            "Errors are distances from the true contact, without alignment."
+        }
+    }
+}
+
+/// The head of a page that loads no other file.
 pub(crate) fn head(title: &str) -> Markup {
     html! {
         head {
@@ -163,56 +185,59 @@ pub(crate) fn head(title: &str) -> Markup {
             meta name="viewport" content="width=device-width, initial-scale=1";
             title { (title) }
             link rel="icon" href="data:,";
-            style { (PreEscaped(font_face_css())) (PreEscaped(include_str!("page.css"))) (PreEscaped(include_str!("replay.css"))) }
+            style { (PreEscaped(font::face_css())) (PreEscaped(include_str!("page.css"))) (PreEscaped(include_str!("replay.css"))) }
         }
     }
 }
 
-/// A figure with its heading and caption.
+/// A figure with its caption, and the pictures of all methods folded away behind it.
 ///
 /// # Errors
-/// When the picture cannot be painted.
-pub(crate) fn figure_section(figure: &Drawn) -> Result<Markup> {
-    let svg = figure.picture.as_ref().map(|picture| picture.to_inline_svg(figure.title)).transpose()?;
+/// When a picture cannot be painted.
+pub(crate) fn figure_content(figure: &Drawn) -> Result<Markup> {
+    let Drawn { name, title, caption, picture } = figure;
+    let svg = picture.to_inline_svg(title)?;
+    let all = picture.all_methods.iter().map(|picture| Ok((picture.to_inline_svg(title)?, &picture.note)));
+    let all: Vec<(String, &String)> = all.collect::<Result<_>>()?;
     Ok(html! {
-        section id=(figure.name) {
-            h2 { (figure.title) }
-            @if let Some(svg) = svg {
-                figure {
-                    div.scroll tabindex="0" aria-label={ "Figure: " (figure.title) } { (PreEscaped(svg)) }
-                    figcaption {
-                        (figure.caption) " "
-                        span.files {
-                            a href={ "figures/" (figure.name) ".svg" } { "SVG" } " "
-                            a href={ "figures/" (figure.name) ".png" } { "PNG" }
-                        }
-                    }
+        figure {
+            div.scroll tabindex="0" aria-label={ "Figure: " (title) } { (PreEscaped(svg)) }
+            figcaption { (caption) " " (files("figures", name)) }
+        }
+        @if !all.is_empty() {
+            details.all {
+                summary { "All methods" }
+                @for (index, (svg, note)) in all.iter().enumerate() {
+                    div.scroll tabindex="0" aria-label={ "Figure: " (title) ", all methods " (index + 1) } { (PreEscaped(svg)) }
+                    p.note { (note) " " (files(ALL_METHODS, &numbered(name, index))) }
                 }
-            } @else {
-                p.absent { "Left out: this run holds no data for it." }
             }
         }
     })
 }
 
-/// A still picture of each set, which leads to its animation.
+/// Links to the files of a picture.
+fn files(folder: &str, name: &str) -> Markup {
+    html! {
+        span.files { @for (kind, label) in [("svg", "SVG"), ("png", "PNG")] { a href={ (folder) "/" (name) "." (kind) } { (label) } " " } }
+    }
+}
+
+/// A still picture of each set, linked to its animation.
 fn sweeps(animations: &[Animation]) -> Markup {
     html! {
-        section #sweeps {
-            h2 { "The sweeps" }
-            p {
-                "One trial of each set, seen from above, as simulated: the base (black) carries the whisker along the object "
-                "(grey). The ring marks the contact, the arrow the force of the object on the whisker, the dots the contacts so "
-                "far. Each picture shows the largest reading and leads to the sweep in real time."
-            }
-            div.sweeps {
-                @for animation in animations {
-                    @let name = format!("{}, {} whisker", plain(&animation.group), animation.whisker);
-                    a href=(animation.address) {
-                        img src={ "data:image/png;base64," (BASE64.encode(&animation.still)) } loading="lazy"
-                            alt={ "Plan view at the largest reading: " (name) ", with the object, the contact and the force" };
-                        span { (name) ": play (" (animation.bytes.div_ceil(1000)) " kB)" }
-                    }
+        p {
+            "One trial of each set in plan view, as simulated: the base (black) moves the whisker along the object (grey). "
+            "Ring: contact; arrow: force of the object on the whisker; dots: earlier contacts. Each picture shows the instant of the "
+            "largest reading and links to the animation in real time."
+        }
+        div.sweeps {
+            @for animation in animations {
+                @let name = format!("{}, {} whisker", plain(&animation.group), animation.whisker);
+                a href=(animation.address) {
+                    img src={ "data:image/png;base64," (BASE64.encode(&animation.still)) } loading="lazy"
+                        alt={ "Plan view at the largest reading: " (name) ", with the object, the contact and the force" };
+                    span { (name) ": play (" (animation.bytes.div_ceil(1000)) " kB)" }
                 }
             }
         }
@@ -230,75 +255,89 @@ fn round_significant(value: f64) -> f64 {
     format!("{value:.8e}").parse().unwrap_or(value)
 }
 
-/// By which factor each filter beats the better baseline, start and steady state apart.
-fn factor_table(data: &RunData) -> Markup {
+/// The factor by which the error of each method is smaller than that of the better baseline, in start-up and steady state.
+/// `None` if the run has no baseline or nothing to compare it with.
+fn comparison(data: &RunData) -> Option<Markup> {
     let sets = data.leading_sets();
-    let filters: Vec<&str> = data.filters().collect();
-    let cell = |estimator: &str, phase: Phase, index: usize| {
-        factor_over_baseline(data, sets[index], estimator, phase).map_or_else(|| "–".to_owned(), format_factor)
-    };
-    html! {
-        section #baseline {
-            h2 { "Filters against the baseline" }
-            p {
-                "Error of the better Euler-Bernoulli baseline over that of the filter"
-                @if let Some(set) = sets.first() { ", group " b { (plain(&set.group)) } }
-                ", at the times at which every trial has an estimate of both: above 1, the filter is the more exact one."
-            }
-            div.scroll tabindex="0" aria-label="Table: filters against the baseline" {
-                table {
-                    thead {
-                        tr {
-                            th { "whisker" }
-                            th { "part" }
-                            @for filter in &filters { th.number { (filter) } }
+    let table = with_all_methods(data, |estimators| {
+        let filters: Vec<&RunEstimator> =
+            estimators.iter().copied().filter(|estimator| estimator.class != MethodClass::Baseline).collect();
+        let factor =
+            |filter: &RunEstimator, set: usize, phase| factor_over_baseline(data, sets[set], &filter.name, phase);
+        let is_comparable = |filter: &&RunEstimator| {
+            (0..sets.len()).any(|set| Phase::ALL.iter().any(|phase| factor(filter, set, *phase).is_some()))
+        };
+        let cell = |filter: &RunEstimator, set: usize, phase| {
+            factor(filter, set, phase).map_or_else(|| "–".to_owned(), format_factor)
+        };
+        filters.iter().any(is_comparable).then(|| {
+            html! {
+                div.scroll tabindex="0" aria-label="Table: filters compared with the baselines" {
+                    table {
+                        thead {
+                            tr {
+                                th { "estimator" }
+                                @for set in &sets { @for phase in Phase::ALL { th.number { (set.whisker) " whisker" br; (phase.words()) } } }
+                            }
                         }
-                    }
-                    tbody {
-                        @for (index, set) in sets.iter().enumerate() {
-                            @for phase in Phase::ALL {
+                        tbody {
+                            @for filter in &filters {
                                 tr {
-                                    td { (set.whisker) }
-                                    td { (phase.words()) }
-                                    @for filter in &filters { td.number { (cell(filter, phase, index)) } }
+                                    td { (filter.label()) }
+                                    @for set in 0..sets.len() { @for phase in Phase::ALL { td.number { (cell(filter, set, phase)) } } }
                                 }
                             }
                         }
                     }
                 }
             }
+        })
+    })?;
+    Some(html! {
+        p {
+            "Ratio of the error of the better Euler-Bernoulli baseline to that of the method"
+            @if let Some(set) = sets.first() { ", group " b { (plain(&set.group)) } }
+            ", at the times at which every trial has an estimate of both. Above 1, the method is more accurate."
         }
+        (table)
+    })
+}
+
+fn summary(data: &RunData) -> Markup {
+    html! {
+        p {
+            "Steady state: after the first two seconds of contact. The best value of each block and column is "
+            b.best { "marked" }
+            ". "
+            @if summary_blocks(data, &data.run.estimators.iter().collect::<Vec<_>>()).iter().flatten().any(|line| line.silent_share > 0.0) {
+                "An estimator without an estimate for a part of a trial's steady state is scored on the rest and not ranked; beyond a "
+                "tenth it has no score. "
+            }
+            @if data.run.estimators.iter().any(|estimator| estimator.class == MethodClass::Hindsight) {
+                "Methods with hindsight use all readings of a contact, later ones included, and are not ranked. "
+            }
+            "As data: "
+            @for file in data_files() { a href=(file) { (file) } " " }
+        }
+        @if let Some(tables) = with_all_methods(data, |estimators| summary_table(data, estimators)) { (tables) }
+        dl.meanings {
+            @for column in &COLUMNS { dt { (column.heading) } dd { (column.meaning) } }
+            dt { "trials" } dd { "number of trials, each counted once for every noise seed" }
+        }
+        (all_metrics::details(data))
     }
 }
 
-fn summary_table(data: &RunData) -> Markup {
+fn summary_table(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
     let several_levels = data.run.noise.len() > 1;
-    let blocks = summary_blocks(data);
-    let silent = blocks.iter().flatten().any(|line| line.silent_share > 0.0);
-    html! {
-        section #summary {
-            h2 { "Summary" }
-            p {
-                "Steady state: after the first two seconds of contact. The best value of each block and column is "
-                b.best { "marked" }
-                ". "
-                @if silent {
-                    "An estimator that was silent for a part of a trial's steady state is scored on the rest, beyond a "
-                    "tenth not at all, and is not ranked. "
-                }
-                @if data.run.estimators.iter().any(|estimator| estimator.class == MethodClass::Hindsight) {
-                    "Hindsight knows the readings that were still to come: it shows what could be known in the end, and is not ranked. "
-                }
-                "As data: "
-                @for file in data_files() { a href=(file) { (file) } " " }
-            }
+    let blocks = summary_blocks(data, estimators);
+    (!blocks.is_empty()).then(|| {
+        html! {
             div.scroll tabindex="0" aria-label="Table: summary" {
                 table.blocks {
                     thead {
                         tr {
-                            th { "group" }
-                            th { "whisker" }
-                            th { "estimator" }
+                            @for name in ["group", "whisker", "estimator"] { th { (name) } }
                             @if several_levels { th.number { "noise" br; small { "%" } } }
                             @for column in &COLUMNS {
                                 th.number title=(column.meaning) { (column.heading) br; small { (column.unit) } }
@@ -309,25 +348,20 @@ fn summary_table(data: &RunData) -> Markup {
                     @for block in &blocks { tbody { (summary_block(block, several_levels)) } }
                 }
             }
-            dl.meanings {
-                @for column in &COLUMNS { dt { (column.heading) } dd { (column.meaning) } }
-                dt { "trials" } dd { "number of trials, each counted once for every noise seed" }
-            }
-            (all_metrics::details(data))
         }
-    }
+    })
 }
 
 /// One row of the summary table.
 struct SummaryLine<'a> {
     estimator: &'a RunEstimator,
     scores: &'a SummaryRow,
-    /// Share of the samples in steady contact that are without an estimate.
+    /// Share of the samples in steady contact without an estimate.
     silent_share: f64,
 }
 
 impl SummaryLine<'_> {
-    /// Whether it takes part in the contest: whoever was silent for a part, or looks back, has it easier.
+    /// Whether it is ranked: not if scored on a part of the samples only, nor with hindsight.
     fn is_ranked(&self) -> bool {
         self.silent_share == 0.0 && self.estimator.class != MethodClass::Hindsight
     }
@@ -337,14 +371,14 @@ impl SummaryLine<'_> {
     }
 }
 
-/// The rows in the order of the run, a block for each set and noise level.
-fn summary_blocks(data: &RunData) -> Vec<Vec<SummaryLine<'_>>> {
+/// The rows of some estimators, a block for each set and noise level.
+fn summary_blocks<'a>(data: &'a RunData, estimators: &[&'a RunEstimator]) -> Vec<Vec<SummaryLine<'a>>> {
     let blocks = data.run.sets.iter().flat_map(|set| data.run.noise.iter().map(move |noise| (set, noise)));
     let blocks = blocks
         .map(|(set, noise)| -> Vec<SummaryLine> {
-            let lines = data.run.estimators.iter().filter_map(|estimator| {
+            let lines = estimators.iter().filter_map(|estimator| {
                 Some(SummaryLine {
-                    estimator,
+                    estimator: *estimator,
                     scores: data.summary_at(set, &estimator.name, *noise)?,
                     silent_share: data.silent_share(set, &estimator.name, *noise),
                 })
@@ -355,7 +389,7 @@ fn summary_blocks(data: &RunData) -> Vec<Vec<SummaryLine<'_>>> {
     blocks.collect()
 }
 
-/// What the best row of a block shows in a column: of those that are ranked the smallest, where not all rows show the same.
+/// The smallest value of the ranked rows of a block in a column, as printed. `None` if all rows print the same.
 fn best_of(lines: &[SummaryLine<'_>], column: &Column) -> Option<String> {
     let ranked = lines.iter().filter(|line| line.is_ranked());
     let (best, _) = ranked
@@ -374,7 +408,7 @@ fn summary_block(lines: &[SummaryLine<'_>], several_levels: bool) -> Markup {
                 td { (row.head.whisker) }
                 td {
                     (line.estimator.label())
-                    @if line.silent_share > 0.0 { " " small { "silent " (two_digits(100.0 * line.silent_share)) " %" } }
+                    @if line.silent_share > 0.0 { " " small { "without estimate: " (two_digits(100.0 * line.silent_share)) " %" } }
                 }
                 @if several_levels { td.number { (round_significant(100.0 * row.head.noise)) } }
                 @for (column, best) in COLUMNS.iter().zip(&best) {
@@ -392,7 +426,7 @@ fn summary_block(lines: &[SummaryLine<'_>], several_levels: bool) -> Markup {
     }
 }
 
-fn provenance(data: &RunData) -> Markup {
+fn provenance(data: &RunData, left_out: &[&str]) -> Markup {
     let run = &data.run;
     let mark = &run.watermark;
     let seeds: Vec<String> = run.seeds.iter().map(u64::to_string).collect();
@@ -406,6 +440,7 @@ fn provenance(data: &RunData) -> Markup {
                 dt { "measurement noise" } dd { (percent_list(&run.noise)) " of each set's largest reading" }
                 dt { "seeds of the noise" } dd { (seeds.join(", ")) }
                 @for calibration in &run.calibrations { (calibration_entry(calibration)) }
+                (left_out_entry(left_out))
                 dt { "data" }
                 dd { @for file in data_files() { a href=(file) { (file) } " " } }
             }
@@ -415,7 +450,7 @@ fn provenance(data: &RunData) -> Markup {
                     dt { "front end" }
                     dd { (run.front_end.name) pre { (format!("{:#}", run.front_end.config)) } }
                     dt { "touch detection" }
-                    dd { "thresholds and times, the same for all" pre { (format!("{:#}", json!(run.touch))) } }
+                    dd { "thresholds and times, common to all estimators" pre { (format!("{:#}", json!(run.touch))) } }
                     @for estimator in &run.estimators {
                         dt { (estimator.name) }
                         dd { (estimator.about) pre { (format!("{:#}", estimator.config)) } }
@@ -424,6 +459,11 @@ fn provenance(data: &RunData) -> Markup {
             }
         }
     }
+}
+
+/// The figures for which the results hold no data, as an entry of a list.
+pub(crate) fn left_out_entry(titles: &[&str]) -> Markup {
+    html! { @if !titles.is_empty() { dt { "Left out for lack of data" } dd { (titles.join(", ")) } } }
 }
 
 fn calibration_entry(calibration: &RunCalibration) -> Markup {
@@ -468,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_the_best_row_was_never_silent_never_looked_back_and_shows_another_value_than_some() {
+    fn verif_the_best_row_is_ranked_and_differs_from_another_row() {
         let rows = [Some(1e-4), Some(2e-4), Some(3e-4), None].map(scores);
         let [recursive, hindsight] = [MethodClass::Recursive, MethodClass::Hindsight].map(estimator);
         let block = |silent_share: f64, first| -> Vec<SummaryLine> {

@@ -1,5 +1,5 @@
-// Plays one trial: whisker, true and estimated contact, the outline found so far, and the error with a cursor.
-// The data are those of `Trial` in replay.rs: whole micrometres in the world, one entry a frame, null where there is nothing.
+// Plays one trial: whisker, true and estimated contact, estimated outline so far, and the error with a cursor.
+// Data: `Trial` in replay.rs, in whole micrometres in World, one entry a frame, null if absent.
 "use strict";
 {
   const part = Object.fromEntries(
@@ -7,7 +7,7 @@
   const trials = JSON.parse(part.trials.textContent);
   const margin = { left: 62, right: 12, top: 10, bottom: 28 };
   const chartHeight = 170;
-  const slide = 0.5; // seconds that a frame stays for readers who want less motion
+  const slide = 0.5; // seconds per frame with reduced motion
 
   let frame = 0;
   let playing = null; // { since: ms, from: s } while it plays
@@ -63,7 +63,7 @@
     if (contact) draw(view, "path", { class: "estimate", d: dots([contact]) });
   }
 
-  // Centre and width of a view that holds the base's path and the whisker all along it.
+  // Centre and width of a view that contains the path of the base and all shapes of the whisker.
   function whole() {
     const spots = [...trial().base_um, ...trial().wire_um.flat()].filter(Boolean);
     const [left, right, low, high] = [0, 1].flatMap(k => {
@@ -73,7 +73,7 @@
     return [[(left + right) / 2, (low + high) / 2], 1.1 * Math.max(right - left, (high - low) * 4 / 3)];
   }
 
-  // Where the close-up looks: at the true contact, else the estimated one, else where either was last, or will be first.
+  // Centre of the detail: the true contact or else the estimated one, at this frame, the last before or the first after it.
   function focus() {
     const seen = index => trial().truth_um[index] ?? run().contact_um[index];
     for (let index = frame; index >= 0; index--) if (seen(index)) return seen(index);

@@ -1,4 +1,4 @@
-//! One trial of each set to be watched: whisker, true and estimated contact, the outline found so far and the error, over time.
+//! Interactive replay of one trial of each set: whisker, true and estimated contact, estimated outline and error over time.
 //!
 //! The page carries the numbers as whole micrometres in JSON and `replay.js` draws them.
 
@@ -29,24 +29,24 @@ type Whole = i64;
 /// A point in World, in micrometres.
 type Spot = [Whole; 2];
 
-/// What can be watched.
+/// One trial of the replay.
 #[derive(Serialize)]
 struct Trial {
     name: String,
     trace: String,
     t_s: Vec<f64>,
     base_um: Vec<Spot>,
-    /// The whisker as the elastica has it, from root to tip; nothing where that knows no equilibrium.
+    /// The whisker according to the elastica, from root to tip. `None` if the elastica has no equilibrium.
     wire_um: Vec<Option<Vec<Spot>>>,
     /// True contacts.
     truth_um: Vec<Option<Spot>>,
     outline_um: Vec<Spot>,
-    runs: Vec<Watched>,
+    runs: Vec<Replayed>,
 }
 
 /// One estimator on the trial.
 #[derive(Serialize)]
-struct Watched {
+struct Replayed {
     name: String,
     contact_um: Vec<Option<Spot>>,
     /// Semi-axes of the 95 % ellipse in micrometres, and the direction of the first in tenths of a degree.
@@ -55,7 +55,7 @@ struct Watched {
     error_um: Vec<Option<Whole>>,
 }
 
-/// The section of the page; nothing where the run keeps no estimates.
+/// The content of the section. `None` if the run keeps no estimates.
 ///
 /// # Errors
 /// When a file of the run is damaged.
@@ -67,44 +67,41 @@ pub(crate) fn section(data: &RunData) -> Result<Option<Markup>> {
     if trials.is_empty() {
         return Ok(None);
     }
-    // In a script nothing but `<` could end it.
+    // Only `<` could end the script element.
     let json = serde_json::to_string(&trials).context("replays")?.replace('<', "\\u003c");
     Ok(Some(html! {
-        section #replay {
-            h2 { "Watching it think" }
-            p {
-                "One trial of each set, that whose error is the median one. First the whisker (black) on its base (square), bent as the exact "
-                "elastica has it, and the object; then the same close up, around the true contact. "
-                span.key.truth {} " true contact, "
-                span.key.estimate {} " estimated contact with its 95 % ellipse, "
-                span.key.found {} " the outline found so far. "
-                "Below, the contact error; thin and grey, that of the other estimators on the list."
-            }
-            div.replay {
-                div.choices {
-                    label { "Trial " select data-part="trial" {} }
-                    label { "Estimator " select data-part="estimator" {} }
-                    label { "Close-up " select data-part="zoom" {
-                        option value="20" { "20 mm wide" }
-                        option value="5" selected { "5 mm wide" }
-                        option value="1" { "1 mm wide" }
-                    } }
-                }
-                div.views {
-                    svg data-part="overview" role="img" aria-label="Whisker and object, seen from above" {}
-                    svg data-part="closeup" role="img" aria-label="The contact close up" {}
-                }
-                div.controls {
-                    button type="button" data-part="play" { "Play" }
-                    input type="range" data-part="time" min="0" value="0" step="1" aria-label="Time";
-                    output data-part="now" {}
-                }
-                svg data-part="error" role="img" aria-label="Contact error over time, with a cursor" {}
-                script type="application/json" data-part="trials" { (PreEscaped(json)) }
-            }
-            noscript { p.absent { "The replay needs JavaScript." } }
-            script { (PreEscaped(include_str!("replay.js"))) }
+        p {
+            "One trial of each set: that with the median error. Left: the whisker (black) on its base (square), deflected according to the "
+            "quasi-static elastica, and the object. Right: detail around the true contact. "
+            span.key.truth {} " true contact, "
+            span.key.estimate {} " estimated contact with its 95 % ellipse, "
+            span.key.found {} " estimated outline so far. "
+            "Below: contact error; in grey that of the other estimators of the list."
         }
+        div.replay {
+            div.choices {
+                label { "Trial " select data-part="trial" {} }
+                label { "Estimator " select data-part="estimator" {} }
+                label { "Detail " select data-part="zoom" {
+                    option value="20" { "20 mm wide" }
+                    option value="5" selected { "5 mm wide" }
+                    option value="1" { "1 mm wide" }
+                } }
+            }
+            div.views {
+                svg data-part="overview" role="img" aria-label="Whisker and object, seen from above" {}
+                svg data-part="closeup" role="img" aria-label="Detail around the contact" {}
+            }
+            div.controls {
+                button type="button" data-part="play" { "Play" }
+                input type="range" data-part="time" min="0" value="0" step="1" aria-label="Time";
+                output data-part="now" {}
+            }
+            svg data-part="error" role="img" aria-label="Contact error over time, with a cursor" {}
+            script type="application/json" data-part="trials" { (PreEscaped(json)) }
+        }
+        noscript { p.absent { "The replay needs JavaScript." } }
+        script { (PreEscaped(include_str!("replay.js"))) }
     }))
 }
 
@@ -112,13 +109,13 @@ fn trial(data: &RunData, set: &RunSet) -> Result<Option<Trial>> {
     let estimators = leading(data, set);
     let typical = estimators.first().and_then(|best| data.typical_trial(set, &best.name, &error::RMSE));
     let Some(trace) = typical.map(|trial| &trial.head.trace).or(set.traces.first()) else { return Ok(None) };
-    let mut said = Vec::new();
+    let mut replayed = Vec::new();
     for estimator in estimators {
         let Some(rows) = data.estimates(trace, &estimator.name)? else { continue };
         let every = rows.len().div_ceil(FRAMES);
-        said.push((estimator.label(), rows.into_iter().step_by(every).collect::<Vec<EstimateRow>>()));
+        replayed.push((estimator.label(), rows.into_iter().step_by(every).collect::<Vec<EstimateRow>>()));
     }
-    let Some((_, rows)) = said.first() else { return Ok(None) };
+    let Some((_, rows)) = replayed.first() else { return Ok(None) };
     let whisker = data.run.whiskers.iter().find(|whisker| whisker.name == set.whisker);
     let wire = whisker.map(Wire::new).transpose()?;
     let outline = data.outline(trace)?.unwrap_or_default();
@@ -130,12 +127,12 @@ fn trial(data: &RunData, set: &RunSet) -> Result<Option<Trial>> {
         wire_um: rows.iter().map(|row| wire.as_ref()?.spots(row)).collect(),
         truth_um: rows.iter().map(|row| Some(spot(row.truth_contact_x_m?, row.truth_contact_y_m?))).collect(),
         outline_um: outline.iter().map(|&(x_m, y_m)| spot(x_m, y_m)).collect(),
-        runs: said.iter().map(|(name, rows)| Watched::new(name, rows)).collect(),
+        runs: replayed.iter().map(|(name, rows)| Replayed::new(name, rows)).collect(),
     }))
 }
 
-/// The estimators worth watching on a set: the most exact filter, that which is recommended, the most exact of those that look back and of the baselines, and the
-/// programs of other people.
+/// The estimators in the replay of a set: the recommended one first, the most accurate filter, the most accurate with hindsight and of the baselines, and the
+/// programs given by `--exec`.
 fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
     let all = &data.run.estimators;
     let best = |class: MethodClass| {
@@ -144,7 +141,7 @@ fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
     };
     let [filter, hindsight, baseline] =
         [MethodClass::Recursive, MethodClass::Hindsight, MethodClass::Baseline].map(best);
-    let chosen = [filter, Some(RECOMMENDED), hindsight, baseline];
+    let chosen = [Some(RECOMMENDED), filter, hindsight, baseline];
     let mut leading: Vec<&RunEstimator> =
         chosen.iter().flatten().filter_map(|name| all.iter().find(|estimator| estimator.name == *name)).collect();
     leading.extend(all.iter().filter(|estimator| estimator.is_program()));
@@ -157,7 +154,7 @@ fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
     firsts.map(|(_, estimator)| *estimator).collect()
 }
 
-/// A whisker that can be drawn.
+/// A whisker with its elastica.
 struct Wire {
     elastica: Elastica,
     length_m: f64,
@@ -169,8 +166,8 @@ impl Wire {
         Ok(Self { elastica, length_m: whisker.length_m })
     }
 
-    /// The whisker through the true contact, or where that is not known through the estimated one; undeflected while it is free. Nothing where
-    /// it cannot reach so far, as in a contact of the tip.
+    /// The whisker through the true contact, or through the estimated one if that is unknown; undeflected while it is free. `None` if the contact is
+    /// out of its reach, as in a contact of the tip.
     fn spots(&self, row: &EstimateRow) -> Option<Vec<Spot>> {
         let base: Pose<Base, World> = Pose::new(row.base_x_m, row.base_y_m, row.base_yaw_rad);
         let truth = row.truth_contact_x_m.zip(row.truth_contact_y_m);
@@ -185,7 +182,7 @@ impl Wire {
     }
 }
 
-impl Watched {
+impl Replayed {
     fn new(name: &str, rows: &[EstimateRow]) -> Self {
         Self {
             name: name.into(),

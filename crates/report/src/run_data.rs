@@ -1,4 +1,4 @@
-//! The files of a run, read and checked: all that the report knows.
+//! The files of a run, read and checked.
 
 use std::path::{Path, PathBuf};
 
@@ -9,16 +9,16 @@ use testbed::consistency::{Average, ConsistencyTest};
 use testbed::metrics::{Metric, error};
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
-    MapRow, ResidualRow, Run, RunCalibration, RunEstimator, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow,
+    MapRow, RECOMMENDED, ResidualRow, Run, RunCalibration, RunSet, SummaryRow, SurfaceRow, TransferRow, TrialRow,
     TurnRow, VertexRow, read_rows, read_scores,
 };
 use trace::{ObjectClass, SensorFile};
 use whisker::estimators::MethodClass;
 
-/// A run: its description and the tables that every figure shares. Larger tables are read when asked for.
+/// A run: its description and the tables that several figures share. Larger tables are read on request.
 pub(crate) struct RunData {
     folder: PathBuf,
-    /// What was run, on what, by what.
+    /// Description of the run.
     pub(crate) run: Run,
     /// One row a trial, estimator, noise level and seed.
     pub(crate) trials: Vec<TrialRow>,
@@ -36,7 +36,7 @@ impl RunData {
     /// Reads the run in a folder.
     ///
     /// # Errors
-    /// When a file is missing, is not of the format that [`testbed::results`] describes, or holds nothing to show; the
+    /// When a file is missing, is not of the format that [`testbed::results`] describes, or has no scores; the
     /// error names file, line and column.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let run_file = folder.join("run.json");
@@ -70,17 +70,7 @@ impl RunData {
         self.run.noise[0]
     }
 
-    /// Names of the estimators, in the order that gives each its look.
-    pub(crate) fn estimators(&self) -> impl Iterator<Item = &str> {
-        self.run.estimators.iter().map(|estimator| estimator.name.as_str())
-    }
-
-    /// What figures and tables call them, in the same order.
-    pub(crate) fn labels(&self) -> Vec<String> {
-        self.run.estimators.iter().map(RunEstimator::label).collect()
-    }
-
-    /// Names of the filters: the estimators that know no more than the readings so far and are no baselines.
+    /// Names of the filters: the estimators without hindsight, baselines apart.
     pub(crate) fn filters(&self) -> impl Iterator<Item = &str> {
         let recursive = self
             .run
@@ -90,27 +80,10 @@ impl RunData {
         recursive.map(|estimator| estimator.name.as_str())
     }
 
-    /// Names of the estimators that are there neither to be beaten nor to show what a publication saw.
-    pub(crate) fn under_test(&self) -> impl Iterator<Item = &str> {
-        let is_own =
-            |estimator: &&RunEstimator| matches!(estimator.class, MethodClass::Recursive | MethodClass::Hindsight);
-        self.run.estimators.iter().filter(is_own).map(|estimator| estimator.name.as_str())
-    }
-
-    /// Names of the baselines.
-    pub(crate) fn baselines(&self) -> impl Iterator<Item = &str> {
-        self.of_class(MethodClass::Baseline)
-    }
-
     /// Names of the estimators of one class.
     pub(crate) fn of_class(&self, class: MethodClass) -> impl Iterator<Item = &str> {
         let of_class = self.run.estimators.iter().filter(move |estimator| estimator.class == class);
         of_class.map(|estimator| estimator.name.as_str())
-    }
-
-    /// The place of an estimator in the run, which gives it its look.
-    pub(crate) fn place_of(&self, estimator: &str) -> usize {
-        self.estimators().position(|name| name == estimator).unwrap_or(0)
     }
 
     /// The sets on which the error is followed over time, one a whisker: those whose contact stands still or, in a run
@@ -121,6 +94,15 @@ impl RunData {
             return Vec::new();
         };
         self.run.sets.iter().filter(|set| set.group == leading.group).collect()
+    }
+
+    /// The sets whose true contacts are known.
+    pub(crate) fn scored_sets(&self) -> Vec<&RunSet> {
+        self.run.sets.iter().filter(|set| self.is_scored(set)).collect()
+    }
+
+    fn is_scored(&self, set: &RunSet) -> bool {
+        self.summary.iter().any(|row| row.head.group == set.group && row.head.whisker == set.whisker)
     }
 
     /// The sets on objects that have an outline to be traced.
@@ -171,7 +153,7 @@ impl RunData {
         self.bands.iter().filter(matches).collect()
     }
 
-    /// Consistency of an estimator on a set over the time since the touch, where at least half of the trials have an estimate.
+    /// Consistency of an estimator on a set over the time since the touch, at the times at which at least half of the trials have an estimate.
     pub(crate) fn consistency_of(&self, set: &RunSet, estimator: &str) -> Vec<&ConsistencyRow> {
         let trials = self.summary_of(set, estimator).map_or(0, |row| row.head.trials);
         let matches = |row: &&ConsistencyRow| {
@@ -184,15 +166,12 @@ impl RunData {
         self.consistency.iter().filter(matches).collect()
     }
 
-    /// The sets on objects of which nobody knows where they were touched: there are outlines, but no scores.
+    /// The sets on objects without known contacts: they have outlines but no scores.
     pub(crate) fn unscored_sets(&self) -> Vec<&RunSet> {
-        let is_scored = |set: &RunSet| {
-            self.summary.iter().any(|row| row.head.group == set.group && row.head.whisker == set.whisker)
-        };
-        self.outline_sets().into_iter().filter(|set| !is_scored(set)).collect()
+        self.outline_sets().into_iter().filter(|set| !self.is_scored(set)).collect()
     }
 
-    /// The outlines that estimators found of a trace under the first noise level and seed, in the order of the run.
+    /// The outlines estimated from a trace under the first noise level and seed, in the order of the run.
     pub(crate) fn contours_of(&self, trace: &str) -> impl Iterator<Item = &ContourTrialRow> {
         let is_kept = move |row: &&ContourTrialRow| {
             row.trace == trace && row.noise == self.noise() && Some(&row.seed) == self.run.seeds.first()
@@ -200,27 +179,28 @@ impl RunData {
         self.contour_trials.iter().filter(is_kept)
     }
 
-    /// The average over the trials of a set by which an estimator is judged; nothing where no trial has it.
+    /// The average of a metric over the trials of a set, with its interval. `None` if no trial has it.
     pub(crate) fn average_of(&self, set: &RunSet, estimator: &str, judged: &ConsistencyTest) -> Option<Average> {
         judged.average(self.trials_of(set, estimator))
     }
 
-    /// The estimator with the smallest median error in steady state, added up over the [`Self::leading_sets`]: the same
-    /// one for every whisker.
+    /// The estimator with the smallest median error in steady state, summed over the [`Self::leading_sets`].
     pub(crate) fn steadiest<'a>(&self, estimators: impl Iterator<Item = &'a str>) -> Option<&'a str> {
         let sets = self.leading_sets();
         smallest(estimators, |name| sets.iter().map(|set| self.summary_of(set, name)?.get(&error::MEDIAN)).sum())
     }
 
-    /// What `make` draws from each of the [`Self::leading_sets`] with the steadiest filter; nothing where there is none.
+    /// The results of `make` for each of the [`Self::leading_sets`] with the recommended filter or else that of the smallest median error. Empty without a
+    /// filter.
     pub(crate) fn of_leading_sets<T>(
         &self,
         make: impl Fn(&Self, &RunSet, &str) -> Result<Option<T>>,
     ) -> Result<Vec<T>> {
-        let Some(best) = self.steadiest(self.filters()) else {
+        let recommended = self.filters().find(|name| *name == RECOMMENDED);
+        let Some(filter) = recommended.or_else(|| self.steadiest(self.filters())) else {
             return Ok(Vec::new());
         };
-        self.leading_sets().into_iter().filter_map(|set| make(self, set, best).transpose()).collect()
+        self.leading_sets().into_iter().filter_map(|set| make(self, set, filter).transpose()).collect()
     }
 
     /// The trial of a set whose score under an estimator is the median one, with the seed whose estimates the run keeps.
@@ -232,13 +212,13 @@ impl RunData {
         trials.get(trials.len().saturating_sub(1) / 2).copied()
     }
 
-    /// What a set is scored on, in words: its traces, each under every seed of the noise.
+    /// Number of trials and noise seeds of a set, in words.
     pub(crate) fn trials_in_words(&self, set: &RunSet) -> String {
         let (traces, seeds) = (set.traces.len(), self.run.seeds.len());
         format!("{} × {}", counted(traces, "trial"), counted(seeds, "noise seed"))
     }
 
-    /// What an estimator said about a trace, if the run kept it.
+    /// The estimates of an estimator on a trace, if the run kept them.
     ///
     /// # Errors
     /// When the file is damaged.
@@ -246,7 +226,7 @@ impl RunData {
         self.optional_table(&format!("estimates/{trace}.{estimator}.csv"))
     }
 
-    /// What the readings of a trace tell over time, if the run kept it.
+    /// The error bound of a trace over time, if the run kept it.
     ///
     /// # Errors
     /// When the file is damaged.
@@ -254,7 +234,7 @@ impl RunData {
         self.optional_table(&format!("bounds/{trace}.csv"))
     }
 
-    /// What a detector of contacts saw in a trace, if the run kept it.
+    /// The signals and detections of a contact detector on a trace, if the run kept them.
     ///
     /// # Errors
     /// When the file is damaged.
@@ -262,7 +242,7 @@ impl RunData {
         self.optional_table(&format!("events/{trace}.{detector}.csv"))
     }
 
-    /// The outline that an estimator found in a trace, if the run kept it.
+    /// The outline estimated from a trace, if the run kept it.
     ///
     /// # Errors
     /// When the file is damaged.
@@ -340,7 +320,7 @@ impl RunData {
         self.optional_table(&format!("sensors/{}.transfer.csv", sensor.label()))
     }
 
-    /// A table of the run; nothing where there is none, or none but its header.
+    /// A table of the run. `None` if there is no file or no row in it.
     fn optional_table<T: DeserializeOwned>(&self, name: &str) -> Result<Option<Vec<T>>> {
         let path = self.folder.join(name);
         if !path.exists() {
@@ -351,7 +331,7 @@ impl RunData {
     }
 }
 
-/// The estimator with the smallest score; one without a score is never it.
+/// The estimator with the smallest score. `None` if none has a score.
 pub(crate) fn smallest<'a>(
     estimators: impl Iterator<Item = &'a str>,
     score: impl Fn(&str) -> Option<f64>,
@@ -360,7 +340,14 @@ pub(crate) fn smallest<'a>(
     scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(name, _)| name)
 }
 
-/// A number of things, in the singular where it is one.
+/// Times from the first to the last row of each run of rows that meet a condition.
+pub(crate) fn spans<T>(rows: &[T], t_s: impl Fn(&T) -> f64, condition: impl Fn(&T) -> bool) -> Vec<(f64, f64)> {
+    let ends = |group: &[T]| (t_s(&group[0]), t_s(&group[group.len() - 1]));
+    let groups = rows.chunk_by(|a, b| condition(a) == condition(b));
+    groups.filter(|group| condition(&group[0])).map(ends).collect()
+}
+
+/// A number of things, in the singular if it is one.
 pub(crate) fn counted(count: usize, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
@@ -391,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_what_has_no_score_is_never_the_smallest() {
+    fn verif_an_estimator_without_a_score_is_never_the_smallest() {
         let score = |name: &str| [("ekf", 2.0), ("ukf", 1.0)].iter().find(|row| row.0 == name).map(|row| row.1);
         assert_eq!(smallest(["particle", "ekf", "ukf"].into_iter(), score), Some("ukf"));
         assert_eq!(smallest(["particle"].into_iter(), score), None);

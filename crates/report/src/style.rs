@@ -1,34 +1,37 @@
-//! The look that all figures share: colours, markers, lettering.
+//! Colours, markers, lettering and legends common to all figures.
 
 use anyhow::Result;
-use plotters::style::{Color, RGBAColor, RGBColor};
 
 use super::canvas::{Align, Canvas, Lettering, Px};
+use super::color::{Rgb, Rgba};
 
-/// Okabe and Ito's palette (jfly.uni-koeln.de/color), which colour-blind readers can tell apart, without its yellow,
-/// which is lost on white.
-const PALETTE: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(230, 159, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(213, 94, 0),
-    RGBColor(86, 180, 233),
-    RGBColor(60, 60, 60),
+/// The colour-blind safe palette of Okabe and Ito (jfly.uni-koeln.de/color), without its yellow, which has too little
+/// contrast on white.
+const PALETTE: [Rgb; 7] = [
+    Rgb(0, 114, 178),
+    Rgb(230, 159, 0),
+    Rgb(0, 158, 115),
+    Rgb(204, 121, 167),
+    Rgb(213, 94, 0),
+    Rgb(86, 180, 233),
+    Rgb(60, 60, 60),
 ];
 
+/// Most methods in a picture: one for each colour but the last, which is close to that of the truth and of bounds.
+pub(crate) const LOOKS: usize = PALETTE.len() - 1;
+
 /// Text and the truth.
-pub(crate) const INK: RGBColor = RGBColor(31, 35, 40);
+pub(crate) const INK: Rgb = Rgb(31, 35, 40);
 /// Axis labels and secondary text.
-pub(crate) const MUTED: RGBColor = RGBColor(87, 96, 106);
+pub(crate) const MUTED: Rgb = Rgb(87, 96, 106);
 /// Frames of panels.
-pub(crate) const FRAME: RGBColor = RGBColor(140, 149, 159);
+pub(crate) const FRAME: Rgb = Rgb(140, 149, 159);
 /// Grid lines.
-pub(crate) const GRID: RGBColor = RGBColor(226, 229, 233);
+pub(crate) const GRID: Rgb = Rgb(226, 229, 233);
 /// Grid lines between those with a number.
-pub(crate) const FINE_GRID: RGBColor = RGBColor(241, 243, 245);
+pub(crate) const FINE_GRID: Rgb = Rgb(241, 243, 245);
 /// The inside of an object.
-pub(crate) const OBJECT: RGBColor = RGBColor(233, 236, 239);
+pub(crate) const OBJECT: Rgb = Rgb(233, 236, 239);
 
 /// Width of a curve in CSS pixels.
 pub(crate) const CURVE_PX: f64 = 1.75;
@@ -63,32 +66,32 @@ enum Shape {
 
 const SHAPES: [Shape; 5] = [Shape::Disc, Shape::Square, Shape::Triangle, Shape::Diamond, Shape::Nabla];
 
-/// How one estimator looks in every figure.
+/// Colour and marker of a curve.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Look {
     /// Colour of its curves and markers.
-    pub(crate) color: RGBColor,
+    pub(crate) color: Rgb,
     shape: Shape,
 }
 
 impl Look {
-    /// The look of the estimator at this place in `run.json`.
+    /// The look at a place among the curves of a picture.
     pub(crate) fn of(index: usize) -> Self {
         Self { color: PALETTE[index % PALETTE.len()], shape: SHAPES[index % SHAPES.len()] }
     }
 
     /// A marker with a white rim; `filled` or only its outline.
     pub(crate) fn mark(self, canvas: &Canvas, at: Px, half_px: f64, filled: bool) -> Result<()> {
-        let white = RGBColor(255, 255, 255).to_rgba();
+        let white = Rgb::WHITE;
         self.blot(canvas, at, half_px + 1.0, white)?;
-        self.blot(canvas, at, half_px, self.color.to_rgba())?;
+        self.blot(canvas, at, half_px, self.color)?;
         if !filled {
             self.blot(canvas, at, half_px - 1.5, white)?;
         }
         Ok(())
     }
 
-    fn blot(self, canvas: &Canvas, (x, y): Px, half_px: f64, color: RGBAColor) -> Result<()> {
+    fn blot(self, canvas: &Canvas, (x, y): Px, half_px: f64, color: impl Into<Rgba>) -> Result<()> {
         let corners = |corners: &[(f64, f64)]| -> Vec<Px> {
             corners.iter().map(|(dx, dy)| (x + dx * half_px, y + dy * half_px)).collect()
         };
@@ -119,31 +122,30 @@ impl<'a> LegendEntry<'a> {
     /// A line with a marker on it.
     pub(crate) fn curve(text: &'a str, look: Look) -> Self {
         let sign = move |canvas: &Canvas, (x, y): Px| {
-            canvas.line(&[(x - 12.0, y), (x + 12.0, y)], look.color.to_rgba(), CURVE_PX)?;
+            canvas.line(&[(x - 12.0, y), (x + 12.0, y)], look.color, CURVE_PX)?;
             look.mark(canvas, (x, y), MARKER_PX, true)
         };
         Self { text, sign: Box::new(sign) }
     }
 
     /// A line.
-    pub(crate) fn line(text: &'a str, color: RGBColor, width_px: f64) -> Self {
-        let sign =
-            move |canvas: &Canvas, (x, y): Px| canvas.line(&[(x - 12.0, y), (x + 12.0, y)], color.to_rgba(), width_px);
+    pub(crate) fn line(text: &'a str, color: Rgb, width_px: f64) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| canvas.line(&[(x - 12.0, y), (x + 12.0, y)], color, width_px);
         Self { text, sign: Box::new(sign) }
     }
 
-    /// A part of a line, with its ends.
-    pub(crate) fn stretch(text: &'a str, color: RGBColor, width_px: f64) -> Self {
+    /// A part of a line with its ends.
+    pub(crate) fn stretch(text: &'a str, color: Rgb, width_px: f64) -> Self {
         let sign = move |canvas: &Canvas, (x, y): Px| {
             let ends = [(x - 10.0, y), (x + 10.0, y)];
-            canvas.line(&ends, color.to_rgba(), width_px)?;
+            canvas.line(&ends, color, width_px)?;
             ends.into_iter().try_for_each(|end| stretch_end(canvas, end, color))
         };
         Self { text, sign: Box::new(sign) }
     }
 
     /// A band of each colour.
-    pub(crate) fn bands(text: &'a str, colors: Vec<RGBAColor>) -> Self {
+    pub(crate) fn bands(text: &'a str, colors: Vec<Rgba>) -> Self {
         let sign = move |canvas: &Canvas, (x, y): Px| {
             let height = 14.0 / colors.len() as f64;
             for (index, color) in colors.iter().enumerate() {
@@ -157,8 +159,8 @@ impl<'a> LegendEntry<'a> {
     }
 
     /// A dashed line.
-    pub(crate) fn dashes(text: &'a str, color: RGBColor) -> Self {
-        let sign = move |canvas: &Canvas, (x, y): Px| canvas.dashes((x - 12.0, y), (x + 12.0, y), color.to_rgba());
+    pub(crate) fn dashes(text: &'a str, color: Rgb) -> Self {
+        let sign = move |canvas: &Canvas, (x, y): Px| canvas.dashes((x - 12.0, y), (x + 12.0, y), color);
         Self { text, sign: Box::new(sign) }
     }
 
@@ -170,17 +172,16 @@ impl<'a> LegendEntry<'a> {
 }
 
 /// The end of a part of a line: a disc with a white rim.
-pub(crate) fn stretch_end(canvas: &Canvas, at: Px, color: RGBColor) -> Result<()> {
-    canvas.disc(at, 4.25, RGBColor(255, 255, 255).to_rgba())?;
-    canvas.disc(at, 3.25, color.to_rgba())
+pub(crate) fn stretch_end(canvas: &Canvas, at: Px, color: Rgb) -> Result<()> {
+    canvas.disc(at, 4.25, Rgb::WHITE)?;
+    canvas.disc(at, 3.25, color)
 }
 
-/// Draws the entries in a row from the left and starts a new row 22 px below where the next entry would not fit; gives the height of the
-/// last row.
+/// Draws the entries in rows 22 px apart, as many in a row as fit. Returns the height of the last row.
 pub(crate) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) -> Result<f64> {
     let (mut x, mut y) = (left, top);
     for entry in entries {
-        let width = 32.0 + canvas.text_width_px(entry.text, LABEL)? + 24.0;
+        let width = 32.0 + canvas.text_width_px(entry.text, LABEL) + 24.0;
         if x > left && x + width > canvas.width_px() {
             (x, y) = (left, y + 22.0);
         }
@@ -191,18 +192,56 @@ pub(crate) fn legend(canvas: &Canvas, (left, top): Px, entries: &[LegendEntry]) 
     Ok(y)
 }
 
-/// A name from the data as figures and tables print it.
+/// Least distance between the middles of labels beside a panel.
+const LABEL_STEP_PX: f64 = 17.0;
+
+/// Writes names beside curves: each at the height of its curve's end or as near as the other names allow, with a line to it.
+/// `across` is where the lines start and the names begin, `within` the upper and lower end of the column of names; an entry
+/// has the height of its curve's end, its name and the colour of the line.
+pub(crate) fn beside(
+    canvas: &Canvas,
+    across: (f64, f64),
+    within: (f64, f64),
+    mut entries: Vec<(f64, &str, Rgb)>,
+) -> Result<()> {
+    entries.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let ends: Vec<f64> = entries.iter().map(|entry| entry.0).collect();
+    for ((end_y, name, color), y) in entries.into_iter().zip(spread(&ends, LABEL_STEP_PX, within)) {
+        let line = [(across.0 + 3.0, end_y), (across.0 + 8.0, end_y), (across.1 - 8.0, y), (across.1 - 3.0, y)];
+        canvas.line(&line, color, CURVE_PX)?;
+        canvas.text(name, (across.1, y), LABEL)?;
+    }
+    Ok(())
+}
+
+/// Ascending places at least `step` apart and within the limits, each as near to its wish as those before it allow.
+fn spread(wishes: &[f64], step: f64, (first, last): (f64, f64)) -> Vec<f64> {
+    let mut places: Vec<f64> = wishes.to_vec();
+    let mut least = first;
+    for place in &mut places {
+        *place = place.max(least);
+        least = *place + step;
+    }
+    let mut most = last;
+    for place in places.iter_mut().rev() {
+        *place = place.min(most);
+        most = *place - step;
+    }
+    places
+}
+
+/// A name of the data in words.
 pub(crate) fn plain(name: &str) -> String {
     name.replace('_', " ")
 }
 
-/// A positive number with two digits that count, never as an exponent.
+/// A positive number with two significant digits, without an exponent.
 pub(crate) fn two_digits(value: f64) -> String {
     let decimals = (1.0 - value.log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{value:.decimals$}")
 }
 
-/// A number with three digits that count; one below a ten-thousandth as a multiple of a power of ten.
+/// A number with three significant digits; one below a ten-thousandth as a multiple of a power of ten.
 pub(crate) fn three_digits(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
@@ -221,7 +260,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_three_digits_count() {
+    fn verif_labels_keep_their_distance_and_stay_within_the_column() {
+        assert_eq!(spread(&[5.0, 50.0], 10.0, (0.0, 100.0)), [5.0, 50.0]);
+        assert_eq!(spread(&[5.0, 6.0, 98.0, 99.0], 10.0, (0.0, 100.0)), [5.0, 15.0, 90.0, 100.0]);
+    }
+
+    #[test]
+    fn verif_three_digits_are_significant() {
         let printed = [0.0, 1.0, 0.02224, -151.6, 4.26e-12, -6.4e-16].map(three_digits);
         assert_eq!(printed, ["0", "1.00", "0.0222", "−152", "4.26·10^−12", "−6.40·10^−16"]);
     }

@@ -11,7 +11,8 @@
 //! of these samples gives the equivalent number of independent instants per trial: the average over `m` independent
 //! values that are chi-square with `f` degrees of freedom has the relative variance `2 / (f m)`. The interval is that
 //! of `N m` samples, with `m` at least one. It is much narrower than that of `N` and rejects any filter if there are
-//! enough trials; a [`Verdict`] therefore requires a deviation from the interval by more than the factor [`MATTERS`].
+//! enough trials. A [`Verdict`] is consistent if and only if the average lies inside the interval; the ratio of the
+//! average to its expectation measures the deviation.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -28,10 +29,6 @@ pub const NIS_FREEDOM: usize = 1;
 
 /// Probability that the average of a consistent estimator is in [`interval`].
 const LEVEL: f64 = 0.95;
-
-/// Factor by which an average may be outside of its interval without a verdict. The systematic error of a sensor model
-/// is known only in magnitude, which changes NEES and NIS by some hundredths.
-pub const MATTERS: f64 = 1.1;
 
 /// Interval that contains 95 % of the averages over `samples` independent values that are chi-square with `freedom`
 /// degrees of freedom. `samples` is at least 1.
@@ -98,9 +95,9 @@ impl Average {
     /// Verdict on the estimator.
     pub fn verdict(&self) -> Verdict {
         let (low, high) = self.interval;
-        if self.value > MATTERS * high {
+        if self.value > high {
             Verdict::Overconfident
-        } else if self.value < low / MATTERS {
+        } else if self.value < low {
             Verdict::Underconfident
         } else {
             Verdict::Consistent
@@ -165,6 +162,9 @@ mod tests {
         let verdicts =
             [1.0, 2.0, 3.0].map(|average| Average::of_trials(NEES_FREEDOM, &trials(average)).unwrap().verdict());
         assert_eq!(verdicts, [Verdict::Underconfident, Verdict::Consistent, Verdict::Overconfident]);
+        let just_below = Average::of_trials(NEES_FREEDOM, &trials(1.8)).unwrap();
+        assert!(just_below.value < just_below.interval.0 && just_below.value > 0.95 * just_below.interval.0);
+        assert_eq!(just_below.verdict(), Verdict::Underconfident);
         let wrong = Average::of_trials(NIS_FREEDOM, &trials(3.4)).unwrap();
         assert_eq!(wrong.sentence(), "overconfident: 3.40 times the chi-square that the right model would have");
     }

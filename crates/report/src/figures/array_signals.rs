@@ -1,24 +1,23 @@
 //! The readings of all whiskers of a recording, on its clock.
 
 use anyhow::Result;
-use plotters::style::{Color, RGBColor};
-use testbed::results::EstimateRow;
 
 use crate::axes::{Axis, Panel, Rect, equal, extent};
 use crate::canvas::{Canvas, Picture};
-use crate::run_data::RunData;
+use crate::color::Rgb;
+use crate::run_data::{RunData, spans};
 use crate::style::{LegendEntry, legend, plain};
 
 /// Colour of the readings.
-const READING: RGBColor = RGBColor(60, 60, 60);
-/// Colour of the contacts that the estimator is told of.
-const FOUND: RGBColor = RGBColor(0, 114, 178);
+const READING: Rgb = Rgb(60, 60, 60);
+/// Colour of the contacts detected.
+const FOUND: Rgb = Rgb(0, 114, 178);
 /// Colour and opacity of the true contacts.
-const TRUTH: RGBColor = RGBColor(0, 158, 115);
+const TRUTH: Rgb = Rgb(0, 158, 115);
 const FAINT: f64 = 0.16;
-/// Room below the readings over their range; above them there is twice as much, where the bars of the contacts found stand.
+/// Margin below the readings relative to their range; above them it is twice as large, for the bars of the contacts detected.
 const SPARE: f64 = 0.1;
-/// Height of a panel, and of what is between two.
+/// Height of a panel and of the gap between two.
 const PANEL_PX: f64 = 100.0;
 const GAP_PX: f64 = 30.0;
 
@@ -38,10 +37,11 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         return Ok(None);
     }
     let height_px = 64.0 + 48.0 + signals.len() as f64 * (PANEL_PX + GAP_PX) - GAP_PX;
+    let note = format!("Detections: {estimator}.");
     let paint = move |canvas: &Canvas| {
         let entries = [
             LegendEntry::line("reading", READING, 1.5),
-            LegendEntry::line("contact found", FOUND, 6.0),
+            LegendEntry::line("contact detected", FOUND, 6.0),
             LegendEntry::bands("true contact", vec![TRUTH.mix(FAINT)]),
         ];
         legend(canvas, (60.0, 18.0), &entries)?;
@@ -55,25 +55,19 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         {
             let time = Axis::linear("time (s)", 0.0, rows[rows.len() - 1].t_s);
             let time = if place == last { time } else { time.bare() };
-            let name = if 2 * place == last || 2 * place + 1 == last { "moment (µN·m)" } else { "" };
+            let name = if 2 * place == last || 2 * place + 1 == last { "reading (µN·m)" } else { "" };
             let panel = Panel::new(canvas, frame, title, time, Axis::linear(name, bottom, top))?;
-            for (from_s, to_s) in spans(rows, |row| row.truth_surface_x_m.is_some()) {
+            for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.truth_surface_x_m.is_some()) {
                 panel.area([(from_s, bottom), (to_s, bottom), (to_s, top), (from_s, top)], TRUTH.mix(FAINT))?;
             }
             let (bar_top, bar_bottom) = (top - 0.4 * spare, top - 1.3 * spare);
-            for (from_s, to_s) in spans(rows, |row| row.contact_x_m.is_some()) {
+            for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.contact_x_m.is_some()) {
                 let corners = [(from_s, bar_bottom), (to_s, bar_bottom), (to_s, bar_top), (from_s, bar_top)];
-                panel.area(corners, FOUND.to_rgba())?;
+                panel.area(corners, FOUND)?;
             }
             panel.line(rows.iter().map(|row| (row.t_s, 1e6 * row.reading_n_m)), READING, 1.0)?;
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: height_px as u32, paint: Box::new(paint) }))
-}
-
-/// Times from the first to the last row of each run of rows that meet a condition.
-fn spans(rows: &[EstimateRow], condition: impl Fn(&EstimateRow) -> bool) -> Vec<(f64, f64)> {
-    let groups = rows.chunk_by(|a, b| condition(a) == condition(b));
-    groups.filter(|group| condition(&group[0])).map(|group| (group[0].t_s, group[group.len() - 1].t_s)).collect()
+    Ok(Some(Picture::new(1200, height_px as u32, paint).noted(note)))
 }

@@ -1,26 +1,26 @@
-//! What the earth's field does to a sensor that is turned, and what the reference sensor takes out of it.
+//! Counts of a rotated sensor in the earth's magnetic field, without and with common-mode compensation.
 
 use anyhow::Result;
-use plotters::style::{Color, RGBColor};
 use testbed::front_end::shift_counts;
 use testbed::results::TurnRow;
 use testbed::statistics::mean;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Canvas, Picture};
+use crate::color::Rgb;
 use crate::run_data::RunData;
 use crate::style::{CURVE_PX, HAIRLINE_PX, INK, LegendEntry, legend, two_digits};
 
 /// Colours of the counts without and with compensation.
-const UNCOMPENSATED: RGBColor = RGBColor(213, 94, 0);
-const COMPENSATED: RGBColor = RGBColor(0, 114, 178);
-/// Opacity of the single counts, over which their means are drawn.
+const UNCOMPENSATED: Rgb = Rgb(213, 94, 0);
+const COMPENSATED: Rgb = Rgb(0, 114, 178);
+/// Opacity of the single counts behind their means.
 const FAINT: f64 = 0.28;
-/// Samples of which the means are taken: a fifth of a second.
+/// Samples per mean: a fifth of a second.
 const AVERAGED: usize = 50;
 /// Most sensors in a row.
 const COLUMNS: usize = 3;
-/// Height of a row, and of what is between two and about them all.
+/// Height of a row, of the gap between two and of the margins.
 const ROW_PX: f64 = 448.0;
 const GAP_PX: f64 = 76.0;
 const MARGINS_PX: f64 = 112.0;
@@ -47,7 +47,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let paint = move |canvas: &Canvas| {
         let entries = [
             LegendEntry::line("uncompensated", UNCOMPENSATED, CURVE_PX),
-            LegendEntry::line("common mode taken out", COMPENSATED, CURVE_PX),
+            LegendEntry::line("common mode compensated", COMPENSATED, CURVE_PX),
         ];
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
@@ -58,10 +58,14 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let time = Axis::linear("time (s)", 0.0, rows[rows.len() - 1].t_s);
             let shifts = [|row: &TurnRow| row.counts, |row: &TurnRow| row.compensated_counts]
                 .map(|value: Value| shift_counts(rows, value).map_or("unknown".into(), two_digits));
-            let title =
-                format!("{}: {} counts by half a turn, {} left", sensor.replace('_', " "), shifts[0], shifts[1]);
+            let title = format!(
+                "{}: {} counts by half a turn, {} after compensation",
+                sensor.replace('_', " "),
+                shifts[0],
+                shifts[1]
+            );
             let panel = Panel::new(canvas, frames[0], &title, time.clone().bare(), axis(&counts))?;
-            let series: [(RGBColor, Value); 2] =
+            let series: [(Rgb, Value); 2] =
                 [(UNCOMPENSATED, |row| row.counts), (COMPENSATED, |row| row.compensated_counts)];
             for (color, value) in series {
                 panel.line(rows.iter().map(|row| (row.t_s, value(row))), color.mix(FAINT), HAIRLINE_PX)?;
@@ -74,10 +78,10 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: height_px as u32, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, height_px as u32, paint)))
 }
 
-/// Means over short times, each in the middle of its own.
+/// Means over short intervals, each at the middle of its interval.
 fn averaged(rows: &[TurnRow], value: Value) -> impl Iterator<Item = (f64, f64)> {
     rows.chunks(AVERAGED)
         .filter_map(move |chunk| Some((mean(chunk.iter().map(|row| row.t_s))?, mean(chunk.iter().map(value))?)))

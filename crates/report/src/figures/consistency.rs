@@ -1,19 +1,21 @@
-//! Whether the estimators are as sure as they may be: NEES and NIS over time and the coverage of the stated ellipses, one column a whisker.
+//! Consistency: NEES and NIS over time and the coverage of the 95 % ellipses, one column a whisker.
 
 use anyhow::Result;
-use plotters::style::{Color, RGBAColor};
 use testbed::consistency::{ConsistencyTest, NEES_TEST, NIS_TEST, interval};
 use testbed::metrics::consistency;
 use testbed::results::{ConsistencyRow, RunSet};
+use whisker::estimators::MethodClass;
 
 use crate::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::canvas::{Canvas, Picture};
+use crate::color::{Rgb, Rgba};
+use crate::methods::{self, Method};
 use crate::run_data::RunData;
 use crate::style::{CURVE_PX, LABEL, LegendEntry, Look, MUTED, legend, plain};
 
-/// Shade of the interval in which a consistent estimator lies.
-const INTERVAL: RGBAColor = RGBAColor(125, 133, 144, 0.28);
-/// Averages beyond leave the picture.
+/// Shade of the interval that holds 95 % of the averages of a consistent estimator.
+const INTERVAL: Rgba = Rgb(125, 133, 144).mix(0.28);
+/// Largest average drawn.
 const LARGEST: f64 = 1e3;
 /// Distance between the markers on a curve.
 const MARKER_SPACING_PX: f64 = 130.0;
@@ -21,7 +23,7 @@ const MARKER_SPACING_PX: f64 = 130.0;
 const BAR_PX: f64 = 24.0;
 /// Space between panels.
 const GAP_PX: f64 = 40.0;
-/// What an axis with numbers and a name takes of it.
+/// Height of the numbers and the name of an axis.
 const AXIS_PX: f64 = 40.0;
 /// Height of a panel over time.
 const PANEL_PX: f64 = 250.0;
@@ -58,13 +60,18 @@ struct Column {
     runs: usize,
     /// By estimator, for each of [`AVERAGES`].
     curves: [Vec<Curve>; 2],
-    /// By estimator: look, name, share of the ellipses that hold the truth, verdict.
+    /// By estimator: look, name, share of the ellipses that contain the true contact, verdict.
     coverage: Vec<(Look, String, f64, String)>,
 }
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
-    let columns: Vec<Column> = data.leading_sets().into_iter().map(|set| column(data, set)).collect();
+    methods::picture(data, picture)
+}
+
+fn picture(data: &RunData, mut methods: Vec<Method>) -> Result<Option<Picture>> {
+    methods.retain(|method| method.class != MethodClass::Baseline);
+    let columns: Vec<Column> = data.leading_sets().into_iter().map(|set| column(data, set, &methods)).collect();
     if columns.iter().all(|column| column.coverage.is_empty()) {
         return Ok(None);
     }
@@ -84,7 +91,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         .map_or_else(Vec::new, |column| column.coverage.iter().map(|(look, name, ..)| (name.clone(), *look)).collect());
 
     let paint = move |canvas: &Canvas| {
-        let mut entries = vec![LegendEntry::bands("95 % of the averages of a consistent estimator", vec![INTERVAL])];
+        let mut entries = vec![LegendEntry::bands("95 % interval of a consistent estimator", vec![INTERVAL])];
         entries.extend(names.iter().map(|(name, look)| LegendEntry::curve(name, *look)));
         let below = legend(canvas, (64.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, below + 46.0, 56.0, 48.0]);
@@ -104,25 +111,24 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         Ok(())
     };
     let height_px = 88.0 + 48.0 + 2.0 * (PANEL_PX + GAP_PX) + AXIS_PX + BAR_PX * bars as f64;
-    Ok(Some(Picture { width_px: 1200, height_px: height_px as u32, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, height_px as u32, paint)))
 }
 
-fn column(data: &RunData, set: &RunSet) -> Column {
+fn column(data: &RunData, set: &RunSet, methods: &[Method]) -> Column {
     let curves = AVERAGES.map(|average| {
-        data.under_test()
-            .map(|estimator| {
-                let rows = data.consistency_of(set, estimator);
+        methods
+            .iter()
+            .map(|method| {
+                let rows = data.consistency_of(set, &method.name);
                 let series = rows.iter().filter_map(|row| Some((row.t_contact_s, (average.value)(row)?))).collect();
-                (Look::of(data.place_of(estimator)), series)
+                (method.look, series)
             })
             .collect()
     });
-    let labels = data.labels();
-    let coverage = data.under_test().filter_map(|estimator| {
-        let row = data.summary_of(set, estimator)?;
-        let verdict = data.average_of(set, estimator, &NEES_TEST)?.verdict().word();
-        let place = data.place_of(estimator);
-        Some((Look::of(place), labels[place].clone(), row.get(&consistency::COVERAGE)?, verdict.to_owned()))
+    let coverage = methods.iter().filter_map(|method| {
+        let row = data.summary_of(set, &method.name)?;
+        let verdict = data.average_of(set, &method.name, &NEES_TEST)?.verdict().word();
+        Some((method.look, method.label.clone(), row.get(&consistency::COVERAGE)?, verdict.to_owned()))
     });
     Column {
         title: format!("{} whisker, {}", set.whisker, plain(&set.group)),
@@ -139,7 +145,7 @@ impl Column {
         panel.area([(0.0, low), (end_s, low), (end_s, high), (0.0, high)], INTERVAL)?;
         panel.level(freedom as f64, if freedom == 1 { "1" } else { "2" }, MUTED)?;
         let curves = &self.curves[row];
-        // The first estimator lies on top.
+        // The first estimator is drawn on top.
         for (index, (look, series)) in curves.iter().enumerate().rev() {
             let offset_px = 24.0 + MARKER_SPACING_PX * index as f64 / curves.len() as f64;
             panel.marked_line(series, *look, CURVE_PX, (offset_px, MARKER_SPACING_PX))?;
@@ -149,8 +155,8 @@ impl Column {
 
     fn paint_coverage(&self, canvas: &Canvas, frame: Rect) -> Result<()> {
         let bars = self.coverage.len();
-        let share = Axis::linear("stated 95 % ellipses that hold the truth (%)", 0.0, 100.0);
-        let panel = Panel::new(canvas, frame, "coverage, and the verdict of the NEES", share, Axis::places(bars))?;
+        let share = Axis::linear("95 % ellipses that contain the true contact (%)", 0.0, 100.0);
+        let panel = Panel::new(canvas, frame, "coverage, with the verdict on the NEES", share, Axis::places(bars))?;
         panel.area([(90.0, -1.0), (98.0, -1.0), (98.0, bars as f64), (90.0, bars as f64)], INTERVAL)?;
         // The first estimator stands at the top.
         for (row, (look, name, share, verdict)) in self.coverage.iter().rev().enumerate() {

@@ -1,32 +1,32 @@
-//! How contacts are detected: one trial, as each detector sees it.
+//! Contact detection: one trial with the signals, thresholds and detections of each detector.
 
 use anyhow::Result;
-use plotters::style::{Color, RGBColor};
 use testbed::metrics::contact_events::LOST_RECALL;
 use testbed::results::EventRow;
 use whisker::events::DETECTORS;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Canvas, Picture};
-use crate::run_data::RunData;
+use crate::color::Rgb;
+use crate::run_data::{RunData, spans};
 use crate::style::{LegendEntry, legend};
 
 /// Colour of the reading.
-const READING: RGBColor = RGBColor(150, 158, 168);
-/// Colour of what a detector watches.
-const WATCHED: RGBColor = RGBColor(0, 114, 178);
+const READING: Rgb = Rgb(150, 158, 168);
+/// Colour of the signal that a detector compares with its thresholds.
+const WATCHED: Rgb = Rgb(0, 114, 178);
 /// Colour of its thresholds.
-const THRESHOLD: RGBColor = RGBColor(213, 94, 0);
+const THRESHOLD: Rgb = Rgb(213, 94, 0);
 /// Colour of the true contacts.
-const TRUTH: RGBColor = RGBColor(0, 158, 115);
+const TRUTH: Rgb = Rgb(0, 158, 115);
 /// Opacity of the areas of the true contacts.
 const FAINT: f64 = 0.16;
-/// Height of the bars that show the contacts found, and of the gap below them, over that of the panel.
+/// Height of the bars of the contacts detected and of the gap below them, relative to that of the panel.
 const BAR: f64 = 0.04;
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
-    // A trial without a lost contact shows little; a whisker snaps off a pin, and rolls off rounder things.
+    // A trial without a lost contact shows little. A whisker snaps off a pin and rolls off rounder objects.
     let lost = || data.trials.iter().filter(|trial| trial.get(&LOST_RECALL).is_some());
     let Some(trial) = lost().find(|trial| trial.head.object == "pin").or(lost().next()) else {
         return Ok(None);
@@ -42,9 +42,9 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let paint = move |canvas: &Canvas| {
         let entries = [
             LegendEntry::line("reading", READING, 1.75),
-            LegendEntry::line("what the detector watches", WATCHED, 1.75),
-            LegendEntry::line("its thresholds", THRESHOLD, 1.75),
-            LegendEntry::line("contact found", WATCHED, 6.0),
+            LegendEntry::line("detection signal", WATCHED, 1.75),
+            LegendEntry::line("thresholds", THRESHOLD, 1.75),
+            LegendEntry::line("contact detected", WATCHED, 6.0),
             LegendEntry::line("true contact", TRUTH, 6.0),
         ];
         legend(canvas, (60.0, 18.0), &entries)?;
@@ -56,7 +56,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 760, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 760, paint)))
 }
 
 fn paint_detector(canvas: &Canvas, frame: Rect, title: &str, rows: &[EventRow], is_last: bool) -> Result<()> {
@@ -66,14 +66,14 @@ fn paint_detector(canvas: &Canvas, frame: Rect, title: &str, rows: &[EventRow], 
     let top = 1.2 * largest;
     let time = Axis::linear("time (s)", 0.0, end_s);
     let time = if is_last { time } else { time.bare() };
-    let panel = Panel::new(canvas, frame, title, time, Axis::linear("moment (µN·m)", -top, top))?;
-    for (from_s, to_s) in spans(rows, |row| row.truth_touching == Some(true)) {
+    let panel = Panel::new(canvas, frame, title, time, Axis::linear("reading (µN·m)", -top, top))?;
+    for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.truth_touching == Some(true)) {
         panel.area([(from_s, -top), (to_s, -top), (to_s, top), (from_s, top)], TRUTH.mix(FAINT))?;
     }
     let (bar_top, bar_bottom) = (top * (1.0 - 2.0 * BAR), top * (1.0 - 4.0 * BAR));
-    for (from_s, to_s) in spans(rows, |row| row.touched) {
+    for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.touched) {
         let corners = [(from_s, bar_bottom), (to_s, bar_bottom), (to_s, bar_top), (from_s, bar_top)];
-        panel.area(corners, WATCHED.to_rgba())?;
+        panel.area(corners, WATCHED)?;
     }
     panel.line(rows.iter().map(|row| (row.t_s, micro(row.reading_n_m))), READING, 1.0)?;
     for sign in [1.0, -1.0] {
@@ -81,10 +81,4 @@ fn paint_detector(canvas: &Canvas, frame: Rect, title: &str, rows: &[EventRow], 
     }
     panel.line(rows.iter().map(|row| (row.t_s, micro(row.watched_n_m))), WATCHED, 1.5)?;
     Ok(())
-}
-
-/// Times from the first to the last row of each run of rows that meet a condition.
-fn spans(rows: &[EventRow], condition: impl Fn(&EventRow) -> bool) -> Vec<(f64, f64)> {
-    let groups = rows.chunk_by(|a, b| condition(a) == condition(b));
-    groups.filter(|group| condition(&group[0])).map(|group| (group[0].t_s, group[group.len() - 1].t_s)).collect()
 }

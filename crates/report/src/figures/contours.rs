@@ -1,13 +1,14 @@
-//! The outlines found, with their bands, over the true ones: one panel a set.
+//! Estimated outlines with their bands over the true ones, one panel a set.
 
 use anyhow::Result;
 use testbed::contour::touched_stretch;
 use testbed::metrics::contour;
-use testbed::results::{RunEstimator, RunSet};
+use testbed::results::{RECOMMENDED, RunEstimator, RunSet};
 use whisker::estimators::MethodClass;
 
 use crate::canvas::Picture;
 use crate::contour_panel::{ContourPanel, Found, Points, picture};
+use crate::methods;
 use crate::run_data::{RunData, smallest};
 use crate::style::{Look, plain, two_digits};
 
@@ -16,25 +17,26 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let mut sets = data.outline_sets();
     let whiskers: Vec<&str> = data.run.sets.iter().map(|set| set.whisker.as_str()).collect();
     sets.sort_by_key(|set| whiskers.iter().position(|whisker| *whisker == set.whisker));
-    let leading = leading(data, &sets);
+    let leading = leading(data);
     let mut panels = Vec::new();
     for set in sets {
         panels.extend(panel(data, set, &leading)?);
     }
-    Ok(picture(panels))
+    let shown =
+        |row: &RunEstimator| panels.iter().any(|panel| panel.found.iter().any(|found| found.estimator == row.label()));
+    let labels: Vec<String> =
+        leading.iter().map(|(row, _)| *row).filter(|row| shown(row)).map(RunEstimator::label).collect();
+    let note = format!("Drawn: {}.", methods::in_words(labels.iter().map(String::as_str)));
+    Ok(picture(panels).map(|picture| picture.noted(note)))
 }
 
-/// Estimators to show, the same on every set: the run's first filter, of those that look back the one with the smallest contact error, added up over
-/// the sets, and the first as published. Not those with the smallest distance to the outline: a filter that rests in one place near it has that too.
-fn leading<'a>(data: &'a RunData, sets: &[&RunSet]) -> Vec<(&'a RunEstimator, Look)> {
-    let contact_m = |name: &str| -> Option<f64> {
-        sets.iter().map(|set| data.summary_of(set, name)?.get(&contour::CONTACT_RMSE)).sum()
-    };
-    let looking_back = data.run.estimators.iter().filter(|estimator| estimator.class == MethodClass::Hindsight);
-    let best = smallest(looking_back.map(|estimator| estimator.name.as_str()), contact_m);
-    let shown = [data.filters().next(), best, data.of_class(MethodClass::Published).next()];
+/// Estimators to show, the same on every set: the recommended filter or else the first, and the most accurate with hindsight and as published.
+fn leading(data: &RunData) -> Vec<(&RunEstimator, Look)> {
+    let recommended = data.filters().find(|name| *name == RECOMMENDED).or(data.filters().next());
+    let best = |class| methods::best_of(data, class).or(data.of_class(class).next());
+    let shown = [recommended, best(MethodClass::Hindsight), best(MethodClass::Published)];
     let rows = shown.into_iter().flatten().filter_map(|name| data.run.estimators.iter().find(|row| row.name == name));
-    rows.enumerate().map(|(place, row)| (row, Look::of(place))).collect()
+    rows.map(|row| (row, methods::look_of(data, &row.name))).collect()
 }
 
 fn panel(data: &RunData, set: &RunSet, leading: &[(&RunEstimator, Look)]) -> Result<Option<ContourPanel>> {

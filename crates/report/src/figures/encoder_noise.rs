@@ -1,4 +1,4 @@
-//! How contacts and maps suffer from the encoders of the arm.
+//! Contact and map errors against the error of the arm's joint encoders.
 
 use anyhow::Result;
 use testbed::metrics::error;
@@ -7,6 +7,7 @@ use testbed::statistics::mean;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Canvas, Picture};
+use crate::methods::{self, Method};
 use crate::run_data::RunData;
 use crate::style::{CURVE_PX, LegendEntry, Look, legend, two_digits};
 
@@ -15,20 +16,24 @@ const LEAST_LEVELS: usize = 2;
 
 /// One estimator in one panel.
 struct Curve {
-    place: usize,
-    /// Error in mm over the encoders' error in rad; not a number where the estimator has no error at that level, since it was silent.
+    look: Look,
+    /// Error in mm over the encoders' error in rad. NaN if the estimator has no error at that level.
     points: Vec<(f64, f64)>,
     /// The same with perfect encoders.
     perfect_mm: Option<f64>,
 }
 
-/// The mean of some values; nothing where one lacks. What an estimator leaves out where noise is worst would make a mean of the rest smaller.
+/// Mean of the values. `None` if one is missing: an estimator that fails where noise is largest would otherwise have the smaller mean.
 fn mean_of_all(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     mean(values.collect::<Option<Vec<f64>>>()?)
 }
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    methods::picture(data, picture)
+}
+
+fn picture(data: &RunData, methods: Vec<Method>) -> Result<Option<Picture>> {
     let levels = levels(data);
     if levels.iter().filter(|(level_rad, _)| *level_rad > 0.0).count() < LEAST_LEVELS {
         return Ok(None);
@@ -49,34 +54,36 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         mean_of_all(rows.map(|row| row.points_mean_m))
     };
     let curves = |value_m: &dyn Fn(&[&RunRecording], &str) -> Option<f64>| -> Vec<Curve> {
-        let curve = |(place, estimator): (usize, &str)| {
+        let curve = |method: &Method| {
             let at = |(level_rad, recordings): &(f64, Vec<&RunRecording>)| {
-                (*level_rad, 1e3 * value_m(recordings, estimator).unwrap_or(f64::NAN))
+                (*level_rad, 1e3 * value_m(recordings, &method.name).unwrap_or(f64::NAN))
             };
             let (perfect, points): (Vec<_>, Vec<_>) =
                 levels.iter().map(at).partition(|(level_rad, _)| *level_rad == 0.0);
-            Curve { place, points, perfect_mm: perfect.first().map(|(_, mm)| *mm).filter(|mm| mm.is_finite()) }
+            Curve {
+                look: method.look,
+                points,
+                perfect_mm: perfect.first().map(|(_, mm)| *mm).filter(|mm| mm.is_finite()),
+            }
         };
-        data.estimators().enumerate().map(curve).collect()
+        methods.iter().map(curve).collect()
     };
     let panels = [
         ("contact", "median contact error (mm)", curves(&contact_m)),
-        ("map", "contact points off the true outlines, mean (mm)", curves(&map_m)),
+        ("map", "mean distance of contact points from true outlines (mm)", curves(&map_m)),
     ];
-    let names = data.labels();
     let marks: Vec<f64> = levels.iter().map(|(level_rad, _)| *level_rad).filter(|level_rad| *level_rad > 0.0).collect();
     let paint = move |canvas: &Canvas| {
-        let entries: Vec<_> =
-            panels[0].2.iter().map(|curve| LegendEntry::curve(&names[curve.place], Look::of(curve.place))).collect();
+        let entries: Vec<_> = methods.iter().map(|method| LegendEntry::curve(&method.label, method.look)).collect();
         let below = legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, below + 46.0, 96.0, 48.0]);
         for ((title, label, curves), frame) in panels.iter().zip(plot.columns(&equal(panels.len()), 150.0)) {
             let values =
                 curves.iter().flat_map(|curve| curve.points.iter().map(|point| point.1).chain(curve.perfect_mm));
-            let levels = Axis::marked("error of each joint's angle, standard deviation (rad)", marks.clone());
+            let levels = Axis::marked("standard deviation of each joint angle (rad)", marks.clone());
             let panel = Panel::new(canvas, frame, title, levels, Axis::logarithmic(label, values))?;
             for curve in curves {
-                let look = Look::of(curve.place);
+                let look = curve.look;
                 if let Some(perfect_mm) = curve.perfect_mm {
                     panel.level(perfect_mm, &format!("perfect: {}", two_digits(perfect_mm)), look.color)?;
                 }
@@ -88,7 +95,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 470, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 470, paint)))
 }
 
 /// The recordings under each error of an encoder's angle: noise and the rounding to steps (a step over the root of 12), from the smallest on.
@@ -110,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_who_is_silent_once_has_no_mean() {
+    fn verif_a_missing_value_leaves_no_mean() {
         assert_eq!(mean_of_all([Some(1.0), Some(3.0)].into_iter()), Some(2.0));
         assert_eq!(mean_of_all([Some(1.0), None].into_iter()), None);
     }

@@ -1,16 +1,17 @@
-//! Spread of the contact error over trials against time since the touch, one column a whisker.
+//! Distribution of the contact error over trials against time since the touch, one column a whisker.
 
 use anyhow::Result;
-use plotters::style::Color;
+use whisker::estimators::MethodClass;
 
 use crate::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::canvas::{Canvas, Picture};
+use crate::methods::{self, Method};
 use crate::run_data::RunData;
 use crate::style::{CURVE_PX, LegendEntry, Look, MUTED, legend, plain};
 
 /// End of the lower row of panels.
 const ZOOM_S: f64 = 1.0;
-/// Errors beyond, longer than a whisker, leave the picture.
+/// Largest error drawn, longer than a whisker.
 const LARGEST_MM: f64 = 100.0;
 /// Opacity of the bands.
 const BAND_OPACITY: f64 = 0.2;
@@ -26,19 +27,24 @@ struct Curve {
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    methods::picture(data, picture)
+}
+
+fn picture(data: &RunData, methods: Vec<Method>) -> Result<Option<Picture>> {
+    let of_class = |class: MethodClass| methods.iter().filter(move |method| method.class == class);
+    let steadiest = |class| data.steadiest(of_class(class).map(|method| method.name.as_str()));
     // More than two bands hide each other.
-    let banded: Vec<&str> =
-        [data.steadiest(data.filters()), data.steadiest(data.baselines())].into_iter().flatten().collect();
+    let banded: Vec<&str> = [MethodClass::Recursive, MethodClass::Baseline].into_iter().filter_map(steadiest).collect();
     let sets: Vec<(String, Vec<Curve>)> = data
         .leading_sets()
         .into_iter()
         .map(|set| {
             let trials = set.traces.len() * data.run.seeds.len();
-            let curves = data.estimators().enumerate().map(|(index, estimator)| Curve {
-                look: Look::of(index),
-                banded: banded.contains(&estimator),
+            let curves = methods.iter().map(|method| Curve {
+                look: method.look,
+                banded: banded.contains(&method.name.as_str()),
                 rows: data
-                    .bands_of(set, estimator)
+                    .bands_of(set, &method.name)
                     .iter()
                     // A median over the few trials that estimate early would flatter the estimator.
                     .filter(|row| 2 * row.trials >= trials)
@@ -56,13 +62,17 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let end_s = values().map(|row| row[0]).fold(0.0, f64::max);
     let errors = values().flat_map(|row| row[1..].to_vec()).filter(|error| *error < LARGEST_MM);
     let error = Axis::logarithmic("contact error (mm)", without_dips(errors));
-    let names = data.labels();
-    let bands: Vec<_> = banded.iter().map(|name| Look::of(data.place_of(name)).color.mix(2.0 * BAND_OPACITY)).collect();
-    let bands_text = format!("10 to 90 %: {}", banded.join(", "));
+    let of_bands = methods.iter().filter(|method| banded.contains(&method.name.as_str()));
+    let bands: Vec<_> = of_bands.map(|method| method.look.color.mix(2.0 * BAND_OPACITY)).collect();
+    let bands_text = format!("10th to 90th percentile: {}", banded.join(", "));
+    let note = if banded.is_empty() {
+        String::new()
+    } else {
+        format!("Bands: 10th to 90th percentile of {}.", methods::in_words(banded.iter().copied()))
+    };
 
     let paint = move |canvas: &Canvas| {
-        let mut entries: Vec<_> =
-            names.iter().enumerate().map(|(index, name)| LegendEntry::curve(name, Look::of(index))).collect();
+        let mut entries: Vec<_> = methods.iter().map(|method| LegendEntry::curve(&method.label, method.look)).collect();
         if !bands.is_empty() {
             entries.push(LegendEntry::bands(&bands_text, bands.clone()));
         }
@@ -71,7 +81,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         for (column, ((title, curves), frame)) in sets.iter().zip(frames).enumerate() {
             let error = if column == 0 { error.clone() } else { error.clone().bare() };
             for (row, (frame, until_s)) in frame.rows(&equal(2), 60.0).into_iter().zip([end_s, ZOOM_S]).enumerate() {
-                let title = if row == 0 { title } else { "the first second" };
+                let title = if row == 0 { title } else { "first second" };
                 let time = Axis::linear(if row == 0 { "" } else { "time since the first touch (s)" }, 0.0, until_s);
                 let panel = Panel::new(canvas, frame, title, time, error.clone())?;
                 paint_curves(&panel, curves)?;
@@ -79,7 +89,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 820, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 820, paint).noted(note)))
 }
 
 fn paint_curves(panel: &Panel, curves: &[Curve]) -> Result<()> {

@@ -1,4 +1,4 @@
-//! Contact error of every estimator on every object, and how far the outline that it finds lies from the true one.
+//! Contact error and mean distance of the estimated outline from the true one, on every object.
 
 use anyhow::Result;
 use testbed::metrics::{Metric, contour, error};
@@ -6,6 +6,7 @@ use testbed::results::RunSet;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
+use crate::methods::{self, Method};
 use crate::run_data::RunData;
 use crate::style::{LABEL, LegendEntry, Look, MARKER_PX, legend, plain};
 
@@ -13,11 +14,11 @@ use crate::style::{LABEL, LegendEntry, Look, MARKER_PX, legend, plain};
 struct Cell {
     title: String,
     groups: Vec<String>,
-    /// (place of the group, place of the estimator, value in millimetres).
+    /// (place of the group, place of the method, value in millimetres).
     dots: Vec<(usize, usize, f64)>,
 }
 
-/// What is shown: name, label of the axis and metric, a length.
+/// Rows of panels: name, label of the axis and metric, a length.
 const SHOWN: [(&str, &str, Metric); 2] = [
     ("contact", "RMS contact error (mm)", error::RMSE),
     ("outline", "mean distance of the outline (mm)", contour::MEAN),
@@ -25,6 +26,10 @@ const SHOWN: [(&str, &str, Metric); 2] = [
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    methods::picture(data, picture)
+}
+
+fn picture(data: &RunData, methods: Vec<Method>) -> Result<Option<Picture>> {
     let mut whiskers: Vec<&str> = Vec::new();
     for set in &data.run.sets {
         if !whiskers.contains(&set.whisker.as_str()) {
@@ -34,18 +39,16 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let rows: Vec<(&str, Vec<Cell>)> = SHOWN
         .into_iter()
         .map(|(name, label, metric)| {
-            let cells = whiskers.iter().map(|whisker| cell(data, whisker, name, &metric));
+            let cells = whiskers.iter().map(|whisker| cell(data, whisker, name, &metric, &methods));
             (label, cells.collect())
         })
         .collect();
     if rows.iter().any(|(_, cells)| cells.iter().all(|cell| cell.dots.is_empty())) {
         return Ok(None);
     }
-    let names = data.labels();
-
     let paint = move |canvas: &Canvas| {
         let entries: Vec<_> =
-            names.iter().enumerate().map(|(index, name)| LegendEntry::marker(name, Look::of(index), true)).collect();
+            methods.iter().map(|method| LegendEntry::marker(&method.label, method.look, true)).collect();
         let below = legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, below + 46.0, 16.0, 34.0]);
         for ((label, cells), frame) in rows.iter().zip(plot.rows(&equal(rows.len()), 66.0)) {
@@ -53,20 +56,20 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let axis = Axis::logarithmic(label, values);
             for (column, (cell, frame)) in cells.iter().zip(frame.columns(&equal(cells.len()), 26.0)).enumerate() {
                 let axis = if column == 0 { axis.clone() } else { axis.clone().bare() };
-                cell.paint(canvas, frame, axis, names.len())?;
+                cell.paint(canvas, frame, axis, methods.len())?;
             }
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 680, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 680, paint)))
 }
 
-fn cell(data: &RunData, whisker: &str, name: &str, metric: &Metric) -> Cell {
+fn cell(data: &RunData, whisker: &str, name: &str, metric: &Metric, methods: &[Method]) -> Cell {
     let sets: Vec<&RunSet> = data.run.sets.iter().filter(|set| set.whisker == whisker).collect();
     let mut dots = Vec::new();
     for (place, set) in sets.iter().enumerate() {
-        for (index, estimator) in data.estimators().enumerate() {
-            let value_m = data.summary_of(set, estimator).and_then(|row| row.get(metric));
+        for (index, method) in methods.iter().enumerate() {
+            let value_m = data.summary_of(set, &method.name).and_then(|row| row.get(metric));
             dots.extend(value_m.map(|value_m| (place, index, 1e3 * value_m)));
         }
     }

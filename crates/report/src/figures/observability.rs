@@ -1,22 +1,21 @@
-//! When the motion tells where the contact is: base path, reading, condition and bound of one trace a whisker.
+//! Observability along the motion: base path, reading, condition number and error bound of one trace a whisker.
 
 use anyhow::Result;
-use plotters::prelude::ViridisRGB;
-use plotters::style::colors::colormaps::ColorMap;
-use plotters::style::{Color, RGBColor};
 use testbed::bound::WINDOW_S;
 use testbed::metrics::error;
 use testbed::results::{BoundRow, EstimateRow, RunSet};
 
 use crate::axes::{Axis, Panel, Rect, equal, extent, without_dips};
 use crate::canvas::{Canvas, Picture};
+use crate::color::{Rgb, viridis};
+use crate::methods::look_of;
 use crate::run_data::RunData;
 use crate::style::{INK, LegendEntry, Look, SMALL, legend};
 
 /// Colour of the reading.
-const READING: RGBColor = RGBColor(86, 96, 110);
-/// Colour of what a window tells.
-const WINDOW: RGBColor = RGBColor(213, 94, 0);
+const READING: Rgb = Rgb(86, 96, 110);
+/// Colour of quantities of a window of readings.
+const WINDOW: Rgb = Rgb(213, 94, 0);
 /// Radius of the dots of a path.
 const DOT_PX: f64 = 2.6;
 
@@ -30,7 +29,7 @@ struct Trial {
     look: Look,
     touch_s: f64,
     end_s: f64,
-    /// Base positions during the contact, in mm since the first of them, with what the window tells there in mm.
+    /// Base positions during the contact in mm since the first of them, with the error bound of the window there in mm.
     path: Vec<((f64, f64), f64)>,
     reading_un_m: Series,
     /// Root of the condition number.
@@ -50,7 +49,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         |series: fn(&Trial) -> &Series| trials.iter().flat_map(series).map(|(_, value)| *value).collect::<Vec<f64>>();
     let axes = [
         Axis::around("µN·m", all(|trial| &trial.reading_un_m)),
-        Axis::logarithmic("length : width", without_dips(all(|trial| &trial.elongation))),
+        Axis::logarithmic("semi-axis ratio", without_dips(all(|trial| &trial.elongation))),
         Axis::logarithmic("mm", [all(|trial| &trial.bound_mm), all(|trial| &trial.window_mm)].concat()),
     ];
     let height_px = 66 + 48 + 480 * trials.len() as u32 - 74;
@@ -59,10 +58,10 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let shades = (least_mm, most_mm.max(2.0 * least_mm));
 
     let paint = move |canvas: &Canvas| {
-        let window = format!("the last {WINDOW_S} s alone");
+        let window = format!("error bound given the last {WINDOW_S} s");
         let error = format!("error of {}", trials[0].estimator);
         let entries = [
-            LegendEntry::line("least error that all readings so far allow", INK, 2.0),
+            LegendEntry::line("error bound given all readings so far", INK, 2.0),
             LegendEntry::line(&window, WINDOW, 1.75),
             LegendEntry::line(&error, trials[0].look.color, 1.5),
             LegendEntry::dashes("first touch", INK),
@@ -77,7 +76,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, height_px, paint)))
 }
 
 fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>> {
@@ -88,13 +87,13 @@ fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>>
     let (Some(rows), Some(bounds)) = (data.estimates(trace, estimator)?, data.bound(trace)?) else {
         return Ok(None);
     };
-    // Before the first window is full it tells little of the motion.
+    // The first window is full from here on.
     let full_s = scores.head.touch_s + WINDOW_S;
     let settled = || bounds.iter().filter(|row| row.t_s >= full_s);
     Ok(Some(Trial {
         title: trace.clone(),
         estimator: estimator.to_owned(),
-        look: Look::of(data.place_of(estimator)),
+        look: look_of(data, estimator),
         touch_s: scores.head.touch_s,
         end_s: rows[rows.len() - 1].t_s,
         path: path(&rows, settled()),
@@ -106,7 +105,7 @@ fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>>
     }))
 }
 
-/// Base positions at the bound's instants, with what the window tells there.
+/// Base positions at the instants of the bound, with the error bound of the window there.
 fn path<'a>(rows: &[EstimateRow], bounds: impl Iterator<Item = &'a BoundRow>) -> Vec<((f64, f64), f64)> {
     let mut rows = rows.iter();
     let mut first = None;
@@ -128,7 +127,7 @@ impl Trial {
         let title = format!("{}: path of the base", self.title);
         let panel = Panel::with_equal_scales(canvas, frame, &title, (x_name, "base y (mm)"), bounds)?;
         for ((x, y), window_mm) in &self.path {
-            panel.discs([(*x, *y)], DOT_PX, shade(*window_mm, shades_mm).to_rgba())?;
+            panel.discs([(*x, *y)], DOT_PX, shade(*window_mm, shades_mm))?;
         }
         let bar = Rect { left: frame.right + 12.0, right: frame.right + 24.0, ..frame };
         let axis = Axis::logarithmic_between("", shades_mm.0, shades_mm.1);
@@ -137,7 +136,7 @@ impl Trial {
         for step in 0..steps {
             let at = |step: i32| shades_mm.0 * (shades_mm.1 / shades_mm.0).powf(f64::from(step) / f64::from(steps));
             let (from, to) = (at(step), at(step + 1));
-            bar_panel.area([(0.0, from), (1.0, from), (1.0, to), (0.0, to)], shade(from, shades_mm).to_rgba())?;
+            bar_panel.area([(0.0, from), (1.0, from), (1.0, to), (0.0, to)], shade(from, shades_mm))?;
         }
         for (value, number) in axis.ticks((frame.bottom - frame.top) / 45.0) {
             canvas.text(&number, (bar.right + 6.0, bar_panel.at((0.0, value)).1), SMALL)?;
@@ -148,8 +147,8 @@ impl Trial {
     fn paint_series(&self, canvas: &Canvas, frames: &[Rect], axes: &[Axis; 3], last: bool) -> Result<()> {
         let titles = [
             "reading",
-            "length over width of the uncertainty that the window leaves: the root of the condition number",
-            "what the readings allow, and what the filter makes of them",
+            "ratio of the semi-axes of the uncertainty given the window (root of the condition number)",
+            "error bounds and error of the filter",
         ];
         for (row, (frame, title)) in frames.iter().zip(titles).enumerate() {
             let name = if last { "time (s)" } else { "" };
@@ -171,8 +170,8 @@ impl Trial {
     }
 }
 
-/// Dark where the window tells much, pale where it tells little.
-fn shade(window_mm: f64, (least_mm, most_mm): (f64, f64)) -> RGBColor {
+/// Dark for a small error bound, pale for a large one.
+fn shade(window_mm: f64, (least_mm, most_mm): (f64, f64)) -> Rgb {
     let fraction = (window_mm / least_mm).ln() / (most_mm / least_mm).ln();
-    ViridisRGB.get_color_normalized(fraction as f32, 0.0, 1.0)
+    viridis(fraction)
 }

@@ -1,7 +1,6 @@
-//! The filters as they were published, beside the published figures' values: start and steady state, one column a whisker.
+//! The published filters beside values read off the published figures: start-up and steady state, one column a whisker.
 
 use anyhow::Result;
-use plotters::style::Color;
 use testbed::metrics::error;
 use testbed::results::RunSet;
 use testbed::statistics::quantile;
@@ -17,8 +16,8 @@ const START_S: f64 = 3.0;
 /// Distance between the markers on a curve.
 const MARKER_SPACING_PX: f64 = 90.0;
 
-/// What the plots of Lin et al. (2022, pin experiments) show of one filter on one whisker, read off by eye. On the straight whisker EKF and UKF both pass
-/// 1 mm between 0.6 and 0.7 s; here one has the one end and the other the other, so that both are seen.
+/// Values of one filter on one whisker in the plots of Lin et al. (2022, pin experiments), read off by eye. On the straight whisker EKF and UKF both pass
+/// 1 mm between 0.6 and 0.7 s; here one has either end, so that the markers do not coincide.
 struct Published {
     whisker: &'static str,
     /// The estimator that is configured as the published one.
@@ -51,13 +50,14 @@ struct Curve {
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
-    let filters: Vec<&str> = data.of_class(MethodClass::Published).collect();
+    let filters: Vec<(&str, Look)> =
+        data.of_class(MethodClass::Published).enumerate().map(|(place, name)| (name, Look::of(place))).collect();
     let columns: Vec<(String, Vec<Curve>)> = data
         .leading_sets()
         .into_iter()
         .map(|set| {
             let title = format!("{} whisker, {}, {}", set.whisker, plain(&set.group), data.trials_in_words(set));
-            (title, filters.iter().map(|estimator| curve(data, set, estimator)).collect())
+            (title, filters.iter().map(|(name, look)| curve(data, set, name, *look)).collect())
         })
         .collect();
     let curves = || columns.iter().flat_map(|(_, curves)| curves);
@@ -74,13 +74,16 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     });
     let error = Axis::logarithmic("contact error (mm)", errors);
     let places = filters.len();
-    let looks: Vec<(String, Look)> =
-        filters.iter().map(|name| ((*name).to_owned(), Look::of(data.place_of(name)))).collect();
+    let looks: Vec<(String, Look)> = filters.iter().map(|(name, look)| ((*name).to_owned(), *look)).collect();
 
     let paint = move |canvas: &Canvas| {
         let mut entries: Vec<_> = looks.iter().map(|(name, look)| LegendEntry::curve(name, *look)).collect();
         if let Some((_, look)) = looks.first() {
-            entries.push(LegendEntry::marker("published: from here on below this error", *look, false));
+            entries.push(LegendEntry::marker(
+                "published: error stays below this value from this time on",
+                *look,
+                false,
+            ));
         }
         let below = legend(canvas, (64.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, below + 48.0, 8.0, 62.0]);
@@ -102,16 +105,16 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 520, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 520, paint)))
 }
 
-fn curve(data: &RunData, set: &RunSet, estimator: &str) -> Curve {
+fn curve(data: &RunData, set: &RunSet, estimator: &str, look: Look) -> Curve {
     let trials = set.traces.len() * data.run.seeds.len();
     let bands = data.bands_of(set, estimator);
     let steady = data.trials_of(set, estimator).into_iter().filter_map(|trial| trial.get(&error::RMSE));
     Curve {
         name: estimator.to_owned(),
-        look: Look::of(data.place_of(estimator)),
+        look,
         // A median over the few trials that estimate early would flatter the estimator.
         median_mm: bands
             .iter()

@@ -1,14 +1,15 @@
-//! The outlines found on objects of which nobody knows where they were touched: one panel a sweep.
+//! Estimated outlines of objects without known contacts, one panel a sweep.
 
 use anyhow::Result;
 use testbed::results::ContourTrialRow;
 
 use crate::canvas::Picture;
 use crate::contour_panel::{ContourPanel, Found, picture};
+use crate::methods::look_of;
 use crate::run_data::RunData;
-use crate::style::{Look, plain, two_digits};
+use crate::style::{plain, two_digits};
 
-/// Filters drawn: so many of the run's first.
+/// Number of filters drawn: the first of the run.
 const FILTERS: usize = 2;
 
 /// Lays the figure out.
@@ -25,7 +26,7 @@ fn panel(data: &RunData, trace: &str) -> Result<Option<ContourPanel>> {
     for row in data.contours_of(trace).filter(|row| data.filters().take(FILTERS).any(|name| name == row.estimator)) {
         object = Some(&row.object);
         if let Some(vertices) = data.contour(trace, &row.estimator)? {
-            let look = Look::of(data.place_of(&row.estimator));
+            let look = look_of(data, &row.estimator);
             found.push(Found::new(row.estimator.clone(), words(row), look, &vertices));
         }
     }
@@ -35,9 +36,9 @@ fn panel(data: &RunData, trace: &str) -> Result<Option<ContourPanel>> {
     Ok(Some(ContourPanel { title: format!("{}, {sweep}", plain(object)), outline, touched: Vec::new(), found }))
 }
 
-/// What is to be said of the outline that an estimator found, and of the circle through it.
+/// Deviation of the estimated outline and the circle fitted to it, in words.
 fn words(row: &ContourTrialRow) -> Vec<String> {
-    let off = row.mean_m.map(|mean_m| format!(": {} mm off", two_digits(1e3 * mean_m)));
+    let off = row.mean_m.map(|mean_m| format!(": mean distance {} mm", two_digits(1e3 * mean_m)));
     let mut lines = vec![format!("{}{}", row.estimator, off.unwrap_or_default())];
     if let (Some(radius_m), Some(low_m), Some(residual_m)) = (row.radius_m, row.radius_low_m, row.residual_rms_m) {
         let [radius, low, residual] = [radius_m, low_m, residual_m].map(|length_m| two_digits(1e3 * length_m));

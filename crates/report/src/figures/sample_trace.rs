@@ -1,24 +1,25 @@
-//! One trial a whisker from the touch to the end: reading, motion, error.
+//! One trial a whisker: reading, motion and error over time.
 
 use anyhow::Result;
-use plotters::style::RGBColor;
 use testbed::metrics::error;
 use testbed::results::{EstimateRow, RunSet};
 
 use crate::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::canvas::{Canvas, Picture};
+use crate::color::Rgb;
+use crate::methods::look_of;
 use crate::run_data::RunData;
 use crate::style::{INK, LegendEntry, Look, legend};
 
 /// Colours of the three coordinates of the base.
-const MOTION: [(&str, RGBColor); 3] =
-    [("base x", RGBColor(0, 114, 178)), ("base y", RGBColor(213, 94, 0)), ("base yaw", RGBColor(204, 121, 167))];
+const MOTION: [(&str, Rgb); 3] =
+    [("base x", Rgb(0, 114, 178)), ("base y", Rgb(213, 94, 0)), ("base yaw", Rgb(204, 121, 167))];
 /// Relative heights of the rows: reading, position, yaw, error.
 const ROWS: [f64; 4] = [1.0, 1.0, 0.6, 1.1];
 /// Colour of the standard deviation.
-const CLAIMED: RGBColor = RGBColor(125, 133, 144);
+const CLAIMED: Rgb = Rgb(125, 133, 144);
 /// Colour of the reading.
-const READING: RGBColor = RGBColor(86, 96, 110);
+const READING: Rgb = Rgb(86, 96, 110);
 
 /// A quantity over time.
 type Series = Vec<(f64, f64)>;
@@ -53,7 +54,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
 
     let paint = move |canvas: &Canvas| {
         let mut entries: Vec<_> = MOTION.iter().map(|(name, color)| LegendEntry::line(name, *color, 1.75)).collect();
-        entries.push(LegendEntry::line("standard deviation that the filter claims", CLAIMED, 1.75));
+        entries.push(LegendEntry::line("stated standard deviation", CLAIMED, 1.75));
         entries.push(LegendEntry::dashes("first touch", INK));
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
@@ -64,7 +65,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 900, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 900, paint)))
 }
 
 fn values(series: &Series) -> Vec<f64> {
@@ -84,7 +85,7 @@ fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>>
     Ok(Some(Trial {
         title: format!("{} whisker: {}", set.whisker, scores.head.trace),
         error_title: format!("error of {estimator}"),
-        look: Look::of(data.place_of(estimator)),
+        look: look_of(data, estimator),
         touch_s: scores.head.touch_s,
         end_s: rows[rows.len() - 1].t_s,
         reading_un_m: series(&|row| 1e6 * row.reading_n_m),
@@ -98,7 +99,7 @@ fn trial(data: &RunData, set: &RunSet, estimator: &str) -> Result<Option<Trial>>
     }))
 }
 
-/// Root of the trace of the covariance: the root mean square error that the estimator claims.
+/// Root of the trace of the covariance: the RMS error that the estimator states.
 fn claimed_deviation_m(row: &EstimateRow) -> Option<f64> {
     row.contact_x_m?;
     Some((row.cov_xx_m2? + row.cov_yy_m2?).sqrt())

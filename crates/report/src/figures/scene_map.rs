@@ -1,33 +1,33 @@
-//! The maps of recordings of several whiskers, from above.
+//! Map of a recording of several whiskers in plan view.
 
 use anyhow::Result;
-use plotters::style::{Color, RGBColor};
 use testbed::results::{GridRow, MapObjectRow, MapPointRow, MapVertexRow, RunRecording, VertexRow};
 
 use crate::axes::{Panel, Rect, extent};
 use crate::canvas::{Align, Canvas, Lettering, Picture};
+use crate::color::Rgb;
 use crate::contour_panel::{Points, band};
 use crate::run_data::RunData;
 use crate::style::{CURVE_PX, FRAME, INK, LegendEntry, Look, OBJECT, SMALL, legend, plain};
 
 /// Radius of a contact point.
 const DOT_PX: f64 = 3.0;
-/// Cells that are free, and that are not.
-const FREE: RGBColor = RGBColor(86, 180, 233);
+/// Colours and opacities of free and occupied cells.
+const FREE: Rgb = Rgb(86, 180, 233);
 const FREE_OPACITY: f64 = 0.22;
-const OCCUPIED: RGBColor = RGBColor(60, 60, 60);
+const OCCUPIED: Rgb = Rgb(60, 60, 60);
 const OCCUPIED_OPACITY: f64 = 0.45;
 /// Outlines found.
-const FOUND: RGBColor = RGBColor(0, 158, 115);
+const FOUND: Rgb = Rgb(0, 158, 115);
 const BAND_OPACITY: f64 = 0.35;
-/// What is shown around the objects.
+/// Margin around the objects.
 const MARGIN_MM: f64 = 40.0;
 /// Height of a line of text.
 const LINE_PX: f64 = 15.0;
-/// Cells farther apart than this are no neighbours.
+/// Largest distance of neighbouring cells, in cells.
 const NEIGHBOUR: f64 = 1.5;
 
-/// What is drawn.
+/// Content of the picture, in millimetres.
 struct Scene {
     title: String,
     /// Runs of like cells: from, to, y, and whether they are free.
@@ -38,7 +38,7 @@ struct Scene {
     arrays: Vec<(String, Points)>,
     /// Outline and band of each object found.
     found: Vec<(Points, Points)>,
-    /// Where it is written what, line by line.
+    /// Annotations: position and lines of text.
     words: Vec<((f64, f64), Vec<String>)>,
 }
 
@@ -52,19 +52,19 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         let names: Vec<String> = scene.arrays.iter().map(|(name, _)| format!("contact points, array {name}")).collect();
         let mut entries: Vec<LegendEntry> =
             names.iter().enumerate().map(|(place, name)| LegendEntry::line(name, color(place), 2.0 * DOT_PX)).collect();
-        entries.push(LegendEntry::line("outline found", FOUND, CURVE_PX));
-        entries.push(LegendEntry::bands("its 95 % band", vec![FOUND.mix(BAND_OPACITY)]));
+        entries.push(LegendEntry::line("estimated outline", FOUND, CURVE_PX));
+        entries.push(LegendEntry::bands("95 % band", vec![FOUND.mix(BAND_OPACITY)]));
         entries.push(LegendEntry::line("true outline", FRAME, 1.5));
         entries.push(LegendEntry::bands("free", vec![FREE.mix(FREE_OPACITY)]));
         entries.push(LegendEntry::bands("occupied", vec![OCCUPIED.mix(OCCUPIED_OPACITY)]));
         let below = legend(canvas, (56.0, 18.0), &entries)?;
         scene.paint(canvas, Rect::inside(canvas, [60.0, below + 40.0, 14.0, 48.0]))
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 1000, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 1000, paint)))
 }
 
-/// The colour of an array, which stands out from the grid.
-fn color(place: usize) -> RGBColor {
+/// The colour of an array, distinct from those of the grid.
+fn color(place: usize) -> Rgb {
     Look::of([0, 4, 3, 1][place % 4]).color
 }
 
@@ -117,13 +117,13 @@ fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Op
     }))
 }
 
-/// What is written on an object that was found.
+/// Annotation of an object that was found.
 fn in_words(row: &MapObjectRow) -> Vec<String> {
     let mm = |value_m: f64| format!("{:.2} mm", 1e3 * value_m);
     let mut words = Vec::new();
-    words.extend(row.outline_mean_m.map(|mean_m| format!("outline off by {}", mm(mean_m))));
+    words.extend(row.outline_mean_m.map(|mean_m| format!("outline error {}", mm(mean_m))));
     words.extend(row.radius_m.map(|radius_m| format!("radius {}", mm(radius_m))));
-    words.extend(row.center_error_m.map(|error_m| format!("middle off by {}", mm(error_m))));
+    words.extend(row.center_error_m.map(|error_m| format!("centre error {}", mm(error_m))));
     words
 }
 
@@ -149,7 +149,7 @@ impl Scene {
         let bounds = [left - MARGIN_MM, right + MARGIN_MM, low - MARGIN_MM, high + MARGIN_MM];
         let panel = Panel::with_equal_scales(canvas, frame, &self.title, ("x (mm)", "y (mm)"), bounds)?;
         for truth in &self.truths {
-            panel.area(truth.iter().copied(), OBJECT.to_rgba())?;
+            panel.area(truth.iter().copied(), OBJECT)?;
         }
         let half = 0.5 * self.cell_mm;
         for &(from, to, y, is_free) in &self.cells {
@@ -161,7 +161,7 @@ impl Scene {
             panel.line(truth.iter().copied(), FRAME, 1.5)?;
         }
         for (place, (_, points)) in self.arrays.iter().enumerate() {
-            panel.discs(points.iter().copied(), DOT_PX, color(place).to_rgba())?;
+            panel.discs(points.iter().copied(), DOT_PX, color(place))?;
         }
         for (line, band) in &self.found {
             panel.area(band.iter().copied(), FOUND.mix(BAND_OPACITY))?;

@@ -1,12 +1,11 @@
-//! The calibrated map from contact to reading, and what it leaves unexplained.
+//! The calibrated map from contact to reading and its residuals.
 
 use anyhow::Result;
-use plotters::prelude::{ColorMap, ViridisRGB};
-use plotters::style::{Color, RGBColor};
 use testbed::results::{ResidualRow, SurfaceRow};
 
 use crate::axes::{Axis, Panel, Rect, equal, extent};
 use crate::canvas::{Canvas, Picture};
+use crate::color::{Rgb, viridis};
 use crate::run_data::RunData;
 use crate::style::{INK, Look, MUTED, SMALL, two_digits};
 
@@ -71,11 +70,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture {
-        width_px: 1200,
-        height_px: 36 + 48 + rows as u32 * 236 + (rows as u32 - 1) * 66,
-        paint: Box::new(paint),
-    }))
+    Ok(Some(Picture::new(1200, 36 + 48 + rows as u32 * 236 + (rows as u32 - 1) * 66, paint)))
 }
 
 /// The rows of the surface, which run along the whisker line by line of equal arc length.
@@ -122,7 +117,7 @@ impl Model {
         let panel = Panel::with_equal_scales(canvas, frame, &self.title, (x_name, "y in Base (mm)"), bounds)?;
         for cell in &self.cells {
             let reading = cell.iter().map(|node| node.reading).sum::<f64>() / 4.0;
-            panel.tile(cell.map(|node| node.at), shade(reading, self.readings()).to_rgba())?;
+            panel.tile(cell.map(|node| node.at), shade(reading, self.readings()))?;
         }
         self.paint_isolines(&panel)?;
         let whisker = self.grid.iter().filter_map(|line| undeflected(line));
@@ -136,7 +131,7 @@ impl Model {
             for [a, b, c, d] in &self.cells {
                 for triangle in [[a, b, d], [b, c, d]] {
                     if let Some(segment) = crossing(triangle, level) {
-                        panel.line(segment, RGBColor(255, 255, 255).mix(0.75), 1.0)?;
+                        panel.line(segment, Rgb::WHITE.mix(0.75), 1.0)?;
                     }
                 }
             }
@@ -151,7 +146,7 @@ impl Model {
         let steps = 64;
         for step in 0..steps {
             let from = lowest + (highest - lowest) * f64::from(step) / f64::from(steps);
-            let color = shade(from, (lowest, highest)).to_rgba();
+            let color = shade(from, (lowest, highest));
             panel.area([(0.0, from), (1.0, from), (1.0, highest), (0.0, highest)], color)?;
         }
         for (value, number) in axis.ticks((frame.bottom - frame.top) / 45.0) {
@@ -170,10 +165,10 @@ impl Model {
     }
 }
 
-/// Dark at zero, light at the largest magnitude, whatever the sign.
-fn shade(reading: f64, (lowest, highest): (f64, f64)) -> RGBColor {
+/// Dark at zero, light at the largest magnitude of either sign.
+fn shade(reading: f64, (lowest, highest): (f64, f64)) -> Rgb {
     let largest = lowest.abs().max(highest.abs());
-    ViridisRGB.get_color_normalized(reading.abs() as f32, 0.0, largest as f32)
+    viridis(reading.abs() / largest)
 }
 
 /// The map cut into cells, whose corners follow each other around. Neighbouring lines reach differently far from the

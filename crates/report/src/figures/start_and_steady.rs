@@ -1,12 +1,12 @@
-//! Root mean square error of every trial, start-up and steady state apart, and how far each filter leads the baseline in the latter.
+//! RMS error of every trial in start-up and steady state, and its ratio to that of the baseline in the latter.
 
 use anyhow::Result;
-use plotters::style::Color;
 use testbed::statistics::median;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
 use crate::compare::{Phase, factor_over_baseline, format_factor, phase_errors};
+use crate::methods::{self, Method};
 use crate::run_data::RunData;
 use crate::style::{INK, LABEL, Look, PANEL_TITLE, SMALL, plain};
 
@@ -23,25 +23,28 @@ struct Strip {
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    methods::picture(data, picture)
+}
+
+fn picture(data: &RunData, methods: Vec<Method>) -> Result<Option<Picture>> {
     let sets = data.leading_sets();
-    let labels = data.labels();
     let panels: Vec<Vec<(String, Vec<Strip>)>> = Phase::ALL
         .into_iter()
         .map(|phase| {
             sets.iter()
                 .map(|set| {
-                    let strip = |(index, estimator): (usize, &str)| Strip {
-                        label: labels[index].clone(),
-                        look: Look::of(index),
-                        errors_mm: phase_errors(data, set, estimator, phase).map(|error| 1e3 * error).collect(),
-                        // At the start the dots of filter and baseline cover different times, the factor common ones.
+                    let strip = |method: &Method| Strip {
+                        label: method.label.clone(),
+                        look: method.look,
+                        errors_mm: phase_errors(data, set, &method.name, phase).map(|error| 1e3 * error).collect(),
+                        // In start-up the dots of filter and baseline cover different times, the factor common ones.
                         factor: match phase {
                             Phase::Start => None,
-                            Phase::Steady => factor_over_baseline(data, set, estimator, phase),
+                            Phase::Steady => factor_over_baseline(data, set, &method.name, phase),
                         },
                     };
                     let title = format!("{} whisker, {}: {}", set.whisker, plain(&set.group), phase.words());
-                    (title, data.estimators().enumerate().map(strip).collect())
+                    (title, methods.iter().map(strip).collect())
                 })
                 .collect()
         })
@@ -55,13 +58,13 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         return Ok(None);
     }
     let axis = Axis::logarithmic("RMS contact error (mm)", errors);
-    let rows = data.estimators().count();
+    let rows = methods.len();
 
     let paint = move |canvas: &Canvas| {
         let mut names_px = 0.0f64;
         for (_, strips) in panels.iter().flatten() {
             for strip in strips {
-                names_px = names_px.max(canvas.text_width_px(&strip.label, LABEL)?);
+                names_px = names_px.max(canvas.text_width_px(&strip.label, LABEL));
             }
         }
         let plot = Rect::inside(canvas, [names_px + 32.0, 36.0, 8.0, 48.0]);
@@ -74,11 +77,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture {
-        width_px: 1200,
-        height_px: 36 + 48 + 62 + 2 * (rows as u32 * ROW_PX + 10),
-        paint: Box::new(paint),
-    }))
+    Ok(Some(Picture::new(1200, 36 + 48 + 62 + 2 * (rows as u32 * ROW_PX + 10), paint)))
 }
 
 fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[Strip], named: bool) -> Result<()> {

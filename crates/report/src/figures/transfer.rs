@@ -1,19 +1,19 @@
-//! From the rotation of the root to counts.
+//! Sensor characteristic: counts over the rotation of the root.
 
 use anyhow::Result;
-use plotters::style::RGBColor;
 use testbed::results::TransferRow;
 
 use crate::axes::{Axis, Panel, Rect};
 use crate::canvas::{Canvas, Picture};
+use crate::color::Rgb;
 use crate::run_data::RunData;
 use crate::style::{CURVE_PX, LegendEntry, Look, MUTED, legend};
 
-/// Names and colours of the axes; the second is the one that is read.
-const AXES: [(&str, RGBColor, Value); 3] = [
-    ("x, along the root", RGBColor(125, 133, 144), |row| row.x_counts),
-    ("y, in the plane: read", RGBColor(0, 114, 178), |row| row.y_counts),
-    ("z, out of the plane", RGBColor(230, 159, 0), |row| row.z_counts),
+/// Names and colours of the axes. The reading is that of the second.
+const AXES: [(&str, Rgb, Value); 3] = [
+    ("x, along the root", Rgb(125, 133, 144), |row| row.x_counts),
+    ("y, in the plane (reading)", Rgb(0, 114, 178), |row| row.y_counts),
+    ("z, out of the plane", Rgb(230, 159, 0), |row| row.z_counts),
 ];
 /// The axis that is read.
 const READ: usize = 1;
@@ -48,7 +48,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             names.iter().enumerate().map(|(i, name)| LegendEntry::line(name, Look::of(i).color, CURVE_PX)).collect();
         legend(canvas, (frames[1].left, 18.0), &entries)?;
         let all = Axis::around("thousand counts", rows.iter().map(|row| THOUSAND * value(row)));
-        let title = "y behind an amplifier: it saturates at the ends of the range";
+        let title = "y after an amplifier, saturating at the ends of its range";
         let panel = Panel::new(canvas, frames[1], title, rotation.clone(), all)?;
         for end in [f64::min, f64::max].map(|pick| rows.iter().map(value).fold(0.0, pick)) {
             panel.level(THOUSAND * end, "", MUTED)?;
@@ -59,7 +59,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 480, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 480, paint)))
 }
 
 fn degrees(row: &TransferRow) -> f64 {

@@ -56,7 +56,7 @@ const QUANTITIES: [Quantity; 4] = [
     Quantity { figure: "tip", title: "position of the tip", label: "error (mm)", error: |row| 1e3 * row.tip_error_m },
 ];
 
-/// What one panel shows.
+/// Content of one panel.
 struct Shown {
     quantity: &'static Quantity,
     /// A line a whisker.
@@ -109,7 +109,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 840, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 840, paint)))
 }
 
 impl Shown {

@@ -1,4 +1,4 @@
-//! The tables of the physics study, read and checked: all that its report knows.
+//! The tables of the physics study, read and checked.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use testbed::results::read_rows;
 
-/// What made the tables.
+/// Provenance of the tables.
 #[derive(Deserialize, Serialize)]
 pub(crate) struct Watermark {
     format: u32,
@@ -40,17 +40,17 @@ pub(crate) struct Generator {
 pub(crate) struct Claim {
     /// Its name.
     pub(crate) id: String,
-    /// What is claimed.
+    /// The claim in words.
     pub(crate) claim: String,
-    /// What was found.
+    /// Measured value.
     pub(crate) measured: f64,
     /// `<=` or `>=`.
     pub(crate) relation: String,
-    /// What it is held against.
+    /// Bound on the measured value.
     pub(crate) bound: f64,
     /// Unit of both; may be empty.
     pub(crate) unit: String,
-    /// Whether the figure keeps the bound.
+    /// Whether the measured value keeps the bound.
     pub(crate) holds: bool,
 }
 
@@ -63,10 +63,10 @@ fn watermark_file(folder: &Path) -> PathBuf {
     folder.join("watermark.json")
 }
 
-/// The tables of the physics study. Those of single figures are read when asked for.
+/// The tables of the physics study. Those of single figures are read on request.
 pub(crate) struct Data {
     folder: PathBuf,
-    /// What made them.
+    /// Their provenance.
     pub(crate) watermark: Watermark,
     /// Every claim, in the order of the studies.
     pub(crate) claims: Vec<Claim>,
@@ -89,7 +89,7 @@ impl Data {
         Ok(Self { claims: read_rows(&folder.join("claims.csv"))?, folder: folder.to_owned(), watermark })
     }
 
-    /// The rows of a table. Columns that the rows do not name are passed over.
+    /// The rows of a table. Columns without a field are ignored.
     ///
     /// # Errors
     /// When the file is missing or damaged.

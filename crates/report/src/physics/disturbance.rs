@@ -1,4 +1,4 @@
-//! What whiskers do to objects that stand free: peak force above, displacement below, a column for each tip or mass.
+//! Disturbance of free-standing objects: peak force above, displacement below, one column a tip or mass.
 
 use anyhow::Result;
 use serde::Deserialize;
@@ -10,7 +10,7 @@ use crate::style::{CURVE_PX, INK, LegendEntry, Look, MUTED, legend};
 
 /// Roots from this stiffness on are as good as clamped.
 const CLAMPED_N_M_RAD: f64 = 1.0;
-/// Looks that are of no line: of the legend's hollow marker, and of the push that makes an object slide.
+/// Looks of the legend's hollow marker and of the force at which an object slides.
 const GREY: usize = 6;
 const VERMILION: usize = 4;
 
@@ -45,7 +45,7 @@ struct Layout {
 /// Lays out the figure over the angle of approach.
 pub(crate) fn by_approach(data: &Data) -> Result<Option<Picture>> {
     let column = |row: &Row| {
-        let tip = if row.tip_friction > 0.0 { "tip that rubs" } else { "frictionless tip" };
+        let tip = if row.tip_friction > 0.0 { "tip with friction" } else { "frictionless tip" };
         format!("{tip}, object of {} g", grams(row))
     };
     let layout = Layout {
@@ -62,12 +62,12 @@ pub(crate) fn sideways(data: &Data) -> Result<Option<Picture>> {
     by_diameter(data, |row| row.tip_friction == 0.0)
 }
 
-/// Lays out the figure over the wire's diameter for a straight whisker head-on, with a tip that rubs.
+/// Lays out the figure over the wire's diameter for a straight whisker head-on, with friction at the tip.
 pub(crate) fn head_on(data: &Data) -> Result<Option<Picture>> {
     by_diameter(data, |row| row.tip_friction > 0.0)
 }
 
-/// Lays out the figure over the base's speed for whiskers that meet the object head-on, with a tip that rubs.
+/// Lays out the figure over the base's speed for whiskers that meet the object head-on, with friction at the tip.
 pub(crate) fn by_speed(data: &Data) -> Result<Option<Picture>> {
     let rows: Vec<Row> = data.table("disturbance_speed")?;
     let layout = Layout {
@@ -152,9 +152,9 @@ fn picture(data: &Data, rows: &[Row], Layout { column, line, x, x_of }: Layout) 
         let mut entries: Vec<_> =
             lines.iter().enumerate().map(|(index, name)| LegendEntry::curve(name, Look::of(index))).collect();
         entries.push(LegendEntry::marker("hollow: the object fell", Look::of(GREY), false));
-        entries.push(LegendEntry::dashes("push that tips it", INK));
-        entries.push(LegendEntry::dashes("push that makes it slide", Look::of(VERMILION).color));
-        entries.push(LegendEntry::dashes("displacement claimed", MUTED));
+        entries.push(LegendEntry::dashes("force at which it tips", INK));
+        entries.push(LegendEntry::dashes("force at which it slides", Look::of(VERMILION).color));
+        entries.push(LegendEntry::dashes("claimed bound on the displacement", MUTED));
         legend(canvas, (16.0, 18.0), &entries)?;
         let rows = Rect::inside(canvas, [84.0, 90.0, 14.0, 48.0]).rows(&equal(2), 26.0);
         let frames = |row: usize| rows[row].columns(&equal(columns.len()), 20.0);
@@ -172,7 +172,7 @@ fn picture(data: &Data, rows: &[Row], Layout { column, line, x, x_of }: Layout) 
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 760, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 760, paint)))
 }
 
 /// A line with its markers, hollow where the object fell.

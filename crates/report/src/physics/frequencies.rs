@@ -46,5 +46,5 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         let panel = Panel::new(canvas, frame, "", chains, error.clone())?;
         falling_errors(&panel, &lines, Some(bound))
     };
-    Ok(Some(Picture { width_px: 900, height_px: 420, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(900, 420, paint)))
 }

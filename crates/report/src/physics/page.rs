@@ -1,18 +1,18 @@
-//! The page of the physics study: claims, figures and the watermark in one HTML file that fetches nothing.
+//! The page of the physics study: claims, figures and provenance in one HTML file that loads no other file.
 
 use anyhow::Result;
 use maud::{DOCTYPE, Markup, html};
 
 use super::data::{Claim, Data};
-use crate::figure::Drawn;
-use crate::page::{figure_section, head};
+use crate::figure::Figures;
+use crate::page::{figure_content, head, left_out_entry};
 use crate::style::three_digits;
 
 /// The whole page.
 ///
 /// # Errors
 /// When a picture cannot be painted.
-pub(crate) fn html(data: &Data, drawn: &[Drawn]) -> Result<String> {
+pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
     let title = "Whisker contact localisation: physics";
     let holding = data.claims.iter().filter(|claim| claim.holds).count();
     let page = html! {
@@ -23,20 +23,20 @@ pub(crate) fn html(data: &Data, drawn: &[Drawn]) -> Result<String> {
                 header {
                     h1 { (title) }
                     p {
-                        "The simulator against the exact quasi-static whisker and against the analytic beam: "
+                        "Verification of the simulator against the quasi-static elastica and the analytic beam: "
                         (holding) " of " (data.claims.len()) " claims hold."
                     }
                     nav {
-                        @for figure in drawn { a href={ "#" (figure.name) } { (figure.title) } }
                         a href="#claims" { "Claims" }
+                        @for figure in &figures.drawn { a href={ "#" (figure.name) } { (figure.title) } }
                         a href="#provenance" { "Provenance" }
                     }
                 }
                 main {
-                    @for figure in drawn { (figure_section(figure)?) }
                     (claims_table(&data.claims))
+                    @for figure in &figures.drawn { section id=(figure.name) { h2 { (figure.title) } (figure_content(figure)?) } }
                 }
-                (provenance(data))
+                (provenance(data, &figures.left_out))
             }
         }
     };
@@ -76,7 +76,7 @@ fn sign_of(relation: &str) -> &str {
     }
 }
 
-fn provenance(data: &Data) -> Markup {
+fn provenance(data: &Data, left_out: &[&str]) -> Markup {
     let mark = &data.watermark;
     html! {
         footer #provenance {
@@ -86,6 +86,7 @@ fn provenance(data: &Data) -> Markup {
                 dt { "compared with" } dd { "NumPy " (mark.numpy) ", SciPy " (mark.scipy) }
                 dt { "commit" } dd { code { (mark.generator.git_commit.as_deref().unwrap_or("unknown")) } }
                 dt { "source, SHA-256" } dd { code { (mark.generator.source_sha256) } }
+                (left_out_entry(left_out))
             }
         }
     }

@@ -11,7 +11,7 @@ const DEFAULT_SEGMENTS: f64 = 40.0;
 /// The stroke of a bound reaches from this share of the default to its inverse.
 const BOUND_REACH: f64 = 0.75;
 
-/// The guide starts at this share of the first line's error, lest they hide each other.
+/// The guide starts at this share of the first line's error, so that they do not coincide.
 const GUIDE_SHARE: f64 = 0.6;
 
 /// Errors over the number of segments, in the order of the looks.

@@ -1,4 +1,4 @@
-//! The calibration rig's whisker under the ruler: how far its root turns per push, at rest and while the ruler moves.
+//! The calibration rig's whisker under the ruler: root rotation per push, at rest and while the ruler moves.
 
 use anyhow::Result;
 use serde::Deserialize;
@@ -20,7 +20,7 @@ struct Row {
     rigid_rad_m: f64,
 }
 
-/// A state of the whisker, and the theory that it is held against. Rotations are per push \[rad/m\].
+/// A state of the whisker and the theory for it. Rotations are per push \[rad/m\].
 struct State {
     simulated_as: &'static str,
     expected_as: &'static str,
@@ -46,7 +46,7 @@ const STATES: [State; 2] = [
     },
 ];
 
-/// What is drawn of a state: over the distance in millimetres.
+/// Curves of a state over the distance in millimetres.
 struct Shown {
     simulated: Vec<(f64, f64)>,
     expected: Vec<(f64, f64)>,
@@ -81,7 +81,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
     // A milliradian a millimetre is a radian a metre.
     let turn = Axis::linear("root rotation per push (mrad/mm)", 0.0, 1.05 * turns.fold(0.0, f64::max));
     let misses = shown.iter().flat_map(|state| values(&state.miss_percent).into_iter().chain([state.bound_percent]));
-    let miss = Axis::logarithmic("off by (%)", misses);
+    let miss = Axis::logarithmic("deviation (%)", misses);
 
     let paint = move |canvas: &Canvas| {
         let mut entries = Vec::new();
@@ -89,7 +89,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
             entries.push(LegendEntry::marker(state.simulated_as, Look::of(index), true));
             entries.push(LegendEntry::line(state.expected_as, Look::of(index).color, CURVE_PX));
         }
-        entries.push(LegendEntry::line("a shaft that does not bend", MUTED, CURVE_PX));
+        entries.push(LegendEntry::line("rigid shaft", MUTED, CURVE_PX));
         entries.push(LegendEntry::dashes("bound", MUTED));
         let legend_px = legend(canvas, (64.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [72.0, legend_px + 28.0, 16.0, 48.0]);
@@ -107,5 +107,5 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 900, height_px: 620, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(900, 620, paint)))
 }

@@ -1,4 +1,4 @@
-//! The reading of a whisker that is let go.
+//! Reading of a whisker after its release.
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -74,7 +74,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         let entries: Vec<_> = curves
             .chain([
                 LegendEntry::line("exponential through the extremes", MUTED, CURVE_PX),
-                LegendEntry::dashes("published: time to die down, noise", INK),
+                LegendEntry::dashes("published: decay time, noise", INK),
             ])
             .collect();
         legend(canvas, (16.0, 18.0), &entries)?;
@@ -82,7 +82,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         let time = Axis::linear("time since the release (s)", 0.0, end_s);
         let left = Panel::new(canvas, frames[0], "", time.clone(), reading.clone())?;
         let right = Panel::new(canvas, frames[1], "", time, magnitude.clone())?;
-        // The first one, which rings as the traces do, lies on top.
+        // The first one, which rings as the traces do, is drawn on top.
         for ringing in ringings.iter().rev() {
             left.line(ringing.reading.iter().copied(), ringing.look.color, CURVE_PX)?;
             right.line(
@@ -100,7 +100,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         left.instant(dying_s, INK)?;
         right.instant(dying_s, INK)
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 430, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 430, paint)))
 }
 
 impl Release {

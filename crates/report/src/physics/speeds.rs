@@ -40,8 +40,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         };
         cases.iter().map(of_case).collect()
     };
-    let panels =
-        [("the first 0.1 s of contact", lines(|row| row.first_rms)), ("once settled", lines(|row| row.settled_rms))];
+    let panels = [("first 0.1 s of contact", lines(|row| row.first_rms)), ("settled", lines(|row| row.settled_rms))];
     let values = panels.iter().flat_map(|(_, lines)| lines.iter().flatten()).chain(&bounds).map(|(_, share)| *share);
     let share = Axis::logarithmic("dynamic part, RMS (% of range)", values);
 
@@ -67,5 +66,5 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 440, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 440, paint)))
 }

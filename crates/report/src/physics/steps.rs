@@ -1,4 +1,4 @@
-//! What time step and number of segments do to the reading.
+//! Sensitivity of the reading to time step and number of segments.
 
 use anyhow::Result;
 use serde::Deserialize;
@@ -21,7 +21,7 @@ struct Row {
 pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
     let rows: Vec<Row> = data.table("steps")?;
     let cases = names(rows.iter().map(|row| row.case.as_str()));
-    // The defaults themselves change nothing.
+    // Rows of the defaults have a change of zero.
     let changed: Vec<&Row> = rows.iter().filter(|row| row.change_worst > 0.0).collect();
     let variant = |row: &Row| format!("{} segments, {} ms", row.segments, 1e3 * row.timestep_s);
     let variants: Vec<String> = changed.iter().map(|row| variant(row)).collect();
@@ -59,5 +59,5 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 900, height_px: 250, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(900, 250, paint)))
 }

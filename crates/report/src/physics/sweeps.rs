@@ -10,7 +10,7 @@ use crate::style::{LegendEntry, Look, MUTED, legend, plain};
 
 /// Width of a line.
 const LINE_PX: f64 = 1.25;
-/// Lower end of the axes of lengths: what is smaller is a contact at a corner, known to the last digit.
+/// Lower end of the axes of lengths; smaller errors are those of contacts at a corner, at rounding level.
 const SMALLEST_MM: f64 = 2e-5;
 
 /// One instant of a sweep.
@@ -31,7 +31,7 @@ struct Sweep {
     range_n_m: f64,
 }
 
-/// A whisker's sweep over an object: (time, error), not a number where the whisker is not at rest enough.
+/// A whisker's sweep over an object: (time, error), NaN at instants that are not quasi-static.
 struct Curves {
     look: Look,
     moment_percent: Vec<(f64, f64)>,
@@ -57,31 +57,9 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
     if traces.is_empty() {
         return Ok(None);
     }
-    let curves_of = |object: &String| -> Vec<Curves> {
-        let of_object = whiskers.iter().enumerate().map(|(index, whisker)| {
-            let trace = format!("{object}_{whisker}");
-            let range_n_m = sweeps.iter().find(|sweep| sweep.trace == trace).map_or(f64::NAN, |sweep| sweep.range_n_m);
-            let of_trace = || instants.iter().filter(|instant| instant.trace == trace);
-            let series = |error: &dyn Fn(&Instant) -> f64| -> Vec<(f64, f64)> {
-                of_trace().map(|row| (row.t_s, if row.quasi_static == 1 { error(row) } else { f64::NAN })).collect()
-            };
-            Curves {
-                look: Look::of(index),
-                moment_percent: series(&|row| 1e2 * row.moment_error_n_m / range_n_m),
-                surface_mm: series(&|row| 1e3 * row.surface_error_m),
-                arc_mm: series(&|row| 1e3 * row.arc_error_m.abs()),
-            }
-        });
-        of_object.collect()
-    };
     let panels: Vec<(String, Vec<Curves>)> =
-        objects.iter().map(|object| (title_of(object), curves_of(object))).collect();
-    let bounds = Bounds {
-        moment_rms: data.bound("trial_moment_rms")?,
-        surface_rms: data.bound("trial_surface_rms_m")?,
-        surface_worst: data.bound("trial_surface_worst_m")?,
-        arc_rms: data.bound("trial_arc_rms_m")?,
-    };
+        objects.iter().map(|object| (title_of(object), curves(object, &whiskers, &instants, &sweeps))).collect();
+    let bounds = Bounds::read(data)?;
     let all = |series: fn(&Curves) -> &Vec<(f64, f64)>| -> Vec<f64> {
         panels.iter().flat_map(|(_, curves)| curves).flat_map(series).map(|(_, error)| *error).collect()
     };
@@ -114,7 +92,7 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
             let surface = Panel::new(canvas, rows[1], "", time.clone().unnamed(), axis(&surface))?;
             let arc = Panel::new(canvas, rows[2], "", time, axis(&arc))?;
             bounds.paint(&moment, &surface, &arc, last)?;
-            // The straight whisker, whose errors are the smoothest, lies on top.
+            // The straight whisker, whose errors are the smoothest, is drawn on top.
             for curves in curves.iter().rev() {
                 let rows = [(&moment, &curves.moment_percent), (&surface, &curves.surface_mm), (&arc, &curves.arc_mm)];
                 for (panel, errors) in rows {
@@ -124,15 +102,34 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture { width_px: 1200, height_px: 860, paint: Box::new(paint) }))
+    Ok(Some(Picture::new(1200, 860, paint)))
 }
 
-/// An object as a title says it.
+/// The errors of each whisker's sweep over an object.
+fn curves(object: &str, whiskers: &[String], instants: &[Instant], sweeps: &[Sweep]) -> Vec<Curves> {
+    let of_object = whiskers.iter().enumerate().map(|(index, whisker)| {
+        let trace = format!("{object}_{whisker}");
+        let range_n_m = sweeps.iter().find(|sweep| sweep.trace == trace).map_or(f64::NAN, |sweep| sweep.range_n_m);
+        let of_trace = || instants.iter().filter(|instant| instant.trace == trace);
+        let series = |error: &dyn Fn(&Instant) -> f64| -> Vec<(f64, f64)> {
+            of_trace().map(|row| (row.t_s, if row.quasi_static == 1 { error(row) } else { f64::NAN })).collect()
+        };
+        Curves {
+            look: Look::of(index),
+            moment_percent: series(&|row| 1e2 * row.moment_error_n_m / range_n_m),
+            surface_mm: series(&|row| 1e3 * row.surface_error_m),
+            arc_mm: series(&|row| 1e3 * row.arc_error_m.abs()),
+        }
+    });
+    of_object.collect()
+}
+
+/// Title of an object.
 fn title_of(object: &str) -> String {
     object.strip_prefix("circle_").map_or_else(|| plain(object), |radius_mm| format!("circle, R {radius_mm} mm"))
 }
 
-/// What the errors are held against.
+/// Bounds on the errors.
 struct Bounds {
     moment_rms: f64,
     surface_rms: f64,
@@ -141,7 +138,16 @@ struct Bounds {
 }
 
 impl Bounds {
-    /// Draws them into the panels of an object; says which they are in the `last` ones.
+    fn read(data: &Data) -> Result<Self> {
+        Ok(Self {
+            moment_rms: data.bound("trial_moment_rms")?,
+            surface_rms: data.bound("trial_surface_rms_m")?,
+            surface_worst: data.bound("trial_surface_worst_m")?,
+            arc_rms: data.bound("trial_arc_rms_m")?,
+        })
+    }
+
+    /// Draws the bounds into the panels of an object, with their names in the `last` ones.
     fn paint(&self, moment: &Panel, surface: &Panel, arc: &Panel, last: bool) -> Result<()> {
         let word = |word: &'static str| if last { word } else { "" };
         for bound in [self.moment_rms, -self.moment_rms] {

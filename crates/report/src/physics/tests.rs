@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::FIGURES;
 use crate::report;
+use crate::tests::files_of_report;
 
 const WATERMARK: &str = r#"{"format": 1, "kind": "physics", "numpy": "2", "scipy": "1", "traces": {}, "generator":
     {"name": "whisker_sim", "version": "0.1.0", "mujoco": "3", "git_commit": null, "source_sha256": "ab"}}"#;
@@ -124,12 +125,7 @@ fn verif_every_figure_is_drawn_and_every_claim_stands_on_the_page() {
 fn verif_the_same_study_gives_the_same_bytes() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_study(folder.path());
-    let read_all = || -> Vec<Vec<u8>> {
-        let paths = report(folder.path()).expect("drawn");
-        let files = paths.figures.iter().chain([&paths.page]);
-        files.map(|path| fs::read(path).expect("exists")).collect()
-    };
-    assert!(read_all() == read_all());
+    assert!(files_of_report(folder.path()) == files_of_report(folder.path()));
 }
 
 #[test]
@@ -139,6 +135,7 @@ fn robust_an_empty_table_is_left_out_and_a_missing_one_gives_one_error() {
     fs::write(folder.path().join("steps.csv"), "case,segments,timestep_s,change_worst\n").expect("written");
     let page = fs::read_to_string(report(folder.path()).expect("drawn").page).expect("page");
     assert_eq!(page.matches("Left out").count(), 1);
+    assert!(!page.contains("id=\"steps\"") && !page.contains("href=\"#steps\""));
     fs::remove_file(folder.path().join("steps.csv")).expect("removed");
     let message = format!("{:#}", report(folder.path()).expect_err("no table"));
     assert!(message.starts_with("figure `steps`") && message.contains("steps.csv"), "{message}");

@@ -28,7 +28,6 @@ const LEAST_ROUND: f64 = 4.0;
 const SETTINGS: Settings =
     Settings { method: Method::GaussNewton, iterations: 100, absolute: 0.0, relative: 0.0, step: 1e-12 };
 
-/// Circle with the uncertainty of its radius.
 /// Largest deviation of a round outline from its circle, relative to the radius.
 const MOST_OUT_OF_ROUND: f64 = 2e-3;
 
