@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use platform::calibration::Calibration;
 use platform::interrupt;
 use platform::printer::Printer;
 use platform::record::{Log, LogSidecar, Sink};
@@ -15,7 +14,7 @@ use platform::streams::Bag;
 use testbed::provenance::watermark;
 
 use super::events::{Events, Form};
-use super::{format, inference, rate_hz, report};
+use super::{calibration, format, inference, rate_hz, report};
 use crate::commands::print;
 
 /// Run the routine increments_beam_test and record it; an interrupt stops the printer at once
