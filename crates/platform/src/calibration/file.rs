@@ -50,7 +50,8 @@ impl Scores {
             ("median_m", self.median_m, in_file.median_m),
             ("worst_m", self.worst_m, in_file.worst_m),
         ];
-        let differs = |&(_, own, found): &(&str, f64, f64)| !((own - found).abs() <= SAME_SCORES * own.abs());
+        let differs =
+            |&(_, own, found): &(&str, f64, f64)| !(0.0..=SAME_SCORES * own.abs()).contains(&(own - found).abs());
         pairs.into_iter().find(differs).map_or(Ok(()), |(key, own, found)| {
             let expected = format!("{own}, the error of its coefficients: remove the key `coefficients` to fit again");
             Err(files::Error::value(path, format!("scores.{key}"), found, expected))
