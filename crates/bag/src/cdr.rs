@@ -1,29 +1,29 @@
-//! The bytes of a message: Common Data Representation behind the four bytes that say in which order of bytes.
+//! Encoding of messages: Common Data Representation (CDR) after a header of four bytes with the byte order.
 
 use byteorder::{BigEndian, LittleEndian};
 use cdr_encoding::{from_bytes, to_vec};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Encapsulation of plain CDR, least byte first (DDSI-RTPS 2.3, table 10.1).
+/// Encapsulation header of plain CDR, little-endian (DDSI-RTPS 2.3, table 10.1).
 const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
-/// Bytes that a writer may add to fill the last word.
+/// Largest number of padding bytes after the last field.
 const MOST_PADDING: usize = 3;
 
-/// The bytes of a value.
+/// Encodes a value.
 ///
 /// # Panics
-/// If it is made of anything else than numbers, texts and sequences, as no message is.
+/// If it has other fields than numbers, texts and sequences, which no message has.
 pub fn encode(value: &impl Serialize) -> Vec<u8> {
     let body = to_vec::<_, LittleEndian>(value).expect("messages are made of numbers, texts and sequences");
     [&LITTLE_ENDIAN, body.as_slice()].concat()
 }
 
-/// The value of some bytes, which must be all of them.
+/// Decodes a value from all of the bytes.
 ///
 /// # Errors
-/// What is wrong with them.
+/// Description of the content found.
 pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     let Some((head, body)) = bytes.split_at_checked(LITTLE_ENDIAN.len()) else {
         return Err(format!("{} bytes", bytes.len()));
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn val_bytes_by_hand() {
-        // Head; 1 and 2; length of the text with its zero; the text; then up to the next multiple of eight, counted from behind the head.
+        // Header; 1 and 2; length of the text with its final zero; the text; padding to a multiple of eight bytes after the header.
         let head = [0, 1, 0, 0];
         let text = [5, 0, 0, 0, b'a', b'b', b'c', b'd', 0];
         let begin = [&head[..], &[1, 0, 0, 0, 2, 0, 0, 0], &text, &[0; 7]].concat();

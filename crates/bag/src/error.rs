@@ -1,11 +1,11 @@
-//! What can be wrong with a recording: always which file, where in it, what was found and what was expected.
+//! Errors of recordings. Each names the file, the place in it, the content found and the content expected.
 
 use std::path::{Path, PathBuf};
 
-/// Longest piece of a recording that an error repeats, in characters.
+/// Longest quotation of a recording in an error, in characters.
 const LONGEST: usize = 500;
 
-/// A text as one line that is safe to show: what would end the line or speak to the terminal is written out, as `\n` is.
+/// Text as one line: control characters, such as line ends, are escaped.
 fn shown(text: &str) -> String {
     let mut line = String::new();
     for (i, c) in text.chars().enumerate() {
@@ -18,32 +18,32 @@ fn shown(text: &str) -> String {
     line
 }
 
-/// The path of a file on one line: a recording names its files itself.
+/// Path of a file as one line. Names of files may come from a recording.
 fn at(path: &Path) -> String {
     shown(&path.display().to_string())
 }
 
-/// Why a recording could not be read or written, or a message not sent.
+/// Error of reading or writing a recording, or of sending a message.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The system refused.
+    /// A system call failed.
     #[error("{}: {reason}", at(path))]
     Io {
         /// The file.
         path: PathBuf,
-        /// The system's answer.
+        /// Reason given by the system.
         reason: std::io::Error,
     },
-    /// What a file holds is not what it should.
+    /// The content of a file is invalid.
     #[error("{}: {}: found {}, expected {}", at(path), shown(place), shown(found), shown(expected))]
     Content {
         /// The file.
         path: PathBuf,
-        /// Where in it: a key, a topic, a message.
+        /// Place in the file: a key, a topic, a message.
         place: String,
-        /// What stands there.
+        /// Content found.
         found: String,
-        /// What should.
+        /// Content expected.
         expected: String,
     },
     /// A message that could not be sent.
@@ -51,7 +51,7 @@ pub enum Error {
     Live {
         /// The topic.
         topic: String,
-        /// What the connection says.
+        /// Reason given by the connection.
         reason: String,
     },
 }
@@ -61,14 +61,14 @@ impl Error {
         move |reason| Self::Io { path: path.into(), reason }
     }
 
-    /// What a file holds is not what it should.
+    /// The content of a file is invalid.
     pub fn content(
         path: &Path,
         place: impl Into<String>,
         found: impl std::fmt::Display,
         expected: impl std::fmt::Display,
     ) -> Self {
-        // Libraries draw pictures of what they dislike; one line is enough.
+        // Messages of libraries may have several lines.
         let found = found.to_string();
         let found = found.lines().find(|line| !line.trim().is_empty()).unwrap_or_default().trim().to_owned();
         Self::Content { path: path.into(), place: place.into(), found, expected: expected.to_string() }

@@ -1,8 +1,12 @@
 //! ROS 2 messages and rosbag2 recordings, without ROS.
 //!
-//! [`messages`] holds the standard messages that whiskers need, each with the text that ROS 2 defines it by. [`Writer`] records them into a
-//! rosbag2 folder, a `metadata.yaml` beside an MCAP file; [`Reader`] reads such folders, and bare MCAP files, whoever wrote them. [`Publisher`]
-//! is what a recording and a node have in common: something that takes messages. [`topics`] names topics and frames; [`cdr`] is how values become bytes.
+//! [`messages`] has the standard messages of a whisker, each with its ROS 2 definition. [`Writer`] records them into a rosbag2 folder, which is a
+//! `metadata.yaml` beside an MCAP file. [`Reader`] reads such folders and bare MCAP files of any writer, with uncompressed, zstd and LZ4 chunks. [`Publisher`]
+//! is the common interface of a recording and a node. [`topics`] has the names of topics and frames, and [`cdr`] encodes values.
+//!
+//! # Example: rate of change of a recorded field
+//!
+//! A magnetometer's field is recorded twice, 1.5 s apart, and the change of its x component per second is computed from the recording.
 //!
 //! ```
 //! use bag::messages::{Header, MagneticField, Time, Vector3};
@@ -10,24 +14,32 @@
 //!
 //! let home = tempfile::tempdir()?;
 //! let folder = home.path().join("reading");
-//! let time_ns = 1_500_000_000;
-//! let field = MagneticField {
+//! let field = |time_ns, x_t| MagneticField {
 //!     header: Header { stamp: Time::from_nanoseconds(time_ns), frame_id: "whisker_base_link".into() },
-//!     magnetic_field: Vector3 { x: 1e-3, y: 0.0, z: 0.0 },
+//!     magnetic_field: Vector3 { x: x_t, y: 0.0, z: 0.0 },
 //!     magnetic_field_covariance: [0.0; 9],
 //! };
 //! let mut writer = Writer::create(&folder)?;
-//! writer.write("/field", time_ns, &field)?;
+//! for (time_ns, x_t) in [(0, 1e-3), (1_500_000_000, 4e-3)] {
+//!     writer.write("/field", time_ns, &field(time_ns, x_t))?;
+//! }
 //! writer.finish()?;
 //!
+//! let mut readings = Vec::new();
 //! for record in Reader::open(&folder)?.records() {
-//!     assert_eq!(record?.decode::<MagneticField>()?, field);
+//!     let record = record?;
+//!     readings.push((1e-9 * record.time_ns as f64, record.decode::<MagneticField>()?.magnetic_field.x));
 //! }
+//! let [(t0_s, x0_t), (t1_s, x1_t)] = readings[..] else { panic!("two messages") };
+//! let rate_t_per_s = (x1_t - x0_t) / (t1_s - t0_s);
+//! assert!((rate_t_per_s - 2e-3).abs() < 1e-12);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 pub mod cdr;
+mod chunk;
 mod error;
+mod lengths;
 pub mod messages;
 mod metadata;
 mod reader;
@@ -40,11 +52,11 @@ pub use messages::Message;
 pub use reader::{Attachment, Reader, Record};
 pub use writer::Writer;
 
-/// Something that takes messages: a recording, a node.
+/// Destination of messages: a recording or a node.
 pub trait Publisher {
-    /// Takes a message of a topic at a time in nanoseconds, since whatever epoch the caller counts from.
+    /// Records or sends a message of a topic. `time_ns` counts from the caller's epoch (ns).
     ///
     /// # Errors
-    /// [`Error`] says what did not take it.
+    /// [`Error`] names the file or topic that failed.
     fn write<M: Message>(&mut self, topic: &str, time_ns: u64, message: &M) -> Result<(), Error>;
 }

@@ -1,6 +1,6 @@
-//! The messages, as ROS 2 defines them.
+//! Messages as defined by ROS 2.
 //!
-//! One table states each message once: from it come the type, the text by which ROS 2 defines it, and [`AnyMessage`].
+//! One table has each message once; the type, its ROS 2 definition and [`AnyMessage`] are derived from it.
 
 use std::fmt::Debug;
 
@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Publisher, cdr};
 
-/// A message that can be recorded and sent.
+/// Message that can be recorded and sent.
 pub trait Message: Clone + Debug + Serialize + DeserializeOwned + Field + Send + 'static {
     /// Name of the type, for example `geometry_msgs/msg/Vector3`.
     const TYPE: &'static str;
 
-    /// The definition of the type and of all that it is made of, in the form that recordings hold (`ros2msg`).
+    /// Definition of the type and of the types of its fields, in the format of recordings (`ros2msg`).
     fn definition() -> String {
         let mut parts = Vec::new();
         Self::collect(&mut parts);
@@ -28,26 +28,26 @@ pub trait Message: Clone + Debug + Serialize + DeserializeOwned + Field + Send +
         text
     }
 
-    /// The bytes of the message: CDR behind its encapsulation.
+    /// Encodes the message as CDR with its encapsulation header.
     fn encode(&self) -> Vec<u8> {
         cdr::encode(self)
     }
 
-    /// The message of some bytes, or what is wrong with them.
+    /// Decodes a message.
     ///
     /// # Errors
-    /// What was found that is no such message.
+    /// Description of the content found.
     fn decode(bytes: &[u8]) -> Result<Self, String> {
         cdr::decode(bytes)
     }
 }
 
-/// What a field of a message can be.
+/// Type of a field of a message.
 pub trait Field {
-    /// The type's name within a definition, for example `float64` or `geometry_msgs/Vector3`.
+    /// Name of the type within a definition, for example `float64` or `geometry_msgs/Vector3`.
     fn name() -> String;
 
-    /// Adds the definitions of the messages that it is made of, each once: name and fields.
+    /// Adds name and fields of the messages that it contains, each once.
     fn collect(_parts: &mut Vec<(String, String)>) {}
 }
 
@@ -102,30 +102,30 @@ macro_rules! messages {
             }
         )*
 
-        /// A message of any type that is known here.
+        /// Message of any known type.
         #[derive(Clone, Debug, PartialEq)]
         pub enum AnyMessage {
             $($(#[$about])* $name($name),)*
         }
 
         impl AnyMessage {
-            /// Names of the types that are known.
+            /// Names of the known types.
             pub const TYPES: &'static [&'static str] = &[$($type),*];
 
-            /// Hands the message within to a publisher.
+            /// Writes the message to a publisher.
             ///
             /// # Errors
-            /// What the publisher says.
+            /// Errors of the publisher.
             pub fn write(&self, publisher: &mut impl Publisher, topic: &str, time_ns: u64) -> Result<(), Error> {
                 match self {
                     $(Self::$name(message) => publisher.write(topic, time_ns, message),)*
                 }
             }
 
-            /// The message of this type in these bytes; none where the type is not known.
+            /// Decodes a message of this type. `None` if the type is unknown.
             ///
             /// # Errors
-            /// What was found that is no such message.
+            /// Description of the content found.
             pub fn decode(type_name: &str, bytes: &[u8]) -> Result<Option<Self>, String> {
                 match type_name {
                     $($type => $name::decode(bytes).map(|message| Some(Self::$name(message))),)*
@@ -141,33 +141,33 @@ messages! {
     Time = "builtin_interfaces/msg/Time" {
         /// Whole seconds.
         sec: i32,
-        /// Nanoseconds beyond them.
+        /// Additional nanoseconds.
         nanosec: u32,
     }
 
-    /// When, and in which frame.
+    /// Time and frame.
     Header = "std_msgs/msg/Header" {
-        /// When.
+        /// Time.
         stamp: Time,
-        /// In which frame.
+        /// Name of the frame.
         frame_id: String,
     }
 
-    /// Yes or no.
+    /// Boolean value.
     Bool = "std_msgs/msg/Bool" {
-        /// Which.
+        /// Value.
         data: bool,
     }
 
     /// A number.
     Float64 = "std_msgs/msg/Float64" {
-        /// Which.
+        /// Value.
         data: f64,
     }
 
     /// A text.
     Text = "std_msgs/msg/String" {
-        /// Which.
+        /// Value.
         data: String,
     }
 
@@ -191,29 +191,29 @@ messages! {
         z: f64,
     }
 
-    /// A rotation. Its default is no rotation at all but all zeros, as in ROS 2's own memory; use [`Quaternion::about_z`].
+    /// Rotation. The default has all components zero, as in ROS 2, and is not a rotation; use [`Quaternion::about_z`].
     Quaternion = "geometry_msgs/msg/Quaternion" {
-        /// Times i.
+        /// Coefficient of i.
         x: f64,
-        /// Times j.
+        /// Coefficient of j.
         y: f64,
-        /// Times k.
+        /// Coefficient of k.
         z: f64,
         /// Real part.
         w: f64,
     }
 
-    /// Where something is and how it is turned.
+    /// Position and orientation.
     Pose = "geometry_msgs/msg/Pose" {
-        /// Where.
+        /// Position.
         position: Point,
-        /// How turned.
+        /// Orientation.
         orientation: Quaternion,
     }
 
     /// A pose in a frame.
     PoseStamped = "geometry_msgs/msg/PoseStamped" {
-        /// When and in which frame.
+        /// Time and frame.
         header: Header,
         /// The pose.
         pose: Pose,
@@ -221,33 +221,33 @@ messages! {
 
     /// A point in a frame.
     PointStamped = "geometry_msgs/msg/PointStamped" {
-        /// When and in which frame.
+        /// Time and frame.
         header: Header,
         /// The point.
         point: Point,
     }
 
-    /// Where a frame lies in another.
+    /// Pose of a frame in its parent frame.
     Transform = "geometry_msgs/msg/Transform" {
-        /// Of its origin \[m\].
+        /// Position of its origin \[m\].
         translation: Vector3,
-        /// Of its axes.
+        /// Orientation of its axes.
         rotation: Quaternion,
     }
 
-    /// Where a frame lies in another, at a time.
+    /// Pose of a frame in its parent frame at a time.
     TransformStamped = "geometry_msgs/msg/TransformStamped" {
-        /// When, and the other frame.
+        /// Time and parent frame.
         header: Header,
         /// The frame.
         child_frame_id: String,
-        /// Where it lies.
+        /// Its pose in the parent frame.
         transform: Transform,
     }
 
-    /// Where frames lie in others.
+    /// Poses of several frames.
     TfMessage = "tf2_msgs/msg/TFMessage" {
-        /// Each of them.
+        /// One entry for each frame.
         transforms: Vec<TransformStamped>,
     }
 
@@ -261,7 +261,7 @@ messages! {
 
     /// Force and moment in a frame.
     WrenchStamped = "geometry_msgs/msg/WrenchStamped" {
-        /// When and in which frame.
+        /// Time and frame.
         header: Header,
         /// Force and moment.
         wrench: Wrench,
@@ -277,15 +277,15 @@ messages! {
 
     /// Velocity and angular velocity in a frame.
     TwistStamped = "geometry_msgs/msg/TwistStamped" {
-        /// When and in which frame.
+        /// Time and frame.
         header: Header,
         /// Velocity and angular velocity.
         twist: Twist,
     }
 
-    /// Angles, speeds and moments of joints; a list that is not known is empty.
+    /// Angles, speeds and moments of joints; an unknown list is empty.
     JointState = "sensor_msgs/msg/JointState" {
-        /// When.
+        /// Time.
         header: Header,
         /// Names of the joints.
         name: Vec<String>,
@@ -297,19 +297,19 @@ messages! {
         effort: Vec<f64>,
     }
 
-    /// A magnetic field: by the standard in tesla. OpenWhisker and the platform here put the sensor's counts into it.
+    /// Magnetic field, in tesla by the standard. OpenWhisker and this platform record the sensor's raw counts.
     MagneticField = "sensor_msgs/msg/MagneticField" {
-        /// When and in which frame.
+        /// Time and frame.
         header: Header,
         /// The field.
         magnetic_field: Vector3,
-        /// Its covariance, row by row; all zeros where it is not known.
+        /// Covariance, row by row; all zeros if it is unknown.
         magnetic_field_covariance: [f64; 9],
     }
 
-    /// The readings since the last message of this kind.
+    /// Readings since the last message of this topic.
     MagneticFieldArray = "whisker_interfaces/msg/MagneticFieldArray" {
-        /// Each of them, in order of time.
+        /// Readings in the order of time.
         magnetic_field_array: Vec<MagneticField>,
     }
 }
@@ -317,7 +317,7 @@ messages! {
 const NANOSECONDS: u64 = 1_000_000_000;
 
 impl Time {
-    /// The time this many nanoseconds after the epoch; the last that fits, where it does not fit.
+    /// Time at this many nanoseconds after the epoch, saturated at the largest representable time.
     pub fn from_nanoseconds(time_ns: u64) -> Self {
         match i32::try_from(time_ns / NANOSECONDS) {
             Ok(sec) => Self { sec, nanosec: (time_ns % NANOSECONDS) as u32 },
@@ -332,7 +332,7 @@ impl Time {
 }
 
 impl Quaternion {
-    /// The rotation about the z axis by an angle.
+    /// Rotation about the z axis by an angle (rad).
     pub fn about_z(angle_rad: f64) -> Self {
         Self { x: 0.0, y: 0.0, z: (0.5 * angle_rad).sin(), w: (0.5 * angle_rad).cos() }
     }

@@ -11,7 +11,7 @@ pub(crate) const FILE: &str = "metadata.yaml";
 
 const VERSION: u32 = 5;
 
-/// The file.
+/// Content of the file.
 #[derive(Debug, Serialize)]
 pub(crate) struct Metadata {
     rosbag2_bagfile_information: Information,
@@ -64,7 +64,7 @@ struct Topic {
     offered_qos_profiles: String,
 }
 
-/// What was recorded of a topic.
+/// Recorded messages of a topic.
 pub(crate) struct Recorded<'a> {
     pub(crate) name: &'a str,
     pub(crate) type_name: &'a str,
@@ -72,7 +72,7 @@ pub(crate) struct Recorded<'a> {
 }
 
 impl Metadata {
-    /// Of one MCAP file with these topics, from the first to the last message's time.
+    /// Metadata of one MCAP file with these topics and the times of its first and last message (ns).
     pub(crate) fn new(file: &str, first_ns: u64, last_ns: u64, recorded: &[Recorded<'_>]) -> Self {
         let duration = Duration { nanoseconds: last_ns - first_ns };
         let starting_time = Moment { nanoseconds_since_epoch: first_ns };
@@ -107,7 +107,7 @@ impl Metadata {
     }
 }
 
-/// The quality of service that a topic is offered with, as rosbag2 writes it: reliable; frames that stand are kept for who comes late.
+/// Offered quality of service of a topic in rosbag2's format: reliable; static frames are kept for later subscribers.
 pub(crate) fn quality(topic: &str) -> String {
     let (history, depth, durability) = if topic == topics::TF_STATIC { (1, 1, 1) } else { (3, 0, 2) };
     let endless = "\n    sec: 9223372036\n    nsec: 854775807\n";
@@ -117,7 +117,7 @@ pub(crate) fn quality(topic: &str) -> String {
     )
 }
 
-/// What a reader needs of the file; other keys differ from version to version.
+/// Keys of the file that a reader needs; others depend on the version.
 #[derive(Debug, Deserialize)]
 struct Found {
     rosbag2_bagfile_information: FoundInformation,
@@ -132,7 +132,7 @@ struct FoundInformation {
     compression_mode: String,
 }
 
-/// The MCAP files of a folder, in order, and how many messages they should hold.
+/// MCAP files of a folder, in their order, and their total number of messages.
 pub(crate) fn files(path: &Path) -> Result<(Vec<PathBuf>, u64), Error> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
     let found: Found = serde_saphyr::from_str(&text)
@@ -147,7 +147,7 @@ pub(crate) fn files(path: &Path) -> Result<(Vec<PathBuf>, u64), Error> {
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     let files = found.relative_file_paths.iter().map(|name| {
-        // A recording may not reach out of its folder.
+        // Files outside the folder are refused.
         if Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) {
             Ok(folder.join(name))
         } else {

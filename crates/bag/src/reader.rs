@@ -1,4 +1,4 @@
-//! Reading rosbag2 folders and MCAP files.
+//! Reader of rosbag2 folders and MCAP files.
 
 use std::collections::HashMap;
 use std::fs;
@@ -12,35 +12,35 @@ use crate::messages::AnyMessage;
 use crate::records::Records;
 use crate::{Error, Message, metadata};
 
-/// A recording: a rosbag2 folder, finished or cut off, or a bare MCAP file.
+/// A recording: a rosbag2 folder, complete or interrupted, or a bare MCAP file.
 #[derive(Clone, Debug)]
 pub struct Reader {
     path: PathBuf,
     files: Vec<PathBuf>,
-    /// How many messages there should be, where something says so.
+    /// Number of messages by the metadata, if there are any.
     messages: Option<u64>,
 }
 
-/// A message of a recording, as it stands there.
+/// A recorded message.
 #[derive(Clone, Debug)]
 pub struct Record {
-    /// The file that it stands in.
+    /// Its file.
     pub file: Arc<Path>,
-    /// Its place in the recording, from 1.
+    /// Its number in the recording, from 1.
     pub number: u64,
     /// The topic.
     pub topic: String,
-    /// Name of its type; empty where the recording does not say.
+    /// Name of its type; empty if the recording has none.
     pub type_name: String,
-    /// How its bytes are to be understood; `cdr` in ROS 2.
+    /// Encoding of its bytes; `cdr` in ROS 2.
     pub encoding: String,
-    /// When it was recorded, in nanoseconds since the recording's epoch.
+    /// Time of recording since the recording's epoch (ns).
     pub time_ns: u64,
     /// Its bytes.
     pub data: Vec<u8>,
 }
 
-/// A file that was put into a recording.
+/// A file attached to a recording.
 #[derive(Clone, Debug)]
 pub struct Attachment {
     /// Its name.
@@ -50,10 +50,10 @@ pub struct Attachment {
 }
 
 impl Reader {
-    /// Opens a recording: a folder, its `metadata.yaml` or an MCAP file. A folder that was cut off, which lacks its metadata, must have one MCAP file.
+    /// Opens a recording: a folder, its `metadata.yaml` or an MCAP file. The folder of an interrupted recording, without metadata, must have one MCAP file.
     ///
     /// # Errors
-    /// [`Error`] names the file and what is wrong with it.
+    /// [`Error`] names the file and the invalid content.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let kind = fs::metadata(path).map_err(Error::io(path))?;
         let named = path.file_name().is_some_and(|name| name == metadata::FILE);
@@ -69,8 +69,8 @@ impl Reader {
         Ok(Self { path: path.into(), files, messages })
     }
 
-    /// The messages, file after file, each in the order in which it was written. A recording that is damaged or was cut off ends with an
-    /// error behind the last message that is whole.
+    /// Messages, file after file, in the order in which they were written. A damaged or interrupted recording ends with an
+    /// error after the last complete message.
     pub fn records(&self) -> impl Iterator<Item = Result<Record, Error>> {
         let mut records = self.files.iter().flat_map(|file| records_of(file));
         let mut number = 0;
@@ -104,10 +104,10 @@ impl Reader {
         })
     }
 
-    /// The files that were put into the recording.
+    /// Attachments of the recording.
     ///
     /// # Errors
-    /// [`Error`] names the file and what is wrong with it.
+    /// [`Error`] names the file and the invalid content.
     pub fn attachments(&self) -> Result<Vec<Attachment>, Error> {
         let mut attachments = Vec::new();
         for file in &self.files {
@@ -130,10 +130,10 @@ fn attachment(record: McapRecord<'_>) -> Option<Attachment> {
 }
 
 impl Record {
-    /// The message, if it is of this type.
+    /// Decodes the message as this type.
     ///
     /// # Errors
-    /// [`Error`] if it is of another type, or its bytes are no such message.
+    /// [`Error`] if it is of another type, or its bytes are not a message of this type.
     pub fn decode<M: Message>(&self) -> Result<M, Error> {
         if self.type_name != M::TYPE {
             return Err(self.wrong(format!("type `{}`", self.type_name), format!("`{}`", M::TYPE)));
@@ -142,10 +142,10 @@ impl Record {
         M::decode(&self.data).map_err(|found| self.wrong(found, format!("a {}", M::TYPE)))
     }
 
-    /// The message, if its type is known here.
+    /// Decodes the message. `None` if its type is unknown.
     ///
     /// # Errors
-    /// [`Error`] if its bytes are no such message.
+    /// [`Error`] if its bytes are not a message of its type.
     pub fn decode_any(&self) -> Result<Option<AnyMessage>, Error> {
         if !AnyMessage::TYPES.contains(&self.type_name.as_str()) {
             return Ok(None);
@@ -162,19 +162,19 @@ impl Record {
         Ok(())
     }
 
-    /// The error of finding this in the message.
+    /// Error of invalid content in this message.
     pub fn wrong(&self, found: impl std::fmt::Display, expected: impl std::fmt::Display) -> Error {
         Error::content(&self.file, format!("message {} of {}", self.number, self.topic), found, expected)
     }
 }
 
-/// Where and why a file cannot be read further.
+/// Error that ends the reading of a file.
 struct Broken {
     file: PathBuf,
     reason: McapError,
 }
 
-/// The messages of one file, not numbered yet.
+/// Messages of one file, with number 0.
 fn records_of(path: &Path) -> impl Iterator<Item = Result<Record, Broken>> + use<> {
     let file: Arc<Path> = path.into();
     let (mut records, mut failure) = match Records::open(path, false) {
@@ -197,18 +197,18 @@ fn records_of(path: &Path) -> impl Iterator<Item = Result<Record, Broken>> + use
     })
 }
 
-/// The topics of a file so far.
+/// Topics of a file up to the current record.
 #[derive(Default)]
 struct Topics {
-    /// Names of types by the number of their schema.
+    /// Names of types by the id of their schema.
     types: HashMap<u16, String>,
     channels: HashMap<u16, Channel>,
-    /// What comes now repeats what was there.
+    /// The data section is over; the summary repeats its records.
     is_over: bool,
 }
 
 impl Topics {
-    /// The message that a record is, if it is one.
+    /// Processes a record. Returns its message, if it is one.
     fn take(&mut self, record: McapRecord<'_>, file: &Arc<Path>) -> Result<Option<Record>, McapError> {
         match record {
             McapRecord::DataEnd(_) => self.is_over = true,
@@ -234,7 +234,7 @@ impl Topics {
         let unknown = McapError::UnknownChannel(header.sequence, header.channel_id);
         let channel = self.channels.get(&header.channel_id).filter(|_| !self.is_over).ok_or(unknown)?;
         let type_name = match channel.schema_id {
-            // So a channel says that it has none.
+            // Schema id of a channel without schema.
             0 => "",
             id => self.types.get(&id).ok_or_else(|| McapError::UnknownSchema(channel.topic.clone(), id))?,
         };

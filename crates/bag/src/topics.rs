@@ -2,11 +2,11 @@
 
 /// Readings of the magnetometer: [`MagneticFieldArray`](crate::messages::MagneticFieldArray).
 pub const MAGNETOMETER: &str = "/magnetometer_reading";
-/// Where a contact was found: [`PoseStamped`](crate::messages::PoseStamped) in [`WHISKER`].
+/// Estimated contact: [`PoseStamped`](crate::messages::PoseStamped) in [`WHISKER`].
 pub const DETECTED_CONTACT: &str = "/detected_contact";
 /// Moving frames: [`TfMessage`](crate::messages::TfMessage).
 pub const TF: &str = "/tf";
-/// Frames that stand: [`TfMessage`](crate::messages::TfMessage).
+/// Static frames: [`TfMessage`](crate::messages::TfMessage).
 pub const TF_STATIC: &str = "/tf_static";
 /// Bending moment at the root: [`WrenchStamped`](crate::messages::WrenchStamped) in [`WHISKER`].
 pub const MOMENT: &str = "/moment";
@@ -18,7 +18,7 @@ pub const BASE_TWIST: &str = "/base_twist";
 /// Service that pushes the whisker at places along it.
 pub const BEAM_TEST: &str = "/increments_beam_test";
 
-/// Frame that does not move.
+/// World frame.
 pub const WORLD: &str = "world";
 /// Frame at the root of the whisker.
 pub const WHISKER: &str = "whisker_base_link";

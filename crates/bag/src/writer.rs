@@ -1,4 +1,4 @@
-//! Recording into a rosbag2 folder.
+//! Writer of rosbag2 folders. Chunks are not compressed, as in rosbag2's default.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -12,20 +12,20 @@ use mcap::{McapError, WriteOptions};
 use crate::metadata::{self, Metadata, Recorded, quality};
 use crate::{Error, Message, Publisher};
 
-/// What is lost at most of a recording that is cut off.
+/// Size of a chunk in bytes: the largest loss of an interrupted recording.
 const CHUNK_BYTES: u64 = 1 << 18;
 
-/// A recording in the making.
+/// Writer of a recording.
 ///
-/// It grows in a folder with `.part` behind its name, which takes its own name when it is finished: a folder that exists is complete. One that was cut
-/// off stays readable under the other name, up to where it was cut.
+/// It writes into a folder whose name ends in `.part` and renames it when it is finished: a folder without `.part` is complete. An interrupted recording
+/// remains readable under the name with `.part`, up to its last complete chunk.
 pub struct Writer {
     folder: PathBuf,
     part: PathBuf,
     file: PathBuf,
     mcap: mcap::Writer<BufWriter<File>>,
     topics: BTreeMap<String, Topic>,
-    /// Times of the first and the last message.
+    /// Times of the first and the last message (ns).
     span_ns: Option<(u64, u64)>,
 }
 
@@ -36,10 +36,10 @@ struct Topic {
 }
 
 impl Writer {
-    /// Begins a recording that is to become this folder.
+    /// Creates a recording with this final name.
     ///
     /// # Errors
-    /// [`Error`] if the folder exists or a recording of that name was cut off, or if the system refuses.
+    /// [`Error`] if the folder or its `.part` exists, or if a system call fails.
     pub fn create(folder: &Path) -> Result<Self, Error> {
         let Some(name) = folder.file_name().map(|name| name.to_string_lossy().into_owned()) else {
             return Err(Error::content(folder, "path", "no name", "the name of a new folder"));
@@ -67,10 +67,10 @@ impl Writer {
         Ok(Self { folder: folder.into(), part, file, mcap, topics: BTreeMap::new(), span_ns: None })
     }
 
-    /// Adds a file to the recording.
+    /// Attaches a file.
     ///
     /// # Errors
-    /// [`Error`] if the system refuses.
+    /// [`Error`] if a system call fails.
     pub fn attach(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), Error> {
         let attachment = mcap::Attachment {
             log_time: 0,
@@ -82,20 +82,20 @@ impl Writer {
         self.mcap.attach(&attachment).map_err(failed(&self.file))
     }
 
-    /// Ends the recording and gives it its name.
+    /// Ends the recording and gives it its final name.
     ///
     /// # Errors
-    /// [`Error`] if the system refuses.
+    /// [`Error`] if a system call fails.
     pub fn finish(self) -> Result<(), Error> {
         let folder = self.folder.clone();
         let part = self.leave()?;
         fs::rename(&part, &folder).map_err(Error::io(&folder))
     }
 
-    /// Ends a recording that did not come to its end under the name that says so, which it returns.
+    /// Ends an incomplete recording. It keeps the name that ends in `.part`, which is returned.
     ///
     /// # Errors
-    /// [`Error`] if the system refuses.
+    /// [`Error`] if a system call fails.
     pub fn leave(mut self) -> Result<PathBuf, Error> {
         self.mcap.finish().map_err(failed(&self.file))?;
         let stream = self.mcap.into_inner();
@@ -114,9 +114,9 @@ impl Writer {
         Ok(self.part)
     }
 
-    /// The channel of a topic, which is made at its first message.
+    /// Channel of a topic, created at its first message.
     fn topic<M: Message>(&mut self, name: &str) -> Result<&mut Topic, Error> {
-        // Looked up by reference first: most messages are of topics that are there.
+        // Most messages are of existing topics: looked up by reference first.
         if !self.topics.contains_key(name) {
             let make = |mcap: &mut mcap::Writer<_>| {
                 let schema = mcap.add_schema(M::TYPE, "ros2msg", M::definition().as_bytes())?;
@@ -139,7 +139,7 @@ impl Publisher for Writer {
     /// Records a message of a topic. All messages of a topic are of one type.
     fn write<M: Message>(&mut self, topic: &str, time_ns: u64, message: &M) -> Result<(), Error> {
         let topic = self.topic::<M>(topic)?;
-        // The sequence is a number to tell messages apart by and may begin again.
+        // The sequence number distinguishes messages and may wrap around.
         let sequence = topic.messages as u32;
         topic.messages += 1;
         let header = MessageHeader { channel_id: topic.channel, sequence, log_time: time_ns, publish_time: time_ns };

@@ -1,9 +1,9 @@
-//! Recordings written and read back, and what becomes of damaged ones.
+//! Recordings written and read back, and damaged ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bag::messages::{AnyMessage, Header, MagneticField, MagneticFieldArray, TfMessage, Time, Vector3};
+use bag::messages::{AnyMessage, Float64, Header, MagneticField, MagneticFieldArray, TfMessage, Time, Vector3};
 use bag::{Error, Message, Publisher, Reader, Writer, topics};
 use proptest::prelude::*;
 
@@ -28,7 +28,7 @@ fn write(folder: &Path, messages: u64) {
     writer.finish().unwrap();
 }
 
-/// All that can be done with a recording, to its end or the first error.
+/// Number of messages up to the end or the first error of a recording, and the error.
 fn read_all(path: &Path) -> (usize, Option<Error>) {
     let reader = match Reader::open(path) {
         Ok(reader) => reader,
@@ -49,7 +49,7 @@ fn mcap_of(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn verif_what_is_written_is_read() {
+fn verif_written_messages_are_read() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("run");
     write(&folder, 5000);
@@ -82,7 +82,7 @@ fn verif_same_bytes_each_time() {
 }
 
 #[test]
-fn robust_a_recording_that_is_cut_off_is_read_up_to_there() {
+fn robust_a_truncated_recording_is_read_up_to_the_cut() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("run");
     write(&folder, 5000);
@@ -94,7 +94,7 @@ fn robust_a_recording_that_is_cut_off_is_read_up_to_there() {
     assert!(read > 1000, "{read}");
     let message = error.unwrap().to_string();
     assert!(message.contains(&format!("after message {read}")), "{message}");
-    // Nobody records over it.
+    // It is not overwritten.
     fs::remove_dir_all(&folder).unwrap();
     let message = Writer::create(&folder).err().unwrap().to_string();
     assert!(message.contains("run.part"), "{message}");
@@ -112,13 +112,13 @@ fn mcap_of_records(records: &[(u8, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-/// A text behind its length, as MCAP has it.
+/// Text after its length, as in MCAP.
 fn text(text: &str) -> Vec<u8> {
     [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat()
 }
 
 #[test]
-fn robust_claims_of_lengths_and_numbers_are_not_believed() {
+fn robust_lengths_and_ids_are_checked() {
     let home = tempfile::tempdir().unwrap();
     let claimed = u32::MAX.to_le_bytes().to_vec();
     let schema = |id: u16, name: &str| (3, [&id.to_le_bytes()[..], &text(name), &text("ros2msg"), &text("")].concat());
@@ -148,6 +148,78 @@ fn robust_claims_of_lengths_and_numbers_are_not_believed() {
     fs::write(&file, mcap_of_records(&[(9, [&[0; 16][..], &claimed].concat()), (9, vec![0; 3])])).unwrap();
     let message = Reader::open(&file).unwrap().attachments().unwrap_err().to_string();
     assert!(message.contains(unfit), "{message}");
+}
+
+/// Body of a chunk record of these records: opcode and body of each.
+fn chunk(compression: &str, length: u64, compressed: &[u8]) -> (u8, Vec<u8>) {
+    let head = [&[0; 16][..], &length.to_le_bytes(), &[0; 4], &text(compression)].concat();
+    (6, [&head[..], &(compressed.len() as u64).to_le_bytes(), compressed].concat())
+}
+
+fn compressed(compression: &str, bytes: &[u8]) -> Vec<u8> {
+    match compression {
+        "zstd" => ruzstd::encoding::compress_to_vec(bytes, ruzstd::encoding::CompressionLevel::Fastest),
+        "lz4" => {
+            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            std::io::Write::write_all(&mut encoder, bytes).unwrap();
+            encoder.finish().unwrap()
+        }
+        _ => bytes.to_vec(),
+    }
+}
+
+#[test]
+fn val_chunks_that_python_compressed_are_read() {
+    for compression in ["zstd", "lz4"] {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{compression}.mcap"));
+        let reader = Reader::open(&file).unwrap();
+        let records: Vec<_> = reader.records().collect::<Result<_, _>>().unwrap();
+        assert_eq!(records.len(), 1000, "{compression}");
+        for (i, record) in (0_u32..).zip(&records) {
+            let expected = (f64::from(i) * 0.37) % 1.0 - 0.5;
+            assert_eq!(record.decode::<Float64>().unwrap().data, expected, "{compression}: {i}");
+            assert_eq!(record.time_ns, u64::from(i) * PERIOD_NS);
+        }
+        assert_eq!(reader.attachments().unwrap()[0].data, b"a note");
+    }
+}
+
+#[test]
+fn robust_chunks_are_bounded_and_checked() {
+    let home = tempfile::tempdir().unwrap();
+    let error = |name: &str, chunk: (u8, Vec<u8>)| {
+        let file = home.path().join(name);
+        fs::write(&file, mcap_of_records(&[chunk])).unwrap();
+        read_all(&file).1.expect("an error").to_string()
+    };
+    // A record of an unknown opcode, filled with zeros.
+    let record = [&[0x80][..], &10_000_u64.to_le_bytes(), &vec![0; 10_000]].concat();
+    let length = record.len() as u64;
+    for compression in ["", "zstd", "lz4"] {
+        let good = compressed(compression, &record);
+        let file = home.path().join("good.mcap");
+        let end = [(15, vec![0; 4]), (2, vec![0; 20])];
+        fs::write(&file, mcap_of_records(&[&[chunk(compression, length, &good)][..], &end].concat())).unwrap();
+        let read = read_all(&file);
+        assert!(read.0 == 0 && read.1.is_none(), "{compression}: {read:?}");
+        let claimed = error("claimed.mcap", chunk(compression, u64::MAX, &good));
+        assert!(claimed.contains(&u64::MAX.to_string()), "{compression}: {claimed}");
+        let differs = error("differs.mcap", chunk(compression, length + 1, &good));
+        assert!(differs.contains(&(length + 1).to_string()), "{compression}: {differs}");
+        let unfilled = compressed(compression, &record[..5000]);
+        let unfilled = error("unfilled.mcap", chunk(compression, 5000, &unfilled));
+        assert!(unfilled.contains("ended in the middle of a record"), "{compression}: {unfilled}");
+        if !compression.is_empty() {
+            let cut = error("cut.mcap", chunk(compression, length, &good[..good.len() / 2]));
+            assert!(!cut.is_empty(), "{compression}");
+        }
+    }
+    let unknown = error("unknown.mcap", chunk("brotli", 3, b"abc"));
+    assert!(unknown.contains("brotli"), "{unknown}");
+    // Decompression bomb: 64 MiB of zeros in a few KiB, more than a thousand times the length of the file.
+    let zeros = vec![0; 1 << 26];
+    let bomb = error("bomb.mcap", chunk("zstd", 1 << 26, &compressed("zstd", &zeros)));
+    assert!(bomb.contains(&(1_u64 << 26).to_string()), "{bomb}");
 }
 
 #[test]
@@ -206,6 +278,27 @@ proptest! {
         fs::write(&file, &bytes).unwrap();
         let (read, error) = read_all(&folder);
         prop_assert!(read == 41 || error.is_some());
+        if let Some(error) = error {
+            prop_assert_eq!(error.to_string().lines().count(), 1);
+        }
+    }
+
+    /// Damaged compressed chunks: read or refused in one line, never a panic.
+    #[test]
+    fn robust_damaged_chunks(
+        compression in prop::sample::select(vec!["zstd", "lz4"]),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+    ) {
+        let home = tempfile::tempdir().unwrap();
+        let mut bytes = fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{compression}.mcap"))).unwrap();
+        for (place, byte) in &changes {
+            let place = place.index(bytes.len());
+            bytes[place] = *byte;
+        }
+        let file = home.path().join("damaged.mcap");
+        fs::write(&file, &bytes).unwrap();
+        let (read, error) = read_all(&file);
+        prop_assert!(read <= 1000);
         if let Some(error) = error {
             prop_assert_eq!(error.to_string().lines().count(), 1);
         }

@@ -1,11 +1,11 @@
-//! What can be wrong with a port, a device or a file: always which one, what was found and what was expected.
+//! Errors of ports, devices and files. Each names the port or file, the value found and the value expected.
 
 use std::path::Path;
 
-/// Why the platform did not do what it was asked to.
+/// Error of the platform.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A recording of messages cannot be kept.
+    /// A ROS 2 recording cannot be written.
     #[error(transparent)]
     Bag(#[from] bag::Error),
     /// A port cannot be opened.
@@ -13,55 +13,55 @@ pub enum Error {
     Open {
         /// The port.
         port: String,
-        /// The system's answer.
+        /// Reason given by the system.
         reason: serialport::Error,
     },
-    /// A port was there and is gone.
+    /// An open port vanished.
     #[error("{port}: gone after {after_s:.1} s ({reason}); is the cable plugged in?")]
     Gone {
         /// The port.
         port: String,
-        /// When, since it was opened.
+        /// Time since it was opened (s).
         after_s: f64,
-        /// The system's answer.
+        /// Reason given by the system.
         reason: std::io::Error,
     },
-    /// A sensor says nothing.
+    /// A sensor is silent.
     #[error(
         "{port}: found no byte for {for_s:.1} s after {samples} samples, expected some {rate_hz:.0} samples a second"
     )]
     Silent {
         /// The port.
         port: String,
-        /// How long it has been silent.
+        /// Duration of the silence (s).
         for_s: f64,
-        /// Samples before.
+        /// Number of samples before the silence.
         samples: u64,
-        /// How many a second there should be.
+        /// Expected sampling rate (Hz).
         rate_hz: f64,
     },
-    /// A sensor says nothing that its format knows.
+    /// No line of a sensor is of its format.
     #[error(
         "{port}: found no sample in {lines} lines, such as {example}, expected lines of the format `{format}`: {about}"
     )]
     Foreign {
         /// The port.
         port: String,
-        /// How many lines there were.
+        /// Number of lines.
         lines: u64,
-        /// One of them.
+        /// One of the lines.
         example: String,
         /// Name of the format.
         format: &'static str,
-        /// What it looks like.
+        /// Description of the format.
         about: &'static str,
     },
-    /// Samples arrived faster than they were taken.
-    #[error("{port}: {lost} samples were overwritten because nobody took them in time, expected none")]
+    /// Samples arrived faster than they were processed.
+    #[error("{port}: {lost} samples were overwritten because they were not processed in time, expected none")]
     Overrun {
         /// The port.
         port: String,
-        /// How many.
+        /// Number of overwritten samples.
         lost: u64,
     },
     /// A printer does not answer.
@@ -69,61 +69,61 @@ pub enum Error {
     NoAnswer {
         /// The port.
         port: String,
-        /// What was sent.
+        /// Command that was sent.
         command: String,
-        /// How long it was waited for.
+        /// Time limit of the answer (s).
         within_s: f64,
     },
-    /// A printer does not want to.
+    /// A printer refuses a command.
     #[error("{port}: `{command}` was answered by `{answer}`, expected `ok`")]
     Refused {
         /// The port.
         port: String,
-        /// What was sent.
+        /// Command that was sent.
         command: String,
-        /// The printer's words.
+        /// Answer of the printer.
         answer: String,
     },
-    /// A printer is not where it was sent.
+    /// The head is not at its target.
     #[error("{port}: the head stands at {found} mm, expected {expected} mm")]
     Astray {
         /// The port.
         port: String,
-        /// Where the head is.
+        /// Position of the head.
         found: String,
-        /// Where it should be.
+        /// Target position.
         expected: String,
     },
-    /// A printer does not know where its head is.
+    /// A move was requested before homing.
     #[error("{port}: `{command}` before homing; found an unknown position, expected `home` first")]
     NotHomed {
         /// The port.
         port: String,
-        /// What was to be sent.
+        /// Command that was not sent.
         command: String,
     },
-    /// A number is out of its range.
+    /// A value is out of range.
     #[error("{what}: found {found}, expected {expected}")]
     Range {
-        /// What it is.
+        /// Name of the value.
         what: String,
-        /// What it is set to.
+        /// Value found.
         found: String,
-        /// What it may be.
+        /// Expected range.
         expected: String,
     },
-    /// Somebody stopped it.
+    /// Interrupted by the user.
     #[error("interrupted; the printer was stopped at once and must be reset before it moves again")]
     Interrupted,
-    /// What else keeps a thread or a pseudo-terminal from working.
+    /// Another system call failed, such as that of a thread or a pseudo-terminal.
     #[error("{what}: {reason}")]
     System {
-        /// What was to be done.
+        /// Operation that failed.
         what: String,
-        /// The system's answer.
+        /// Reason given by the system.
         reason: std::io::Error,
     },
-    /// A file is wrong.
+    /// Error of a file.
     #[error(transparent)]
     File(#[from] files::Error),
 }
@@ -133,7 +133,7 @@ impl Error {
         move |reason| Self::File(files::Error::Io { path: path.into(), reason })
     }
 
-    /// What the system said about this.
+    /// Error of a system call on `what`.
     pub fn system(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
         let what = what.into();
         move |reason| Self::System { what, reason }

@@ -1,4 +1,4 @@
-//! Live inference on samples of a port, and how long it takes.
+//! Live inference on the samples of a port, and its latency.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::calibration::{Detection, Live};
 use crate::sensor::Arrival;
 
-/// A calibration at work on one stream, on the clock.
+/// Live inference on one stream, with its latency.
 #[derive(Debug)]
 pub struct Inference<'a> {
     live: Live<'a>,
@@ -15,79 +15,79 @@ pub struct Inference<'a> {
 }
 
 impl<'a> Inference<'a> {
-    /// On a stream that has not begun.
+    /// Inference at the start of a stream.
     pub fn new(live: Live<'a>) -> Self {
         Self { live, latency: Latency::default() }
     }
 
-    /// Takes the next sample, and hands on what it tells. Gives what `tell` gives.
-    pub fn step<T>(&mut self, arrival: &Arrival, tell: impl FnOnce(&Detection) -> T) -> Option<T> {
+    /// Processes the next sample and passes a detection, if there is one, to `report`, whose result it returns.
+    pub fn step<T>(&mut self, arrival: &Arrival, report: impl FnOnce(&Detection) -> T) -> Option<T> {
         let begun = Instant::now();
-        let said = self.live.step(&arrival.sample);
+        let detection = self.live.step(&arrival.sample);
         self.latency.computing.push(begun.elapsed());
-        let told = said.as_ref().map(tell);
+        let reported = detection.as_ref().map(report);
         self.latency.all.push(arrival.at.elapsed());
-        told
+        reported
     }
 
-    /// How long it took so far.
+    /// Latency of the samples so far.
     pub fn latency(self) -> Latency {
         self.latency
     }
 }
 
-/// How long samples took.
+/// Latency of samples.
 #[derive(Clone, Debug, Default)]
 pub struct Latency {
-    /// The computing alone.
+    /// Computation only.
     pub computing: Times,
-    /// From its arrival until what it told was out.
+    /// From the arrival of a sample until its detection was reported.
     pub all: Times,
 }
 
 impl fmt::Display for Latency {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { computing, all } = self;
-        write!(f, "{} samples, from arrival to told: {all}; computing: {computing}", all.count)
+        write!(f, "{} samples, latency from arrival to report: {all}; computation: {computing}", all.count)
     }
 }
 
-/// Ratio of two neighbouring classes of times.
+/// Ratio of the times of two neighbouring bins.
 const RATIO: f64 = 1.01;
 
-/// Times, of which as many as there may be take no more room than a few: they are counted in classes that are one per cent wide.
+/// Histogram of times with bins one per cent wide, so that its memory is bounded.
 #[derive(Clone, Debug, Default)]
 pub struct Times {
-    classes: BTreeMap<u16, u64>,
+    bins: BTreeMap<u16, u64>,
     count: u64,
     worst: Duration,
 }
 
 impl Times {
-    /// Adds one.
+    /// Adds a time.
     pub fn push(&mut self, time: Duration) {
-        // From a nanosecond on; the longest time that there can be lies in class 6541.
-        let class = ((time.as_nanos().max(1) as f64).ln() / RATIO.ln()).round() as u16;
-        *self.classes.entry(class).or_default() += 1;
+        // The first bin begins at one nanosecond; the longest representable time is in bin 6541.
+        let bin = ((time.as_nanos().max(1) as f64).ln() / RATIO.ln()).round() as u16;
+        *self.bins.entry(bin).or_default() += 1;
         self.count += 1;
         self.worst = self.worst.max(time);
     }
 
-    /// How many there are.
+    /// Number of times.
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// The time that this share of all does not exceed, to one per cent; zero where there are none.
+    /// Quantile at this share, to one per cent; zero if there are no times.
     pub fn quantile(&self, share: f64) -> Duration {
         let rank = (share * self.count as f64).ceil() as u64;
         let mut below = 0;
-        let class = self.classes.iter().find(|(_, count)| {
+        let bin = self.bins.iter().find(|(_, count)| {
             below += **count;
             below >= rank
         });
-        let time = |(class, _): (&u16, _)| Duration::from_secs_f64(1e-9 * RATIO.powi(i32::from(*class)));
-        class.map_or(Duration::ZERO, time).min(self.worst)
+        let time = |(bin, _): (&u16, _)| Duration::from_secs_f64(1e-9 * RATIO.powi(i32::from(*bin)));
+        bin.map_or(Duration::ZERO, time).min(self.worst)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Ctrl-C, and whoever else asks the program to end.
+//! Interrupts: Ctrl-C and the other signals that ask the program to end.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,15 +10,15 @@ use signal_hook::flag;
 
 use crate::Error;
 
-/// What comes within this time is the same request: shells and wrappers hand a signal on more than once, and the printer is to be told to stop.
+/// Signals within this time count as one request: shells and wrappers forward a signal repeatedly, and the printer must still be stopped.
 const GRACE: Duration = Duration::from_secs(1);
-/// How soon the time begins to count.
+/// Polling interval for the first signal.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Is set once somebody asks the program to end. Who asks again a second later ends it the hard way.
+/// Flag that the first signal sets. A second signal after one second terminates the program immediately.
 ///
 /// # Errors
-/// If the system takes no handlers or gives no thread.
+/// If no handler can be installed or no thread started.
 pub fn asked() -> Result<Arc<AtomicBool>, Error> {
     let (asked, insists) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     for signal in [SIGINT, SIGTERM] {

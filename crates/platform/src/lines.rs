@@ -1,9 +1,9 @@
-//! Bytes of a serial port, cut into lines.
+//! Splitting of a serial port's bytes into lines.
 
-/// Longest line that is kept; what is longer is none of the formats here and must not fill the memory.
+/// Longest line in bytes: longer ones are of none of the formats, and must not fill the memory.
 const LONGEST: usize = 256;
 
-/// Cuts bytes into lines, whatever pieces they arrive in.
+/// Splitter of bytes, which arrive in any pieces, into lines.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
     rest: Vec<u8>,
@@ -11,7 +11,7 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
-    /// Takes bytes and hands on each line that they end, without its end (`\n`, `\r\n`). Of an overlong line only the beginning is handed on.
+    /// Appends bytes and passes on each completed line without its end (`\n`, `\r\n`); of an overlong line, its beginning.
     pub(crate) fn push(&mut self, bytes: &[u8], mut take: impl FnMut(Line)) {
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             let (body, ended) = match piece.split_last() {
@@ -30,7 +30,7 @@ impl Lines {
         }
     }
 
-    /// What has arrived of a line that has not ended.
+    /// The incomplete last line.
     pub(crate) fn rest(&self) -> &[u8] {
         &self.rest
     }
@@ -39,13 +39,13 @@ impl Lines {
 /// A line without its end.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Line<'a> {
-    /// Its bytes, or its beginning where it is overlong.
+    /// Its bytes; the beginning of an overlong line.
     pub(crate) bytes: &'a [u8],
-    /// Whether it was longer than what is kept.
+    /// Whether it was overlong.
     pub(crate) overlong: bool,
 }
 
-/// Bytes as text for a message: what cannot be printed is escaped, and what is long is cut.
+/// Bytes as text for a message: unprintable ones escaped, long text truncated.
 pub(crate) fn shown(bytes: &[u8]) -> String {
     const MOST: usize = 60;
     let text = bytes.iter().take(MOST).map(|byte| byte.escape_ascii().to_string()).collect::<String>();
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_pieces_do_not_matter() {
+    fn verif_lines_do_not_depend_on_the_pieces() {
         let whole = lines(&[b"one\r\ntwo\n\nthree"]);
         assert_eq!(whole, [(b"one".to_vec(), false), (b"two".to_vec(), false), (Vec::new(), false)]);
         assert_eq!(lines(&[b"o", b"ne\r", b"\ntw", b"o\n\nth", b"ree"]), whole);

@@ -6,7 +6,7 @@ use serialport::{ClearBuffer, SerialPort};
 
 use crate::Error;
 
-/// Opens a port whose reads wait for so long. What a device said to somebody else before is not read.
+/// Opens a port with this read timeout and discards its pending input, which was meant for an earlier reader.
 pub(crate) fn open(name: &str, baud: u32, patience: Duration) -> Result<Box<dyn SerialPort>, Error> {
     let port = serialport::new(name, baud).timeout(patience).open();
     let cleared = port.and_then(|port| port.clear(ClearBuffer::Input).map(|()| port));

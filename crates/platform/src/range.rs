@@ -1,16 +1,16 @@
-//! Lengths and speeds that must lie in a range; people are told of them in the printer's units.
+//! Range checks of lengths and speeds. Messages use the printer's units: mm and mm/min.
 
 use crate::Error;
 
-/// Beyond the ends of a range this share of a unit is rounding.
+/// Tolerance at the ends of a range, for rounding, in units of the message.
 const ROUNDING: f64 = 1e-6;
 
-/// Checks a length.
+/// Checks a length (m).
 pub(crate) fn check_length(what: &str, length_m: f64, range_m: [f64; 2]) -> Result<(), Error> {
     check(what, 1e3 * length_m, range_m.map(|end_m| 1e3 * end_m), "mm")
 }
 
-/// Checks a speed.
+/// Checks a speed (m/s).
 pub(crate) fn check_speed(what: &str, speed_m_s: f64, range_m_s: [f64; 2]) -> Result<(), Error> {
     check(what, 60e3 * speed_m_s, range_m_s.map(|end_m_s| 60e3 * end_m_s), "mm/min")
 }

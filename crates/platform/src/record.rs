@@ -1,4 +1,4 @@
-//! Recording: who takes what comes, and the project's own log.
+//! Recording: sinks of a session's data, and the project's own log.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -15,51 +15,51 @@ use crate::{Error, Sample};
 /// How a recording ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// As it should.
+    /// Complete.
     Complete,
-    /// Before: what came until then is kept under a name that says so.
+    /// Interrupted: the data so far are kept under names that contain `interrupted`.
     Interrupted,
 }
 
-/// Takes what comes from sensor and printer, each in the order of time. Of the two, what belongs together may come apart by some tenths of a second.
+/// Sink of the data of sensor and printer, each in the order of time. Data of the two with the same time may arrive some tenths of a second apart.
 pub trait Sink: Send {
-    /// Samples of the sensor.
+    /// Takes samples of the sensor.
     ///
     /// # Errors
-    /// If they cannot be kept.
+    /// If they cannot be written.
     fn samples(&mut self, samples: &[Sample]) -> Result<(), Error>;
 
-    /// What a calibration made of a sample, before that sample.
+    /// Takes the detection at a sample, before that sample.
     ///
     /// # Errors
-    /// If it cannot be kept.
-    fn said(&mut self, said: &Detection) -> Result<(), Error>;
+    /// If it cannot be written.
+    fn detected(&mut self, detection: &Detection) -> Result<(), Error>;
 
-    /// Where the head was.
+    /// Takes a position of the head.
     ///
     /// # Errors
-    /// If it cannot be kept.
+    /// If it cannot be written.
     fn head(&mut self, head: Head) -> Result<(), Error>;
 
-    /// A push is over.
+    /// Takes a push, at its end.
     ///
     /// # Errors
-    /// If it cannot be kept.
+    /// If it cannot be written.
     fn contact(&mut self, contact: Contact) -> Result<(), Error>;
 
-    /// Nothing more comes. Gives the files that were written.
+    /// Ends the recording. Returns the files written.
     ///
     /// # Errors
-    /// If what came cannot be kept.
+    /// If the data cannot be written.
     fn finish(self: Box<Self>, ending: Ending) -> Result<Vec<PathBuf>, Error>;
 }
 
-/// Name of a log's table by its ending, and while it grows.
+/// Names of a log's table: by its ending, and while it is written.
 const COMPLETE: &str = "log.csv";
 const INTERRUPTED: &str = "log.interrupted.csv";
 const PART: &str = "log.csv.part";
 
-/// What stands beside the table of a log; `datasets/FORMAT.md` specifies it.
+/// Sidecar of a log; `datasets/FORMAT.md` specifies it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LogSidecar {
@@ -67,13 +67,13 @@ pub struct LogSidecar {
     pub format: u32,
     /// `platform_log`.
     pub kind: String,
-    /// Readings a second, as documented.
+    /// Nominal sampling rate (Hz).
     pub rate_hz: f64,
-    /// What the sensor prints: a name of the registry of line formats.
+    /// Name in the registry of line formats.
     pub sensor: String,
-    /// The pushes, as far as the printer knows.
+    /// Pushes, by the printer's positions.
     pub contacts: Vec<Contact>,
-    /// What wrote it.
+    /// Program that wrote it.
     pub watermark: Watermark,
 }
 
@@ -81,15 +81,15 @@ pub struct LogSidecar {
 pub const LOG_KIND: &str = "platform_log";
 
 impl LogSidecar {
-    /// That of a log of this sensor, a name of the registry of line formats, without pushes yet.
+    /// Sidecar of a log of this line format, a name in the registry, without pushes.
     pub fn new(sensor: &str, rate_hz: f64, watermark: Watermark) -> Self {
         let (kind, sensor) = (LOG_KIND.into(), sensor.into());
         Self { format: FORMAT, kind, rate_hz, sensor, contacts: Vec::new(), watermark }
     }
 }
 
-/// Writes the project's log: `log.csv`, `log.json` and, where the head was, `head.csv`. What is not complete has `.part` behind its name
-/// while it is written, or `interrupted` in it.
+/// The project's log: samples (`log.csv`), sidecar (`log.json`) and positions of the head (`head.csv`). A file that is being written ends in `.part`; one of an
+/// interrupted session has `interrupted` in its name.
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
@@ -99,10 +99,10 @@ pub struct Log {
 }
 
 impl Log {
-    /// Begins a log in a folder, which is made where missing.
+    /// Creates a log in a folder, and the folder if it is missing.
     ///
     /// # Errors
-    /// If a log is there already, or a file cannot be made.
+    /// If the folder has a log, or a file cannot be created.
     pub fn create(folder: &Path, sidecar: LogSidecar) -> Result<Self, Error> {
         Self::check_is_free(folder)?;
         fs::create_dir_all(folder).map_err(Error::file(folder))?;
@@ -114,10 +114,10 @@ impl Log {
         })
     }
 
-    /// Checks that a folder holds no log yet, complete or not: what was recorded once cannot be recorded again.
+    /// Checks that a folder has no log, complete or not: a recording is not overwritten.
     ///
     /// # Errors
-    /// [`Error::File`] names what is there.
+    /// [`Error::File`] names the file found.
     pub fn check_is_free(folder: &Path) -> Result<(), Error> {
         let taken = [COMPLETE, INTERRUPTED, PART].map(|file| folder.join(file)).into_iter().find(|path| path.exists());
         taken.map_or(Ok(()), |path| {
@@ -134,8 +134,8 @@ impl Sink for Log {
             .try_for_each(|Sample { t_s, counts: [x, y, z] }| self.samples.row(format_args!("{t_s:.6},{x},{y},{z}")))
     }
 
-    fn said(&mut self, _: &Detection) -> Result<(), Error> {
-        // The samples say it again to whoever has the calibration.
+    fn detected(&mut self, _: &Detection) -> Result<(), Error> {
+        // Not part of the log: the samples and the calibration give it again.
         Ok(())
     }
 
@@ -156,14 +156,14 @@ impl Sink for Log {
         let name = |file: &str, end: &str| self.folder.join(format!("{file}.{stem}{end}"));
         let files = [name("head", "csv"), name("log", "json"), name("log", "csv")];
         self.heads.finish(&files[0])?;
-        // The table comes last: where it is, all of the log is.
+        // The table is renamed last: if it exists, the log is complete.
         write_json(&files[1], &self.sidecar)?;
         self.samples.finish(&files[2])?;
         Ok(files.into())
     }
 }
 
-/// A table that grows under a temporary name.
+/// A table that is written under a temporary name.
 #[derive(Debug)]
 struct Table {
     path: PathBuf,
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_log_appears_whole() {
+    fn verif_a_log_appears_complete() {
         let folder = tempfile::tempdir().expect("a folder");
         let log = log(folder.path());
         assert!(!folder.path().join("log.csv").exists());
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_an_interrupted_log_says_so() {
+    fn robust_an_interrupted_log_is_named_so() {
         let folder = tempfile::tempdir().expect("a folder");
         log(folder.path()).finish(Ending::Interrupted).expect("written");
         assert!(
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_log_is_not_written_over() {
+    fn robust_a_log_is_not_overwritten() {
         let folder = tempfile::tempdir().expect("a folder");
         let sidecar = log(&folder.path().join("another")).sidecar;
         for (ending, name) in

@@ -1,4 +1,4 @@
-//! The ruler's way: at a number of places along the whisker, away from it, along it, against it.
+//! The calibration routine: the ruler pushes the whisker at several places along it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -8,31 +8,30 @@ use serde::{Deserialize, Serialize};
 use crate::printer::{Head, Printer};
 use crate::{Error, range, rig};
 
-/// Most stops on the way of a push, and most steps between places: far more than millimetres need.
+/// Upper bound of the stops of a push and of the steps between places.
 const MOST_INCREMENTS: u32 = 1000;
 
-/// Rest before a push: the whisker's ringing of the last one is over, and the recording shows what rest looks like.
+/// Rest before a push: the ringing of the last one decays, and the recording contains the rest level.
 const REST: Duration = Duration::from_secs(1);
 
 /// The routine `increments_beam_test` of the OpenWhisker platform. The documented call is `{6, 100, 0, 15, 0}`: 16 places from 5 to 105 mm from the
 /// tip, at each a push of 6 mm.
 ///
-/// It differs from the published controller where that errs: with `increments_x` stops on the way the last push is `total_x_m`, as documented,
-/// not a step more; a push counts from where the ruler meets the whisker, not from where the nozzle does, 3 mm apart; and each move is
-/// known to have ended before the next begins.
+/// Errors of the published controller are corrected: with `increments_x` stops the last push is `total_x_m`, as documented, not one step more; a push is measured
+/// from first contact of the ruler, not of the nozzle, 3 mm apart; and each move has ended before the next begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IncrementsBeamTest {
-    /// How far the whisker is pushed.
+    /// Depth of a push (m).
     pub total_x_m: f64,
-    /// How far the places reach along the whisker, from the first one on towards the root.
+    /// Distance from the first place to the last, towards the root (m).
     pub total_y_m: f64,
-    /// Stops on the way of a push before its end.
+    /// Number of stops of a push before its end.
     pub increments_x: u32,
-    /// Steps between the first place and the last.
+    /// Number of steps from the first place to the last.
     pub increments_y: u32,
-    /// How long the ruler rests at each stop.
+    /// Rest at each stop.
     pub pause: Duration,
-    /// Speed of the head.
+    /// Speed of the head (m/s).
     pub speed_m_s: f64,
 }
 
@@ -49,53 +48,53 @@ impl Default for IncrementsBeamTest {
     }
 }
 
-/// A push against the whisker, as far as the printer knows. The whisker was touched within these times, and not outside.
+/// A push against the whisker, by the printer's positions. The whisker was in contact only between these times.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contact {
-    /// When the ruler began to move towards the whisker.
+    /// Start of the move towards the whisker (s).
     pub start_s: f64,
-    /// When it was back.
+    /// End of the move back (s).
     pub end_s: f64,
-    /// Where it pushed, from the whisker's root along the undeflected whisker.
+    /// Distance from the whisker's root along the undeflected whisker (m).
     pub distance_m: f64,
-    /// How far.
+    /// Depth of the push (m).
     pub push_m: f64,
 }
 
-/// Who is told what happens.
+/// Observer of a routine.
 pub trait Observer {
-    /// Where the head was.
+    /// Position of the head at a time.
     ///
     /// # Errors
-    /// What it cannot bear ends the routine.
+    /// An error ends the routine.
     fn head(&mut self, head: Head) -> Result<(), Error>;
 
-    /// A push is over.
+    /// End of a push.
     ///
     /// # Errors
-    /// What it cannot bear ends the routine.
+    /// An error ends the routine.
     fn contact(&mut self, contact: Contact) -> Result<(), Error>;
 }
 
 impl IncrementsBeamTest {
-    /// Distances from the root at which it pushes, in their order.
+    /// Distances of the places from the root, in their order (m).
     pub fn distances_m(&self) -> Vec<f64> {
         let step_m = self.total_y_m / f64::from(self.increments_y.max(1));
         let first_m = rig::WHISKER_LENGTH_M - rig::FIRST_TOUCH_M;
         (0..=self.increments_y).map(|place| first_m - f64::from(place) * step_m).collect()
     }
 
-    /// How far the ruler goes at each place, stop by stop.
+    /// Depth at each stop of a push (m).
     pub fn pushes_m(&self) -> Vec<f64> {
         let stops = self.increments_x + 1;
         (1..=stops).map(|stop| self.total_x_m * f64::from(stop) / f64::from(stops)).collect()
     }
 
-    /// Checks that the ruler may go this way.
+    /// Checks that all positions and speeds are allowed.
     ///
     /// # Errors
-    /// [`Error::Range`] names what is out of its range.
+    /// [`Error::Range`] names the value out of range.
     pub fn check(&self) -> Result<(), Error> {
         for (what, increments) in [("increments_x", self.increments_x), ("increments_y", self.increments_y)] {
             if increments > MOST_INCREMENTS {
@@ -109,10 +108,10 @@ impl IncrementsBeamTest {
         range::check_speed("speed", self.speed_m_s, rig::SPEEDS_M_S)
     }
 
-    /// Homes the printer and goes the way. Times are counted from `origin`. Between two pushes it ends early, without an error, once `ends` is set.
+    /// Homes the printer and performs the routine. Times are counted from `origin`. If `ends` is set, the routine ends before the next push, without an error.
     ///
     /// # Errors
-    /// If the way is not allowed, or the printer fails.
+    /// If a position or speed is not allowed, or the printer fails.
     pub fn run(
         &self,
         printer: &mut Printer,
@@ -123,7 +122,7 @@ impl IncrementsBeamTest {
         self.check()?;
         let clear_x_m = rig::nozzle_x_m(-rig::PADDING_M);
         let distances_m = self.distances_m();
-        // In front of the tip there is nothing to hit on the way to the whisker's left.
+        // The path to the whisker's left side passes in front of the tip, free of obstacles.
         let front_y_m = rig::nozzle_y_m(rig::WHISKER_LENGTH_M) - rig::PADDING_M;
         printer.show("Homing")?;
         printer.home()?;
@@ -172,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_stops_on_the_way_do_not_add_to_it() {
+    fn verif_stops_do_not_change_the_depth_of_a_push() {
         // As documented: 9 mm with two increments stops at 3, 6 and 9 mm.
         let test = IncrementsBeamTest { total_x_m: 0.009, increments_x: 2, ..Default::default() };
         let pushes_m = test.pushes_m();
@@ -181,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_ways_out_of_the_bed_are_refused() {
+    fn robust_positions_outside_the_bed_are_refused() {
         for (test, what) in [
             (IncrementsBeamTest { total_y_m: 0.114, ..Default::default() }, "total_y_distance"),
             (IncrementsBeamTest { total_x_m: f64::NAN, ..Default::default() }, "total_x_distance"),

@@ -3,8 +3,8 @@
 /// A reading of the magnetometer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// When it was taken, in seconds since the recording began.
+    /// Time since the beginning of the recording (s).
     pub t_s: f64,
-    /// Counts of the three axes; they wrap around at 16 bits.
+    /// Counts of the three axes, modulo 2^16.
     pub counts: [u16; 3],
 }

@@ -1,4 +1,4 @@
-//! A session: the routine runs, all that sensor and printer say is recorded, and a calibration tells contacts as they come.
+//! A session: the routine runs while the data of sensor and printer are recorded and, with a calibration, contacts are estimated live.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,19 +13,19 @@ use crate::routine::{Contact, IncrementsBeamTest, Observer};
 use crate::sensor::{Reader, Report};
 use crate::{Error, Sample};
 
-/// How long the recorder waits for samples before it looks for the rest.
+/// Longest wait of the recorder for samples before it handles other data.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// What came of a session.
+/// Outcome of a session.
 #[derive(Debug)]
 pub struct Outcome {
-    /// How the sensor was read.
+    /// Report on the reading of the sensor.
     pub report: Report,
-    /// How long the calibration took, where there was one.
+    /// Latency of the inference. `None` without a calibration.
     pub latency: Option<Latency>,
-    /// The files that were written.
+    /// Files written.
     pub files: Vec<PathBuf>,
-    /// What kept it from its end; files are those of an interrupted recording.
+    /// Error that interrupted it; the files are those of an interrupted recording.
     pub error: Option<Error>,
 }
 
@@ -34,8 +34,8 @@ enum Event {
     Contact(Contact),
 }
 
-/// Runs the routine on a printer while a sensor is recorded into `sinks`, together with what `inference` makes of it. Times are counted from `origin`, which must be that of printer and
-/// reader. If the sensor or a sink fails, the head stops once it is back from the push under way; the other way round, the sensor is read to that instant.
+/// Runs the routine on a printer while the samples of a sensor and the detections of `inference` are recorded into `sinks`. Times are counted from `origin`, which
+/// must be that of printer and reader. If the sensor or a sink fails, the head stops after the current push; if the printer fails, the samples up to then are recorded.
 pub fn run(
     routine: &IncrementsBeamTest,
     printer: &mut Printer,
@@ -65,12 +65,12 @@ pub fn run(
     Outcome { report, latency, files, error }
 }
 
-/// Hands on what happens to the recorder's thread.
+/// Observer that forwards to the recorder's thread.
 struct Forward(Sender<Event>);
 
 impl Observer for Forward {
     fn head(&mut self, head: Head) -> Result<(), Error> {
-        // A recorder that is gone says why itself.
+        // A recorder that has ended reports its own error.
         let _ = self.0.send(Event::Head(head));
         Ok(())
     }
@@ -88,7 +88,7 @@ struct Recorded {
     error: Option<Error>,
 }
 
-/// Feeds the sinks until the routine is over, or until sensor or sinks fail, upon which the routine is to end.
+/// Feeds the sinks until the routine is over, or until sensor or sinks fail, which ends the routine.
 fn record(
     reader: Reader,
     mut inference: Option<Inference<'_>>,
@@ -107,16 +107,16 @@ fn record(
         let events: Vec<Event> = events.try_iter().collect();
         samples.extend(arrivals.iter().map(|arrival| arrival.sample));
         let mut feed_all = |feed: &dyn Fn(&mut dyn Sink) -> Result<(), Error>| {
-            // What is wrong with one sink must not keep the others from what came.
+            // An error of one sink does not keep the data from the others.
             for error in sinks.iter_mut().filter_map(|sink| feed(sink.as_mut()).err()) {
                 failure.get_or_insert(error);
                 ends.store(true, Ordering::Relaxed);
             }
         };
-        // Who waits for a contact is told at once; what is only kept has time.
+        // Detections are reported before the samples are written.
         if let Some(inference) = &mut inference {
             for arrival in &arrivals {
-                inference.step(arrival, |said| feed_all(&|sink| sink.said(said)));
+                inference.step(arrival, |detection| feed_all(&|sink| sink.detected(detection)));
             }
         }
         feed_all(&|sink| feed(sink, &samples, &events));

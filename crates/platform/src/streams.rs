@@ -1,7 +1,7 @@
-//! What comes from sensor and printer as ROS 2 messages: into a recording, or to whoever listens.
+//! Data of sensor and printer as ROS 2 messages, for a recording or a live node.
 //!
-//! Topics, types and frames are those of OpenWhisker: the sensor's counts stand in the magnetic field as they are, and the whisker's own frame
-//! has it along +y. Lengths are in metres, as ROS has them.
+//! Topics, types and frames are those of OpenWhisker: the magnetic field holds the sensor's raw counts, and the whisker lies along +y of its
+//! frame. Lengths are in metres, as in ROS.
 
 use std::path::{Path, PathBuf};
 
@@ -17,38 +17,38 @@ use crate::record::{Ending, LogSidecar, Sink};
 use crate::routine::Contact;
 use crate::{Error, Sample};
 
-/// Time that the samples of one message of a recording reach over.
+/// Duration of the samples in one message of a recording (s).
 const BATCH_S: f64 = 0.1;
 
-/// Topic of where the printer pushed: what a contact found is to be judged by.
+/// Topic of the printer's pushes, the ground truth of detected contacts.
 pub const PUSHED: &str = "/truth/pushed";
 
-/// Name under which a recording holds what stands beside a log's table.
+/// Name of the attachment with the log's sidecar.
 pub const SIDECAR: &str = "log.json";
 
-/// Turns samples, places of the head and pushes into messages.
+/// Converter of samples, positions of the head and pushes into messages.
 #[derive(Debug)]
 pub struct Streams<P> {
     publisher: P,
     epoch_ns: u64,
     batch_s: f64,
     batch: Vec<MagneticField>,
-    /// Time of the first sample of the batch.
+    /// Time of the first sample of the batch (s).
     begin_s: f64,
-    said_where: bool,
+    frames_sent: bool,
 }
 
 impl<P: Publisher> Streams<P> {
-    /// To this publisher. Times of samples count from `epoch_ns`, nanoseconds in the publisher's own time; samples of one message reach over less
-    /// than `batch_s`, but that each is sent alone where it is 0.
+    /// Streams to a publisher. `epoch_ns` is time zero of the samples in the publisher's time (ns). The samples of one message span less than `batch_s`; at 0
+    /// each sample is one message.
     pub fn new(publisher: P, epoch_ns: u64, batch_s: f64) -> Self {
-        Self { publisher, epoch_ns, batch_s, batch: Vec::new(), begin_s: 0.0, said_where: false }
+        Self { publisher, epoch_ns, batch_s, batch: Vec::new(), begin_s: 0.0, frames_sent: false }
     }
 
-    /// Takes samples, of which a batch at a time becomes a message.
+    /// Takes samples and publishes complete batches.
     ///
     /// # Errors
-    /// What the publisher says.
+    /// Errors of the publisher.
     pub fn samples(&mut self, samples: &[Sample]) -> Result<(), bag::Error> {
         for sample in samples {
             if sample.t_s - self.begin_s >= self.batch_s {
@@ -70,10 +70,10 @@ impl<P: Publisher> Streams<P> {
         Ok(())
     }
 
-    /// Sends the samples that wait for more.
+    /// Publishes the incomplete batch.
     ///
     /// # Errors
-    /// What the publisher says.
+    /// Errors of the publisher.
     pub fn flush(&mut self) -> Result<(), bag::Error> {
         if self.batch.is_empty() {
             return Ok(());
@@ -83,13 +83,13 @@ impl<P: Publisher> Streams<P> {
         self.publisher.write(topics::MAGNETOMETER, time_ns, &readings)
     }
 
-    /// Where the head was: its frame in the printer's.
+    /// Publishes a position of the head as a frame in the printer's frame.
     ///
     /// # Errors
-    /// What the publisher says.
+    /// Errors of the publisher.
     pub fn head(&mut self, Head { t_s, x_m, y_m, z_m }: Head) -> Result<(), bag::Error> {
-        if !self.said_where {
-            self.said_where = true;
+        if !self.frames_sent {
+            self.frames_sent = true;
             let whisker = self.transform(t_s, topics::WHISKER, Vector3::default());
             self.publisher.write(topics::TF_STATIC, self.time_ns(t_s), &whisker)?;
         }
@@ -97,20 +97,20 @@ impl<P: Publisher> Streams<P> {
         self.publisher.write(topics::TF, self.time_ns(t_s), &head)
     }
 
-    /// Where a push was, as far as the printer knows, at its end.
+    /// Publishes a push, at its end.
     ///
     /// # Errors
-    /// What the publisher says.
+    /// Errors of the publisher.
     pub fn pushed(&mut self, contact: &Contact) -> Result<(), bag::Error> {
         self.contact(PUSHED, contact.end_s, contact.distance_m)
     }
 
-    /// What a calibration found: a contact, where it has an estimate of it.
+    /// Publishes a detected contact, if it has an estimate.
     ///
     /// # Errors
-    /// What the publisher says.
-    pub fn said(&mut self, said: &Detection) -> Result<(), bag::Error> {
-        match said {
+    /// Errors of the publisher.
+    pub fn detected(&mut self, detection: &Detection) -> Result<(), bag::Error> {
+        match detection {
             Detection::Pressed(press, Some(estimate)) => {
                 self.contact(topics::DETECTED_CONTACT, press.t_s, estimate.distance_m)
             }
@@ -118,10 +118,10 @@ impl<P: Publisher> Streams<P> {
         }
     }
 
-    /// The publisher, once all samples are sent.
+    /// Publishes the incomplete batch and returns the publisher.
     ///
     /// # Errors
-    /// What the publisher says.
+    /// Errors of the publisher.
     pub fn finish(mut self) -> Result<P, bag::Error> {
         self.flush()?;
         Ok(self.publisher)
@@ -149,12 +149,12 @@ impl<P: Publisher> Streams<P> {
     }
 
     fn time_ns(&self, t_s: f64) -> u64 {
-        // Nothing that is recorded lies before its recording's beginning.
+        // No recorded time is before the beginning of the recording.
         self.epoch_ns + (1e9 * t_s.max(0.0)).round() as u64
     }
 }
 
-/// Records a session into a rosbag2 folder. Its times count from the session's begin.
+/// Recording of a session into a rosbag2 folder. Times count from the beginning of the session.
 pub struct Bag {
     folder: PathBuf,
     streams: Streams<Writer>,
@@ -162,10 +162,10 @@ pub struct Bag {
 }
 
 impl Bag {
-    /// Begins a recording that is to become this folder; `sidecar` is that of the log.
+    /// Creates a recording with the final name `folder`; `sidecar` is that of the log.
     ///
     /// # Errors
-    /// If the folder exists or cannot be made.
+    /// If the folder exists or cannot be created.
     pub fn create(folder: &Path, sidecar: LogSidecar) -> Result<Self, Error> {
         Ok(Self { folder: folder.into(), streams: Streams::new(Writer::create(folder)?, 0, BATCH_S), sidecar })
     }
@@ -176,8 +176,8 @@ impl Sink for Bag {
         Ok(self.streams.samples(samples)?)
     }
 
-    fn said(&mut self, said: &Detection) -> Result<(), Error> {
-        Ok(self.streams.said(said)?)
+    fn detected(&mut self, detection: &Detection) -> Result<(), Error> {
+        Ok(self.streams.detected(detection)?)
     }
 
     fn head(&mut self, head: Head) -> Result<(), Error> {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_an_interrupted_session_says_so() {
+    fn robust_an_interrupted_session_is_named_so() {
         let home = tempfile::tempdir().expect("a folder");
         let folder = record(&home.path().join("run"), Ending::Interrupted);
         assert_eq!(folder, home.path().join("run.part"));

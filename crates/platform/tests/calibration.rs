@@ -1,4 +1,4 @@
-//! The calibration pipeline on made-up recordings of a rig whose truth is known.
+//! The calibration pipeline on synthetic recordings with known ground truth, and on real ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,9 +7,9 @@ use files::Watermark;
 use platform::Sample;
 use platform::calibration::logs::{GatherError, LogReader, Source, gather};
 use platform::calibration::published::zero_phase;
-use platform::calibration::regression::{REGRESSIONS, regression};
+use platform::calibration::regression::{Fit, REGRESSIONS, RegressionRow, regression};
 use platform::calibration::{
-    Calibration, Detection, Error, Features, HoldOut, LabelledPress, Live, Presses, Settings, cross_validate,
+    Calibration, Detection, Error, Estimate, Features, HoldOut, LabelledPress, Live, Presses, Settings, cross_validate,
 };
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -22,13 +22,13 @@ fn watermark() -> Watermark {
     Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() }
 }
 
-/// Counts per metre of push of a whisker that is touched at this distance.
+/// Counts per metre of push for a contact at this distance (m).
 fn counts_per_m(distance_m: f64) -> f64 {
     6e4 / (distance_m + 5.0 * distance_m * distance_m)
 }
 
-/// A recording: at each distance the edge moves 6 mm at 2000 mm/min, rests, and moves back. The stage shakes the whisker before each push. The y
-/// axis begins so near to its upper end that it wraps around.
+/// Synthetic recording: at each distance the edge moves 6 mm at 2000 mm/min, rests, and moves back. The stage shakes the whisker before each push. The
+/// counts of the y axis wrap around.
 fn record(distances_m: &[f64], seed: u64) -> (Vec<Sample>, Vec<(f64, f64, f64)>) {
     const PUSH_M: f64 = 6e-3;
     const SPEED_M_S: f64 = 2.0 / 60.0;
@@ -78,7 +78,7 @@ fn source(path: PathBuf) -> Source {
     Source { path, distance_m: None }
 }
 
-/// Presses of a table: the slope that the rig has at each distance, with scatter.
+/// Presses with slopes of the synthetic rig at random distances, with relative scatter.
 fn scattered(count: usize, scatter: f64, seed: u64) -> Vec<LabelledPress> {
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     let press = |_| {
@@ -92,7 +92,7 @@ fn scattered(count: usize, scatter: f64, seed: u64) -> Vec<LabelledPress> {
 }
 
 #[test]
-fn val_a_calibrated_rig_tells_presses_that_it_has_not_seen_live() {
+fn val_a_calibration_estimates_new_presses_live() {
     let folder = tempfile::tempdir().unwrap();
     let fitted = write_log(folder.path(), "fit", &positions(16, 0.045, 0.145), 1);
     let row = regression("robust").unwrap();
@@ -113,10 +113,10 @@ fn val_a_calibrated_rig_tells_presses_that_it_has_not_seen_live() {
             let (start_s, _, distance_m) = spans[errors_m.len()];
             // The contact begins a second after its cycle.
             assert!((press.onset_s - start_s - 1.0).abs() < 0.03, "{}", press.onset_s - start_s);
-            // Known as soon as the edge rests, 0.18 s later, and the low-pass has seen it.
+            // Reported when the edge rests, 0.18 s later, and after the delay of the low-pass.
             assert!(press.t_s - press.onset_s < 0.3);
             let estimate = estimate.unwrap();
-            assert_eq!(Some(estimate), calibration.estimate(&press.features), "what is read is what was fitted");
+            assert_eq!(Some(estimate), calibration.estimate(&press.features), "the calibration read is the fitted one");
             errors_m.push(estimate.distance_m - distance_m);
         }
     }
@@ -132,8 +132,7 @@ fn presses_of(samples: &[Sample], calibration: &Calibration) -> usize {
 
 #[test]
 fn verif_the_published_feature_leaks_the_truth() {
-    // Slopes that say nothing: they are the same at each distance, but for noise. Whoever estimates the distance honestly gets no
-    // better than its spread.
+    // Slopes that are independent of the distance: without the true distance no error can be smaller than the spread of the distances.
     let mut generator = Pcg64Mcg::seed_from_u64(7);
     let mut presses = scattered(45, 0.0, 8);
     for press in &mut presses {
@@ -146,8 +145,8 @@ fn verif_the_published_feature_leaks_the_truth() {
         let validation = cross_validate(regression(name).unwrap(), &presses, HoldOut::Press).unwrap();
         validation.scores().rmse_m
     };
-    assert!(rmse_m("published") < 0.1 * spread_m, "the answer is in the feature");
-    for honest in ["cubic", "logarithmic"] {
+    assert!(rmse_m("published") < 0.1 * spread_m, "the true distance is in the feature");
+    for honest in ["robust", "beam"] {
         assert!(rmse_m(honest) > 0.9 * spread_m, "{honest}");
     }
     let refused = Calibration::fit(regression("published").unwrap(), presses, None, HoldOut::Press, 0.9, watermark());
@@ -155,13 +154,13 @@ fn verif_the_published_feature_leaks_the_truth() {
 }
 
 #[test]
-fn val_the_prediction_interval_contains_new_presses_as_often_as_it_says() {
-    for row in REGRESSIONS.iter().filter(|row| ["robust", "monotone", "gaussian-process"].contains(&row.name)) {
+fn val_the_prediction_interval_has_its_nominal_coverage() {
+    for row in live_regressions().filter(|row| ["robust", "several"].contains(&row.name)) {
         let (mut inside, mut asked) = (0, 0);
         for seed in 0..20 {
-            let presses = scattered(40, 0.02, 100 + seed);
+            let presses = with_all_features(40, 100 + seed);
             let calibration = Calibration::fit(row, presses, None, HoldOut::Press, 0.9, watermark()).unwrap();
-            for press in scattered(50, 0.02, 200 + seed) {
+            for press in with_all_features(50, 200 + seed) {
                 let Some(estimate) = calibration.estimate(&press.features) else { continue };
                 let [low_m, high_m] = estimate.interval_m.unwrap();
                 asked += 1;
@@ -174,7 +173,7 @@ fn val_the_prediction_interval_contains_new_presses_as_often_as_it_says() {
 }
 
 #[test]
-fn robust_mislabelled_presses_are_pointed_out_and_do_not_bend_the_curve() {
+fn robust_mislabelled_presses_are_suspicious_and_have_no_weight() {
     let mut presses = scattered(45, 0.005, 3);
     for i in [5, 20, 33] {
         presses[i].distance_m += if i == 20 { -0.012 } else { 0.0067 };
@@ -190,15 +189,114 @@ fn robust_mislabelled_presses_are_pointed_out_and_do_not_bend_the_curve() {
 }
 
 #[test]
-fn verif_no_distance_beyond_the_calibrated_slopes_and_no_interval_of_few_presses() {
+fn verif_no_estimate_outside_the_calibrated_domain_and_no_interval_of_few_presses() {
     let presses = scattered(8, 0.0, 3);
-    let row = regression("logarithmic").unwrap();
+    let row = regression("robust").unwrap();
     let calibration = Calibration::fit(row, presses.clone(), None, HoldOut::Press, 0.9, watermark()).unwrap();
     let at = |slope_counts_per_s| {
         calibration.estimate(&Features { slope_counts_per_s, peak_counts: None, slope_ratio: None })
     };
     assert!(at(presses[0].features.slope_counts_per_s).is_some_and(|estimate| estimate.interval_m.is_none()));
     assert!([0.0, 1.0, 1e9, f64::NAN, f64::INFINITY].iter().all(|&slope| at(slope).is_none()));
+}
+
+/// Presses with all features: those of [`scattered`], with peaks and slope ratios that vary.
+fn with_all_features(count: usize, seed: u64) -> Vec<LabelledPress> {
+    let mut presses = scattered(count, 0.02, seed);
+    for (i, press) in presses.iter_mut().enumerate() {
+        press.log = format!("log {}", i % 4);
+        let Features { slope_counts_per_s, peak_counts, slope_ratio } = &mut press.features;
+        *peak_counts = Some(0.02 * *slope_counts_per_s * (1.0 + 0.3 * (7.0 * i as f64).sin()));
+        *slope_ratio = Some(0.1 + 0.02 * (3.0 * i as f64).cos());
+    }
+    presses
+}
+
+/// Every regression that works at run time.
+fn live_regressions() -> impl Iterator<Item = &'static RegressionRow> {
+    REGRESSIONS.iter().filter(|row| matches!(row.fit, Fit::Live(_)))
+}
+
+fn fitted(row: &RegressionRow, hold_out: HoldOut) -> Calibration {
+    Calibration::fit(row, with_all_features(24, 11), None, hold_out, 0.9, watermark()).unwrap()
+}
+
+/// The written file as JSON, after a change.
+fn changed(calibration: &Calibration, file: &Path, change: impl FnOnce(&mut serde_json::Value)) {
+    calibration.write(file).unwrap();
+    let mut json = serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap();
+    change(&mut json);
+    fs::write(file, json.to_string()).unwrap();
+}
+
+#[test]
+fn verif_a_calibration_that_was_read_estimates_as_the_fitted_one_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("calibration.json");
+    let bits = |estimate: Option<Estimate>| {
+        estimate.map(|estimate| (estimate.distance_m.to_bits(), estimate.interval_m.map(|ends| ends.map(f64::to_bits))))
+    };
+    for row in live_regressions() {
+        for hold_out in [HoldOut::Press, HoldOut::Log] {
+            let fitted = fitted(row, hold_out);
+            fitted.write(&file).unwrap();
+            let stored = Calibration::read(&file).unwrap();
+            changed(&fitted, &file, |json| drop(json.as_object_mut().unwrap().remove("coefficients")));
+            let fitted_again = Calibration::read(&file).unwrap();
+            assert_eq!([&stored, &fitted_again].map(Calibration::was_fitted_on_reading), [false, true], "{}", row.name);
+            let mut estimated = 0;
+            for press in with_all_features(200, 12) {
+                let expected = bits(fitted.estimate(&press.features));
+                estimated += u32::from(expected.is_some_and(|(_, interval)| interval.is_some()));
+                for read in [&stored, &fitted_again] {
+                    assert_eq!(bits(read.estimate(&press.features)), expected, "{}: {press:?}", row.name);
+                }
+            }
+            assert!(estimated > 150, "{}: {estimated}", row.name);
+            assert_eq!(stored.scores(), fitted.scores());
+        }
+    }
+}
+
+#[test]
+fn robust_wrong_coefficients_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("calibration.json");
+    for row in live_regressions() {
+        let fitted = fitted(row, HoldOut::Press);
+        let refused = |change: &dyn Fn(&mut serde_json::Value), words: &str| {
+            changed(&fitted, &file, |json| change(&mut json["coefficients"]));
+            let message = Calibration::read(&file).unwrap_err().to_string();
+            assert!(message.contains("calibration.json: ") && message.contains(words), "{}: {message}", row.name);
+        };
+        refused(&|json| json["names"][0] = "unknown".into(), "coefficients.names: found unknown, ");
+        refused(&|json| drop(json["all"].as_array_mut().unwrap().pop()), "coefficients.all: found ");
+        refused(&|json| drop(json["held_out"].as_array_mut().unwrap().pop()), "coefficients.held_out: found 23 rows");
+        refused(&|json| json["held_out"][3] = serde_json::json!([]), "coefficients.held_out.3: found 0 numbers");
+        refused(&|json| json["all"][1] = serde_json::json!(-1.0), "coefficients.all.1 (");
+        // Coefficients of other presses.
+        let other_m = |json: &mut serde_json::Value| json["held_out"][3] = json["held_out"][4].clone();
+        refused(&other_m, "scores.");
+        changed(&fitted, &file, |json| json["presses"][5]["distance_m"] = serde_json::json!(0.3));
+        let message = Calibration::read(&file).unwrap_err().to_string();
+        assert!(message.contains("remove the key `coefficients` to fit again"), "{message}");
+        let text = fs::read_to_string(&file).unwrap().replacen("\"all\":[", "\"all\":[1e999,", 1);
+        fs::write(&file, text).unwrap();
+        assert!(Calibration::read(&file).unwrap_err().to_string().contains("calibration.json:"));
+    }
+}
+
+#[test]
+fn robust_a_file_of_another_regression_names_the_present_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("calibration.json");
+    let fitted = fitted(regression("robust").unwrap(), HoldOut::Press);
+    for name in ["cubic", "gaussian-process", "published"] {
+        changed(&fitted, &file, |json| json["regression"] = name.into());
+        let message = Calibration::read(&file).unwrap_err().to_string();
+        let expected = format!("regression: found {name}, expected robust, several, beam: fit again with one of these");
+        assert!(message.ends_with(&expected), "{message}");
+    }
 }
 
 #[test]
@@ -232,7 +330,7 @@ fn verif_a_short_gap_is_jitter_and_a_long_one_ends_a_press() {
     let (mut samples, _) = record(&positions(4, 0.05, 0.14), 6);
     let count = |samples: &[Sample]| Presses::new(&chain).unwrap().of(samples).len();
     assert_eq!(count(&samples), 4);
-    // As a serial line hands samples on: sixteen at a time.
+    // A serial line delivers sixteen samples at a time.
     for chunk in samples.chunks_mut(16) {
         let last_s = chunk[chunk.len() - 1].t_s;
         chunk.iter_mut().for_each(|sample| sample.t_s = last_s);
@@ -244,7 +342,7 @@ fn verif_a_short_gap_is_jitter_and_a_long_one_ends_a_press() {
 }
 
 #[test]
-fn robust_recordings_that_do_not_fit_each_other_are_an_error() {
+fn robust_incompatible_recordings_are_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let good = write_log(folder.path(), "good", &positions(4, 0.05, 0.14), 1);
     let short = folder.path().join("short.csv");
@@ -257,7 +355,7 @@ fn robust_recordings_that_do_not_fit_each_other_are_an_error() {
     );
 }
 
-/// Recordings of real whiskers lie where this variable points, if anywhere: `openwhisker/` and `ratatouille/`.
+/// Folder with real recordings (`openwhisker/`, `ratatouille/`), if the variable is set.
 fn real() -> Option<PathBuf> {
     std::env::var_os("WHISKER_REAL_RECORDINGS").map(PathBuf::from)
 }
@@ -266,18 +364,16 @@ fn real() -> Option<PathBuf> {
 fn val_openwhisker_episodes_leave_one_out() {
     let Some(folder) = real() else { return };
     let table = [source(folder.join("openwhisker/episodes_46_distance_vs_min_grad.csv"))];
-    for name in ["robust", "logarithmic"] {
-        let row = regression(name).unwrap();
-        let gathered = gather(&table, &Settings::default(), row, RATE_HZ).unwrap();
-        assert_eq!(gathered.presses.len(), 45);
-        let scores = cross_validate(row, &gathered.presses, HoldOut::Press).unwrap().scores();
-        assert!(scores.rmse_m <= 1.35e-3 && scores.median_m <= 0.8e-3, "{name}: {scores:?}");
-        assert!(!scores.suspicious.is_empty(), "{name}");
-    }
+    let row = regression("robust").unwrap();
+    let gathered = gather(&table, &Settings::default(), row, RATE_HZ).unwrap();
+    assert_eq!(gathered.presses.len(), 45);
+    let scores = cross_validate(row, &gathered.presses, HoldOut::Press).unwrap().scores();
+    assert!(scores.rmse_m <= 1.35e-3 && scores.median_m <= 0.8e-3, "{scores:?}");
+    assert!(!scores.suspicious.is_empty());
 }
 
 #[test]
-fn val_ratatouille_presses_are_all_found_and_their_slopes_fall_with_the_distance() {
+fn val_ratatouille_presses_are_all_detected_and_their_slopes_decrease_with_the_distance() {
     let Some(folder) = real() else { return };
     let log = |mm: u32| Source {
         path: folder.join(format!("ratatouille/deflection_{mm}.csv.gz")),
@@ -297,7 +393,7 @@ fn val_ratatouille_presses_are_all_found_and_their_slopes_fall_with_the_distance
         last = median;
     }
     let held_out = |by| cross_validate(row, &gathered.presses, by).unwrap().scores().rmse_m;
-    assert!(held_out(HoldOut::Press) < held_out(HoldOut::Log), "what tells files apart is not only the distance");
+    assert!(held_out(HoldOut::Press) < held_out(HoldOut::Log), "files differ not only by the distance");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Damaged input: no panic, and no reading that was not sent.
+//! Damaged input: no panic, and no wrong reading.
 
 use std::collections::VecDeque;
 
@@ -7,12 +7,12 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// How many lines the long run has.
+/// Number of lines of the long run.
 const LINES: u64 = 10_000_000;
-/// Undamaged lines on either side of a damaged one: whatever it runs into ends with its neighbour.
+/// Undamaged lines on either side of a damaged one, which can only affect its neighbour.
 const BETWEEN: u64 = 3;
 
-/// What a decoder makes of bytes that come in pieces.
+/// Readings decoded from bytes that arrive in pieces.
 fn decoded(row: &FormatRow, bytes: &[u8], pieces: &mut Pcg64) -> Vec<[u16; 3]> {
     let (mut decoder, mut readings, mut rest) = (Decoder::new(row), Vec::new(), bytes);
     while !rest.is_empty() {
@@ -25,7 +25,7 @@ fn decoded(row: &FormatRow, bytes: &[u8], pieces: &mut Pcg64) -> Vec<[u16; 3]> {
     readings
 }
 
-/// The format `hex` in other words: of the words of a line exactly one is a reading.
+/// Independent parser of the format `hex`: exactly one word of a line is a reading.
 fn hex_reference(bytes: &[u8]) -> Vec<[u16; 3]> {
     let ended = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
     let word = |word: &str| {
@@ -42,15 +42,15 @@ fn hex_reference(bytes: &[u8]) -> Vec<[u16; 3]> {
     bytes[..ended].split(|byte| *byte == b'\n').filter_map(line).collect()
 }
 
-/// A line that is overwritten in a place with what no format has, or into which that is inserted; where characters are counted, also one with a piece
-/// lost, doubled or cut off. In decimal numbers that makes another number, which nobody can tell.
+/// A damaged line: invalid bytes overwritten or inserted; in the format `hex`, also a piece lost, doubled or cut off. In decimal formats a lost digit gives
+/// another valid number.
 fn damage(line: &[u8], counts_characters: bool, rng: &mut Pcg64) -> Vec<u8> {
     let mut damaged = line.to_vec();
     let at = rng.random_range(0..line.len() - 1);
     match rng.random_range(0..if counts_characters { 5 } else { 2 }) {
         0 => damaged[at] = b"!~\x00\xff"[rng.random_range(0..4)],
         1 => drop(damaged.splice(at..at, std::iter::repeat_n(b'#', rng.random_range(1..600)))),
-        // Fewer than a line, for a line less a line is a line.
+        // Less than a line: a whole lost line is not damage.
         2 => drop(damaged.drain(at..(at + rng.random_range(1..8)).min(line.len()))),
         3 => damaged.insert(at, line[at]),
         _ => damaged.truncate(at),
@@ -58,13 +58,13 @@ fn damage(line: &[u8], counts_characters: bool, rng: &mut Pcg64) -> Vec<u8> {
     damaged
 }
 
-/// Sends readings that count, of which every fourth is damaged. All others must come, and of the damaged ones nothing else than what they were.
+/// Decodes consecutive readings of which every fourth is damaged. All others must be decoded, and a damaged one gives its own reading or none.
 fn count_through_damage(row: &FormatRow, lines: u64, seed: u64) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let (printer, mut decoder, mut bytes) = ((row.build)(), Decoder::new(row), Vec::new());
     let (mut readings, mut line) = (Vec::new(), Vec::new());
     let counts = |number: u64| {
-        // A neighbour differs in every digit, so that a mixture of two is neither.
+        // Neighbours differ in every digit, so that a mixture of two is detected.
         let mixed = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         [(mixed >> 48) as u16, (mixed >> 32) as u16, (mixed >> 16) as u16]
     };
@@ -86,7 +86,7 @@ fn count_through_damage(row: &FormatRow, lines: u64, seed: u64) {
                 if counts(number) == reading {
                     break;
                 }
-                // What ran into the line behind it took that with it, and nothing else is lost.
+                // A damaged line may also damage the next one, and no other.
                 let is_behind_damage = number % (BETWEEN + 1) == 0;
                 assert!(number % (BETWEEN + 1) == BETWEEN || is_behind_damage, "{}: {number} is lost", row.name);
             }
@@ -102,7 +102,7 @@ fn robust_damaged_lines_give_no_wrong_reading() {
     }
 }
 
-/// Ten million lines of each format, and of noise; minutes.
+/// Ten million lines of each format and of noise; takes minutes.
 #[test]
 #[ignore = "minutes; run it by name"]
 fn robust_ten_million_damaged_lines_give_no_wrong_reading() {
@@ -113,7 +113,7 @@ fn robust_ten_million_damaged_lines_give_no_wrong_reading() {
     let (mut readings, mut lines, mut bytes) = (Vec::new(), 0, vec![0_u8; 1 << 16]);
     let mut decoders: Vec<_> = FORMATS.iter().map(Decoder::new).collect();
     while lines < LINES {
-        // Noise of the characters that lines are made of.
+        // Noise of the characters of the formats.
         bytes.fill_with(|| b"0123456789abcdef\n\n\r\t >XYZ:.-"[rng.random_range(0..28)]);
         lines += bytes.iter().filter(|byte| **byte == b'\n').count() as u64;
         for decoder in &mut decoders {
@@ -125,7 +125,7 @@ fn robust_ten_million_damaged_lines_give_no_wrong_reading() {
 
 proptest! {
     #[test]
-    fn robust_random_bytes_do_no_harm(bytes in prop::collection::vec(any::<u8>(), 0..4096), seed: u64) {
+    fn robust_random_bytes_do_not_panic(bytes in prop::collection::vec(any::<u8>(), 0..4096), seed: u64) {
         for row in FORMATS {
             let whole = decoded(row, &bytes, &mut Pcg64::seed_from_u64(seed));
             prop_assert_eq!(&whole, &decoded(row, &bytes, &mut Pcg64::seed_from_u64(seed ^ 1)), "pieces do not matter");
@@ -133,7 +133,7 @@ proptest! {
     }
 
     #[test]
-    fn verif_hex_agrees_with_other_words(
+    fn verif_hex_agrees_with_an_independent_parser(
         bytes in prop::collection::vec(prop::sample::select(b"0123456789abcdefA\n\r\t Z".to_vec()), 0..600),
         readings in prop::collection::vec(any::<[u16; 3]>(), 0..20),
         cuts in prop::collection::vec(any::<prop::sample::Index>(), 0..6),

@@ -1,4 +1,4 @@
-//! Sensor and printer over pseudo-terminals: what goes wrong with ports and devices is said, and nothing that arrived is lost.
+//! Sensor and printer over pseudo-terminals: errors of ports and devices are reported, and no data that arrived are lost.
 #![cfg(unix)]
 
 mod pseudo;
@@ -18,7 +18,7 @@ fn hex() -> &'static FormatRow {
     format("hex").expect("registered")
 }
 
-/// The reading of a number.
+/// Counts that encode a number.
 fn counts(number: u64) -> [u16; 3] {
     [number as u16, (number >> 16) as u16, !number as u16]
 }
@@ -29,7 +29,7 @@ fn print(number: u64) -> Vec<u8> {
     bytes
 }
 
-/// Takes samples until there are so many, or no more come.
+/// Takes samples up to this number or the end of the stream.
 fn take(reader: &Reader, count: usize) -> Vec<Sample> {
     let mut arrivals = Vec::new();
     while arrivals.len() < count && reader.take(&mut arrivals, Duration::from_secs(10)) {}
@@ -40,7 +40,7 @@ fn take(reader: &Reader, count: usize) -> Vec<Sample> {
 fn verif_every_sample_that_arrives_is_taken_once() {
     let (name, mut device, _port) = pair();
     let reader = Reader::open(&name, ReaderSettings::new(hex(), Instant::now())).expect("open");
-    // The rest of a line, then readings in pieces that end anywhere, with garbage in between.
+    // The rest of a line, then readings in arbitrary pieces, with garbage in between.
     let mut bytes = b"34abcd\n".to_vec();
     for number in 0..5000 {
         bytes.extend(print(number));
@@ -62,7 +62,7 @@ fn verif_every_sample_that_arrives_is_taken_once() {
 }
 
 #[test]
-fn robust_an_unplugged_sensor_is_named_and_what_came_is_kept() {
+fn robust_an_unplugged_sensor_is_named_and_its_samples_are_kept() {
     let (name, mut device, port) = pair();
     let reader = Reader::open(&name, ReaderSettings::new(hex(), Instant::now())).expect("open");
     (0..10).for_each(|number| device.write_all(&print(number)).expect("written"));
@@ -82,7 +82,7 @@ fn robust_overrun_is_counted_and_reported() {
     let settings = ReaderSettings { capacity: 100, ..ReaderSettings::new(hex(), Instant::now()) };
     let reader = Reader::open(&name, settings).expect("open");
     (0..250).for_each(|number| device.write_all(&print(number)).expect("written"));
-    // Nobody takes them; the reader ends once it has read what has arrived.
+    // The samples are not taken; the reader ends after the pending bytes.
     let mut quiet = Instant::now();
     while quiet.elapsed() < Duration::from_millis(300) {
         if rustix::io::ioctl_fionread(&port).expect("told") > 0 {
@@ -97,12 +97,12 @@ fn robust_overrun_is_counted_and_reported() {
 }
 
 #[test]
-fn robust_a_port_that_is_not_there_is_named() {
+fn robust_a_missing_port_is_named() {
     let error = Reader::open("/dev/none", ReaderSettings::new(hex(), Instant::now())).expect_err("refused");
     assert!(error.to_string().starts_with("/dev/none: cannot be opened: "), "{error}");
 }
 
-/// A printer that answers each line by a script, and keeps what it was told.
+/// Scripted printer, which records the lines it receives.
 fn scripted(device: Device, mut answer: impl FnMut(&str) -> String + Send + 'static) -> JoinHandle<Vec<String>> {
     thread::spawn(move || {
         let mut words = device.try_clone().expect("cloned");
@@ -122,7 +122,7 @@ fn open(name: &str, stop: &Arc<AtomicBool>) -> Result<Printer, Error> {
     Printer::open(name, Instant::now(), stop.clone())
 }
 
-/// `ok`, behind a position where it was asked for.
+/// `ok`, after a position if it was queried.
 fn good(line: &str, at: &str) -> String {
     if line.contains("M114") { format!("X:{at} Z:0.00 E:0.00 Count X:{at} Z:0.00\nok\n") } else { "ok\n".into() }
 }
@@ -147,10 +147,10 @@ fn verif_a_line_that_was_damaged_is_sent_again() {
 }
 
 #[test]
-fn robust_a_line_whose_ok_was_lost_is_not_carried_out_twice() {
+fn robust_a_line_whose_ok_was_lost_is_not_executed_twice() {
     let (name, device, port) = pair();
     let told = scripted(device, move |line| {
-        // It took the line and says so by what it wants.
+        // The request for the next line shows that it accepted this one.
         if line.contains("G21") { "Resend: 2\nok\n".into() } else { good(line, "0.00 Y:0.00") }
     });
     open(&name, &Arc::default()).and_then(|mut printer| printer.home()).expect("homed");
@@ -159,7 +159,7 @@ fn robust_a_line_whose_ok_was_lost_is_not_carried_out_twice() {
 }
 
 #[test]
-fn robust_what_a_printer_refuses_is_said_in_its_words() {
+fn robust_a_refusal_quotes_the_printer() {
     let (name, device, _port) = pair();
     let _told = scripted(device, |line| {
         if line.contains("G28") { "Error:Homing failed\nok\n".into() } else { good(line, "0.00 Y:0.00") }
@@ -169,7 +169,7 @@ fn robust_what_a_printer_refuses_is_said_in_its_words() {
 }
 
 #[test]
-fn robust_nothing_moves_before_homing_nor_out_of_the_bed() {
+fn robust_no_move_before_homing_or_outside_the_bed() {
     let (name, device, port) = pair();
     let told = scripted(device, |line| good(line, "0.00 Y:0.00"));
     let mut printer = open(&name, &Arc::default()).expect("open");
@@ -185,7 +185,7 @@ fn robust_nothing_moves_before_homing_nor_out_of_the_bed() {
 }
 
 #[test]
-fn robust_a_head_that_is_elsewhere_is_noticed() {
+fn robust_a_head_off_its_target_is_an_error() {
     let (name, device, _port) = pair();
     let _told = scripted(device, |line| good(line, "99.00 Y:50.00"));
     let mut printer = open(&name, &Arc::default()).expect("open");

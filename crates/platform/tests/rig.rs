@@ -1,4 +1,4 @@
-//! The routine on the emulated rig, from port to log, and from log to contacts that are told live.
+//! The routine on the emulated rig: from port to log, and from log to live estimates.
 #![cfg(unix)]
 
 use std::fs;
@@ -69,7 +69,7 @@ fn readings(path: &Path) -> Vec<(f64, f64)> {
 }
 
 #[test]
-fn verif_two_places_are_pushed_and_recorded() {
+fn verif_pushes_at_two_places_are_recorded() {
     let emulation = emulation();
     let folder = tempfile::tempdir().expect("a folder");
     let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: rig::SPEEDS_M_S[1], ..Default::default() };
@@ -97,9 +97,9 @@ fn verif_two_places_are_pushed_and_recorded() {
     assert!(sent.readings - outcome.report.tally.samples < 80, "{sent:?} {}", outcome.report);
 }
 
-/// `cargo xtask rig` does the same at all places and the documented speed.
+/// `cargo xtask rig` does the same at all places and at the documented speed.
 #[test]
-fn verif_a_session_teaches_what_the_next_is_told_live() {
+fn verif_a_calibration_of_one_session_estimates_the_next_live() {
     let folder = tempfile::tempdir().expect("a folder");
     let routine = IncrementsBeamTest { increments_y: 7, speed_m_s: rig::SPEEDS_M_S[1], ..Default::default() };
     let outcome = session(&emulation(), &routine, folder.path(), Arc::default());
@@ -133,7 +133,7 @@ fn verif_a_session_teaches_what_the_next_is_told_live() {
 }
 
 #[test]
-fn robust_an_interrupt_stops_the_head_and_keeps_what_came() {
+fn robust_an_interrupt_stops_the_head_and_keeps_the_data() {
     let emulation = emulation();
     let folder = tempfile::tempdir().expect("a folder");
     let stop = Arc::new(AtomicBool::new(false));
@@ -148,7 +148,7 @@ fn robust_an_interrupt_stops_the_head_and_keeps_what_came() {
     let rows = readings(&folder.path().join("log.interrupted.csv"));
     assert_eq!(rows.len() as u64, outcome.report.tally.samples);
     assert!(rows.len() > 800);
-    // Opened anew, the printer starts anew: its last words to the one before are not heard.
+    // A reopened printer restarts: its answers to the previous client are discarded.
     #[cfg(not(target_os = "linux"))]
     thread::sleep(Duration::from_millis(200));
     let printer = emulation.printer.to_str().expect("text");
@@ -156,12 +156,12 @@ fn robust_an_interrupt_stops_the_head_and_keeps_what_came() {
 }
 
 #[test]
-fn robust_a_rig_that_is_unplugged_ends_the_session_with_what_came() {
+fn robust_an_unplugged_rig_ends_the_session_and_keeps_the_data() {
     let emulation = emulation();
     let folder = tempfile::tempdir().expect("a folder");
     let outcome = thread::scope(|scope| {
         let session = scope.spawn(|| {
-            // Both ports are known before they go.
+            // Both ports are open before they vanish.
             session(&emulation, &IncrementsBeamTest::default(), folder.path(), Arc::default())
         });
         thread::sleep(Duration::from_secs(3));

@@ -1,4 +1,4 @@
-//! The emulated rig for as long as is asked: no sample lost, what reading costs, and how late a contact is told.
+//! Soak test on the emulated rig: lost samples, processor load and latency.
 #![cfg(target_os = "linux")]
 
 mod pseudo;
@@ -21,24 +21,24 @@ use platform::sensor::{Reader, ReaderSettings, format};
 use platform::streams::Bag;
 
 const RATE_HZ: f64 = 800.0;
-/// The bars: share of one core, and from the device's write to what a sample told, 99 of 100 times.
+/// Bounds: share of one core, and 99th-percentile latency from the device's write to the report.
 const MOST_PROCESSOR: f64 = 0.1;
 const MOST_LATE: Duration = Duration::from_millis(5);
 
-/// Samples from one press to the next, places of presses, and how fast and deep the ruler pushes.
+/// Samples per press, distances of the presses, and speed and depth of the pushes.
 const PERIOD: u64 = 2400;
 const PLACES: u64 = 16;
 const SPEED_M_S: f64 = 2.0 / 60.0;
 const DEPTH_M: f64 = 0.006;
 
-/// Where the whisker is pressed when this sample is taken.
+/// Distance of the press at this sample (m).
 fn distance_m(number: u64) -> f64 {
     0.145 - 0.1 * (number / PERIOD % PLACES) as f64 / (PLACES - 1) as f64
 }
 
-/// Counts of a sample: on the main axis presses of the rig's physics, on the others its number.
+/// Counts of a sample: presses of the rig's physics on the main axis, its number on the others.
 fn counts(rig: &RigTable, number: u64) -> [u16; 3] {
-    // Half of the time before the push and half behind it.
+    // Half of the time before the push and half after it.
     let since_s = (number % PERIOD) as f64 / RATE_HZ - 0.5 * PERIOD as f64 / RATE_HZ;
     let push_m = (DEPTH_M - SPEED_M_S * since_s.abs()).max(0.0);
     let main = rig.deflection_counts(distance_m(number), push_m).expect("touches")[1];
@@ -49,7 +49,7 @@ fn watermark() -> Watermark {
     Watermark { tool: "soak".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() }
 }
 
-/// One of the same presses.
+/// A press of the calibration.
 fn calibration(rig: &RigTable) -> Calibration {
     let sample = |number: u64| Sample { t_s: number as f64 / RATE_HZ, counts: counts(rig, number) };
     let samples: Vec<Sample> = (0..PERIOD * PLACES).map(sample).collect();
@@ -65,20 +65,20 @@ fn calibration(rig: &RigTable) -> Calibration {
     Calibration::fit(row, presses, Some(chain), HoldOut::Press, 0.9, watermark()).expect("fits")
 }
 
-/// Processor time of this process without the threads of this name.
+/// Processor time of this process without the threads of this name (s).
 fn processor_s(without: &str) -> f64 {
     let tasks = fs::read_dir("/proc/self/task").expect("Linux");
     let nanoseconds = tasks.map(|task| {
         let read = |file| fs::read_to_string(task.as_ref().expect("a task").path().join(file)).unwrap_or_default();
-        // The scheduler's own account, in nanoseconds: others count in ticks, between which a short reader hides.
+        // The scheduler's statistics in nanoseconds: accounting by ticks misses short runs.
         let on_processor = read("schedstat").split(' ').next().and_then(|text| text.parse::<f64>().ok());
         if read("comm").trim() == without { 0.0 } else { on_processor.unwrap_or(0.0) }
     });
     1e-9 * nanoseconds.sum::<f64>()
 }
 
-/// 800 readings a second for `WHISKER_SOAK_S` seconds (60), through a pseudo-terminal into a recording, with a calibration at work. Each must come,
-/// once and in order; no press may be missed; and the bars of processor and latency must be met.
+/// 800 readings a second for `WHISKER_SOAK_S` seconds (default 60), through a pseudo-terminal into a recording, with live inference. Each must arrive
+/// once and in order, no press may be missed, and the bounds of processor load and latency must be met.
 #[test]
 #[ignore = "as long as WHISKER_SOAK_S says; run it by name"]
 fn verif_no_sample_is_lost_and_none_is_late() {
@@ -111,19 +111,19 @@ fn verif_no_sample_is_lost_and_none_is_late() {
     let folder = tempfile::tempdir().expect("a folder");
     let sidecar = LogSidecar::new(row.name, RATE_HZ, watermark());
     let mut bag = Box::new(Bag::create(&folder.path().join("soak"), sidecar).expect("a recording"));
-    let (mut told, mut arrivals, mut errors_m) = (Vec::with_capacity(all.len()), Vec::new(), Vec::new());
+    let (mut reported, mut arrivals, mut errors_m) = (Vec::with_capacity(all.len()), Vec::new(), Vec::new());
     let before_s = processor_s("writer");
-    while told.len() < all.len() && reader.take(&mut arrivals, Duration::from_secs(10)) {
+    while reported.len() < all.len() && reader.take(&mut arrivals, Duration::from_secs(10)) {
         for arrival in &arrivals {
-            assert_eq!(arrival.sample.counts, all[told.len()]);
-            inference.step(arrival, |said| {
-                if let Detection::Pressed(_, estimate) = said {
+            assert_eq!(arrival.sample.counts, all[reported.len()]);
+            inference.step(arrival, |detection| {
+                if let Detection::Pressed(_, estimate) = detection {
                     let found_m = estimate.expect("like those of the calibration").distance_m;
-                    errors_m.push(found_m - distance_m(told.len() as u64));
+                    errors_m.push(found_m - distance_m(reported.len() as u64));
                 }
-                bag.said(said).expect("kept");
+                bag.detected(detection).expect("kept");
             });
-            told.push(Instant::now());
+            reported.push(Instant::now());
         }
         let samples: Vec<Sample> = arrivals.drain(..).map(|arrival| arrival.sample).collect();
         bag.samples(&samples).expect("kept");
@@ -133,12 +133,13 @@ fn verif_no_sample_is_lost_and_none_is_late() {
     let (report, error) = reader.finish();
     assert!(error.is_none(), "{error:?}");
     let recording = bag.finish(Ending::Complete).expect("written").remove(0);
-    let mut late: Vec<Duration> = told.iter().zip(&sent).map(|(told, sent)| told.duration_since(*sent)).collect();
+    let mut late: Vec<Duration> =
+        reported.iter().zip(&sent).map(|(reported, sent)| reported.duration_since(*sent)).collect();
     late.sort();
     let at = |share: f64| late[((late.len() - 1) as f64 * share) as usize];
     println!("{report}");
     println!("{}", inference.latency());
-    println!("from write to told: median {:.3?}, 99 % {:.3?}, worst {:.3?}", at(0.5), at(0.99), at(1.0));
+    println!("latency from write to report: median {:.3?}, 99 % {:.3?}, worst {:.3?}", at(0.5), at(0.99), at(1.0));
     println!("{:.1} % of one core", 100.0 * processor);
 
     let kept: Vec<[u16; 3]> = bag::Reader::open(&recording)
@@ -152,7 +153,7 @@ fn verif_no_sample_is_lost_and_none_is_late() {
         .collect();
     assert!(kept == all, "{} of {count} samples are in the recording", kept.len());
     assert_eq!((report.tally.samples, report.tally.garbage_lines, report.overwritten), (count, 0, 0));
-    // The last press may have been cut off.
+    // The last press may be incomplete.
     assert!(errors_m.len() as u64 >= count / PERIOD, "{} presses", errors_m.len());
     assert!(errors_m.iter().all(|error_m| error_m.abs() < 2e-3), "{errors_m:?}");
     assert!(processor < MOST_PROCESSOR, "{processor} of one core");

@@ -1,6 +1,6 @@
 //! A live feed for Foxglove, over a WebSocket.
 //!
-//! Topics, types and bytes are those of the recordings. What nobody listens to is dropped, and so is the oldest of what a listener is too slow for.
+//! Topics, types and bytes are those of the recordings. Messages of a topic without a subscriber are dropped, and so are the oldest ones of a slow subscriber.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -15,17 +15,17 @@ use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle};
 
 use crate::outlet::{Desk, Outlet, Routine};
-use crate::service::{Request, Response};
+use crate::request::{Request, Response};
 
-/// Messages that are kept for a listener who is slow: some seconds of all topics.
+/// Messages that are kept for a slow subscriber: some seconds of all topics.
 const DEPTH: usize = 8192;
-/// How long a call is waited for.
+/// Longest wait for a call.
 const POLL: Duration = Duration::from_millis(20);
-/// How bytes and definitions are to be understood.
+/// Encodings of messages and of their definitions.
 const ENCODING: &str = "cdr";
 const DEFINITIONS: &str = "ros2msg";
 
-/// Whether Foxglove is fed, and where it is listened for.
+/// Whether to publish to Foxglove, and the address to listen on.
 #[derive(clap::Args)]
 pub(crate) struct Foxglove {
     /// Feed Foxglove over a WebSocket instead of ROS 2 [default address: 127.0.0.1:8765]
@@ -33,9 +33,9 @@ pub(crate) struct Foxglove {
     pub(crate) address: Option<SocketAddr>,
 }
 
-/// Sends messages to every Foxglove that is connected.
+/// Publisher to every connected Foxglove client.
 pub(crate) struct Feed {
-    /// Stops where it is dropped.
+    /// Stops when it is dropped.
     _server: WebSocketServerHandle,
     context: Arc<Context>,
     channels: HashMap<String, Arc<RawChannel>>,
@@ -46,7 +46,7 @@ pub(crate) struct Feed {
 pub(crate) struct Calls(Receiver<(service::Request, Responder)>);
 
 impl Feed {
-    /// Listens on an address and says on which.
+    /// Listens on an address and prints it.
     pub(crate) fn open(address: SocketAddr) -> anyhow::Result<(Self, Calls)> {
         let (context, standing) = (Context::new(), Arc::new(Standing::default()));
         let (sender, calls) = channel();
@@ -108,11 +108,11 @@ fn at(time_ns: u64) -> PartialMetadata {
     PartialMetadata { log_time: Some(time_ns) }
 }
 
-/// The last message of the frames that stand, for who comes late.
+/// Last message of the static frames, for clients that subscribe later.
 #[derive(Default)]
 struct Standing(Mutex<Option<Kept>>);
 
-/// A message that was sent.
+/// A sent message.
 struct Kept {
     channel: Arc<RawChannel>,
     time_ns: u64,
@@ -136,12 +136,12 @@ impl ServerListener for Standing {
     }
 }
 
-/// Puts calls into the queue of [`Calls`].
+/// Handler that puts calls into the queue of [`Calls`].
 struct Queue(Sender<(service::Request, Responder)>);
 
 impl Handler for Queue {
     fn call(&self, request: service::Request, responder: Responder) {
-        // Where nobody serves any more the responder is dropped, which is an answer too.
+        // After the end of serving the responder is dropped, which answers the call with an error.
         let _ = self.0.send((request, responder));
     }
 }

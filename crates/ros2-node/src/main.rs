@@ -1,13 +1,14 @@
 //! The calibration platform as a ROS 2 node, without a ROS installation.
 //!
-//! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` sends a recording at its
-//! own pace. Topics, types and frames are the same as in recordings ([`bag::topics`]). With the feature `foxglove` both can go to Foxglove instead.
+//! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` publishes a recording at its
+//! original pace. Topics, types and frames are those of recordings ([`bag::topics`]). With the feature `foxglove` both can publish to Foxglove instead.
 
 #[cfg(feature = "foxglove")]
 mod feed;
 mod node;
 mod outlet;
 mod play;
+mod request;
 mod run;
 mod service;
 
@@ -15,7 +16,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// The calibration platform as a ROS 2 node
+/// Run the calibration platform as a ROS 2 node
 #[derive(Parser)]
 #[command(name = "ros2-node", version)]
 struct Arguments {

@@ -1,4 +1,4 @@
-//! A node that publishes messages.
+//! The ROS 2 node and its publishers.
 
 use std::any::Any;
 use std::collections::HashMap;
@@ -12,20 +12,20 @@ use ros2_client::{Context, ContextOptions, MessageTypeName, Name, NodeName, Node
 
 use crate::outlet::Outlet;
 
-/// Messages that are kept for a subscriber who is slow: more than a second of the sensor.
+/// Messages that are kept for a slow subscriber: more than a second of readings.
 const DEPTH: usize = 1000;
-/// How long a message waits for such a one.
+/// Longest time that a message waits for a slow subscriber.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// The network that the node is in.
+/// Network of the node.
 #[derive(clap::Args)]
 pub(crate) struct Network {
-    /// Domain of the node
+    /// ROS 2 domain of the node
     #[arg(long, env = "ROS_DOMAIN_ID", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=232))]
     domain: u16,
 }
 
-/// A node and its publishers, one a topic.
+/// A node and its publishers, one for each topic.
 pub(crate) struct Node {
     node: ros2_client::Node,
     publishers: HashMap<String, Box<dyn Any + Send>>,
@@ -41,7 +41,7 @@ impl Node {
         Ok(Self { node, publishers: HashMap::new() })
     }
 
-    /// The node itself.
+    /// The node of `ros2-client`.
     pub(crate) fn ros(&mut self) -> &mut ros2_client::Node {
         &mut self.node
     }
@@ -79,7 +79,7 @@ impl Publisher for Node {
     }
 }
 
-/// Reliable; frames that stand are kept for who comes late.
+/// Quality of service of a topic: reliable; static frames are kept for later subscribers.
 fn quality(topic: &str) -> QosProfile {
     let quality = QosProfile::publisher_default().reliability_reliable(WhenFull::Wait(PATIENCE));
     if topic == topics::TF_STATIC {

@@ -1,4 +1,4 @@
-//! Where messages go, and where the service is called from: a ROS 2 network, or Foxglove.
+//! Interfaces to a network of listeners and callers: ROS 2 or Foxglove.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -6,20 +6,20 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use bag::{Error, Message, Publisher};
 
-use crate::service::Request;
+use crate::request::Request;
 
-/// How often it is looked whether somebody listens.
+/// Interval between two checks for a subscriber.
 const POLL: Duration = Duration::from_millis(50);
 
-/// A publisher with listeners.
+/// A publisher whose subscribers are known.
 pub(crate) trait Outlet: Publisher + Send {
-    /// Announces a topic, so that listeners find it before its first message.
+    /// Announces a topic, so that subscribers find it before its first message.
     fn announce<M: Message>(&mut self, topic: &str) -> Result<(), Error>;
 
-    /// Whether somebody listens to a topic that was announced.
+    /// Whether an announced topic has a subscriber.
     fn is_heard(&self, topic: &str) -> bool;
 
-    /// Waits until somebody listens to a topic that was announced.
+    /// Waits until an announced topic has a subscriber.
     fn wait_for_listener(&self, topic: &str, patience: Duration) -> anyhow::Result<()> {
         let begin = Instant::now();
         while !self.is_heard(topic) {
@@ -32,11 +32,11 @@ pub(crate) trait Outlet: Publisher + Send {
     }
 }
 
-/// What a call of the service makes the printer do.
+/// Routine of the printer that a call of the service runs.
 pub(crate) type Routine<'a> = dyn FnMut(Request) -> anyhow::Result<()> + 'a;
 
-/// Where the service is called.
+/// Server of the service.
 pub(crate) trait Desk {
-    /// Answers a call with what the routine makes of it, if one comes soon.
+    /// Runs the routine for the next call, if one comes soon, and answers it.
     fn serve_next(&self, routine: &mut Routine<'_>) -> anyhow::Result<()>;
 }

@@ -1,4 +1,4 @@
-//! `ros2-node play`: a recording, at its own pace.
+//! `ros2-node play`: a recording at its original pace.
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -14,12 +14,12 @@ use crate::feed::{Feed, Foxglove};
 use crate::node::{Network, Node};
 use crate::outlet::Outlet;
 
-/// Publish the messages of a recording at its own pace
+/// Publish the messages of a recording at its original pace
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// A rosbag2 folder or an MCAP file
     recording: PathBuf,
-    /// Begin once somebody has subscribed to this topic of the recording
+    /// Begin once this topic of the recording has a subscriber
     #[arg(long)]
     wait_for: Option<String>,
     #[command(flatten)]
@@ -29,13 +29,13 @@ pub(crate) struct Arguments {
     foxglove: Foxglove,
 }
 
-/// How long a subscriber is waited for.
+/// Longest wait for a subscriber.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// How long the last messages may take to arrive.
+/// Time for the last messages to arrive.
 const LINGER: Duration = Duration::from_secs(2);
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    // Read whole, so that the pace is the recording's and not the disk's.
+    // The whole recording is read first, so that the pace does not depend on the disk.
     let mut messages = Vec::new();
     let mut unknown = 0_u64;
     for record in Reader::open(&arguments.recording)?.records() {
@@ -45,7 +45,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             None => unknown += 1,
         }
     }
-    ensure!(!messages.is_empty(), "{}: found no message of a known type, expected some", arguments.recording.display());
+    ensure!(
+        !messages.is_empty(),
+        "{}: found no message of a known type, expected at least one",
+        arguments.recording.display()
+    );
     if unknown > 0 {
         eprintln!("warning: {unknown} messages of unknown types are left out");
     }
@@ -56,7 +60,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     send(&messages, Node::new(&arguments.network)?, arguments.wait_for.as_deref())
 }
 
-/// Sends the messages at their own pace, once somebody listens to the topic to wait for.
+/// Publishes the messages at their original pace, once the topic to wait for has a subscriber.
 fn send(messages: &[(Record, AnyMessage)], mut outlet: impl Outlet, wait_for: Option<&str>) -> anyhow::Result<()> {
     let mut announced = HashSet::new();
     for (record, message) in messages {
@@ -65,9 +69,9 @@ fn send(messages: &[(Record, AnyMessage)], mut outlet: impl Outlet, wait_for: Op
         }
     }
     if let Some(topic) = wait_for {
-        ensure!(announced.contains(topic), "{topic}: not in it");
+        ensure!(announced.contains(topic), "{topic}: found no such topic in the recording");
         outlet.wait_for_listener(topic, PATIENCE)?;
-        // The other side may know a little later than this one, and of other topics.
+        // The subscriber may discover this and the other topics a little later.
         thread::sleep(LINGER);
     }
     let first_ns = messages.first().map_or(0, |(record, _)| record.time_ns);
@@ -82,7 +86,7 @@ fn send(messages: &[(Record, AnyMessage)], mut outlet: impl Outlet, wait_for: Op
     Ok(())
 }
 
-/// Announces the topic of a message instead of sending it.
+/// Publisher that announces the topic of a message instead of publishing it.
 struct Announcer<'a, O>(&'a mut O);
 
 impl<O: Outlet> Publisher for Announcer<'_, O> {

@@ -1,4 +1,4 @@
-//! `ros2-node run`: the platform, live.
+//! `ros2-node run`: live streams and the service of the platform.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,7 +21,8 @@ use platform::streams::{PUSHED, Streams};
 use crate::feed::{Feed, Foxglove};
 use crate::node::{Network, Node};
 use crate::outlet::{Desk, Outlet};
-use crate::service::{Middleware, Request, Service};
+use crate::request::Request;
+use crate::service::{Middleware, Service};
 
 /// Stream the magnetometer and offer the service increments_beam_test, which runs the routine on the printer
 #[derive(clap::Args)]
@@ -32,19 +33,19 @@ pub(crate) struct Arguments {
     /// Port of the magnetometer
     #[arg(long)]
     sensor: String,
-    /// What the magnetometer prints; `whisker platform list` names the formats
+    /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
-    /// Publish contacts, too, by a calibration that `whisker platform fit` wrote
+    /// Publish contacts too, by a calibration that `whisker platform fit` wrote
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Time that one message of readings reaches over, in seconds; 0 for a message a reading
+    /// Duration of the readings in one message, in seconds; 0 for one message a reading
     #[arg(long, default_value_t = 0.1, value_parser = batch_s)]
     batch: f64,
-    /// Speed of the head, in millimetres a minute
+    /// Speed of the head in millimetres a minute
     #[arg(long, default_value_t = 2000.0)]
     speed: f64,
-    /// ROS 2 middleware of who calls the service
+    /// ROS 2 middleware of the service's caller
     #[arg(long, value_enum, default_value = "fastrtps")]
     middleware: Middleware,
     #[command(flatten)]
@@ -54,7 +55,7 @@ pub(crate) struct Arguments {
     foxglove: Foxglove,
 }
 
-/// How long samples are waited for.
+/// Longest wait for samples.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 type Shared<O> = Mutex<Streams<O>>;
@@ -70,15 +71,15 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     serve(arguments, node, &service)
 }
 
-/// Streams to an outlet and runs the routine for each call, one after the other, until it is interrupted.
+/// Streams to an outlet and runs the routine for each call, one after the other, until interrupted.
 fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> anyhow::Result<()> {
-    let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
+    let calibration = arguments.calibration.as_deref().map(calibration).transpose()?;
     let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let format = platform::sensor::format(&arguments.format)
         .with_context(|| format!("unknown line format `{}`; `whisker platform list` names them", arguments.format))?;
     let stop = interrupt::asked()?;
-    // So that who listens has found them before the first push.
+    // Subscribers find the topics before the first push.
     outlet.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
     outlet.announce::<TfMessage>(topics::TF_STATIC)?;
     outlet.announce::<TfMessage>(topics::TF)?;
@@ -99,7 +100,7 @@ fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> an
         });
         let mut routine = |request| {
             let routine = routine(request, arguments.speed / 60e3);
-            Ok(routine.run(&mut printer, origin, &stop, &mut Told(&streams))?)
+            Ok(routine.run(&mut printer, origin, &stop, &mut Published(&streams))?)
         };
         let mut served = Ok(());
         while served.is_ok() && !stop.load(Ordering::Relaxed) {
@@ -111,7 +112,19 @@ fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> an
     })
 }
 
-/// What a calibration tells of a stream of samples; the path is for the error.
+/// Reads a calibration, with a note on stderr if it has no coefficients and was fitted again.
+fn calibration(path: &Path) -> anyhow::Result<Calibration> {
+    let calibration = Calibration::read(path)?;
+    if calibration.was_fitted_on_reading() {
+        let path = path.display();
+        eprintln!(
+            "note: {path}: has no coefficients and was fitted again; `whisker platform fit` on its logs stores them"
+        );
+    }
+    Ok(calibration)
+}
+
+/// Inference on a stream of samples; the path is for the error.
 fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<Inference<'a>> {
     let expected =
         || format!("{}: chain: found null, expected that of a calibration from logs of samples", path.display());
@@ -130,7 +143,7 @@ fn routine(request: Request, speed_m_s: f64) -> IncrementsBeamTest {
     }
 }
 
-/// Publishes what the sensor says, and what the calibration makes of it, until `stop` is set.
+/// Publishes readings, and contacts detected in them, until `stop` is set.
 fn stream<O: Outlet>(
     reader: Reader,
     mut inference: Option<Inference<'_>>,
@@ -142,9 +155,9 @@ fn stream<O: Outlet>(
         samples.extend(arrivals.iter().map(|arrival| arrival.sample));
         let mut streams = locked(streams);
         if let Some(inference) = &mut inference {
-            arrivals
-                .iter()
-                .try_for_each(|arrival| inference.step(arrival, |said| streams.said(said)).unwrap_or(Ok(())))?;
+            arrivals.iter().try_for_each(|arrival| {
+                inference.step(arrival, |detection| streams.detected(detection)).unwrap_or(Ok(()))
+            })?;
         }
         streams.samples(&samples)?;
         arrivals.clear();
@@ -158,10 +171,10 @@ fn stream<O: Outlet>(
     error.map_or(Ok(()), |error| Err(error.into()))
 }
 
-/// Publishes where the head is and where it pushed.
-struct Told<'a, O>(&'a Shared<O>);
+/// Observer that publishes positions of the head and pushes.
+struct Published<'a, O>(&'a Shared<O>);
 
-impl<O: Outlet> Observer for Told<'_, O> {
+impl<O: Outlet> Observer for Published<'_, O> {
     fn head(&mut self, head: Head) -> Result<(), platform::Error> {
         Ok(locked(self.0).head(head)?)
     }

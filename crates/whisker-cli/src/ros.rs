@@ -1,7 +1,7 @@
-//! Traces and logs of the platform as ROS 2 recordings, and back.
+//! Conversion of traces and logs of the platform to ROS 2 recordings, and back.
 //!
-//! A trace becomes standard messages, one a quantity and instant; what is unknown at an instant has no message there. Time counts from the
-//! trace's start. Sidecar and outline go along as attachments, so that the trace comes back byte for byte. `docs/ROS.md` has the table.
+//! A trace becomes standard messages, one for each quantity and instant; an unknown quantity has no message. Time counts from the
+//! beginning of the trace. Sidecar and outline are attachments, so that the trace is restored byte for byte. `docs/ROS.md` has the table.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -35,12 +35,12 @@ const ARC: &str = "/truth/arc_m";
 const FORCE: &str = "/truth/force_n";
 const TANGENT: &str = "/truth/tangent_rad";
 
-/// Yaw of the base in [`topics::JOINT_STATES`]: not wrapped, unlike a rotation.
+/// Joint name of the base's yaw in [`topics::JOINT_STATES`]: not wrapped, unlike a rotation.
 const YAW: &str = "base_yaw";
-/// Rotation of the whisker's root there.
+/// Joint name of the rotation of the whisker's root.
 const ROTATION: &str = "root_rotation";
 
-/// Writes a trace as a recording. Contacts that an estimator found, where its `estimates/` table is given, are in it too.
+/// Writes a trace as a recording, with the contacts of an estimator if its `estimates/` table is given.
 ///
 /// # Errors
 /// If trace or estimates cannot be read or do not belong together, or the recording exists or cannot be written.
@@ -63,7 +63,7 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
         Some(contour) => Some((&contour.file, read(&path.with_file_name(&contour.file))?)),
         None => None,
     };
-    // All that can be wrong is known by now: nothing half-written is left.
+    // All inputs are valid: no incomplete recording is left behind.
     let mut writer = Writer::create(folder)?;
     for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
         let time_ns = time_ns(known.t_s, path)?;
@@ -81,15 +81,15 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
     Ok(writer.finish()?)
 }
 
-/// Turns a recording into a trace, if it holds one, else into a log of the platform with the readings of the magnetometer. Returns the files.
+/// Converts a recording to a trace, if it contains one, else to a log of the platform with the magnetometer's readings. Returns the files written.
 ///
-/// With `salvage` a recording that was cut off is taken as far as it goes.
+/// With `salvage` an interrupted recording is converted up to its end.
 ///
 /// # Errors
-/// If the recording cannot be read, or holds neither.
+/// If the recording cannot be read, or contains neither.
 pub fn import(path: &Path, salvage: bool, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let reader = Reader::open(path)?;
-    // What was cut off has lost what stands at its end.
+    // An interrupted recording has no metadata at its end.
     let attachments = if salvage { reader.attachments().unwrap_or_default() } else { reader.attachments()? };
     for attachment in &attachments {
         if let Ok(sidecar) = serde_json::from_slice::<Value>(&attachment.data)
@@ -105,7 +105,7 @@ pub fn import(path: &Path, salvage: bool, folder: &Path) -> anyhow::Result<Vec<P
     import_readings(path, &reader, sidecar, salvage, folder)
 }
 
-/// The messages of one row.
+/// Messages of one row.
 struct Row<'a> {
     writer: &'a mut Writer,
     time_ns: u64,
@@ -134,7 +134,7 @@ impl Row<'_> {
             let twist = RosTwist { linear, angular: Vector3 { x: 0.0, y: 0.0, z: twist.wz_rad_s } };
             self.write(topics::BASE_TWIST, &TwistStamped { header: self.header(topics::WHISKER), twist })?;
         }
-        // Of the wrench nothing else is known, and the unknown is no zero.
+        // The other components of the wrench are unknown, hence not zero.
         let (unknown, z) = (f64::NAN, known.moment_z_n_m);
         let wrench = Wrench {
             force: Vector3 { x: unknown, y: unknown, z: unknown },
@@ -163,7 +163,7 @@ impl Row<'_> {
         Ok(())
     }
 
-    /// The contact that an estimator found, in the whisker's frame.
+    /// Estimated contact in the whisker's frame.
     fn detected(&mut self, known: &Instant, estimate: &EstimateRow) -> anyhow::Result<()> {
         if let (Some(x), Some(y)) = (estimate.contact_x_m, estimate.contact_y_m) {
             let contact = known.base.inverse().apply(Point::<World>::new(x, y));
@@ -208,7 +208,7 @@ fn import_trace(
         ensure!(sha256(&outline.data) == contour.sha256, "{}: found another file than the sidecar means", key());
         files.push((contour.file.clone(), &outline.data));
     }
-    // The sidecar, which makes the trace complete, comes last.
+    // The sidecar is written last: it marks a complete trace.
     files.push((format!("{name}.json"), &attachment.data));
     let mut written = Vec::new();
     for (file, bytes) in files {
@@ -219,17 +219,17 @@ fn import_trace(
     Ok(written)
 }
 
-/// What an attachment of a recording says.
+/// Text of an attachment.
 fn parsed<T: DeserializeOwned + Serialize>(path: &Path, attachment: &Attachment) -> Result<T, files::Error> {
     parse_json(&attachment.data).map_err(files::Error::json(&place_of(path, attachment)))
 }
 
-/// How errors call an attachment.
+/// Name of an attachment in errors.
 fn place_of(path: &Path, attachment: &Attachment) -> PathBuf {
     format!("{}: attachment {}", path.display(), attachment.name).into()
 }
 
-/// The rows of a trace: a frame of the base begins each, and what has its time belongs to it.
+/// Rows of a trace: each begins with a frame of the base, and the messages of the same time belong to it.
 fn rows(reader: &Reader) -> anyhow::Result<(Recording, Truth)> {
     let (mut instants, mut truth) = (Vec::<Instant>::new(), Vec::<TruthInstant>::new());
     let mut row_ns = None;
@@ -260,7 +260,7 @@ fn rows(reader: &Reader) -> anyhow::Result<(Recording, Truth)> {
     Ok((Recording { instants }, Truth { instants: truth }))
 }
 
-/// Where the base is, of a message that says so.
+/// Pose of the base in a message. `None` for another frame.
 fn base_of(record: &Record, message: AnyMessage) -> anyhow::Result<(f64, f64)> {
     if let AnyMessage::TfMessage(frames) = message
         && let [base] = frames.transforms.as_slice()
@@ -271,7 +271,7 @@ fn base_of(record: &Record, message: AnyMessage) -> anyhow::Result<(f64, f64)> {
     Err(record.wrong("other frames", format!("that of {} alone", topics::WHISKER)).into())
 }
 
-/// Enters a message into its row; what does not belong to a trace, such as contacts found, is left out.
+/// Enters a message into its row. Messages that are not part of a trace, such as estimated contacts, are ignored.
 fn take(topic: &str, message: AnyMessage, known: &mut Instant, truth: &mut TruthInstant) {
     match (topic, message) {
         (topics::JOINT_STATES, AnyMessage::JointState(joints)) => {
@@ -305,8 +305,8 @@ fn point(message: &PointStamped) -> Point<World> {
     Point::new(message.point.x, message.point.y)
 }
 
-/// Writes the readings of a magnetometer as a log. Without the sidecar of a log, as in recordings of others, time counts from the first
-/// reading, and where the printer pushed is not known.
+/// Writes the readings of a magnetometer as a log. Without the sidecar of a log, as in foreign recordings, time counts from the first
+/// reading, and pushes are unknown.
 fn import_readings(
     path: &Path,
     reader: &Reader,
@@ -359,18 +359,18 @@ fn import_readings(
     match sidecar {
         Some(attachment) => write_atomically(&files[0], &attachment.data)?,
         None => {
-            // What OpenWhisker's driver reads and at which rate; it does not say so itself.
+            // Format and rate of OpenWhisker's driver; its recordings do not contain them.
             let format = platform::sensor::format("hex").expect("the platform's own format is registered");
             let mark = watermark([sha256(&table).as_str()]);
             write_json(&files[0], &LogSidecar::new(format.name, format.rate_hz, mark))?;
         }
     }
-    // The table comes last: where it is, all of the log is.
+    // The table is written last: it marks a complete log.
     write_atomically(&files[1], table.as_bytes())?;
     Ok(files.into())
 }
 
-/// Nanoseconds since the trace's start; tables have whole microseconds.
+/// Time since the beginning of the trace (ns), from whole microseconds.
 fn time_ns(t_s: f64, path: &Path) -> anyhow::Result<u64> {
     ensure!(t_s >= 0.0, "{}: t_s: found {t_s}, expected a time of 0 or more: messages have no other", path.display());
     Ok(1000 * (1e6 * t_s).round() as u64)

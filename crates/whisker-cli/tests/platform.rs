@@ -1,4 +1,4 @@
-//! The commands of the calibration platform on the emulated rig: a session, its fit, and contacts that are told from the port.
+//! The commands of the calibration platform on the emulated rig: a session, its fit, and live estimates.
 #![cfg(unix)]
 
 use std::fs;
@@ -16,7 +16,7 @@ use platform::rig::SPEEDS_M_S;
 use platform::routine::{Contact, IncrementsBeamTest, Observer};
 use platform::sensor::format;
 
-/// How long a program may take to open its port.
+/// Longest time until a program has opened its port.
 const START: Duration = Duration::from_millis(500);
 
 fn whisker(arguments: &[&str]) -> Command {
@@ -49,7 +49,7 @@ impl Observer for Nobody {
 }
 
 #[test]
-fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
+fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
     let folder = tempfile::tempdir().unwrap();
     let emulated = || Emulated { rig: Arc::new(RigTable::built_in()), format: format("hex").unwrap(), seed: 1 };
     let emulation = Emulation::start(&emulated()).unwrap();
@@ -60,7 +60,7 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
     done(&["fit", text(&log.join("log.csv")), "--out", text(&calibration)]);
     let calibrated = ["--calibration", text(&calibration)];
 
-    // A session that is there is not written over, and the printer does not move for it.
+    // An existing session is not overwritten, and the printer does not move.
     let again = whisker(&ports).output().unwrap();
     let said = String::from_utf8(again.stderr).unwrap();
     assert!(
@@ -68,7 +68,7 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
         "{said}"
     );
 
-    // Distances of samples at another rate are not told without a warning.
+    // Samples at another rate give a warning.
     let rows = fs::read_to_string(log.join("log.csv")).unwrap();
     let half = folder.path().join("half.csv");
     fs::write(&half, rows.split_inclusive('\n').step_by(2).collect::<String>()).unwrap();
@@ -77,7 +77,7 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
         assert_eq!(said.contains("warning: found 4"), is_warned, "{said}");
     }
 
-    // A session tells contacts, and how well, and leaves the standard output to them.
+    // A session prints contacts on the standard output and their errors on stderr.
     let out = folder.path().join("second");
     let ports = ["run", "--printer", printer, "--sensor", sensor, "--out", text(&out)];
     let told = done(&[&ports[..], &["--speed", "15000", "--y", "80", "--increments-y", "1"], &calibrated].concat());
@@ -88,9 +88,12 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
         .collect();
     assert_eq!(kinds, ["pressed", "released", "pushed", "pressed", "released", "pushed"]);
     let summary = String::from_utf8(told.stderr).unwrap();
-    assert!(summary.contains("2 of 2 pushes found: RMSE 0.") && summary.contains("from arrival to told"), "{summary}");
+    assert!(
+        summary.contains("2 of 2 pushes found: RMSE 0.") && summary.contains("latency from arrival to report"),
+        "{summary}"
+    );
 
-    // So does who listens to the port alone, while somebody else pushes.
+    // `infer` reads the port alone, while another program pushes.
     let mut listener =
         whisker(&[&["infer", "--port", sensor, "--print", "csv", "--latency"], &calibrated[..]].concat());
     let listener = listener.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -102,7 +105,7 @@ fn verif_contacts_are_told_from_the_port_until_it_is_unplugged() {
     let output = listener.wait_with_output().unwrap();
     let (events, said) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("is the cable plugged in?") && said.contains("from arrival to told"), "{said}");
+    assert!(said.contains("is the cable plugged in?") && said.contains("latency from arrival to report"), "{said}");
     let found_m: Vec<f64> = events
         .lines()
         .map(|line| line.split(',').collect::<Vec<_>>())

@@ -20,7 +20,7 @@ fn field(time_ns: u64, x: f64) -> MagneticField {
     }
 }
 
-/// A recording as OpenWhisker makes them, with the wall clock's times.
+/// Recording in the format of OpenWhisker, with wall-clock times.
 fn record(folder: &Path, fields: Vec<MagneticField>) {
     let mut writer = Writer::create(folder).unwrap();
     let readings = MagneticFieldArray { magnetic_field_array: fields };
@@ -29,7 +29,7 @@ fn record(folder: &Path, fields: Vec<MagneticField>) {
 }
 
 #[test]
-fn verif_traces_come_back_byte_for_byte() {
+fn verif_traces_are_restored_byte_for_byte() {
     let home = tempfile::tempdir().unwrap();
     for name in ["golden_circle", "golden_pin"] {
         let folder = home.path().join(name);
@@ -44,7 +44,7 @@ fn verif_traces_come_back_byte_for_byte() {
 }
 
 #[test]
-fn verif_readings_of_others_become_a_log() {
+fn verif_foreign_readings_become_a_log() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("theirs");
     let begin_ns = 1_705_004_054_969_568_000;
@@ -55,7 +55,7 @@ fn verif_readings_of_others_become_a_log() {
 }
 
 #[test]
-fn robust_what_is_no_reading_is_an_error() {
+fn robust_a_message_without_a_reading_is_an_error() {
     let home = tempfile::tempdir().unwrap();
     let cases = [
         ("tesla", vec![field(0, 1e-4)], "found 0.0001, expected the counts of a sensor"),
@@ -74,7 +74,7 @@ fn robust_what_is_no_reading_is_an_error() {
 }
 
 #[test]
-fn robust_what_only_looks_like_the_sidecar_of_a_log_is_an_error() {
+fn robust_an_invalid_sidecar_of_a_log_is_an_error() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("theirs");
     let mut writer = Writer::create(&folder).unwrap();
@@ -97,7 +97,7 @@ fn robust_estimates_of_another_trace_leave_no_recording_behind() {
 }
 
 #[test]
-fn robust_a_recording_that_was_cut_off_is_taken_only_if_asked() {
+fn robust_an_interrupted_recording_is_converted_only_on_request() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("run");
     let mut writer = Writer::create(&folder).unwrap();
@@ -115,7 +115,7 @@ fn robust_a_recording_that_was_cut_off_is_taken_only_if_asked() {
     assert!(fs::read_to_string(&files[1]).unwrap().lines().count() > 1000);
 }
 
-/// What lies in a folder and its folders, in order.
+/// Files of a folder and its subfolders, sorted.
 fn tree(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -130,7 +130,7 @@ fn tree(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn robust_a_recording_of_strangers_writes_into_its_folder_alone() {
+fn robust_a_foreign_recording_writes_only_into_its_folder() {
     let home = tempfile::tempdir().unwrap();
     let (sound, out) = (home.path().join("sound"), home.path().join("deep/out"));
     export_trace(&golden().join("golden_pin.csv"), None, &sound).unwrap();
@@ -163,7 +163,7 @@ fn robust_a_recording_of_strangers_writes_into_its_folder_alone() {
 }
 
 #[test]
-fn robust_attachments_that_nobody_asked_for_stay_where_they_are() {
+fn robust_unrequested_attachments_are_not_written() {
     let home = tempfile::tempdir().unwrap();
     let (folder, out) = (home.path().join("theirs"), home.path().join("deep/out"));
     let mut writer = Writer::create(&folder).unwrap();

@@ -1,4 +1,4 @@
-//! Cross-validation: each press is estimated by a regression that has not seen it.
+//! Cross-validation: each press is estimated by a regression that was fitted without it.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,31 +6,31 @@ use super::learn::{SD_OVER_MAD, quantile};
 use super::regression::{Fit, RegressionRow};
 use super::{Error, LabelledPress, Scores};
 
-/// A press whose error has a larger score is suspected to be mislabelled (Iglewicz and Hoaglin, *How to Detect and Handle Outliers*, 1993).
+/// Largest modified z-score of a press that is not suspicious (Iglewicz and Hoaglin, *How to Detect and Handle Outliers*, 1993).
 pub const LARGEST_SCORE: f64 = 3.5;
 
-/// A press as a regression sees it that was fitted without it.
+/// Estimate for one press by a regression that was fitted without it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOut {
-    /// What the regression says.
+    /// Estimated radial distance (m).
     pub estimated_m: f64,
-    /// Less what the label says.
+    /// Estimated less labelled distance (m).
     pub error_m: f64,
-    /// Size of the error in standard deviations, robustly estimated from the median error.
+    /// Absolute error in standard deviations, the latter estimated from the median absolute error.
     pub score: f64,
 }
 
 impl HeldOut {
-    /// Whether the label, or the press, is to be looked at again.
+    /// Whether the press may be mislabelled: its score exceeds [`LARGEST_SCORE`].
     pub fn is_suspicious(&self) -> bool {
         self.score > LARGEST_SCORE
     }
 }
 
-/// How well a regression does on presses that it was not fitted to.
+/// Errors of a regression on presses that it was not fitted to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
-    /// Every press, in the order given.
+    /// One entry a press, in the order of the presses.
     pub held_out: Vec<HeldOut>,
 }
 
@@ -46,13 +46,13 @@ impl CrossValidation {
         Self { held_out: estimated_m.iter().zip(&errors_m).map(held_out).collect() }
     }
 
-    /// Root mean square of the errors of the presses that are among `which`.
+    /// Root mean square error (m) over the presses whose index satisfies `which`. `None` if there are none.
     pub fn rmse_m(&self, which: impl Fn(usize) -> bool) -> Option<f64> {
         let squares: Vec<f64> = self.errors(which).map(|error| error * error).collect();
         (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     }
 
-    /// Median of the errors' sizes, over the presses that are among `which`.
+    /// Median absolute error (m) over the presses whose index satisfies `which`. `None` if there are none.
     pub fn median_m(&self, which: impl Fn(usize) -> bool) -> Option<f64> {
         let mut sizes: Vec<f64> = self.errors(which).map(f64::abs).collect();
         sizes.sort_by(f64::total_cmp);
@@ -60,12 +60,12 @@ impl CrossValidation {
         (count > 0).then(|| 0.5 * (sizes[(count - 1) / 2] + sizes[count / 2]))
     }
 
-    /// Largest of the errors' sizes, over the presses that are among `which`.
+    /// Largest absolute error (m) over the presses whose index satisfies `which`. `None` if there are none.
     pub fn worst_m(&self, which: impl Fn(usize) -> bool) -> Option<f64> {
         self.errors(which).map(f64::abs).max_by(f64::total_cmp)
     }
 
-    /// The scores over all presses.
+    /// Scores over all presses.
     pub fn scores(&self) -> Scores {
         let suspicious = self.held_out.iter().enumerate().filter(|(_, held_out)| held_out.is_suspicious());
         Scores {
@@ -81,7 +81,7 @@ impl CrossValidation {
     }
 }
 
-/// What is held out at a time.
+/// Unit of cross-validation: the presses that are held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HoldOut {
@@ -92,7 +92,7 @@ pub enum HoldOut {
 }
 
 impl HoldOut {
-    /// For each press the number of its group; the groups count from zero.
+    /// Index of the group of each press, from zero.
     pub fn groups(self, presses: &[LabelledPress]) -> Vec<usize> {
         let mut logs: Vec<&str> = Vec::new();
         let group = |(i, press)| match self {
@@ -110,7 +110,7 @@ fn number_of<'a>(logs: &mut Vec<&'a str>, press: &'a LabelledPress) -> usize {
     })
 }
 
-/// Fits a regression once for each group of presses, without that group.
+/// One fit for each group, to the presses of all other groups.
 pub(super) fn fits_without_each<R>(
     row: &RegressionRow,
     fit: impl Fn(&[LabelledPress]) -> Result<R, Error>,
@@ -126,10 +126,10 @@ pub(super) fn fits_without_each<R>(
     (0..groups.iter().max().map_or(0, |last| last + 1)).map(without).collect()
 }
 
-/// Asks for each press a regression that was fitted without its group. The one that leaks gets the truth that it wants: it is to be judged.
+/// Estimates each press by a regression that was fitted without its group. A leaking regression is given the true distance.
 ///
 /// # Errors
-/// Where there are too few presses, a feature is missing, or what is left does not determine the regression.
+/// If there are too few presses, a feature is missing, or the remaining presses do not determine the regression.
 pub fn cross_validate(
     row: &RegressionRow,
     presses: &[LabelledPress],
@@ -139,8 +139,8 @@ pub fn cross_validate(
     let groups = hold_out.groups(presses);
     let pairs = presses.iter().zip(&groups);
     let estimated_m: Vec<f64> = match row.fit {
-        Fit::Live(fit) => {
-            let fits = fits_without_each(row, fit, presses, &groups)?;
+        Fit::Live(live) => {
+            let fits = fits_without_each(row, live.fit, presses, &groups)?;
             pairs.map(|(press, &group)| fits[group].distance_m(&press.features)).collect()
         }
         Fit::Leaking(fit) => {

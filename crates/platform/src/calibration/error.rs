@@ -1,6 +1,6 @@
-//! What keeps a calibration from being made or used.
+//! Errors of fitting and using a calibration.
 
-/// Why there is no calibration, or none that fits.
+/// Error of a calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A setting is out of range.
@@ -10,7 +10,7 @@ pub enum Error {
         key: &'static str,
         /// Its value.
         found: f64,
-        /// What it may be.
+        /// Expected range.
         expected: String,
     },
     /// Recordings of one calibration have different rates.
@@ -18,19 +18,19 @@ pub enum Error {
     Rate {
         /// The recording.
         log: String,
-        /// Its rate.
+        /// Its sampling rate (Hz).
         found_hz: f64,
-        /// Median rate of all.
+        /// Median rate of all recordings (Hz).
         expected_hz: f64,
     },
-    /// A recording is too short to tell its rate and its noise.
+    /// A recording is too short to estimate its rate and its noise.
     #[error("{log}: found {found} samples, expected at least {expected}")]
     Short {
         /// The recording.
         log: String,
-        /// Samples in it.
+        /// Number of samples.
         found: usize,
-        /// Fewest that do.
+        /// Smallest number.
         expected: usize,
     },
     /// Too few labelled presses for the regression.
@@ -40,9 +40,9 @@ pub enum Error {
     Few {
         /// Name of the regression.
         regression: &'static str,
-        /// Labelled presses.
+        /// Number of labelled presses.
         found: usize,
-        /// Fewest that do.
+        /// Smallest number.
         expected: usize,
     },
     /// The regression uses a feature that a press does not have.
@@ -55,9 +55,9 @@ pub enum Error {
         /// Number of the press, from 1.
         press: usize,
     },
-    /// The regression uses what is not known at run time.
+    /// The regression uses the true distance, which is unknown at run time.
     #[error(
-        "regression `{0}` uses the true distance, which is not known at run time: it can be cross-validated, never used"
+        "regression `{0}` uses the true distance, which is unknown at run time: it can be cross-validated, not used"
     )]
     Leaks(&'static str),
     /// The presses do not determine the regression.

@@ -1,38 +1,62 @@
-//! The calibration: the presses that it was fitted to, and all that can be computed of them.
+//! The calibration: labelled presses, the regression fitted to them, and the prediction interval.
 //!
-//! The file holds the labelled presses themselves, not coefficients that nobody can check: reading it fits the regression again, to the same
-//! bits. The prediction interval is that of the jackknife+ (Barber, Candes, Ramdas and Tibshirani, "Predictive inference with the jackknife+",
-//! *Annals of Statistics* 49, 2021): it contains the distance of a new press with a probability of about `coverage`, and of at least
-//! `2 coverage - 1` whatever the distribution, as long as new presses come from where the old ones came. Where whole logs are held out it is the
-//! paper's CV+ with the logs for folds, and holds for new presses of such logs only as far as one log is like another.
+//! A file holds the presses as well as the fitted coefficients: the presses make the fit reproducible, the coefficients make reading fast. A file without
+//! coefficients, as earlier versions wrote it, is fitted again when it is read, to the same bits.
+//!
+//! The prediction interval is that of the jackknife+ (Barber, Candes, Ramdas and Tibshirani, "Predictive inference with the jackknife+",
+//! *Annals of Statistics* 49, 2021). It contains the distance of a new press with a probability of about `coverage`, and of at least `2 coverage - 1` for
+//! any distribution, if new presses are exchangeable with the labelled ones. If whole logs are held out it is the paper's CV+ with the logs as folds,
+//! and its coverage presumes that new logs are like the labelled ones.
 
 use std::path::Path;
 
 use files::{FORMAT, Watermark, read_json, write_json};
 use serde::{Deserialize, Serialize};
 
-use super::cross_validation::{CrossValidation, HoldOut, fits_without_each};
-use super::regression::{Fit, REGRESSIONS, RegressionRow, Regressor, regression};
+use super::coefficients::{Coefficients, Fitted};
+use super::cross_validation::{HoldOut, fits_without_each};
+use super::regression::{Fit, LiveFit, REGRESSIONS, RegressionRow};
 use super::{Chain, Error, Features, LabelledPress};
 
 /// Kind of the file.
 pub const KIND: &str = "platform_calibration";
 
-/// A slope is near those of the calibration if its logarithm lies within their range, widened on both sides by this share of it.
+/// Margin of the calibrated domain: the range of the logarithm of the slope is extended on both sides by this share of it.
 const MARGIN: f64 = 0.1;
 
-/// What the held-out presses say.
+/// Largest relative difference between the scores in a file and those of its coefficients: rounding of another machine's logarithm.
+const SAME_SCORES: f64 = 1e-6;
+
+/// Scores over presses held out.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scores {
-    /// Root mean square of their errors.
+    /// Root mean square error (m).
     pub rmse_m: f64,
-    /// Median size of their errors.
+    /// Median absolute error (m).
     pub median_m: f64,
-    /// Largest size of their errors.
+    /// Largest absolute error (m).
     pub worst_m: f64,
-    /// Numbers of the presses, from 1, that are suspected to be mislabelled.
+    /// Numbers, from 1, of the presses that may be mislabelled.
     pub suspicious: Vec<usize>,
+}
+
+impl Scores {
+    /// # Errors
+    /// [`files::Error::Value`] if those in a file are not these, which its coefficients have: it was changed after the fit.
+    fn check(&self, path: &Path, in_file: &Self) -> Result<(), files::Error> {
+        let pairs = [
+            ("rmse_m", self.rmse_m, in_file.rmse_m),
+            ("median_m", self.median_m, in_file.median_m),
+            ("worst_m", self.worst_m, in_file.worst_m),
+        ];
+        let differs =
+            |&(_, own, found): &(&str, f64, f64)| !(0.0..=SAME_SCORES * own.abs()).contains(&(own - found).abs());
+        pairs.into_iter().find(differs).map_or(Ok(()), |(key, own, found)| {
+            let expected = format!("{own}, the error of its coefficients: remove the key `coefficients` to fit again");
+            Err(files::Error::value(path, format!("scores.{key}"), found, expected))
+        })
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,16 +69,18 @@ struct CalibrationFile {
     coverage: f64,
     chain: Option<Chain>,
     scores: Scores,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    coefficients: Option<Coefficients>,
     presses: Vec<LabelledPress>,
     watermark: Watermark,
 }
 
-/// A distance and how well it is known.
+/// An estimated distance and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Radial distance of the contact from the whisker's root.
+    /// Radial distance of the contact from the whisker's root (m).
     pub distance_m: f64,
-    /// Ends of the prediction interval; none where there are too few presses for its coverage.
+    /// Ends of the prediction interval (m). `None` if there are too few presses for its coverage, or an end is not finite.
     pub interval_m: Option<[f64; 2]>,
 }
 
@@ -62,20 +88,23 @@ pub struct Estimate {
 #[derive(Debug)]
 pub struct Calibration {
     file: CalibrationFile,
-    regressor: Box<dyn Regressor>,
-    /// For each press the regression that was fitted without its group, by number, and the size of its error there.
-    without: Vec<Box<dyn Regressor>>,
+    fitted: Fitted,
+    /// Group of each press, an index of `fitted.held_out`.
     groups: Vec<usize>,
+    /// Absolute error of each press by the regression without its group (m).
     residuals_m: Vec<f64>,
+    /// Range of the logarithm of the slope over the presses.
     log_slopes: [f64; 2],
+    was_fitted_on_reading: bool,
 }
 
 impl Calibration {
-    /// Fits a regression to labelled presses. `chain` is what found them in samples; a calibration from a table of presses has none and cannot read samples.
+    /// Fits a regression to labelled presses. `chain` detected them in samples; a calibration from a table of presses has none and cannot be applied to
+    /// samples.
     ///
     /// # Errors
-    /// Where the regression leaks, or there are too few presses, a feature is missing, the presses do not determine the regression, or `coverage` is not from 0.5 to
-    /// 0.999.
+    /// If the regression leaks, there are too few presses, a feature is missing, the presses do not determine the regression, or `coverage` is not from
+    /// 0.5 to 0.999.
     pub fn fit(
         row: &RegressionRow,
         presses: Vec<LabelledPress>,
@@ -84,41 +113,46 @@ impl Calibration {
         coverage: f64,
         watermark: Watermark,
     ) -> Result<Self, Error> {
-        let Fit::Live(fit) = row.fit else { return Err(Error::Leaks(row.name)) };
-        if !(0.5..=0.999).contains(&coverage) {
-            return Err(Error::Setting { key: "coverage", found: coverage, expected: "0.5 to 0.999".into() });
-        }
-        row.enough(&presses)?;
+        let Fit::Live(live) = row.fit else { return Err(Error::Leaks(row.name)) };
+        check(row, &presses, coverage)?;
         let groups = hold_out.groups(&presses);
-        let without = fits_without_each(row, fit, &presses, &groups)?;
-        let estimated_m: Vec<f64> =
-            presses.iter().zip(&groups).map(|(press, &group)| without[group].distance_m(&press.features)).collect();
-        let validation = CrossValidation::of(&presses, &estimated_m);
-        let log_slopes = presses
+        let held_out = fits_without_each(row, live.fit, &presses, &groups)?;
+        let fitted = Fitted { all: (live.fit)(&presses)?, held_out };
+        let coefficients = Coefficients::of(&fitted, &live).ok_or(Error::Undetermined(row.name))?;
+        let scores = fitted.validation(&presses, &groups).scores();
+        let file = CalibrationFile {
+            format: FORMAT,
+            kind: KIND.into(),
+            regression: row.name.into(),
+            hold_out,
+            coverage,
+            chain,
+            scores,
+            coefficients: Some(coefficients),
+            presses,
+            watermark,
+        };
+        Ok(Self::new(file, fitted, groups))
+    }
+
+    fn new(file: CalibrationFile, fitted: Fitted, groups: Vec<usize>) -> Self {
+        let validation = fitted.validation(&file.presses, &groups);
+        let log_slopes = file
+            .presses
             .iter()
             .map(|press| press.features.slope_counts_per_s.ln())
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
-        Ok(Self {
-            regressor: fit(&presses)?,
+        Self {
             residuals_m: validation.held_out.iter().map(|held_out| held_out.error_m.abs()).collect(),
-            without,
+            file,
+            fitted,
             groups,
             log_slopes,
-            file: CalibrationFile {
-                format: FORMAT,
-                kind: KIND.into(),
-                regression: row.name.into(),
-                hold_out,
-                coverage,
-                chain,
-                scores: validation.scores(),
-                presses,
-                watermark,
-            },
-        })
+            was_fitted_on_reading: false,
+        }
     }
 
-    /// Reads a calibration.
+    /// Reads a calibration. One without coefficients is fitted again, which may take minutes.
     ///
     /// # Errors
     /// [`files::Error`] names file and key.
@@ -130,9 +164,11 @@ impl Calibration {
         if file.kind != KIND {
             return Err(files::Error::value(path, "kind", &file.kind, KIND));
         }
-        let row = regression(&file.regression).ok_or_else(|| {
-            let known: Vec<_> = REGRESSIONS.iter().map(|row| row.name).collect();
-            files::Error::value(path, "regression", &file.regression, known.join(", "))
+        let (row, live) = live_regression(&file.regression).ok_or_else(|| {
+            let known: Vec<_> =
+                REGRESSIONS.iter().filter(|row| matches!(row.fit, Fit::Live(_))).map(|row| row.name).collect();
+            let expected = format!("{}: fit again with one of these", known.join(", "));
+            files::Error::value(path, "regression", &file.regression, expected)
         })?;
         for (i, press) in file.presses.iter().enumerate() {
             if press.features.slope_counts_per_s <= 0.0 {
@@ -143,11 +179,27 @@ impl Calibration {
         if let Some(chain) = &file.chain {
             chain.check(path)?;
         }
-        Self::fit(row, file.presses, file.chain, file.hold_out, file.coverage, file.watermark)
-            .map_err(|error| files::Error::value(path, "presses", format!("`{error}`"), "presses that can be fitted"))
+        let unfit = |error: Error| {
+            files::Error::value(path, "presses", format!("`{error}`"), "presses that determine the regression")
+        };
+        let Some(coefficients) = &file.coefficients else {
+            let fitted = Self::fit(row, file.presses, file.chain, file.hold_out, file.coverage, file.watermark);
+            return Ok(Self { was_fitted_on_reading: true, ..fitted.map_err(unfit)? });
+        };
+        check(row, &file.presses, file.coverage).map_err(unfit)?;
+        let groups = file.hold_out.groups(&file.presses);
+        let fitted = coefficients.restore(path, live, groups.iter().max().map_or(0, |last| last + 1))?;
+        let scores = fitted.validation(&file.presses, &groups).scores();
+        scores.check(path, &file.scores)?;
+        Ok(Self::new(CalibrationFile { scores, ..file }, fitted, groups))
     }
 
-    /// Writes it, whole or not at all.
+    /// Whether the file that it was read from had no coefficients, so that it was fitted again.
+    pub fn was_fitted_on_reading(&self) -> bool {
+        self.was_fitted_on_reading
+    }
+
+    /// Writes the file, whole or not at all.
     ///
     /// # Errors
     /// [`files::Error::Io`] names the file.
@@ -155,7 +207,7 @@ impl Calibration {
         write_json(path, &self.file)
     }
 
-    /// What finds presses in samples, if it was fitted to samples.
+    /// Detection of presses in samples. `None` if it was fitted to a table of presses.
     pub fn chain(&self) -> Option<&Chain> {
         self.file.chain.as_ref()
     }
@@ -165,36 +217,54 @@ impl Calibration {
         &self.file.presses
     }
 
-    /// How it did on presses held out.
+    /// Scores over presses held out.
     pub fn scores(&self) -> &Scores {
         &self.file.scores
     }
 
-    /// The distance at which a press with these features was; none where its slope lies outside the calibrated ones, or a feature is missing that the regression
+    /// Estimated distance of a press with these features. `None` if its slope is outside the calibrated domain, or a feature is missing that the regression
     /// uses.
     pub fn estimate(&self, features: &Features) -> Option<Estimate> {
         let [low, high] = self.log_slopes;
         let margin = MARGIN * (high - low);
         let log_slope = features.slope_counts_per_s.ln();
-        let distance_m = self.regressor.distance_m(features);
-        let near = (low - margin..=high + margin).contains(&log_slope) && distance_m.is_finite();
-        near.then(|| Estimate { distance_m, interval_m: self.interval_m(features) })
+        let distance_m = self.fitted.all.distance_m(features);
+        let is_inside = (low - margin..=high + margin).contains(&log_slope) && distance_m.is_finite();
+        is_inside.then(|| Estimate { distance_m, interval_m: self.interval_m(features) })
     }
 
     fn interval_m(&self, features: &Features) -> Option<[f64; 2]> {
         let count = self.groups.len();
-        // Barber et al., equation 1.2: the ceil((1 - a)(n + 1))-th smallest upper end, and from above the same lower one.
+        // Barber et al., equation 1.2: the ceil((1 - a)(n + 1))-th smallest upper end; the lower end by symmetry.
         let rank = (self.file.coverage * (count + 1) as f64).ceil() as usize;
         if rank > count {
             return None;
         }
-        let around: Vec<f64> = self.without.iter().map(|regressor| regressor.distance_m(features)).collect();
+        let around: Vec<f64> = self.fitted.held_out.iter().map(|regressor| regressor.distance_m(features)).collect();
         let ends = |sign: f64| {
             let end = |(&group, residual_m): (&usize, &f64)| sign * around[group] + residual_m;
             let mut ends: Vec<f64> = self.groups.iter().zip(&self.residuals_m).map(end).collect();
             ends.sort_by(f64::total_cmp);
             sign * ends[rank - 1]
         };
-        Some([ends(-1.0), ends(1.0)])
+        let ends = [ends(-1.0), ends(1.0)];
+        ends.iter().all(|end| end.is_finite()).then_some(ends)
     }
+}
+
+/// # Errors
+/// If `coverage` is out of range or there are too few presses.
+fn check(row: &RegressionRow, presses: &[LabelledPress], coverage: f64) -> Result<(), Error> {
+    if !(0.5..=0.999).contains(&coverage) {
+        return Err(Error::Setting { key: "coverage", found: coverage, expected: "0.5 to 0.999".into() });
+    }
+    row.enough(presses)
+}
+
+/// Row of the registry with this name and its fit. `None` if there is none that works at run time.
+fn live_regression(name: &str) -> Option<(&'static RegressionRow, &'static LiveFit)> {
+    REGRESSIONS.iter().find_map(|row| match &row.fit {
+        Fit::Live(live) if row.name == name => Some((row, live)),
+        _ => None,
+    })
 }

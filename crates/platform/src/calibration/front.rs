@@ -1,4 +1,4 @@
-//! From samples to levels and slopes: the part of the pipeline before any decision.
+//! Levels and slopes of the three axes: unwrapping and low-pass.
 
 use std::path::Path;
 
@@ -11,31 +11,31 @@ use crate::Sample;
 /// Highest order of the low-pass.
 pub(super) const MOST_ORDER: usize = 8;
 
-/// All that turns samples into presses, with what was learnt of the rig's noise.
+/// Parameters of the detection of presses in samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Chain {
-    /// Samples a second.
+    /// Sampling rate (Hz).
     pub rate_hz: f64,
     /// Order of the Butterworth low-pass.
     pub order: usize,
-    /// Its edge.
+    /// Edge of the low-pass (Hz).
     pub cutoff_hz: f64,
-    /// Axis that moves most: 0 for x, 1 for y, 2 for z.
+    /// Axis with the largest slopes: 0 for x, 1 for y, 2 for z.
     pub main_axis: usize,
-    /// Axis that moves most but one.
+    /// Axis with the second largest slopes.
     pub second_axis: usize,
     /// Standard deviation of the main axis's slope at rest.
     pub noise_counts_per_s: f64,
-    /// A slope above it is part of a press or of a release.
+    /// Smallest absolute slope of a press or a release.
     pub threshold_counts_per_s: f64,
-    /// A press is over when the whisker has been quiet for so long after its release.
+    /// Time without movement after a release, until the next press may begin (s).
     pub quiet_s: f64,
 }
 
 impl Chain {
     /// # Errors
-    /// [`files::Error::Value`] names what a file's chain cannot be.
+    /// [`files::Error::Value`] names the key out of range.
     pub(super) fn check(&self, path: &Path) -> Result<(), files::Error> {
         let wrong =
             |key: &str, found: f64, expected: &str| files::Error::value(path, format!("chain.{key}"), found, expected);
@@ -63,25 +63,25 @@ impl Chain {
     }
 }
 
-/// An axis after the low-pass.
+/// Low-passed level and slope of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
     pub(super) level_counts: f64,
     pub(super) slope_counts_per_s: f64,
 }
 
-/// What comes of a sample.
+/// Levels and slopes at a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Moved {
-    /// Nothing before this sample counts: it is the first, or samples are missing before it.
+    /// The filter was reset: this sample is the first, or follows a gap.
     pub(super) anew: bool,
     pub(super) axes: [Motion; 3],
 }
 
-/// The Butterworth low-pass.
+/// Butterworth low-pass.
 ///
 /// # Errors
-/// [`Error::Setting`] where it does not fit the rate.
+/// [`Error::Setting`] if its edge is not between zero and half the rate.
 pub(super) fn filter(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Cascade, Error> {
     low_pass(order, cutoff_hz, rate_hz).map(Cascade::new).map_err(|_| Error::Setting {
         key: "cutoff_hz",
@@ -90,7 +90,7 @@ pub(super) fn filter(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Casca
     })
 }
 
-/// Unwraps and low-passes the three axes, sample by sample.
+/// Unwrapping and low-pass of the three axes, sample by sample.
 #[derive(Clone, Debug)]
 pub(super) struct Front {
     rate_hz: f64,
@@ -101,7 +101,7 @@ pub(super) struct Front {
 
 impl Front {
     /// # Errors
-    /// [`Error::Setting`] where the low-pass does not fit the rate.
+    /// [`Error::Setting`] if the edge of the low-pass is not between zero and half the rate.
     pub(super) fn new(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, Error> {
         let filter = filter(order, cutoff_hz, rate_hz)?;
         let axes = std::array::from_fn(|_| (Unwrapped::default(), filter.clone(), 0.0));
@@ -109,7 +109,7 @@ impl Front {
     }
 
     pub(super) fn step(&mut self, sample: &Sample) -> Moved {
-        // Samples come at equal intervals, however unevenly a serial line hands them on: they are counted, not timed. But a gap is a gap.
+        // The sensor samples at equal intervals, although a serial line delivers unevenly: only gaps depend on the times.
         let anew = self.last_s.is_none_or(|last_s| !(0.0..=LONGEST_GAP_S).contains(&(sample.t_s - last_s)));
         self.last_s = Some(sample.t_s);
         let rate_hz = self.rate_hz;
@@ -129,10 +129,9 @@ impl Front {
         moved
     }
 
-    /// Time by which a slope of what comes out lags behind that of what goes in: the low-pass's group delay at frequency zero,
-    /// and half a sample for the difference.
+    /// Delay of the slope (s): the group delay of the low-pass at frequency zero, and half a sample of the difference.
     pub(super) fn delay_s(&self) -> f64 {
-        // The group delay of a polynomial in 1/z is the mean of its exponents, weighted with its coefficients.
+        // The group delay of a polynomial in 1/z at frequency zero is the mean of its exponents, weighted with its coefficients.
         let delay = |polynomial: [f64; 3]| (polynomial[1] + 2.0 * polynomial[2]) / polynomial.iter().sum::<f64>();
         let samples: f64 = self.filter.sections().iter().map(|s| delay(s.b) - delay([1.0, s.a[0], s.a[1]])).sum();
         (samples + 0.5) / self.rate_hz
@@ -156,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_gap_starts_anew_and_jitter_does_not() {
+    fn robust_a_gap_resets_the_filter_and_jitter_does_not() {
         let mut front = Front::new(2, 5.0, 800.0).unwrap();
         let times = [0.0, 0.000_01, 0.016, 0.016, 0.3, 0.9, 0.901, 0.2];
         let anew = times.map(|t_s| front.step(&Sample { t_s, counts: [9; 3] }).anew);

@@ -1,4 +1,4 @@
-//! What a calibration learns of the rig before any label: its rate, the axes that move, the noise at rest and what is a press.
+//! Estimation of the [`Chain`] from unlabelled recordings: sampling rate, moving axes, noise at rest and threshold of a press.
 
 use super::front::{Front, MOST_ORDER};
 use super::{Chain, Error, Rate, is_same_rate};
@@ -7,28 +7,28 @@ use crate::Sample;
 /// Standard deviation of a normal variable over its median absolute deviation.
 pub(super) const SD_OVER_MAD: f64 = 1.4826;
 
-/// Share of the slopes below that by which axes are compared: presses take up more than the rest.
+/// Quantile of the absolute slope by which axes are compared: presses take more than the remaining share of the time.
 const STEEP_QUANTILE: f64 = 0.999;
 
-/// Pushes are this much stronger than shakes, or there are no shakes.
+/// Smallest ratio between the weakest push and the strongest shake; below it there are no shakes.
 const GAP: f64 = 3.0;
 
-/// Among all bursts there are at least so many pushes.
+/// Smallest share of pushes among all bursts.
 const PUSHES_SHARE: f64 = 0.2;
 
-/// The threshold lies this much above the strongest shake.
+/// Ratio of the threshold to the strongest shake.
 const ABOVE_SHAKES: f64 = 1.5;
 
-/// What a fit is told.
+/// Settings of the detection of presses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Order of the low-pass.
     pub order: usize,
-    /// Its edge.
+    /// Edge of the low-pass (Hz).
     pub cutoff_hz: f64,
-    /// A slope counts as movement above this many standard deviations at rest.
+    /// Smallest slope of a movement, in standard deviations at rest.
     pub noise_sds: f64,
-    /// A whisker is quiet again when it has not moved for so long.
+    /// Duration without movement after which a whisker is at rest (s).
     pub quiet_s: f64,
 }
 
@@ -52,17 +52,17 @@ impl Settings {
     }
 }
 
-/// Learns the chain from recordings, each with its name.
+/// Estimates the chain from recordings, each with its name.
 ///
-/// The noise is that of the slope, as its median absolute value has it: the whisker rests, or is held still, most of the time. What moves more
-/// comes in bursts. Where the strengths of these fall into two heaps with a wide gap between them, the weaker ones are shakes, as of a stage that starts, and the
-/// threshold lies above them; else it lies above the noise.
+/// The noise of the slope is estimated from its median absolute value, since the whisker rests, or is held still, most of the time. Movements come in
+/// bursts. If the strengths of the bursts form two groups with a wide gap, the weaker group are shakes, such as those of a starting stage, and the threshold
+/// is above them; otherwise it is above the noise.
 ///
 /// # Errors
-/// Where a setting is out of range, or the recordings are too short or differ in rate.
+/// If a setting is out of range, or the recordings are too short or differ in rate.
 ///
 /// # Panics
-/// Where there are no recordings.
+/// If there are no recordings.
 pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, Error> {
     settings.validate()?;
     let rate_hz = common_rate_hz(logs)?;
@@ -85,7 +85,7 @@ pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, E
     let slopes: Vec<Vec<f64>> =
         moved.iter().map(|log| log.iter().map(|slope| slope[main_axis].abs()).collect()).collect();
     let measured = SD_OVER_MAD * quantile(slopes.iter().flatten().copied().collect(), 0.5);
-    // A reading that rests on one count shows no noise; a step of one count makes a slope of at most about 2 pi times the edge.
+    // A constant reading has no noise. A step of one count gives a slope of at most about 2 pi times the edge.
     let noise_counts_per_s = measured.max(2.0 * std::f64::consts::PI * settings.cutoff_hz / settings.noise_sds);
     let moves = settings.noise_sds * noise_counts_per_s;
     let quiet_samples = (settings.quiet_s * rate_hz).round().max(1.0) as usize;
@@ -121,7 +121,7 @@ fn common_rate_hz(logs: &[(&str, &[Sample])]) -> Result<f64, Error> {
     }
 }
 
-/// The steepest slope of each burst of movement: what lies between two quiet whiles.
+/// Steepest slope of each burst of movement. Bursts are separated by `quiet_samples` without movement.
 fn bursts(slopes: &[f64], moves: f64, quiet_samples: usize) -> Vec<f64> {
     let mut strengths: Vec<f64> = Vec::new();
     let mut quiet = quiet_samples;
@@ -139,7 +139,7 @@ fn bursts(slopes: &[f64], moves: f64, quiet_samples: usize) -> Vec<f64> {
     strengths
 }
 
-/// The strongest of the shakes, if there are any: below the widest gap.
+/// Strongest shake: the strength below the widest gap. `None` if there are no shakes.
 fn strongest_shake(mut strengths: Vec<f64>) -> Option<f64> {
     strengths.sort_by(f64::total_cmp);
     let fewest_pushes = (PUSHES_SHARE * strengths.len() as f64).ceil() as usize;
@@ -148,10 +148,10 @@ fn strongest_shake(mut strengths: Vec<f64>) -> Option<f64> {
     (widest[1] / widest[0] >= GAP).then_some(widest[0])
 }
 
-/// The value that this share of the values does not exceed, to the nearest one.
+/// Empirical quantile at this share, without interpolation.
 ///
 /// # Panics
-/// Where there are no values.
+/// If there are no values.
 pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     let place = ((values.len() - 1) as f64 * share).round() as usize;
     *values.select_nth_unstable_by(place, f64::total_cmp).1

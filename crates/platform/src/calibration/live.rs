@@ -1,18 +1,18 @@
-//! Live inference: distances while samples stream in.
+//! Live inference: radial distances from a stream of samples.
 
 use super::{Calibration, Error, Estimate, Event, Press, Presses};
 use crate::Sample;
 
-/// What a sample tells.
+/// Event that a sample completes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Detection {
-    /// The whisker was pressed, there; no estimate where the press is unlike those of the calibration.
+    /// A press, and the estimate of its distance. `None` outside the calibrated domain.
     Pressed(Press, Option<Estimate>),
-    /// It was let go at this time.
+    /// The release, at this time (s).
     Released(f64),
 }
 
-/// A calibration at work on one stream. It is the pipeline that the calibration was fitted with, bit for bit.
+/// Live inference on one stream, by the same code as the fit, bit for bit.
 #[derive(Debug)]
 pub struct Live<'a> {
     calibration: &'a Calibration,
@@ -20,16 +20,16 @@ pub struct Live<'a> {
 }
 
 impl<'a> Live<'a> {
-    /// A stream that has not begun; none where the calibration came from a table and does not know what a press looks like in samples.
+    /// Inference at the start of a stream. `None` if the calibration was fitted to a table of presses and has no chain.
     ///
     /// # Errors
-    /// Where the calibration's low-pass does not fit its rate.
+    /// If the edge of the calibration's low-pass is not below half its rate.
     pub fn new(calibration: &'a Calibration) -> Result<Option<Self>, Error> {
         let Some(chain) = calibration.chain() else { return Ok(None) };
         Ok(Some(Self { calibration, presses: Presses::new(chain)? }))
     }
 
-    /// Takes the next sample.
+    /// Processes the next sample.
     pub fn step(&mut self, sample: &Sample) -> Option<Detection> {
         Some(match self.presses.step(sample)? {
             Event::Pressed(press) => Detection::Pressed(press, self.calibration.estimate(&press.features)),

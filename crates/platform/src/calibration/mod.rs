@@ -1,12 +1,13 @@
-//! From a magnetometer's samples to the radial distance at which a whisker is touched.
+//! Estimation of the radial distance of a contact from the samples of a magnetometer.
 //!
-//! Samples are unwrapped and low-passed ([`Chain`]), the stream comes apart into [`Press`]es, each with its [`Features`], and a
-//! [`regression`] says the distance. The fit runs the same code over a recording, sample by sample, that runs live: the filter
-//! is causal in both, so that its delay and damping are in the calibration and nothing is left to compensate but the time of a contact, from which the
-//! filter's delay is taken. A filter of zero phase, which the published pipeline uses for its fit alone, stands in [`published`].
+//! Samples are unwrapped and low-passed and segmented into [`Press`]es ([`Chain`]), each with its [`Features`], of which a [`regression`] estimates the
+//! distance. The fit runs the code over a recording, sample by sample, that also runs live. The filter is causal in both, so its delay and damping are part
+//! of the calibration; only the onset of a contact is corrected by the filter's delay. The published pipeline fits with a zero-phase filter,
+//! which is in [`published`].
 //!
-//! What a fit takes in are [`logs`]; what comes of it, and is used live, is a [`Calibration`]. `docs/PLATFORM.md` has figures.
+//! A fit reads [`logs`] and gives a [`Calibration`], which is applied live. `docs/PLATFORM.md` has figures.
 
+mod coefficients;
 mod cross_validation;
 mod error;
 mod features;

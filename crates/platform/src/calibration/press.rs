@@ -1,38 +1,38 @@
-//! Presses: an edge moves against the whisker, stays, and lets go.
+//! Detection of presses: an edge moves against the whisker, rests, and releases it.
 //!
-//! A press begins where the main axis's slope exceeds the [`Chain`]'s threshold, which also tells its direction. It is known when the slope has
-//! fallen back, and it may be known better when the edge moves on. It ends when the level has sunk to half its peak, and a quiet while after that, in which a released whisker
-//! has stopped ringing. A recording must begin with the whisker free; so must what follows a gap.
+//! A press begins when the main axis's slope exceeds the [`Chain`]'s threshold; the sign of the slope is its direction. It is reported when the slope has
+//! decreased again, and once more, with updated features, if the edge moves on. It ends when the level has decreased to half its peak and the whisker has then been
+//! quiet, without ringing, for a while. The whisker must be free at the beginning of a recording and after a gap.
 
 use super::front::{Front, Motion, Moved};
 use super::{Chain, Error, Features};
 use crate::Sample;
 
-/// The edge has stopped moving where the slope is below this share of the threshold; between the two nothing changes.
+/// Hysteresis: the edge has stopped when the slope is below this share of the threshold.
 const STILL_SHARE: f64 = 0.5;
 
-/// The edge has let go where the level has sunk to this share of its peak.
+/// The whisker is released when the level is below this share of its peak.
 const RETURNED_SHARE: f64 = 0.5;
 
-/// What is known of a press.
+/// A detected press.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Press {
-    /// When the contact began, less the low-pass's delay.
+    /// Onset of the contact (s), corrected by the delay of the low-pass.
     pub onset_s: f64,
-    /// Time of the sample with which the press became known as it is.
+    /// Time of the sample that completed it (s).
     pub t_s: f64,
-    /// `1.0` where the main axis's counts rise, `-1.0` where they fall.
+    /// `1.0` if the counts of the main axis increase, `-1.0` if they decrease.
     pub direction: f64,
     /// Its features.
     pub features: Features,
 }
 
-/// What a sample brought about.
+/// Event that a sample completes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The edge pressed and stopped; again, with better features, if it went on pressing.
+    /// The edge pressed and stopped; repeated, with updated features, if it pressed on.
     Pressed(Press),
-    /// The edge let go, at the time of this sample.
+    /// The edge released the whisker, at this time (s).
     Released(f64),
 }
 
@@ -43,7 +43,7 @@ enum Phase {
     Released { quiet_samples: u32 },
 }
 
-/// Finds presses, sample by sample.
+/// Detector of presses, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Presses {
     chain: Chain,
@@ -55,10 +55,10 @@ pub struct Presses {
 }
 
 impl Presses {
-    /// A stream that has not begun.
+    /// Detector at the start of a stream.
     ///
     /// # Errors
-    /// [`Error::Setting`] where the low-pass does not fit the rate.
+    /// [`Error::Setting`] if the edge of the low-pass is not below half the rate.
     pub fn new(chain: &Chain) -> Result<Self, Error> {
         let front = Front::new(chain.order, chain.cutoff_hz, chain.rate_hz)?;
         Ok(Self {
@@ -71,7 +71,7 @@ impl Presses {
         })
     }
 
-    /// Takes the next sample.
+    /// Processes the next sample.
     pub fn step(&mut self, sample: &Sample) -> Option<Event> {
         let Moved { anew, axes } = self.front.step(sample);
         let Motion { level_counts, slope_counts_per_s: slope } = axes[self.chain.main_axis];
@@ -119,7 +119,7 @@ impl Presses {
             press.t_s = t_s;
             return Some(Event::Pressed(*press));
         }
-        // Not by the slope alone: a low-pass swings back a little when the edge stops.
+        // The slope alone does not show a release: the low-pass overshoots when the edge stops.
         if slope < 0.0 && press.features.peak_counts.is_some_and(|peak| level < RETURNED_SHARE * peak) {
             self.phase = Phase::Released { quiet_samples: 0 };
             return Some(Event::Released(t_s));
@@ -128,7 +128,7 @@ impl Presses {
         None
     }
 
-    /// The presses of a whole recording, each as it was known last.
+    /// Presses of a whole recording, each with its last features.
     pub fn of(mut self, samples: &[Sample]) -> Vec<Press> {
         let mut presses: Vec<Press> = Vec::new();
         for event in samples.iter().filter_map(|sample| self.step(sample)) {

@@ -1,37 +1,29 @@
-//! The published pipeline (OpenWhisker, TAROS 2024), as it was: a polynomial of third order in *slope times true distance*.
+//! Press detection of the published pipeline (OpenWhisker, TAROS 2024), kept as the reference for its figures.
 //!
-//! The true distance is what a robot wants to know, so none of this can run live; and as the feature contains the answer, its error says little
-//! of what a slope tells. Samples are unwrapped, low-passed forwards and backwards (Butterworth, second order, 5 Hz), and an episode
-//! begins where the slope falls below -10 counts a sample and ends where it rises above +10; its slope is that at its 120th sample. Fixed thresholds and fixed
-//! samples suit one rig, one speed and one rate.
-
-use nalgebra::{DMatrix, DVector};
+//! Samples are unwrapped and low-passed forwards and backwards (Butterworth, second order, 5 Hz). An episode begins where the slope falls below
+//! -10 counts a sample and ends where it rises above +10; its slope is that at its 120th sample. The fixed thresholds and the fixed sample suit one rig, one
+//! speed and one rate, and a zero-phase filter needs the whole recording, so the pipeline cannot run live.
 
 use super::front::filter;
-use super::least_squares::solve;
-use super::regression::LeakingRegressor;
-use super::{Error, LabelledPress, Unwrapped};
+use super::{Error, Unwrapped};
 use crate::Sample;
-
-pub(super) const NAME: &str = "published";
 
 const ORDER: usize = 2;
 const CUTOFF_HZ: f64 = 5.0;
 const THRESHOLD_COUNTS_PER_SAMPLE: f64 = 10.0;
 const SLOPE_AT_SAMPLE: usize = 120;
-const DEGREE: usize = 3;
 
-/// The low-pass forwards and backwards, so that nothing is delayed: the signal must be there whole.
+/// Zero-phase low-pass: a Butterworth filter of this order and edge, forwards and backwards over the whole signal.
 ///
-/// At both ends it is continued by its point reflection over three times as many samples as the filter has coefficients, and the filter begins at
-/// rest there, as in `scipy.signal.sosfiltfilt`. A signal shorter than that is continued over as much as there is.
+/// Both ends are extended by their point reflection over three times the number of filter coefficients, with the filter in its steady state there,
+/// as in `scipy.signal.sosfiltfilt`. A shorter signal is extended over its own length less one sample.
 ///
 /// # Errors
-/// [`Error::Setting`] where the low-pass does not fit the rate.
+/// [`Error::Setting`] if the edge is not between zero and half the rate.
 pub fn zero_phase(signal: &[f64], order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Vec<f64>, Error> {
     let (Some(&first), Some(&last)) = (signal.first(), signal.last()) else { return Ok(Vec::new()) };
     let at_rest = filter(order, cutoff_hz, rate_hz)?;
-    // As many coefficients as a filter of that order has: an odd one has a section with one of them zero.
+    // A filter of order n has n + 1 coefficients; at an odd order one coefficient of a section is zero.
     let margin = (3 * (order + 1)).min(signal.len() - 1);
     let before = signal[1..=margin].iter().rev().map(|value| 2.0 * first - value);
     let after = signal[signal.len() - 1 - margin..signal.len() - 1].iter().rev().map(|value| 2.0 * last - value);
@@ -48,16 +40,16 @@ pub fn zero_phase(signal: &[f64], order: usize, cutoff_hz: f64, rate_hz: f64) ->
 /// An episode of the published pipeline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Episode {
-    /// Time of its first sample.
+    /// Time of its first sample (s).
     pub onset_s: f64,
-    /// Slope at its 120th sample, or at its last if it is shorter.
+    /// Slope at its 120th sample, or at the last one of a shorter episode.
     pub slope_counts_per_sample: f64,
 }
 
-/// The published episodes of one axis of a recording.
+/// Episodes of one axis of a recording, by the published thresholds.
 ///
 /// # Errors
-/// [`Error::Setting`] where the rate is too low for the low-pass.
+/// [`Error::Setting`] if the rate is too low for the low-pass.
 pub fn episodes(samples: &[Sample], axis: usize, rate_hz: f64) -> Result<Vec<Episode>, Error> {
     let mut unwrapped = Unwrapped::default();
     let counts: Vec<f64> = samples.iter().map(|sample| unwrapped.step(sample.counts[axis]) as f64).collect();
@@ -78,7 +70,7 @@ pub fn episodes(samples: &[Sample], axis: usize, rate_hz: f64) -> Result<Vec<Epi
     Ok(episodes)
 }
 
-/// Central differences, one-sided at the ends, as `numpy.gradient`.
+/// Central differences, one-sided at the ends, as in `numpy.gradient`.
 fn gradient(values: &[f64]) -> Vec<f64> {
     let last = values.len().saturating_sub(1);
     let at = |i: usize| {
@@ -86,33 +78,4 @@ fn gradient(values: &[f64]) -> Vec<f64> {
         (values[high] - values[low]) / (high - low).max(1) as f64
     };
     (0..values.len()).map(at).collect()
-}
-
-/// A polynomial in slope times true distance.
-#[derive(Clone, Debug)]
-struct Published {
-    scale: f64,
-    coefficients_m: DVector<f64>,
-}
-
-/// The feature that contains the answer.
-fn feature(press: &LabelledPress) -> f64 {
-    press.features.slope_counts_per_s * press.distance_m
-}
-
-impl LeakingRegressor for Published {
-    fn distance_m(&self, press: &LabelledPress) -> f64 {
-        let x = feature(press) / self.scale;
-        self.coefficients_m.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
-    }
-}
-
-pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn LeakingRegressor>, Error> {
-    let scale = presses.iter().map(|press| feature(press).abs()).fold(0.0, f64::max);
-    let rows =
-        DMatrix::from_fn(presses.len(), DEGREE + 1, |i, power| (feature(&presses[i]) / scale).powi(power as i32));
-    let distances_m = DVector::from_iterator(presses.len(), presses.iter().map(|press| press.distance_m));
-    let equal = DVector::repeat(presses.len(), 1.0);
-    let coefficients_m = solve(&rows, &distances_m, &equal).ok_or(Error::Undetermined(NAME))?;
-    Ok(Box::new(Published { scale, coefficients_m }))
 }

@@ -1,11 +1,11 @@
-//! How fast samples come, by their own times.
+//! Sampling rate of a stream by the times of its samples.
 
 use signal::LONGEST_GAP_S;
 
-/// Rates may differ by this share: slopes count samples, and a distance is off by about as much as its slope.
+/// Largest relative difference of two equal rates. Slopes are proportional to the rate, and the relative error of a distance is about that of its slope.
 const SHARE: f64 = 0.05;
 
-/// Counts the samples of a stream, gaps left out.
+/// Estimator of the sampling rate, without gaps.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rate {
     last_s: Option<f64>,
@@ -14,7 +14,7 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// Takes the time of the next sample.
+    /// Adds the time of the next sample (s).
     pub fn step(&mut self, t_s: f64) {
         let step_s = t_s - self.last_s.replace(t_s).unwrap_or(f64::NAN);
         if (0.0..=LONGEST_GAP_S).contains(&step_s) {
@@ -23,13 +23,13 @@ impl Rate {
         }
     }
 
-    /// Samples a second; not a number, or infinite, where no time has passed.
+    /// Sampling rate (Hz); not a number, or infinite, if no time has passed.
     pub fn hz(&self) -> f64 {
         self.steps as f64 / self.time_s
     }
 }
 
-/// Whether a calibration at one rate holds for samples at another.
+/// Whether a calibration at one rate is valid at another.
 pub fn is_same_rate(found_hz: f64, expected_hz: f64) -> bool {
     (1.0 - SHARE..=1.0 + SHARE).contains(&(found_hz / expected_hz))
 }
@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_gaps_and_repeated_times_do_not_slow_it_down() {
+    fn verif_gaps_and_repeated_times_do_not_change_the_rate() {
         let mut rate = Rate::default();
         assert!(!is_same_rate(rate.hz(), 800.0));
         for k in 0..1000 {

@@ -1,16 +1,15 @@
-//! Counts of 16 bits that wrap around.
+//! Unwrapping of 16-bit counts.
 
-/// Counts of one axis, made continuous: each sample is taken for the value nearest to the last one among those that its 16 bits can mean.
+/// Unwrapped counts of one axis: of the values that are congruent modulo 2^16, each sample is the one nearest to its predecessor.
 ///
-/// That is right as long as no two successive samples lie 32768 counts or more apart. A single wild sample leaves no trace: the next one is
-/// as near to it as it was to the last.
+/// This is correct if successive samples differ by less than 32768 counts. A single outlier does not affect later samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Unwrapped {
     last: Option<i64>,
 }
 
 impl Unwrapped {
-    /// Takes the next sample and gives its continuous value.
+    /// Unwrapped value of the next sample.
     pub fn step(&mut self, counts: u16) -> i64 {
         let next = match self.last {
             None => i64::from(counts),
@@ -39,7 +38,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_single_wild_sample_leaves_no_trace() {
+    fn robust_an_outlier_does_not_affect_later_samples() {
         for wild in [0, 20_000, 27_233, 40_000, 65_535] {
             let mut unwrapped = Unwrapped::default();
             assert_eq!(unwrapped.step(60_000), 60_000);

@@ -1,26 +1,26 @@
-//! Whether a port was closed, even where it was opened again at once: a poll tells only whether it is open now.
+//! Detection of a closed port, even if it was reopened at once: a poll shows only whether it is open now.
 
 #[cfg(target_os = "linux")]
-mod told {
+mod watched {
     use std::os::fd::OwnedFd;
     use std::path::Path;
 
     use rustix::fs::inotify::{CreateFlags, WatchFlags, add_watch, init};
     use rustix::io::{Errno, read};
 
-    /// What the system tells of a port.
+    /// Close events of a port, from inotify.
     #[derive(Debug)]
     pub(in super::super) struct Closings(OwnedFd);
 
     impl Closings {
-        /// From now on.
+        /// Events from now on.
         pub(in super::super) fn of(port: &Path) -> Result<Self, Errno> {
-            let told = init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
-            add_watch(&told, port, WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE)?;
-            Ok(Self(told))
+            let watch = init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
+            add_watch(&watch, port, WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE)?;
+            Ok(Self(watch))
         }
 
-        /// Whether there were any since this was asked before.
+        /// Whether there were any since the last call.
         pub(in super::super) fn any(&self) -> Result<bool, Errno> {
             match read(&self.0, &mut [0_u8; 4096]) {
                 Ok(_) => Ok(true),
@@ -32,26 +32,26 @@ mod told {
 }
 
 #[cfg(not(target_os = "linux"))]
-mod told {
+mod watched {
     use std::path::Path;
 
     use rustix::io::Errno;
 
-    /// Nothing: the system tells only who polls in time.
+    /// No events: on this system only a poll shows a closed port.
     #[derive(Debug)]
     pub(in super::super) struct Closings;
 
     impl Closings {
-        /// From now on.
+        /// Events from now on.
         pub(in super::super) fn of(_: &Path) -> Result<Self, Errno> {
             Ok(Self)
         }
 
-        /// Whether there were any since this was asked before.
+        /// Whether there were any since the last call.
         pub(in super::super) fn any(&self) -> Result<bool, Errno> {
             Ok(false)
         }
     }
 }
 
-pub(super) use told::Closings;
+pub(super) use watched::Closings;

@@ -1,7 +1,7 @@
-//! A printer's firmware: the part of Marlin that a head without a nozzle needs.
+//! Emulated firmware of a printer: the part of Marlin that the rig uses.
 //!
-//! Lines are checked as they arrive and carried out in order. Each is answered by `ok` once it is done; a move is done once it is planned,
-//! `M400` and `G28` once the head stands still, and while that lasts the firmware says that it is busy. `M112` is carried out as it arrives.
+//! Lines are checked when they arrive and executed in order. Each is acknowledged by `ok` when it is done: a move when it is planned,
+//! `M400` and `G28` when the head stands still; meanwhile the firmware reports to be busy. `M112` is executed when it arrives.
 
 use std::collections::VecDeque;
 
@@ -9,22 +9,22 @@ use super::motion::Motion;
 use crate::printer::gcode::checksum;
 use crate::rig;
 
-/// Speed towards the end stops.
+/// Speed of homing (mm/s).
 const HOMING_MM_S: f64 = 50.0;
-/// Moves that are planned ahead.
+/// Capacity of the planner in moves.
 const PLANNED: usize = 16;
-/// Time between two words that it is busy.
+/// Interval between two busy reports (s).
 const BUSY_S: f64 = 2.0;
 
-/// The firmware of a printer that has just started.
+/// Firmware of a printer.
 #[derive(Debug)]
 pub(super) struct Firmware {
-    /// Commands that were taken and wait.
+    /// Queue of accepted commands.
     commands: VecDeque<String>,
-    /// What the command under way waits for.
+    /// Condition that ends the current command.
     pending: Option<Pending>,
     words: String,
-    /// Number of the last line that was taken.
+    /// Number of the last accepted line.
     last_line: i64,
     is_relative: bool,
     is_homed: bool,
@@ -35,7 +35,7 @@ pub(super) struct Firmware {
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     until: Until,
-    /// When it says next that it is busy.
+    /// Time of the next busy report (s).
     busy_s: f64,
 }
 
@@ -43,20 +43,20 @@ struct Pending {
 enum Until {
     /// The head stands still.
     Still,
-    /// There is room for another move.
+    /// The planner has room for another move.
     Room,
-    /// That instant.
+    /// This time (s).
     Time(f64),
 }
 
-/// How far a command is.
+/// Progress of a command.
 #[derive(Clone, Copy, Debug)]
 enum Begun {
-    /// Carried out.
+    /// Done.
     Done,
-    /// Carried out, and its `ok` was said with the answer.
+    /// Done, and acknowledged within the answer.
     Answered,
-    /// Under way.
+    /// In progress.
     Waits(Until),
 }
 
@@ -76,7 +76,7 @@ impl Default for Firmware {
 }
 
 impl Firmware {
-    /// Takes a line, without its end.
+    /// Receives a line without its end.
     pub(super) fn receive(&mut self, line: &str, now_s: f64, motion: &mut Motion) {
         let line = line.split(';').next().unwrap_or("").trim();
         if self.is_halted || line.is_empty() {
@@ -100,12 +100,12 @@ impl Firmware {
         }
     }
 
-    /// Number of the line that it takes next; beyond the last number there is none.
+    /// Number of the next line; saturated at the largest number.
     fn next_line(&self) -> i64 {
         self.last_line.saturating_add(1)
     }
 
-    /// The command in a line whose number and checksum are right, where it has them.
+    /// Command of a line, after a check of its number and checksum, if it has them.
     fn checked<'a>(&mut self, line: &'a str) -> Result<&'a str, &'static str> {
         let (body, sum) = match line.rsplit_once('*') {
             Some((body, sum)) => (body, Some(sum)),
@@ -128,7 +128,7 @@ impl Firmware {
         Ok(command)
     }
 
-    /// Carries out what can be by now, and appends what it says.
+    /// Executes commands up to this time and appends the answers.
     pub(super) fn work(&mut self, now_s: f64, motion: &mut Motion, words: &mut Vec<u8>) {
         loop {
             if let Some(Pending { until, busy_s }) = &mut self.pending {
@@ -198,7 +198,7 @@ impl Firmware {
             "M115" => self.say(
                 "FIRMWARE_NAME:Marlin (emulated whisker rig) PROTOCOL_VERSION:1.0 MACHINE_TYPE:i3 EXTRUDER_COUNT:0",
             ),
-            // Millimetres, a message for a display, motors off, fans off: nothing to do.
+            // Millimetres, display message, motors off, fans off: no effect on the emulation.
             "G21" | "M117" | "M84" | "M107" => {}
             _ => self.say(&format!("echo:Unknown command: \"{command}\"")),
         }
@@ -212,7 +212,7 @@ impl Firmware {
                 goal_mm[axis] = if self.is_relative { goal_mm[axis] + value } else { value };
             }
         }
-        // Once it knows where it is, it does not run into the ends of the bed.
+        // After homing, targets are clamped to the bed.
         if self.is_homed {
             for (axis, [least_m, most_m]) in [rig::BED_X_M, rig::BED_Y_M].into_iter().enumerate() {
                 goal_mm[axis] = goal_mm[axis].clamp(1e3 * least_m, 1e3 * most_m);
@@ -249,7 +249,7 @@ mod tests {
             Self { firmware: Firmware::default(), motion: Motion::default() }
         }
 
-        /// What is said to a line by then.
+        /// Answers up to this time.
         fn at(&mut self, now_s: f64, line: &str) -> String {
             self.firmware.receive(line, now_s, &mut self.motion);
             let mut words = Vec::new();
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_damaged_lines_are_asked_for_again() {
+    fn verif_damaged_lines_are_requested_again() {
         let mut bench = Bench::new();
         assert_eq!(bench.at(0.0, numbered(1, "G21").trim()), "ok\n");
         let again = "Error:checksum mismatch, Last Line: 1\nResend: 2\nok\n";
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_an_emergency_stop_is_carried_out_past_what_waits() {
+    fn verif_an_emergency_stop_precedes_queued_commands() {
         let mut bench = Bench::new();
         bench.at(0.0, "G1 X100 F600");
         bench.at(0.0, "M400");
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_what_it_does_not_know_it_says() {
+    fn robust_unknown_commands_are_reported() {
         let mut bench = Bench::new();
         assert_eq!(bench.at(0.0, "M999 S1"), "echo:Unknown command: \"M999 S1\"\nok\n");
         assert_eq!(bench.at(0.0, "M999 \u{10a}"), "echo:Unknown command: \"M999 \u{10a}\"\nok\n");

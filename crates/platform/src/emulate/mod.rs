@@ -1,7 +1,7 @@
-//! A printer and a magnetometer that are not there: two pseudo-terminals, and the rig between them.
+//! Emulation of the rig: a printer and a magnetometer on two pseudo-terminals.
 //!
-//! The printer keeps the head's way in time. The sensor asks it where the ruler is, lets the whisker be bent by it, and prints what the
-//! magnetometer would, at its rate.
+//! The printer simulates the motion of the head. The sensor computes the deflection of the whisker by the ruler from it and prints readings at the
+//! magnetometer's rate.
 
 mod closings;
 mod firmware;
@@ -25,27 +25,27 @@ pub use table::RigTable;
 use crate::Error;
 use crate::sensor::FormatRow;
 
-/// What is emulated.
+/// Settings of an emulation.
 #[derive(Clone, Debug)]
 pub struct Emulated {
-    /// The rig's physics.
+    /// Physics of the rig.
     pub rig: Arc<RigTable>,
-    /// What the sensor prints.
+    /// Line format of the sensor.
     pub format: &'static FormatRow,
-    /// Seed of its noise.
+    /// Seed of the sensor's noise.
     pub seed: u64,
 }
 
-/// What went over the sensor's port.
+/// Statistics of the sensor's port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sent {
-    /// Readings that were printed while somebody listened.
+    /// Number of readings printed while the port was open.
     pub readings: u64,
-    /// Readings for which there was no room, because whoever listens does not read.
+    /// Number of readings dropped because the buffer was full.
     pub dropped: u64,
 }
 
-/// A printer and a sensor, running until they are stopped.
+/// A running emulation of printer and sensor.
 #[derive(Debug)]
 pub struct Emulation {
     /// Port of the printer.
@@ -54,11 +54,11 @@ pub struct Emulation {
     pub sensor: PathBuf,
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<Result<(), Error>>>,
-    /// Links that were made, and the port that each leads to.
+    /// Symbolic links, each with its target.
     links: Vec<(PathBuf, PathBuf)>,
 }
 
-/// What the two threads share.
+/// State shared by the two threads.
 #[derive(Debug)]
 struct Shared {
     origin: Instant,
@@ -79,10 +79,10 @@ impl Shared {
 }
 
 impl Emulation {
-    /// Begins.
+    /// Starts an emulation.
     ///
     /// # Errors
-    /// If the system gives no pseudo-terminals or threads.
+    /// If no pseudo-terminal or thread can be created.
     pub fn start(emulated: &Emulated) -> Result<Self, Error> {
         let [printer, sensor] = [Pty::open()?, Pty::open()?];
         let (printer_path, sensor_path) = (printer.path.clone(), sensor.path.clone());
@@ -113,10 +113,10 @@ impl Emulation {
         Ok(())
     }
 
-    /// Makes a symbolic link to a port, which lasts as long as the emulation. A link that is there is replaced, another file is not.
+    /// Creates a symbolic link to a port for the duration of the emulation. An existing link is replaced, another file is not.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If it cannot be created.
     pub fn link(&mut self, port: &Path, link: &Path) -> Result<(), Error> {
         if link.symlink_metadata().is_ok_and(|found| found.is_symlink()) {
             std::fs::remove_file(link).map_err(Error::file(link))?;
@@ -126,26 +126,26 @@ impl Emulation {
         Ok(())
     }
 
-    /// Whether both devices still run.
+    /// Whether both devices are running.
     pub fn is_alive(&self) -> bool {
         self.threads.iter().all(|thread| !thread.is_finished())
     }
 
-    /// What went over the sensor's port so far.
+    /// Statistics of the sensor's port so far.
     pub fn sent(&self) -> Sent {
         let Shared { readings, dropped, .. } = &*self.shared;
         Sent { readings: readings.load(Ordering::Relaxed), dropped: dropped.load(Ordering::Relaxed) }
     }
 
-    /// Pulls both cables: the ports vanish.
+    /// Removes both ports, as if their cables were pulled.
     pub fn unplug(&self) {
         self.shared.ends.store(true, Ordering::Relaxed);
     }
 
-    /// Ends it.
+    /// Ends the emulation.
     ///
     /// # Errors
-    /// What made a device fail, if one did.
+    /// Error of a failed device.
     pub fn finish(mut self) -> Result<Sent, Error> {
         self.unplug();
         for thread in self.threads.drain(..) {
@@ -159,13 +159,13 @@ impl Drop for Emulation {
     fn drop(&mut self) {
         self.unplug();
         for thread in self.threads.drain(..) {
-            // What a device failed of is for those who ask.
+            // Errors of devices are reported by `finish` only.
             let _ = thread.join();
         }
         for (link, port) in &self.links {
-            // One that leads elsewhere by now is another's.
+            // A link with another target belongs to another program.
             if std::fs::read_link(link).is_ok_and(|target| target == *port) {
-                // One that is gone need not go.
+                // It may have been removed already.
                 let _ = std::fs::remove_file(link);
             }
         }

@@ -1,16 +1,16 @@
-//! The way of a printer's head in time: straight moves, each with its acceleration, from standstill to standstill.
+//! Motion of a printer's head: straight moves with constant acceleration, each from standstill to standstill.
 
 use std::collections::VecDeque;
 
-/// Acceleration of the head, as Prusa's firmware sets it.
+/// Acceleration of the head (mm/s^2), the default of Prusa's firmware.
 const ACCELERATION_MM_S2: f64 = 1000.0;
-/// Moves are remembered this long after they ended, for those who ask a little late.
+/// Time for which an ended move is kept, for late queries (s).
 const MEMORY_S: f64 = 1.0;
 
-/// Where the head is, in millimetres, at any instant from a little ago on.
+/// Position of the head (mm) as a function of time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Motion {
-    /// Where it stands before the first move.
+    /// Position before the first move (mm).
     start_mm: [f64; 3],
     moves: VecDeque<Move>,
 }
@@ -21,14 +21,14 @@ struct Move {
     from_mm: [f64; 3],
     to_mm: [f64; 3],
     length_mm: f64,
-    /// Speed that it reaches.
+    /// Largest speed of the move (mm/s).
     speed_mm_s: f64,
 }
 
 impl Move {
     fn new(begin_s: f64, from_mm: [f64; 3], to_mm: [f64; 3], speed_mm_s: f64) -> Self {
         let length_mm = (0..3).map(|axis| (to_mm[axis] - from_mm[axis]).powi(2)).sum::<f64>().sqrt();
-        // A short way ends before the speed is reached.
+        // A short move ends before the requested speed is reached.
         let speed_mm_s = speed_mm_s.min((ACCELERATION_MM_S2 * length_mm).sqrt());
         Self { begin_s, from_mm, to_mm, length_mm, speed_mm_s }
     }
@@ -63,7 +63,7 @@ impl Move {
 }
 
 impl Motion {
-    /// Adds a move after those that wait, at an instant.
+    /// Appends a move at a time (s).
     pub(super) fn go(&mut self, now_s: f64, to_mm: [f64; 3], speed_mm_s: f64) {
         while self.moves.front().is_some_and(|first| first.end_s() < now_s - MEMORY_S) {
             let over = self.moves.pop_front().expect("there is one");
@@ -73,28 +73,28 @@ impl Motion {
         self.moves.push_back(Move::new(begin_s, self.goal_mm(), to_mm, speed_mm_s));
     }
 
-    /// Stands still from now on.
+    /// Stops at once.
     pub(super) fn stop(&mut self, now_s: f64) {
         self.start_mm = self.position_mm(now_s);
         self.moves.clear();
     }
 
-    /// Where it goes in the end.
+    /// Final position (mm).
     pub(super) fn goal_mm(&self) -> [f64; 3] {
         self.moves.back().map_or(self.start_mm, |last| last.to_mm)
     }
 
-    /// When it stands still.
+    /// End of the last move (s).
     pub(super) fn end_s(&self) -> f64 {
         self.moves.back().map_or(f64::NEG_INFINITY, Move::end_s)
     }
 
-    /// How many moves have not ended.
+    /// Number of moves that have not ended.
     pub(super) fn waiting(&self, now_s: f64) -> usize {
         self.moves.iter().filter(|waiting| waiting.end_s() > now_s).count()
     }
 
-    /// Where it is.
+    /// Position at a time (mm).
     pub(super) fn position_mm(&self, t_s: f64) -> [f64; 3] {
         let begun = self.moves.iter().rev().find(|last| last.begin_s <= t_s);
         begun.map_or(self.start_mm, |under_way| under_way.position_mm(t_s))
@@ -106,10 +106,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn val_way_and_time_are_those_of_uniform_acceleration() {
+    fn val_position_and_time_of_uniform_acceleration() {
         let mut motion = Motion::default();
         motion.go(1.0, [30.0, 40.0, 0.0], 100.0);
-        // 5 mm to 100 mm/s, as much back, 40 mm in between.
+        // 5 mm of acceleration to 100 mm/s, 40 mm at constant speed, 5 mm of deceleration.
         assert!((motion.end_s() - 1.6).abs() < 1e-12);
         let along = |t_s| motion.position_mm(t_s)[0] / 0.6;
         assert!(
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_moves_follow_one_another_and_stop() {
+    fn verif_moves_are_sequential_and_stop() {
         let mut motion = Motion::default();
         motion.go(0.0, [10.0, 0.0, 0.0], 10.0);
         motion.go(0.0, [10.0, 10.0, 0.0], 10.0);

@@ -1,4 +1,4 @@
-//! The printer's port: bytes to the firmware, its words back.
+//! Emulated printer: its port and its firmware.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use super::pty::{Heard, Pty};
 use crate::Error;
 use crate::lines::Lines;
 
-/// How soon the firmware notices that time has gone on.
+/// Time step of the firmware.
 const TICK: Duration = Duration::from_millis(5);
 
-/// Answers until the emulation ends.
+/// Runs the firmware until the emulation ends.
 pub(super) fn run(pty: &Pty, shared: &Shared) -> Result<(), Error> {
     let (mut firmware, mut lines) = (Firmware::default(), Lines::default());
     let (mut bytes, mut words) = ([0; 4096], Vec::new());
@@ -28,8 +28,8 @@ pub(super) fn run(pty: &Pty, shared: &Shared) -> Result<(), Error> {
                 });
             }
             Heard::Nothing => was_open = true,
-            Heard::Nobody => {
-                // A board starts anew when its port is opened: here, ahead of that, when it was closed.
+            Heard::Closed => {
+                // A board restarts when its port is opened; the emulation restarts when it is closed.
                 if std::mem::take(&mut was_open) {
                     motion.stop(now_s);
                     (firmware, lines) = (Firmware::default(), Lines::default());

@@ -1,4 +1,4 @@
-//! The device's side of a pseudo-terminal.
+//! Device side of a pseudo-terminal.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -15,43 +15,43 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use super::closings::Closings;
 use crate::Error;
 
-/// A pseudo-terminal that looks like a serial port to whoever opens its path.
+/// Pseudo-terminal that acts as a serial port.
 #[derive(Debug)]
 pub(super) struct Pty {
     device: OwnedFd,
     closings: Closings,
-    /// What to open.
+    /// Path of the port.
     pub(super) path: PathBuf,
 }
 
-/// What a read brought.
+/// Result of a read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Heard {
-    /// So many bytes.
+    /// Number of bytes.
     Bytes(usize),
-    /// Nothing, though somebody has the port open.
+    /// No bytes; the port is open.
     Nothing,
-    /// Nobody has the port open, or somebody else than before.
-    Nobody,
+    /// The port is closed, or was closed and reopened.
+    Closed,
 }
 
 impl Pty {
-    /// A new one, which passes bytes as they are.
+    /// Creates one that transmits bytes unchanged.
     ///
     /// # Errors
-    /// If the system gives none.
+    /// If the system cannot create it.
     pub(super) fn open() -> Result<Self, Error> {
         let open = || -> Result<Self, Errno> {
             let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
             grantpt(&device)?;
             unlockpt(&device)?;
             let path = PathBuf::from(std::ffi::OsString::from_vec(ptsname(&device, Vec::new())?.into_bytes()));
-            // No echo, no line ends turned into others: neither before nor after somebody else has set it.
+            // Raw mode: no echo and no conversion of line ends.
             let mut settings = tcgetattr(&device)?;
             settings.make_raw();
             tcsetattr(&device, OptionalActions::Now, &settings)?;
             fcntl_setfl(&device, fcntl_getfl(&device)? | OFlags::NONBLOCK)?;
-            // Until it was closed for the first time, the system does not say that nobody has it open.
+            // The system reports a closed port only after the first close.
             drop(rustix::fs::open(&path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?);
             let closings = Closings::of(&path)?;
             Ok(Self { device, closings, path })
@@ -59,25 +59,25 @@ impl Pty {
         open().map_err(io::Error::from).map_err(Error::system("pseudo-terminal"))
     }
 
-    /// Reads what there is, after waiting for it.
+    /// Reads the pending bytes, with a timeout.
     pub(super) fn read(&self, bytes: &mut [u8], patience: Duration) -> Result<Heard, Error> {
         let events = self.poll(PollFlags::IN, patience)?;
-        // What waits to be read may be the first words of the next.
+        // The pending bytes may be of the next client.
         if self.closings.any().map_err(io::Error::from).map_err(Error::system("pseudo-terminal"))? {
-            return Ok(Heard::Nobody);
+            return Ok(Heard::Closed);
         }
         if !events.contains(PollFlags::IN) {
-            return Ok(if events.contains(PollFlags::HUP) { Heard::Nobody } else { Heard::Nothing });
+            return Ok(if events.contains(PollFlags::HUP) { Heard::Closed } else { Heard::Nothing });
         }
         match rustix::io::read(&self.device, bytes) {
             Ok(count) => Ok(Heard::Bytes(count)),
             Err(Errno::AGAIN | Errno::INTR) => Ok(Heard::Nothing),
-            Err(Errno::IO) => Ok(Heard::Nobody),
+            Err(Errno::IO) => Ok(Heard::Closed),
             Err(error) => Err(Error::system("pseudo-terminal")(error.into())),
         }
     }
 
-    /// Writes as many of these bytes as there is room for, and says how many.
+    /// Writes as many bytes as there is room for. Returns their number.
     pub(super) fn write(&self, bytes: &[u8]) -> Result<usize, Error> {
         match rustix::io::write(&self.device, bytes) {
             Ok(count) => Ok(count),
@@ -86,7 +86,7 @@ impl Pty {
         }
     }
 
-    /// Whether somebody has the port open.
+    /// Whether the port is open.
     pub(super) fn is_open(&self) -> Result<bool, Error> {
         Ok(!self.poll(PollFlags::empty(), Duration::ZERO)?.contains(PollFlags::HUP))
     }
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_who_opens_it_next_is_somebody_else_however_soon() {
+    fn verif_a_port_reopened_at_once_counts_as_closed() {
         let pty = Pty::open().expect("a pseudo-terminal");
         let open = || rustix::fs::open(&pty.path, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).expect("open");
         let mut bytes = [0; 16];
@@ -117,8 +117,8 @@ mod tests {
         drop(first);
         let next = open();
         rustix::io::write(&next, b"hello\n").expect("written");
-        assert_eq!(heard(), Heard::Nobody);
-        // The system hands bytes on in its own time.
+        assert_eq!(heard(), Heard::Closed);
+        // The system delivers bytes with a delay.
         while heard() != Heard::Bytes(6) {}
     }
 }

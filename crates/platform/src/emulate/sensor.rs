@@ -1,4 +1,4 @@
-//! The magnetometer: prints what it reads at its rate while somebody listens.
+//! Emulated magnetometer: prints its readings at its rate while its port is open.
 
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -14,10 +14,10 @@ use super::whisker::Whisker;
 use super::{Emulated, Shared};
 use crate::Error;
 
-/// Bytes that wait to be read at most: what is beyond is lost, as over a real port, but not for a moment's hesitation.
+/// Capacity of the output buffer in bytes: further readings are dropped, as on a real port; short delays of the reader are tolerated.
 const MOST_WAITING: usize = 1 << 16;
 
-/// Prints until the emulation ends.
+/// Prints readings until the emulation ends.
 pub(super) fn run(pty: &Pty, emulated: &Emulated, shared: &Shared) -> Result<(), Error> {
     let format = (emulated.format.build)();
     let mut whisker = Whisker::new(emulated.rig.clone());
@@ -51,12 +51,12 @@ pub(super) fn run(pty: &Pty, emulated: &Emulated, shared: &Shared) -> Result<(),
     Ok(())
 }
 
-/// What the magnetometer counts, with its noise; it wraps around.
+/// Counts of the magnetometer with noise, modulo 2^16.
 fn counts(field: &Field, rotation_rad: f64, rng: &mut Pcg64) -> [u16; 3] {
     std::array::from_fn(|axis| {
         let noise: f64 = field.noise_sd_counts * rng.sample::<f64, _>(StandardNormal);
         let counts = field.rest_counts[axis] + field.counts_per_rad[axis] * rotation_rad + noise;
-        // The low 16 bits of the whole number.
+        // The low 16 bits of the integer.
         counts.round() as i64 as u16
     })
 }

@@ -8,19 +8,19 @@ use crate::Error;
 
 const COLUMNS: [&str; 6] = ["contact_m", "push_m", "rotation_rad", "slope_rad", "moment_n_m", "force_n"];
 
-/// What the whisker does under the ruler at rest, how it rings, and what the magnetometer reads of it.
+/// Static rotation of the whisker's root under the ruler, its ringing, and the magnetometer's response.
 #[derive(Clone, Debug)]
 pub struct RigTable {
     contacts_m: Vec<f64>,
     pushes_m: Vec<f64>,
-    /// Rotation of the root, contact by contact and push by push; none where the ruler has slipped off.
+    /// Rotation of the root, by contact and push, row by row (rad). `None` if the ruler has slipped off.
     rotations_rad: Vec<Option<f64>>,
     pub(super) ring_hz: f64,
     pub(super) decay_s: f64,
     pub(super) field: Field,
 }
 
-/// What is read of `rig.json`; the rest tells people where it comes from.
+/// Keys of `rig.json` that are read; the others document its origin.
 #[derive(Deserialize)]
 struct Sidecar {
     ring_hz: f64,
@@ -28,7 +28,7 @@ struct Sidecar {
     field: Field,
 }
 
-/// Readings: `rest_counts + counts_per_rad` x rotation of the root + noise, modulo 2^16.
+/// Response of the magnetometer: counts = `rest_counts + counts_per_rad` x rotation of the root + noise, modulo 2^16.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub(super) struct Field {
     pub(super) rest_counts: [f64; 3],
@@ -37,11 +37,11 @@ pub(super) struct Field {
 }
 
 impl RigTable {
-    /// The table that comes with the program.
+    /// Table that is built into the program.
     pub fn built_in() -> Self {
         let [csv, json] = ["crates/platform/data/rig.csv", "crates/platform/data/rig.json"].map(Path::new);
         Self::parse(csv, include_str!("../../data/rig.csv"), json, include_str!("../../data/rig.json"))
-            .expect("the table that comes with the program is whole")
+            .expect("the built-in table is valid")
     }
 
     /// Parses the two files; the paths are for errors.
@@ -88,7 +88,7 @@ impl RigTable {
             if self.contacts_m.len() == 1 {
                 self.pushes_m.push(push_m);
             }
-            // A grid: place by place the pushes of the first.
+            // A full grid: each contact has the pushes of the first one.
             let place = self.rotations_rad.len() % self.pushes_m.len();
             let is_next = self.pushes_m.get(place) == Some(&push_m)
                 && self.rotations_rad.len() / self.pushes_m.len() + 1 == self.contacts_m.len();
@@ -106,16 +106,15 @@ impl RigTable {
         Ok(())
     }
 
-    /// What the magnetometer counts beyond rest when the ruler touches there and has gone so far past first touch, without noise and before
-    /// it wraps around; `None` where it does not touch.
+    /// Change of the counts from rest for a contact distance and a push past first contact (m), without noise and
+    /// wrap-around. `None` without contact.
     pub fn deflection_counts(&self, contact_m: f64, push_m: f64) -> Option<[f64; 3]> {
         let rotation_rad = self.rotation_rad(contact_m, push_m)?;
         Some(self.field.counts_per_rad.map(|counts_per_rad| counts_per_rad * rotation_rad))
     }
 
-    /// Rotation of the root when the ruler touches there and has gone so far past first touch, linear between the grid's nodes; `None` where it does not
-    /// touch: beyond the tip, or slipped off. Beyond the largest push of the grid the whisker stays as bent as it is there; behind the
-    /// contact nearest to the root the ruler touches what holds it.
+    /// Rotation of the root (rad) for a contact distance and a push past first contact (m), by bilinear interpolation. `None` without contact: beyond the tip, or
+    /// slipped off. Larger pushes and smaller distances than those of the grid are clamped to it.
     pub(super) fn rotation_rad(&self, contact_m: f64, push_m: f64) -> Option<f64> {
         if contact_m > *self.contacts_m.last()? {
             return None;
@@ -126,7 +125,7 @@ impl RigTable {
         let mut sum = 0.0;
         for (row, weight) in [(row, 1.0 - along), (row + 1, along)] {
             for (column, weight) in [(column, weight * (1.0 - deep)), (column + 1, weight * deep)] {
-                // A node that does not count may have slipped off.
+                // A node of zero weight may be `None`.
                 if weight > 0.0 {
                     sum += weight * node(row, column)?;
                 }
@@ -136,7 +135,7 @@ impl RigTable {
     }
 }
 
-/// The interval of a value among rising nodes, and how far in it; what lies outside counts as at the end.
+/// Interval of a value among increasing nodes, and the relative position in it, clamped to the ends.
 fn place(nodes: &[f64], value: f64) -> (usize, f64) {
     let below = nodes.partition_point(|node| *node <= value).clamp(1, nodes.len() - 1) - 1;
     (below, ((value - nodes[below]) / (nodes[below + 1] - nodes[below])).clamp(0.0, 1.0))
@@ -149,7 +148,7 @@ pub(super) mod tests {
     const JSON: &str = r#"{"ring_hz": 20.0, "decay_s": 0.1, "field": {"rest_counts": [25000, 500, 36000],
         "counts_per_rad": [1000.0, -50000.0, 0.0], "noise_sd_counts": 2.0, "bits": 16}}"#;
 
-    /// Rotation is push over contact; at the tip the ruler slips off at the second node.
+    /// The rotation is push over contact; at the tip the ruler slips off at the second node.
     const CSV: &str = "contact_m,push_m,rotation_rad,slope_rad,moment_n_m,force_n\n\
         0.05,0,0,0,0,0\n0.05,0.01,0.2,0,0,0\n0.1,0,0,0,0,0\n0.1,0.01,0.1,0,0,0\n0.15,0,0,0,0,0\n0.15,0.01,,,,\n";
 
@@ -162,7 +161,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn verif_linear_between_nodes_and_nothing_beyond() {
+    fn verif_linear_between_nodes_and_none_beyond() {
         let table = small();
         assert!((table.rotation_rad(0.075, 0.005).expect("touches") - 0.075).abs() < 1e-12);
         assert_eq!(table.rotation_rad(0.05, 0.02), Some(0.2));

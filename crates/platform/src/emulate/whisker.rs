@@ -1,8 +1,8 @@
-//! The whisker under the ruler, in time.
+//! Dynamics of the emulated whisker under the ruler.
 //!
-//! While the ruler touches, the whisker stands as it would at rest: it is far stiffer than its own inertia at the speeds of a printer. Where
-//! the ruler leaves it or slips off, it rings: from rotation and speed of that instant on, a damped oscillation
-//! `exp(-t / decay) (q0 cos(w t) + (v0 + q0 / decay) / w sin(w t))`, until it is touched again.
+//! In contact the whisker is quasi-static, since its inertia is negligible at the speeds of a printer. After a release or a slip it rings: from the
+//! rotation `q0` and rate `v0` of that instant, a damped oscillation `exp(-t / decay) (q0 cos(w t) + (v0 + q0 / decay) / w sin(w t))`, until the next
+//! contact.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use super::table::RigTable;
 use crate::rig;
 
-/// A whisker and its past.
+/// State of a whisker.
 #[derive(Debug)]
 pub(super) struct Whisker {
     table: Arc<RigTable>,
@@ -22,13 +22,13 @@ pub(super) struct Whisker {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
-    /// The ruler is beside it; it rings since then, from that rotation and rate.
+    /// Free, with the ruler on this side; ringing since this time, from this rotation and rate.
     Free { side: Side, since_s: f64, rotation_rad: f64, rate_rad_s: f64 },
-    /// The ruler pushes it.
+    /// Pushed by the ruler.
     Touched(Side),
 }
 
-/// Side of the whisker from which the ruler comes, looking along the whisker from its tip.
+/// Side of the whisker on which the ruler is, seen from the tip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Side {
     Left,
@@ -36,13 +36,13 @@ enum Side {
 }
 
 impl Whisker {
-    /// One at rest, with the ruler far to its left.
+    /// Whisker at rest, with the ruler on its left.
     pub(super) fn new(table: Arc<RigTable>) -> Self {
         let state = State::Free { side: Side::Left, since_s: 0.0, rotation_rad: 0.0, rate_rad_s: 0.0 };
         Self { table, t_s: 0.0, rotation_rad: 0.0, rate_rad_s: 0.0, state }
     }
 
-    /// Rotation of the root at an instant, at which the nozzle is there; instants come in order.
+    /// Rotation of the root (rad) at a time, with the nozzle at this position (m). Times must increase.
     pub(super) fn rotation_rad(&mut self, t_s: f64, nozzle_m: [f64; 2]) -> f64 {
         let contact_m = rig::distance_m(nozzle_m[1]);
         let side = match self.state {
@@ -83,7 +83,7 @@ impl Whisker {
     }
 }
 
-/// Side on which all of the ruler is when the nozzle is there in x.
+/// Side of the whole ruler for this x of the nozzle. `None` if the ruler is across the whisker.
 fn side_of(nozzle_x_m: f64) -> Option<Side> {
     if nozzle_x_m + rig::BEAM_END_M <= rig::WHISKER_X_M {
         Some(Side::Left)
@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(at(&mut whisker, 0.00, -0.010, 0.1), 0.0);
         assert!((at(&mut whisker, 0.10, 0.005, 0.1) - 0.05).abs() < 1e-9);
         assert!((at(&mut whisker, 0.11, 0.004, 0.1) - 0.04).abs() < 1e-9);
-        // Let go all at once: half a period later it is on the other side, a little less far out.
+        // After a sudden release: half a period later it is on the other side, with a smaller amplitude.
         let half_s = 0.5 / table.ring_hz;
         let swung_rad = at(&mut whisker, 0.11 + half_s, -0.010, 0.1);
         let expected_rad = -0.04 * (-half_s / table.decay_s).exp();
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_in_front_of_the_tip_nothing_is_touched() {
+    fn verif_no_contact_beyond_the_tip() {
         let mut whisker = Whisker::new(Arc::new(small()));
         assert_eq!(at(&mut whisker, 0.1, 0.005, 0.16), 0.0);
     }

@@ -1,37 +1,37 @@
-//! Lines from a printer.
+//! Parser of the lines from a printer.
 
-/// What a line of a printer says.
+/// Meaning of a line from a printer.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Answer {
-    /// The last command was taken; some printers put a position behind.
+    /// The last command was accepted; some printers append a position.
     Ok(Option<Position>),
-    /// The line of this number is to be sent again.
+    /// Request to send the line of this number again.
     Resend(u32),
-    /// It works on something and lives.
+    /// The printer is busy.
     Busy,
-    /// Something is wrong.
+    /// An error.
     Error(String),
-    /// The printer stopped for good.
+    /// The printer was halted.
     Halted(String),
-    /// Where the head is.
+    /// Position of the head.
     Position(Position),
     /// The printer has just started.
     Started,
-    /// It says something else, such as a temperature.
+    /// Any other line, such as a temperature.
     Remark,
 }
 
-/// A position as a printer states it, in millimetres.
+/// Position reported by a printer (mm).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Position {
-    /// Where the head goes: x, y, z.
+    /// Target of the head: x, y, z.
     pub goal: [f64; 3],
-    /// Where it is by its motors: x, y; in millimetres, or in steps.
+    /// Position by the motors: x, y, in millimetres or in steps.
     pub count: Option<[f64; 2]>,
 }
 
 impl Answer {
-    /// What a line says, without its end.
+    /// Meaning of a line without its end.
     pub fn parse(line: &str) -> Self {
         let line = line.trim();
         let lower = line.to_ascii_lowercase();
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_the_words_of_printers() {
+    fn verif_lines_of_printers_are_parsed() {
         let at = |x, y, z, count| Position { goal: [x, y, z], count };
         let counted = at(127.0, 96.75, 0.2, Some([126.5, 96.0]));
         let known = [
@@ -97,7 +97,7 @@ mod tests {
             ("okay", Answer::Remark),
             ("", Answer::Remark),
             ("X:nan Y:1 Z:1", Answer::Remark),
-            // What stood between was lost.
+            // The text in between was lost.
             ("X:127.00 Y:96.75 Z:0Count X: 126.50 Y:96.00", Answer::Remark),
         ];
         for (line, answer) in known {

@@ -1,7 +1,7 @@
-//! One command after the other to a printer, each acknowledged before the next.
+//! Link to a printer: each command is acknowledged before the next.
 //!
-//! Every line has a number and a checksum (Marlin's protocol). The printer takes the line that follows the last one it took and asks for it
-//! otherwise, so a line that was damaged, or whose `ok` was, is sent again without being carried out twice.
+//! Every line has a number and a checksum (Marlin's protocol). The printer accepts only the successor of the last accepted line and otherwise requests
+//! it again, so a line that was damaged, or whose `ok` was, is sent again without being executed twice.
 
 use std::collections::VecDeque;
 use std::io;
@@ -16,17 +16,17 @@ use super::gcode::numbered;
 use crate::lines::{Line, Lines, shown};
 use crate::{Error, port};
 
-/// How long a read waits: how soon an interrupt stops the printer.
+/// Timeout of a read, and so the delay of an interrupt.
 const TICK: Duration = Duration::from_millis(20);
-/// A printer that was opened may take this long to start.
+/// Longest start of a printer after its port was opened.
 const START: Duration = Duration::from_secs(15);
-/// How long a printer that is not busy takes to answer.
+/// Longest delay of an answer of a printer that is not busy.
 pub(super) const PROMPT: Duration = Duration::from_secs(3);
-/// Once nothing has come for this long, the answers of an earlier conversation have all come.
+/// Silence after which all answers to earlier commands have arrived.
 const QUIET: Duration = Duration::from_millis(250);
-/// A complaint without `ok` or a request to send again is over after this long, and the line is sent again.
+/// Silence after an error without `ok` or request to send again, after which the line is sent again.
 const COMPLAINT: Duration = Duration::from_secs(1);
-/// A line that was sent so often has no hope.
+/// Largest number of attempts to send a line.
 const MOST_SENDS: u32 = 6;
 
 /// A printer's port and the numbers of the lines on it.
@@ -36,17 +36,17 @@ pub(super) struct Link {
     opened: Instant,
     lines: Lines,
     waiting: VecDeque<String>,
-    /// Number of the last line that the printer took.
+    /// Number of the last line that the printer accepted.
     number: u32,
     stop: Arc<AtomicBool>,
 }
 
-/// How a line that was sent fared.
+/// Outcome of a sent line.
 enum Fate {
     Taken(Option<Position>),
-    /// The printer wants the line of this number.
+    /// The printer requests the line of this number.
     Wanted(u32),
-    /// Nothing came, or nothing but a complaint.
+    /// No answer, or only an error.
     Unanswered(Option<String>),
 }
 
@@ -60,7 +60,7 @@ impl Link {
         Ok(link)
     }
 
-    /// Sets the numbers back, until the printer, which may be starting, has understood.
+    /// Resets the line numbers, repeatedly, as the printer may be starting.
     fn begin(&mut self) -> Result<(), Error> {
         let command = "M110 N0";
         let began = Instant::now();
@@ -68,7 +68,7 @@ impl Link {
             self.write(&numbered(0, command))?;
             if let Fate::Taken(_) = self.fate(command, PROMPT)? {
                 self.number = 0;
-                // `ok` to an earlier attempt, or the rest of what a starting printer tells of itself.
+                // `ok` to an earlier attempt, or the rest of the start message.
                 while self.line(QUIET)?.is_some() {}
                 return Ok(());
             }
@@ -76,8 +76,8 @@ impl Link {
         Err(self.no_answer(command, START))
     }
 
-    /// Sends a command and waits until the printer has taken it; a printer that says it is busy is waited for. Gives the position that it
-    /// stated meanwhile.
+    /// Sends a command and waits until the printer has accepted it, as long as it reports to be busy. Returns the position that it
+    /// reported meanwhile.
     pub(super) fn send(&mut self, command: &str, patience: Duration) -> Result<Option<Position>, Error> {
         let number = self.number + 1;
         let mut complaint = None;
@@ -88,13 +88,13 @@ impl Link {
                     self.number = number;
                     return Ok(position);
                 }
-                // It took the line, and the `ok` was lost.
+                // The line was accepted, and its `ok` was lost.
                 Fate::Wanted(wanted) if wanted == number + 1 => {
                     self.number = number;
                     return Ok(None);
                 }
                 Fate::Wanted(wanted) if wanted == number => {}
-                // It counts from elsewhere, as after `M110` of somebody else.
+                // Its line numbers were set by another client's `M110`.
                 Fate::Wanted(wanted) => {
                     let number = wanted.saturating_sub(1);
                     return Err(self.refused(command, format!("Resend: {wanted}, though {number} was never sent")));
@@ -108,7 +108,7 @@ impl Link {
         })
     }
 
-    /// What becomes of the line that was sent last.
+    /// Outcome of the line that was sent last.
     fn fate(&mut self, command: &str, patience: Duration) -> Result<Fate, Error> {
         let mut deadline = Instant::now() + patience;
         let (mut position, mut wanted, mut trouble) = (None, None, None);
@@ -119,7 +119,7 @@ impl Link {
             };
             match Answer::parse(&line) {
                 Answer::Ok(stated) => match (wanted, trouble) {
-                    // This `ok` ends the request to send again, and is none to the command.
+                    // This `ok` belongs to the request to send again, not to the command.
                     (Some(number), _) => return Ok(Fate::Wanted(number)),
                     (None, Some(trouble)) => return Err(self.refused(command, trouble)),
                     (None, None) => return Ok(Fate::Taken(stated.or(position))),
@@ -128,23 +128,23 @@ impl Link {
                 Answer::Busy => deadline = Instant::now() + patience,
                 Answer::Error(text) => {
                     trouble = Some(text);
-                    // What belongs to it comes at once, if anything does.
+                    // Lines that belong to it follow at once.
                     deadline = deadline.min(Instant::now() + COMPLAINT);
                 }
                 Answer::Halted(text) => return Err(self.refused(command, text)),
                 Answer::Resend(number) => {
                     wanted = Some(number);
-                    // Not every printer says `ok` behind it.
+                    // Not every printer appends `ok`.
                     deadline = Instant::now() + QUIET;
                 }
-                // It lost its position.
+                // After a restart its position is unknown.
                 Answer::Started if self.number > 0 => return Err(self.refused(command, "start".into())),
                 Answer::Started | Answer::Remark => {}
             }
         }
     }
 
-    /// Waits for so long, and for an interrupt. What the printer says of itself meanwhile is passed over.
+    /// Waits for this time or for an interrupt. Lines that arrive meanwhile are ignored.
     pub(super) fn idle(&mut self, time: Duration) -> Result<(), Error> {
         let until = Instant::now() + time;
         loop {
@@ -156,12 +156,12 @@ impl Link {
         }
     }
 
-    /// Writes a line and makes sure that it leaves.
+    /// Writes and flushes a line.
     fn write(&mut self, line: &str) -> Result<(), Error> {
         self.port.write_all(line.as_bytes()).and_then(|()| self.port.flush()).map_err(|reason| self.gone(reason))
     }
 
-    /// The next line that comes, if one does in time.
+    /// Next line. `None` after the timeout.
     fn line(&mut self, patience: Duration) -> Result<Option<String>, Error> {
         let deadline = Instant::now() + patience;
         let mut bytes = [0; 1024];
@@ -190,9 +190,9 @@ impl Link {
         }
     }
 
-    /// Emergency stop: motors and heaters off. It needs no number, and printers look for it past the commands that wait.
+    /// Emergency stop: motors and heaters off. It needs no line number, and printers execute it before queued commands.
     pub(super) fn stop_at_once(&mut self) {
-        // A port that is gone cannot be told, and what is wrong is on its way to whoever asked.
+        // A vanished port cannot be written to; the caller reports the original error.
         let _ = self.port.write_all(b"M112\n").and_then(|()| self.port.flush());
     }
 

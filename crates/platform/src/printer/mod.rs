@@ -1,6 +1,6 @@
-//! A 3D printer that speaks the Marlin dialect, as the one that carries the ruler.
+//! Driver of the 3D printer that moves the ruler (Marlin dialect).
 //!
-//! The printer is never moved before it was homed, nor out of its bed, nor at a speed that the rig does not allow.
+//! The printer is not moved before homing, out of its bed, or at a speed outside the rig's range.
 
 mod answer;
 pub(crate) mod gcode;
@@ -16,29 +16,29 @@ use link::{Link, PROMPT};
 
 use crate::{Error, range, rig};
 
-/// Bits a second of the printer's port.
+/// Baud rate of the printer's port.
 pub const BAUD: u32 = 115_200;
-/// A printer that works on something says so every two seconds.
+/// Timeout of a busy printer, which reports every two seconds.
 const BUSY: Duration = Duration::from_secs(20);
-/// How far from where it was sent a head may say it is: one in the last digit that printers print.
+/// Largest difference between target and reported position (mm): one unit of the last digit.
 const TOLERANCE_M: f64 = 0.01e-3;
-/// Time between two questions where the moving head is.
+/// Interval between two queries of the moving head's position.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Where the head was at an instant.
+/// Position of the head at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Head {
-    /// When, in seconds since the recording began: the middle of question and answer.
+    /// Time since the beginning of the recording (s): the middle between query and answer.
     pub t_s: f64,
-    /// Where, in the printer's coordinates.
+    /// x in the printer's frame (m).
     pub x_m: f64,
-    /// Where.
+    /// y in the printer's frame (m).
     pub y_m: f64,
-    /// Where.
+    /// z in the printer's frame (m).
     pub z_m: f64,
 }
 
-/// What is told where the head is, while it moves.
+/// Callback with the position of the moving head.
 pub type Watch<'a> = dyn FnMut(Head) -> Result<(), Error> + 'a;
 
 /// A printer on a port.
@@ -46,13 +46,13 @@ pub struct Printer {
     link: Link,
     origin: Instant,
     is_homed: bool,
-    /// Motor counts of an axis a metre, once a move told: printers state steps or millimetres.
+    /// Motor counts per metre of each axis, known after a move: printers report steps or millimetres.
     counts_per_m: [Option<f64>; 2],
 }
 
 impl Printer {
-    /// Opens a port and waits for the printer to answer, which takes a while where opening starts it anew. Times are counted from
-    /// `origin`. Once `stop` is set, whatever the printer does is stopped at once, and every call ends in [`Error::Interrupted`].
+    /// Opens a port and waits for the printer to answer, which takes some seconds if opening restarts it. Times are counted from
+    /// `origin`. Once `stop` is set, the printer is stopped at once, and every call returns [`Error::Interrupted`].
     ///
     /// # Errors
     /// If the port cannot be opened, or no printer answers.
@@ -61,10 +61,10 @@ impl Printer {
         Ok(Self { link, origin, is_homed: false, counts_per_m: [None; 2] })
     }
 
-    /// Millimetres, absolute positions, and both axes to their end stops.
+    /// Selects millimetres and absolute positions, and homes both axes.
     ///
     /// # Errors
-    /// If the printer does not.
+    /// If the printer fails.
     pub fn home(&mut self) -> Result<(), Error> {
         self.is_homed = false;
         self.link.send("G21", PROMPT)?;
@@ -75,10 +75,10 @@ impl Printer {
         Ok(())
     }
 
-    /// Moves the head in a straight line, and waits until it is there. Meanwhile `watch` is told where it is.
+    /// Moves the head in a straight line and waits for the end of the move. `watch` receives positions meanwhile.
     ///
     /// # Errors
-    /// If the printer was not homed, the goal is out of its bed, the speed out of its range, or the head is elsewhere in the end.
+    /// If the printer was not homed, the target is out of its bed, the speed is out of range, or the head does not end at the target.
     pub fn move_to(&mut self, goal_m: [f64; 2], speed_m_s: f64, watch: &mut Watch<'_>) -> Result<(), Error> {
         range::check_length("x of the head", goal_m[0], rig::BED_X_M)?;
         range::check_length("y of the head", goal_m[1], rig::BED_Y_M)?;
@@ -88,7 +88,7 @@ impl Printer {
         if !self.is_homed {
             return Err(Error::NotHomed { port: self.link.name.clone(), command });
         }
-        // Where firmware lost a line that it had asked for again, the head stands still. To go where it should be twice does no harm.
+        // The firmware may have lost a line that it had requested again; a repeated absolute move is harmless.
         self.go(&command, watch)?;
         if self.is_there(goal_m)?.is_err() {
             self.go(&command, watch)?;
@@ -107,26 +107,26 @@ impl Printer {
     /// Shows a message on the printer's display.
     ///
     /// # Errors
-    /// If the printer does not take it.
+    /// If the printer does not accept it.
     pub fn show(&mut self, message: &str) -> Result<(), Error> {
         self.link.send(&format!("M117 {message}"), PROMPT).map(drop)
     }
 
-    /// Motors and heaters off, at once. The printer must be reset before it moves again.
+    /// Emergency stop: motors and heaters off. The printer must be reset before it moves again.
     pub fn stop_at_once(&mut self) {
         self.is_homed = false;
         self.link.stop_at_once();
     }
 
-    /// Rests for so long.
+    /// Waits for this time.
     ///
     /// # Errors
-    /// If it is interrupted, or the printer is gone.
+    /// If it is interrupted, or the port vanished.
     pub fn rest(&mut self, time: Duration) -> Result<(), Error> {
         self.link.idle(time)
     }
 
-    /// Follows the head by its motors until they stand still. A printer that does not tell of them is not asked.
+    /// Reports the position by the motors until they stand still. A printer that does not report motor positions is not queried.
     fn watch_until_still(&mut self, watch: &mut Watch<'_>) -> Result<(), Error> {
         let mut last = None;
         loop {
@@ -144,7 +144,7 @@ impl Printer {
         }
     }
 
-    /// Where the head came to rest; an error in the answer where that is not where it was sent. What the motors count there tells what they count in.
+    /// Final position of the head, which must be the target. The motor counts there determine their unit.
     fn is_there(&mut self, goal_m: [f64; 2]) -> Result<Result<Head, Error>, Error> {
         let asked = Instant::now();
         let position = self.position()?;
@@ -155,14 +155,14 @@ impl Printer {
             return Ok(Err(Error::Astray { port: self.link.name.clone(), found, expected }));
         }
         for (axis, value_m) in [x_m, y_m].into_iter().enumerate() {
-            // Close to the end stop a count tells little.
+            // Near the end stop the counts are too small to determine it.
             let known = position.count.filter(|count| value_m > 0.01 && count[axis] > 0.0);
             self.counts_per_m[axis] = known.map(|count| count[axis] / value_m).or(self.counts_per_m[axis]);
         }
         Ok(Ok(Head { t_s: self.middle_s(asked), x_m, y_m, z_m }))
     }
 
-    /// Where the head is, by the printer's words. A position whose answer was damaged is asked for again.
+    /// Position of the head as reported by the printer. The query is repeated if the answer was damaged.
     fn position(&mut self) -> Result<Position, Error> {
         const COMMAND: &str = "M114";
         for _ in 0..3 {
@@ -174,7 +174,7 @@ impl Printer {
         Err(Error::Refused { port, command: COMMAND.into(), answer })
     }
 
-    /// The middle of then and now.
+    /// Time halfway between `then` and now (s).
     fn middle_s(&self, asked: Instant) -> f64 {
         (asked + asked.elapsed() / 2).duration_since(self.origin).as_secs_f64()
     }

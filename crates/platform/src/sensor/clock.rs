@@ -1,26 +1,26 @@
-//! When a sample was taken, from when it arrived.
+//! Time stamps of samples from their arrival times.
 //!
-//! A sensor samples evenly; its samples arrive late by whatever USB and the scheduler add, some of them several at once. A
-//! delay-locked loop of second order follows the arrivals: F. Adriaensen, "Using a DLL to filter time" (Linux Audio Conference 2005). With `e`
+//! A sensor samples at equal intervals; USB and the scheduler delay the arrivals by a varying time and deliver several samples at once. A
+//! delay-locked loop of second order filters the arrivals: F. Adriaensen, "Using a DLL to filter time" (Linux Audio Conference 2005). With `e`
 //! the arrival minus the predicted time, `w = 2 pi BANDWIDTH_HZ T` and `T` the period,
 //!
 //! ```text
 //! next = t + T + sqrt(2) w e        T <- T + w^2 e
 //! ```
 //!
-//! It begins with the nominal period and finds the true one, as of a sensor that is said to run at 800 Hz and runs at 888. The mean delay
-//! of the arrivals cannot be told from the samples and stays in the times.
+//! It starts at the nominal period and converges to the true one, for example 888 Hz instead of 800 Hz. The mean delay of the arrivals is
+//! unobservable and remains in the times.
 
 use std::f64::consts::{SQRT_2, TAU};
 
-/// Changes of the rate slower than this are followed, faster ones are taken for jitter.
+/// Bandwidth of the loop: slower changes of the rate are followed, faster ones are jitter.
 const BANDWIDTH_HZ: f64 = 0.5;
-/// A sample that is this far from its predicted time was not delayed: the sensor paused. Counting begins anew.
+/// Difference from the predicted time above which the sensor has paused and the loop restarts (s).
 const PAUSE_S: f64 = 0.1;
-/// How far the rate may be from the nominal one, either way.
+/// Largest ratio between true and nominal rate, in either direction.
 const MOST_OFF: f64 = 2.0;
 
-/// Stamps samples with times that increase strictly.
+/// Clock that assigns strictly increasing times to samples.
 #[derive(Clone, Debug)]
 pub struct SampleClock {
     nominal_s: f64,
@@ -31,18 +31,18 @@ pub struct SampleClock {
 }
 
 impl SampleClock {
-    /// One for a sensor of this nominal rate.
+    /// Clock of a sensor with this nominal rate (Hz).
     pub fn new(rate_hz: f64) -> Self {
         let nominal_s = 1.0 / rate_hz;
         Self { nominal_s, period_s: nominal_s, last_s: f64::NEG_INFINITY, next_s: f64::NAN, pauses: 0 }
     }
 
-    /// Times of some samples that arrived together at `arrival_s`, the last of them just then.
+    /// Times of samples that arrived together, the last of them at `arrival_s` (s).
     pub fn stamp(&mut self, arrival_s: f64, samples: usize) -> impl Iterator<Item = f64> + '_ {
-        // Samples that waited somewhere to be read arrived a period apart from one another before.
+        // The earlier samples of a group were taken one period apart.
         let spacing_s = self.period_s;
         let stamped = move |behind| self.next(arrival_s - behind as f64 * spacing_s);
-        // Whole microseconds, as logs keep them: what is recorded, in whatever way, and what is told live have the very same times.
+        // Whole microseconds, as in logs, so that logs, recordings and live inference have identical times.
         (0..samples).rev().map(stamped).map(|t_s| (1e6 * t_s).round() / 1e6)
     }
 
@@ -58,18 +58,18 @@ impl SampleClock {
         }
         self.last_s = self.next_s;
         let w = TAU * BANDWIDTH_HZ * self.period_s;
-        // However far it is to go back, time goes on.
+        // Times increase strictly, even if the loop steps back.
         self.next_s += (self.period_s + SQRT_2 * w * error_s).max(0.25 * self.period_s);
         self.period_s = (self.period_s + w * w * error_s).clamp(self.nominal_s / MOST_OFF, self.nominal_s * MOST_OFF);
         self.last_s
     }
 
-    /// The rate that it has found.
+    /// Estimated rate (Hz).
     pub fn rate_hz(&self) -> f64 {
         1.0 / self.period_s
     }
 
-    /// How often the sensor paused.
+    /// Number of pauses of the sensor.
     pub fn pauses(&self) -> u64 {
         self.pauses
     }
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn val_jitter_is_taken_out_and_the_true_rate_found() {
+    fn val_jitter_is_removed_and_the_true_rate_estimated() {
         for rate_hz in [800.0, 888.0] {
             let times = stamped(rate_hz, 1e-3);
             assert!(times.windows(2).all(|pair| pair[1].1 > pair[0].1), "times increase");
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_burst_is_no_pause_and_a_pause_is_one() {
+    fn robust_a_burst_is_not_a_pause() {
         let mut clock = SampleClock::new(800.0);
         let mut stamp = |arrival_s: f64, samples: usize| clock.stamp(arrival_s, samples).collect::<Vec<_>>();
         (0..800).for_each(|k| assert_eq!(stamp(f64::from(k) / 800.0, 1).len(), 1));

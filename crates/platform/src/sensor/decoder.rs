@@ -1,24 +1,24 @@
-//! Bytes to readings, and a tally of what came.
+//! Decoder from bytes to readings, with statistics.
 
 use super::{FormatRow, LineFormat, Meaning};
 use crate::lines::{Lines, shown};
 
-/// What has come over a sensor's port.
+/// Statistics of a sensor's port.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Bytes.
+    /// Number of bytes.
     pub bytes: u64,
-    /// Readings.
+    /// Number of readings.
     pub samples: u64,
-    /// Lines that the format does not know.
+    /// Number of lines that are not of the format.
     pub garbage_lines: u64,
-    /// Lines of which only a piece came, or may have: the first after the port was opened, and the last.
+    /// Number of lines that are, or may be, incomplete: the first after the port was opened, and the last.
     pub partial_lines: u64,
-    /// The first line that was garbage.
+    /// First line that is not of the format.
     pub example: Option<String>,
 }
 
-/// Turns bytes of a port, in whatever pieces, into readings.
+/// Decoder of a port's bytes, which arrive in any pieces.
 pub struct Decoder {
     lines: Lines,
     format: Box<dyn LineFormat>,
@@ -28,7 +28,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// One for a port that was just opened.
+    /// Decoder of a port that was just opened.
     pub fn new(row: &FormatRow) -> Self {
         Self {
             lines: Lines::default(),
@@ -44,10 +44,10 @@ impl Decoder {
         let Self { lines, format, shows_pieces, is_first, tally } = self;
         tally.bytes += bytes.len() as u64;
         lines.push(bytes, |line| {
-            // A reading does not hide in a line of hundreds of characters.
+            // An overlong line contains no reading.
             let meaning = if line.overlong { Meaning::Garbage } else { format.read(line.bytes) };
             match meaning {
-                // Whoever opens a port in the middle of a line gets its end.
+                // A port may be opened in the middle of a line.
                 Meaning::Reading(_) if *is_first && !*shows_pieces => tally.partial_lines += 1,
                 Meaning::Garbage if *is_first => tally.partial_lines += 1,
                 Meaning::Reading(counts) => {
@@ -64,12 +64,12 @@ impl Decoder {
         });
     }
 
-    /// What has come so far.
+    /// Statistics so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
 
-    /// What has come in all: a line that never ended is a partial one.
+    /// Final statistics: an incomplete last line counts as partial.
     pub fn finish(mut self) -> Tally {
         self.tally.partial_lines += u64::from(!self.lines.rest().is_empty());
         self.tally
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn robust_a_port_that_is_opened_within_a_line_gives_no_wrong_reading() {
+    fn robust_a_port_opened_within_a_line_gives_no_wrong_reading() {
         let sent = [[1000, 2000, 3000], [4000, 5000, 6000], [7000, 8000, 9000]];
         for row in FORMATS {
             let mut bytes = Vec::new();

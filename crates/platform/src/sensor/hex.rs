@@ -1,7 +1,7 @@
 //! Two decimal digits, then x, y and z as four lower-case hexadecimal digits each; anything else on the line is ignored.
 //!
-//! The format has no checksum. What tells a whole reading from a damaged one is its length: it stands alone between spaces or the line's ends,
-//! and a word of any other length is no reading. A line that lost or gained a character therefore gives none, nor do two lines run together.
+//! The format has no checksum. A valid reading is a word of exactly 14 digits between spaces or the ends of the line, so a line that lost
+//! or gained a character gives no reading, nor do two joined lines.
 
 use super::{LineFormat, Meaning};
 
@@ -16,7 +16,7 @@ impl LineFormat for Hex {
         let mut readings = line.split(u8::is_ascii_whitespace).filter_map(counts);
         match (readings.next(), readings.next()) {
             (Some(counts), None) => Meaning::Reading(counts),
-            // Two on a line are not what any sensor prints, so the line is damaged.
+            // A line with two readings is damaged: sensors print one.
             _ => Meaning::Garbage,
         }
     }

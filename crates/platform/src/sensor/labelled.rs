@@ -1,7 +1,6 @@
 //! Three lines a reading, `>X: ...`, `>Y: ...`, `>Z: ...`, in decimal microtesla.
 //!
-//! A reading is three such lines one after the other. Whatever else comes between them, or another order, ends it: axes of two
-//! readings are never mixed.
+//! A reading is three successive lines in this order. Any other line in between discards it, so axes of two readings are never mixed.
 
 use super::{LineFormat, Meaning, microtesla};
 
@@ -11,7 +10,7 @@ const LABELS: [&[u8]; 3] = [b">X: ", b">Y: ", b">Z: "];
 #[derive(Debug, Default)]
 pub(super) struct Labelled {
     counts: [u16; 3],
-    /// How many axes of the reading have come.
+    /// Number of axes of the current reading so far.
     come: usize,
 }
 
@@ -20,7 +19,7 @@ impl LineFormat for Labelled {
         let expected = std::mem::take(&mut self.come);
         let Some(axis) = LABELS.iter().position(|label| line.starts_with(label)) else { return Meaning::Garbage };
         let Some(counts) = microtesla::counts(axis, &line[LABELS[axis].len()..]) else { return Meaning::Garbage };
-        // An x begins a reading wherever it comes.
+        // x always begins a reading.
         if axis != 0 && axis != expected {
             return Meaning::Garbage;
         }

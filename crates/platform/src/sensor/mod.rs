@@ -1,4 +1,4 @@
-//! Magnetometers on a serial port: line formats, and the thread that reads one.
+//! Magnetometers on a serial port: line formats and the reader thread.
 //!
 //! To add a format: a file with a [`LineFormat`] and a row in [`FORMATS`].
 
@@ -15,47 +15,47 @@ pub use clock::SampleClock;
 pub use decoder::{Decoder, Tally};
 pub use reader::{Arrival, Reader, ReaderSettings, Report};
 
-/// What a line is.
+/// Meaning of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// It completes a reading: counts of the three axes.
     Reading([u16; 3]),
-    /// It is part of a reading that is not complete.
+    /// Part of an incomplete reading.
     Part,
-    /// The format knows it, and it says nothing of the field.
+    /// A line of the format without a reading.
     Remark,
-    /// The format does not know it.
+    /// Not a line of the format.
     Garbage,
 }
 
-/// What a sensor prints. It may keep what it needs between the lines of a reading.
+/// Line format of a sensor. It may keep state between the lines of a reading.
 pub trait LineFormat: Send {
-    /// What the next line, without its end, means.
+    /// Meaning of the next line, without its end.
     fn read(&mut self, line: &[u8]) -> Meaning;
 
-    /// Appends the lines, with their ends, by which a sensor says this.
+    /// Appends the lines of a reading, with their ends.
     fn print(&self, counts: [u16; 3], bytes: &mut Vec<u8>);
 }
 
-/// A row of the registry of line formats.
+/// Row of the registry of line formats.
 #[derive(Debug)]
 pub struct FormatRow {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
-    /// What its lines look like.
+    /// Description of its lines.
     pub about: &'static str,
-    /// Readings a second of the sensor that prints it, as documented.
+    /// Nominal rate of its sensor (Hz).
     pub rate_hz: f64,
-    /// Whether a line that lost its beginning cannot be taken for a whole one.
+    /// Whether a line that lost its beginning is always recognised as damaged.
     pub shows_pieces: bool,
-    /// Makes one.
+    /// Constructor.
     pub build: fn() -> Box<dyn LineFormat>,
 }
 
-/// Bits a second of all of these.
+/// Baud rate of all formats.
 pub const BAUD: u32 = 115_200;
 
-/// The registry of line formats; the first is the default.
+/// Registry of line formats; the first is the default.
 pub const FORMATS: &[FormatRow] = &[
     FormatRow {
         name: "hex",
@@ -76,14 +76,14 @@ pub const FORMATS: &[FormatRow] = &[
     FormatRow {
         name: "labelled",
         about: "three lines in decimal microtesla, `>X: 12.30`, `>Y: -4.50`, `>Z: 6.70`",
-        // What 115200 baud leave to three lines of a dozen characters.
+        // Limit of 115200 baud with three lines of twelve characters.
         rate_hz: 200.0,
         shows_pieces: true,
         build: || Box::new(labelled::Labelled::default()),
     },
 ];
 
-/// The registry's row of this name.
+/// Row of the registry with this name.
 pub fn format(name: &str) -> Option<&'static FormatRow> {
     FORMATS.iter().find(|row| row.name == name)
 }
@@ -92,7 +92,7 @@ pub fn format(name: &str) -> Option<&'static FormatRow> {
 mod tests {
     use super::*;
 
-    /// The exam of every format: what it prints it reads, and nothing in between.
+    /// Exam of every format: it reads what it prints, and nothing else.
     #[test]
     fn verif_every_format_reads_what_it_prints() {
         let extremes = [0, 1, 255, 0x7fff, 0x8000, 0xabcd, 0xffff];

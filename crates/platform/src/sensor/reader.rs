@@ -1,4 +1,4 @@
-//! The thread that reads a sensor's port.
+//! Reader thread of a sensor's port.
 
 use std::io;
 use std::sync::Arc;
@@ -14,54 +14,54 @@ use super::ring::Ring;
 use super::{BAUD, FormatRow};
 use crate::{Error, Sample, port};
 
-/// How long a read waits for bytes: how soon the thread notices that it is to end.
+/// Timeout of a read, and so the delay of ending the thread.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Nothing for this long means that the sensor is silent.
+/// Time without bytes after which the sensor counts as silent.
 const SILENCE: Duration = Duration::from_secs(2);
-/// A board may take this long to start after its port was opened.
+/// Longest start of a board after its port was opened.
 const START: Duration = Duration::from_secs(5);
-/// Bytes that are read at once: more than the system keeps.
+/// Size of the read buffer in bytes: more than the system's buffer.
 const CHUNK: usize = 1 << 16;
 
-/// How a sensor is read.
+/// Settings of a reader.
 #[derive(Clone, Copy, Debug)]
 pub struct ReaderSettings {
-    /// What it prints.
+    /// Line format.
     pub format: &'static FormatRow,
-    /// Readings a second that are expected at first.
+    /// Nominal rate (Hz).
     pub rate_hz: f64,
-    /// Samples that may wait to be taken.
+    /// Capacity of the queue in samples.
     pub capacity: usize,
-    /// Instant from which times are counted.
+    /// Time zero.
     pub origin: Instant,
 }
 
 impl ReaderSettings {
-    /// Those of a format at its own rate, with room for a minute and a half of 800 Hz.
+    /// Settings of a format at its nominal rate, with a queue for a minute and a half at 800 Hz.
     pub fn new(format: &'static FormatRow, origin: Instant) -> Self {
         Self { format, rate_hz: format.rate_hz, capacity: 1 << 16, origin }
     }
 }
 
-/// A sample, and when its last byte was read from the port. Its own time is that instant without the jitter.
+/// A sample and the instant at which its last byte was read; the time of the sample is that instant without jitter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrival {
-    /// When it was read.
+    /// Instant of reading.
     pub at: Instant,
-    /// What it says.
+    /// The sample.
     pub sample: Sample,
 }
 
-/// How reading went.
+/// Report of a reader.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// What came over the port.
+    /// Statistics of the port.
     pub tally: Tally,
-    /// Samples that were overwritten because nobody took them in time.
+    /// Number of samples that were overwritten because they were not processed in time.
     pub overwritten: u64,
-    /// How often the sensor paused.
+    /// Number of pauses of the sensor.
     pub pauses: u64,
-    /// Readings a second, as found.
+    /// Estimated rate (Hz).
     pub rate_hz: f64,
 }
 
@@ -76,7 +76,7 @@ impl std::fmt::Display for Report {
     }
 }
 
-/// Reads a sensor in a thread of its own, so that nothing is lost while others are busy.
+/// Reader of a sensor in a thread of its own, so that no sample is lost while the consumer is busy.
 #[derive(Debug)]
 pub struct Reader {
     ring: Arc<Ring>,
@@ -84,11 +84,11 @@ pub struct Reader {
     thread: Option<JoinHandle<Outcome>>,
 }
 
-/// What came, and why reading ended where it was not asked to.
+/// Report, and the error that ended reading.
 type Outcome = (Report, Option<Error>);
 
 impl Reader {
-    /// Opens the port and begins to read.
+    /// Opens the port and starts to read.
     ///
     /// # Errors
     /// [`Error::Open`] if the port cannot be opened.
@@ -100,18 +100,18 @@ impl Reader {
         Ok(Self { ring, ends, thread: Some(thread.map_err(Error::system("thread of the sensor"))?) })
     }
 
-    /// Moves the samples that have come into `arrivals`, after waiting for the first of them for so long. `false` when no more come: the
-    /// reason is that of [`Reader::finish`].
+    /// Moves the pending samples into `arrivals`, waiting up to `patience` for the first one. `false` after the end of the stream, whose
+    /// reason [`Reader::finish`] returns.
     pub fn take(&self, arrivals: &mut Vec<Arrival>, patience: Duration) -> bool {
         self.ring.take(arrivals, patience)
     }
 
-    /// Asks the thread to end once it has read what has arrived. What it read can be taken until [`Reader::take`] is `false`.
+    /// Asks the thread to end after the pending bytes. Samples can be taken until [`Reader::take`] returns `false`.
     pub fn end(&self) {
         self.ends.store(true, Ordering::Relaxed);
     }
 
-    /// Ends reading. Gives what came, and, where reading did not end because it was asked to or samples were overwritten, why.
+    /// Ends reading. Returns the report, and the error if reading failed or samples were overwritten.
     pub fn finish(mut self) -> (Report, Option<Error>) {
         self.end();
         let thread = self.thread.take().expect("finishes once");
@@ -150,7 +150,7 @@ impl Source {
         let (mut last_byte, mut last_sample) = (opened, opened);
         let (mut bytes, mut readings, mut arrivals) = (vec![0; CHUNK], Vec::new(), Vec::new());
         loop {
-            // Asked before the read: what has arrived until then is still read.
+            // Checked before the read, so that bytes that have arrived are still read.
             let ends = self.ends.load(Ordering::Relaxed);
             let read = self.arrived(&mut bytes);
             let now = Instant::now();
@@ -181,13 +181,13 @@ impl Source {
         }
     }
 
-    /// Reads what has arrived, after waiting for it; 0 if nothing has.
+    /// Reads the pending bytes, with a timeout; 0 if there are none.
     fn arrived(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         match self.port.read(bytes) {
             Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
             Ok(mut count) => {
-                // A terminal hands out some kilobytes at a time, and all that waits has arrived by now. If it fails meanwhile it
-                // does so again at the next read, and what was read is kept.
+                // A terminal delivers some kilobytes at a time; the remaining bytes have arrived already. An error here
+                // recurs at the next read, and the bytes so far are kept.
                 while count < bytes.len() && self.port.bytes_to_read().is_ok_and(|waiting| waiting > 0) {
                     match self.port.read(&mut bytes[count..]) {
                         Ok(more) if more > 0 => count += more,

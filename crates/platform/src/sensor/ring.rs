@@ -1,4 +1,4 @@
-//! Samples on their way from the thread that reads to whoever takes them.
+//! Queue of samples from the reader thread to the consumer.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard};
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::Arrival;
 
-/// A queue with a bound. Where nobody takes samples in time the oldest are overwritten, and counted.
+/// Bounded queue. When it is full, the oldest samples are overwritten and counted.
 #[derive(Debug)]
 pub(super) struct Ring {
     state: Mutex<State>,
@@ -35,13 +35,13 @@ impl Ring {
         self.changed.notify_one();
     }
 
-    /// No more samples come.
+    /// Closes the queue: no more samples follow.
     pub(super) fn close(&self) {
         self.state().closed = true;
         self.changed.notify_one();
     }
 
-    /// Moves all samples there are into `arrivals`, after waiting for the first of them. `false` once the ring is closed and empty.
+    /// Moves all samples into `arrivals`, with a timeout for the first one. `false` if the queue is closed and empty.
     pub(super) fn take(&self, arrivals: &mut Vec<Arrival>, patience: Duration) -> bool {
         let waits = |state: &mut State| state.waiting.is_empty() && !state.closed;
         let state = self.changed.wait_timeout_while(self.state(), patience, waits);
@@ -67,7 +67,7 @@ mod tests {
     use crate::Sample;
 
     #[test]
-    fn verif_what_nobody_takes_is_counted() {
+    fn verif_overwritten_samples_are_counted() {
         let ring = Ring::new(3);
         let at = Instant::now();
         let arrival = |k| Arrival { at, sample: Sample { t_s: f64::from(k), counts: [0; 3] } };

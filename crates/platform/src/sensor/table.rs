@@ -24,7 +24,7 @@ impl LineFormat for Table {
 }
 
 fn reading(line: &[u8]) -> Option<[u16; 3]> {
-    // The columns are every other field: between two tabulators nothing stands.
+    // Every other field is empty: columns are separated by two tabulators.
     let fields: Vec<_> = line.split(|byte| *byte == b'\t').collect();
     let [x, b"", y, b"", z, b"", rate] = fields[..] else { return None };
     let digits = rate.strip_prefix(b"Freq:")?.trim_ascii_start().strip_suffix(b"Hz")?;

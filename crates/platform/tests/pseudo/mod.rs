@@ -10,7 +10,7 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 /// The device's side.
 pub(crate) type Device = File;
 
-/// Path of a port, the device's side of it, and a handle that keeps the port open, so that the device can begin.
+/// Path of a port, its device side, and a handle that keeps the port open.
 pub(crate) fn pair() -> (String, Device, OwnedFd) {
     let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).expect("a pseudo-terminal");
     grantpt(&device).and_then(|()| unlockpt(&device)).expect("granted");

@@ -1,4 +1,4 @@
-//! The calibration platform on the emulated rig, from the first session to live inference, against its bars. The figures of `docs/PLATFORM.md`.
+//! `cargo xtask rig`: the calibration platform on the emulated rig, from the first session to live inference, against its bounds. Source of the figures in `docs/PLATFORM.md`.
 
 use std::fs;
 use std::path::Path;
@@ -10,27 +10,27 @@ use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::tools::{cargo, root, run as run_command, words};
 
-/// Where everything is made that is only needed to measure.
+/// Folder of all files.
 const FOLDER: &str = "target/rig";
 /// The documented call, {6, 100, 0, 15, 0}.
 const FIRST: [&str; 10] = ["--x", "6", "--y", "100", "--increments-x", "0", "--increments-y", "15", "--pause", "0"];
-/// Places in it.
+/// Number of its places.
 const FIRST_PLACES: f64 = 16.0;
-/// A session at other places, all but the one nearest to the tip.
+/// A session at other places, except for the one nearest to the tip.
 const SECOND: [&str; 6] = ["--x", "6", "--y", "97", "--increments-y", "13"];
 const SECOND_PLACES: f64 = 14.0;
 const CALIBRATION: &str = "calibration.json";
-/// Where the outer 70 mm of the whisker begin.
+/// Distance at which the outer 70 mm of the whisker begin (mm).
 const OUTER_MM: f64 = 80.0;
-/// Readings that may be under way when a session closes the port: a tenth of a second.
+/// Largest number of readings in transit when a session closes the port: a tenth of a second.
 const UNDER_WAY: f64 = 80.0;
-/// How long the emulated devices may take to appear.
+/// Longest start of the emulated devices.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let soak_s = soak_s(arguments)?;
     let folder = root().join(FOLDER);
-    // A session does not write over a recording.
+    // A session does not overwrite a recording.
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
     step("the command whisker", || run_command(cargo(&["build", "--release", "--package", "whisker-cli"])))?;
@@ -38,7 +38,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     step("a session at the documented places, recorded as a log and as messages", || first(&mut bars))?;
     step("the messages, read back", || messages(&mut bars))?;
     step("the fit", fit)?;
-    step("a session at other places, told live", || second(&mut bars))?;
+    step("a session at other places, estimated live", || second(&mut bars))?;
     println!();
     bars.iter().for_each(|bar| println!("{bar}"));
     if let Some(soak_s) = soak_s {
@@ -75,22 +75,22 @@ fn fit() -> Outcome {
 
 fn second(bars: &mut Vec<Bar>) -> Outcome {
     let calibrated = ["--calibration", &in_folder(CALIBRATION), "--print", "csv"];
-    let (told, lost) = session("2", "second", &[&SECOND[..], &calibrated].concat())?;
-    let pushes = pushes(&told.stdout)?;
+    let (output, lost) = session("2", "second", &[&SECOND[..], &calibrated].concat())?;
+    let pushes = pushes(&output.stdout)?;
     let errors_mm = |from_mm: f64| -> Vec<f64> {
         pushes.iter().filter(|push| push.distance_mm >= from_mm).filter_map(|push| push.error_mm).collect()
     };
     let (all, outer) = (errors_mm(0.0), errors_mm(OUTER_MM));
-    let late_ms = number(&told.stderr, "99 % ").ok_or_else(|| unknown("latency", &told.stderr))?;
+    let late_ms = number(&output.stderr, "99 % ").ok_or_else(|| unknown("latency", &output.stderr))?;
     bars.extend([
         Bar::new("places visited in the second session", pushes.len() as f64, At::Exactly(SECOND_PLACES), ""),
         Bar::new("samples lost in it", lost, At::Exactly(0.0), ""),
         Bar::new("pushes not found", (pushes.len() - all.len()) as f64, At::Exactly(0.0), ""),
         Bar::new("RMSE over all", rms(&all), At::Most(2.0), "mm"),
-        Bar::new("worst over all", worst(&all), At::Whatever, "mm"),
-        Bar::new("RMSE in the outer 70 mm", rms(&outer), At::Whatever, "mm"),
+        Bar::new("worst over all", worst(&all), At::Any, "mm"),
+        Bar::new("RMSE in the outer 70 mm", rms(&outer), At::Any, "mm"),
         Bar::new("worst in the outer 70 mm", worst(&outer), At::Most(2.0), "mm"),
-        Bar::new("from arrival to told, 99 %", late_ms, At::Most(5.0), "ms"),
+        Bar::new("99th-percentile latency, arrival to report", late_ms, At::Most(5.0), "ms"),
     ]);
     Ok(())
 }
@@ -107,7 +107,7 @@ fn soak_s(arguments: &[String]) -> Result<Option<u32>, Failure> {
     }
 }
 
-/// The test knows its own bars.
+/// Runs the soak test, which has its own bounds.
 fn soak(soak_s: u32) -> Outcome {
     let mut test =
         cargo(&["test", "--release", "--package", "platform", "--test", "soak", "--", "--ignored", "--nocapture"]);
@@ -115,20 +115,20 @@ fn soak(soak_s: u32) -> Outcome {
     run_command(test)
 }
 
-/// Runs a session on a rig of its own, which is emulated with this seed. Gives what it told, and how many samples were lost.
-fn session(seed: &str, name: &str, options: &[&str]) -> Result<(Told, f64), Failure> {
+/// Runs a session on a newly emulated rig with this seed. Returns its output and the number of lost samples.
+fn session(seed: &str, name: &str, options: &[&str]) -> Result<(Output, f64), Failure> {
     let rig = Rig::start(seed)?;
     let [printer, sensor] = ["printer", "sensor"].map(in_folder);
     let out = in_folder(name);
     let ports = ["platform", "run", "--printer", &printer, "--sensor", &sensor, "--out", &out];
-    let told = whisker(&[&ports, options].concat())?;
-    eprint!("{}", told.stderr);
+    let output = whisker(&[&ports, options].concat())?;
+    eprint!("{}", output.stderr);
     let sent = rig.stop()?;
     let [readings, dropped] =
         ["readings ", "dropped "].map(|what| number(&sent, what).ok_or_else(|| unknown(what, &sent)));
     let rows = read(&format!("{name}/log.csv"))?.lines().count() - 1;
-    // What was printed and is not in the log, but for what was under way at the end.
-    Ok((told, dropped? + (readings? - rows as f64 - UNDER_WAY).max(0.0)))
+    // Printed readings that are not in the log, except for those in transit at the end.
+    Ok((output, dropped? + (readings? - rows as f64 - UNDER_WAY).max(0.0)))
 }
 
 /// The emulated devices.
@@ -138,7 +138,7 @@ impl Rig {
     fn start(seed: &str) -> Result<Self, Failure> {
         let links = ["printer", "sensor"].map(|port| root().join(in_folder(port)));
         for link in &links {
-            // There is none before the first session.
+            // It does not exist before the first session.
             let _ = fs::remove_file(link);
         }
         let [printer, sensor] = ["printer", "sensor"].map(in_folder);
@@ -156,39 +156,39 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Asks the devices to end, and gives what they said.
+    /// Ends the devices and returns their output.
     fn stop(mut self) -> Result<String, Failure> {
         let mut kill = Command::new("kill");
         kill.arg(self.0.id().to_string());
         run_command(kill)?;
-        let mut said = String::new();
+        let mut text = String::new();
         let mut output = self.0.stdout.take().ok_or_else(|| Failure::new("the emulation has no output"))?;
-        std::io::Read::read_to_string(&mut output, &mut said).map_err(|error| Failure::new(error.to_string()))?;
-        Ok(said)
+        std::io::Read::read_to_string(&mut output, &mut text).map_err(|error| Failure::new(error.to_string()))?;
+        Ok(text)
     }
 }
 
 impl Drop for Rig {
     fn drop(&mut self) {
-        // One that has ended is as good.
+        // It may have ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// What a command said.
-struct Told {
+/// Output of a command.
+struct Output {
     stdout: String,
     stderr: String,
 }
 
-/// Runs a command of `whisker`, which is built already, to its end.
-fn whisker(arguments: &[&str]) -> Result<Told, Failure> {
+/// Runs a command of the built `whisker` to its end.
+fn whisker(arguments: &[&str]) -> Result<Output, Failure> {
     let mut command = program(arguments);
     let output = command.output().map_err(|error| Failure::new(format!("`{}`: {error}", words(&command))))?;
     let [stdout, stderr] = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
     if output.status.success() {
-        return Ok(Told { stdout, stderr });
+        return Ok(Output { stdout, stderr });
     }
     Err(Failure::new(format!("`{}` ended with {}: {}", words(&command), output.status, stderr.trim())))
 }
@@ -199,13 +199,13 @@ fn program(arguments: &[&str]) -> Command {
     command
 }
 
-/// A push of the printer, and how far from it the last press was found that began in its time.
+/// A push of the printer, and the error of the last press with its onset in the push.
 struct Push {
     distance_mm: f64,
     error_mm: Option<f64>,
 }
 
-/// The pushes in a table of events.
+/// Pushes in a table of events.
 fn pushes(events: &str) -> Result<Vec<Push>, Failure> {
     let (mut pushes, mut last) = (Vec::new(), None);
     for line in events.lines().skip(1) {
@@ -233,19 +233,19 @@ fn worst(values: &[f64]) -> f64 {
     values.iter().fold(f64::NAN, |worst, value| worst.max(value.abs()))
 }
 
-/// The number behind these words.
+/// Number after these words.
 fn number(text: &str, words: &str) -> Option<f64> {
     text.split_once(words)?.1.split_whitespace().next()?.parse().ok()
 }
 
-/// What a figure shall be.
+/// Bound of a figure.
 enum At {
     Most(f64),
     Exactly(f64),
-    Whatever,
+    Any,
 }
 
-/// A figure and its bar.
+/// A figure and its bound.
 struct Bar {
     name: &'static str,
     found: f64,
@@ -262,7 +262,7 @@ impl Bar {
         match self.bar {
             At::Most(most) => self.found <= most,
             At::Exactly(expected) => self.found == expected,
-            At::Whatever => true,
+            At::Any => true,
         }
     }
 }
@@ -271,11 +271,11 @@ impl std::fmt::Display for Bar {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { name, found, unit, .. } = self;
         let decimals = if unit.is_empty() { 0 } else { 3 };
-        write!(out, "{name:36} {found:8.decimals$} {unit:2}")?;
+        write!(out, "{name:44} {found:8.decimals$} {unit:2}")?;
         match self.bar {
             At::Most(most) => write!(out, "  at most {most} {unit}")?,
             At::Exactly(expected) => write!(out, "  {expected} {unit}")?,
-            At::Whatever => return Ok(()),
+            At::Any => return Ok(()),
         }
         if self.is_met() { Ok(()) } else { write!(out, "  MISSED") }
     }
@@ -303,7 +303,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pushes_are_told_from_the_press_before_them() {
+    fn a_push_has_the_error_of_the_press_before_it() {
         let events = "t_s,event,onset_s,distance_m,low_m,high_m,slope_counts_per_s\n\
             1.5,pressed,1.2,0.1441,,,9.0\n1.6,released,,,,,\n2.0,pushed,1.0,0.145,,,\n\
             4.0,pushed,3.0,0.1,,,\n5.5,pressed,5.2,,,,1.0\n6.0,pushed,5.0,0.05,,,\n";
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_met_or_missed_and_nothing_is_no_number() {
+    fn a_bar_is_met_or_missed_and_no_figure_misses_it() {
         assert!(!Bar::new("RMSE", rms(&[]), At::Most(2.0), "mm").is_met());
         assert!(!Bar::new("worst", worst(&[]), At::Most(2.0), "mm").is_met());
         assert_eq!(

@@ -16,7 +16,7 @@ fn parse(fields: &[&str]) -> Result<Sample, (usize, &'static str)> {
     Ok(Sample { t_s, counts: [counts(fields, 1)?, counts(fields, 2)?, 0] })
 }
 
-/// Seconds since the beginning of 1970, in the log's own time zone.
+/// Seconds since the beginning of 1970, in the log's time zone.
 fn wall_clock_s(text: &str) -> Option<f64> {
     let (date, time) = text.split_once('_')?;
     let [year, month, day] = parts(date, '-')?.map(|part| part.parse::<i64>().ok());
@@ -34,7 +34,7 @@ fn parts(text: &str, separator: char) -> Option<[&str; 3]> {
     text.split(separator).collect::<Vec<_>>().try_into().ok()
 }
 
-/// Days of the Gregorian calendar. The year is made to begin in March, so that the day that some years have more is its last.
+/// Days since 1970-01-01 in the Gregorian calendar, computed with years that begin in March, so that a leap day is the last of its year.
 fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
     let of_year = (153 * month + 2) / 5 + day - 1;

@@ -1,4 +1,4 @@
-//! All labelled presses of several logs, and the chain that found them.
+//! Labelled presses of several logs, and the chain that detected them.
 
 use std::fs;
 use std::io::Read;
@@ -15,33 +15,33 @@ use crate::calibration::{Chain, Error, Features, LabelledPress, Presses, Setting
 
 const MANIFEST_KIND: &str = "platform_logs";
 
-/// A log, and its distance where that is the same all through.
+/// A log, and its distance if it has only one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
     /// The file.
     pub path: PathBuf,
-    /// Distance of all presses in it; else its sidecar tells, or the table itself.
+    /// Distance of all presses in it (m). `None`: the distances are in its sidecar, or in the table itself.
     pub distance_m: Option<f64>,
 }
 
-/// What several logs hold.
+/// Presses of several logs.
 #[derive(Clone, Debug)]
 pub struct Gathered {
-    /// Their presses that have a label.
+    /// Labelled presses.
     pub presses: Vec<LabelledPress>,
-    /// What found them; none where all came from tables.
+    /// Chain that detected them. `None` if all are from tables.
     pub chain: Option<Chain>,
-    /// What a user should know of the logs, a line each.
+    /// Notes for the user, one line each.
     pub notes: Vec<String>,
 }
 
-/// Why logs could not be gathered.
+/// Error of gathering logs.
 #[derive(Debug, thiserror::Error)]
 pub enum GatherError {
-    /// A file is wrong.
+    /// Error of a file.
     #[error(transparent)]
     File(#[from] files::Error),
-    /// The recordings make no chain.
+    /// The recordings do not determine a chain.
     #[error(transparent)]
     Recordings(#[from] Error),
 }
@@ -62,10 +62,10 @@ struct ManifestLog {
 }
 
 impl Source {
-    /// The logs that a manifest names, beside which their files lie.
+    /// Logs that a manifest names, with paths relative to it.
     ///
     /// # Errors
-    /// Where the manifest is damaged; the error names the key.
+    /// If the manifest is invalid; the error names the key.
     pub fn of_manifest(path: &Path) -> Result<Vec<Self>, files::Error> {
         let manifest: Manifest = read_json(path)?;
         if manifest.format != FORMAT {
@@ -91,11 +91,11 @@ struct Recording {
     labels: Labels,
 }
 
-/// Reads logs, learns the chain from those with samples, and finds their presses: in the published way where the regression is that.
-/// `table_rate_hz` is what a table's slopes by the sample are multiplied with.
+/// Reads logs, estimates the chain from those with samples, and detects their presses: by the published pipeline for the published regression.
+/// `table_rate_hz` converts the slopes of a table from counts/sample to counts/s.
 ///
 /// # Errors
-/// Where a file is wrong or the recordings make no chain.
+/// If a file is invalid or the recordings do not determine a chain.
 pub fn gather(
     sources: &[Source],
     settings: &Settings,
@@ -109,9 +109,7 @@ pub fn gather(
         if let Some(text) = table_text(&source.path)? {
             let table = table::read(&source.path, &text, table_rate_hz)?;
             if !table.unlabelled.is_empty() {
-                gathered
-                    .notes
-                    .push(format!("{name}: left out, as their distance is not known: lines {:?}", table.unlabelled));
+                gathered.notes.push(format!("{name}: skipped lines without a distance: {:?}", table.unlabelled));
             }
             gathered.presses.extend(table.presses);
             continue;
@@ -119,7 +117,7 @@ pub fn gather(
         let mut reader = LogReader::open(&source.path)?;
         let samples = reader.by_ref().collect::<Result<Vec<_>, _>>()?;
         if reader.cut_off() {
-            gathered.notes.push(format!("{name}: its last line was cut off and is left out"));
+            gathered.notes.push(format!("{name}: skipped the incomplete last line"));
         }
         let labels = match source.distance_m {
             Some(distance_m) => Labels::whole(distance_m),
@@ -167,7 +165,7 @@ fn published_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Feat
     Ok(episodes.iter().map(|episode| (episode.onset_s, features(episode))).collect())
 }
 
-/// The whole file, if it is a table of presses.
+/// Text of a table of presses. `None` if the file is no such table.
 fn table_text(path: &Path) -> Result<Option<String>, files::Error> {
     let io = |reason| files::Error::Io { path: path.into(), reason };
     let mut start = Vec::new();

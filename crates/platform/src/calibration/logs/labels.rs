@@ -1,4 +1,4 @@
-//! What is known of the presses in a log.
+//! Labels of the presses in a log.
 
 use std::path::Path;
 
@@ -7,25 +7,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::record::LOG_KIND;
 
-/// All presses that begin between two times have this distance.
+/// Distance of all presses with their onset in a time span.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Span {
-    /// Beginning, in the log's time.
+    /// Beginning of the span, in the log's time (s).
     pub start_s: f64,
-    /// End.
+    /// End of the span (s).
     pub end_s: f64,
-    /// True radial distance from the whisker's root.
+    /// True radial distance from the whisker's root (m).
     pub distance_m: f64,
 }
 
-/// What is known of a log: its sidecar, or what a user said.
+/// Labels of a log, from its sidecar or from the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Labels {
-    /// In order of time.
+    /// Spans in the order of time.
     spans: Vec<Span>,
 }
 
-/// The part of a sidecar that says where the presses are. Its other keys are the recorder's.
+/// Keys of a sidecar that are read here; the others are the recorder's.
 #[derive(Deserialize, Serialize)]
 struct Sidecar {
     format: u32,
@@ -42,7 +42,7 @@ impl Labels {
     /// Reads a sidecar.
     ///
     /// # Errors
-    /// Where it is damaged or its spans are not in order; the error names the key.
+    /// If it is invalid or its spans are not in order; the error names the key.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let Sidecar { format, kind, contacts: spans } = read_json(path)?;
         if format != FORMAT {
@@ -74,7 +74,7 @@ impl Labels {
         Ok(Self { spans })
     }
 
-    /// Distance of a press that begins at this time, if it is known.
+    /// Distance of a press with this onset (m). `None` if it is unknown.
     pub fn distance_m(&self, onset_s: f64) -> Option<f64> {
         let span = self.spans.iter().find(|span| (span.start_s..span.end_s).contains(&onset_s));
         span.map(|span| span.distance_m)

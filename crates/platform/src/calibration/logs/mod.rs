@@ -1,6 +1,6 @@
-//! Recorded logs: samples, and what is known of the presses in them.
+//! Recorded logs: samples and labels of presses.
 //!
-//! What a file is, its first line tells, never its name. To add a layout of samples: one file with its [`Layout`] and one row in [`LAYOUTS`].
+//! The first line of a file determines its layout, not its name. To add a layout of samples: one file with its [`Layout`] and one row in [`LAYOUTS`].
 
 mod deflections;
 mod gather;
@@ -16,33 +16,33 @@ pub use reader::LogReader;
 
 use crate::Sample;
 
-/// Reads the fields of a line.
+/// Parser of the fields of a line.
 pub type Parse = fn(&[&str]) -> Result<Sample, (usize, &'static str)>;
 
-/// How the samples of a log are written, a line each.
+/// Layout of a log with one sample a line.
 #[derive(Debug)]
 pub struct Layout {
     /// Name.
     pub name: &'static str,
-    /// One line about it.
+    /// Description in one line.
     pub about: &'static str,
-    /// First lines that are headers of it.
+    /// Accepted headers.
     pub headers: &'static [&'static str],
     /// Names of its columns.
     pub columns: &'static [&'static str],
-    /// Reads a line's fields, as many as there are columns; the number of the field that is wrong, from 0, and what it should be.
+    /// Parses a line's fields, as many as there are columns. The error is the index of the wrong field, from 0, and the expected content.
     pub parse: Parse,
 }
 
-/// The registry of layouts. A log without a header has the first whose `parse` takes its first line.
+/// Registry of layouts. A log without a header has the first layout whose `parse` accepts its first line.
 pub const LAYOUTS: &[Layout] = &[native::LAYOUT, deflections::LAYOUT, static_grid::LAYOUT];
 
-/// A number that is finite, in field `i`.
+/// Finite number in field `i` (s).
 fn seconds(fields: &[&str], i: usize) -> Result<f64, (usize, &'static str)> {
     fields[i].parse().ok().filter(|value: &f64| value.is_finite()).ok_or((i, "a finite number of seconds"))
 }
 
-/// Counts of 16 bits, in field `i`.
+/// 16-bit counts in field `i`.
 fn counts(fields: &[&str], i: usize) -> Result<u16, (usize, &'static str)> {
     fields[i].parse().map_err(|_| (i, "counts from 0 to 65535"))
 }

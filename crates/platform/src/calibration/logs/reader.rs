@@ -1,4 +1,4 @@
-//! Reading samples as they come, from a file or from a pipe that is still written.
+//! Streaming reader of samples, from a file or from a pipe that is still being written.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -10,14 +10,14 @@ use flate2::bufread::MultiGzDecoder;
 use super::{LAYOUTS, Layout};
 use crate::Sample;
 
-/// Longer lines are none.
+/// Longest line in bytes.
 const LONGEST_LINE: u64 = 4096;
 
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// Samples of a log, one after another.
+/// Iterator over the samples of a log.
 ///
-/// A last line without its end was cut off while it was written and does not count, even if it looks whole: a number may lack digits.
+/// A last line without a line end is incomplete and skipped, even if it can be parsed: a number may lack digits.
 pub struct LogReader {
     path: PathBuf,
     lines: Box<dyn BufRead + Send>,
@@ -40,7 +40,7 @@ impl LogReader {
         Ok(if compressed { Self::new(path, BufReader::new(MultiGzDecoder::new(file))) } else { Self::new(path, file) })
     }
 
-    /// Reads what comes; `path` is how errors call it.
+    /// Reader of a stream; `path` is its name in errors.
     pub fn new(path: &Path, lines: impl BufRead + Send + 'static) -> Self {
         Self {
             path: path.into(),
@@ -53,12 +53,12 @@ impl LogReader {
         }
     }
 
-    /// Whether the last line was cut off.
+    /// Whether the last line was incomplete.
     pub fn cut_off(&self) -> bool {
         self.cut_off
     }
 
-    /// The next line without its end; none at the end of the log.
+    /// Next line without its end. `None` at the end of the log.
     fn next_line(&mut self) -> Result<Option<String>, Error> {
         let mut bytes = Vec::new();
         let read = self.lines.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut bytes);
@@ -66,7 +66,7 @@ impl LogReader {
         match read {
             Ok(0) => return Ok(None),
             Ok(_) => {}
-            // So a compressed file ends that was cut off.
+            // End of an incomplete compressed file.
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
                 self.cut_off = true;
                 return Ok(None);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_every_layout_is_told_by_its_first_line() {
+    fn verif_the_first_line_determines_the_layout() {
         let native = read("t_s,x_counts,y_counts,z_counts\r\n0.5,1,2,65535\r\n").unwrap();
         assert_eq!(native, [Sample { t_s: 0.5, counts: [1, 2, 65535] }]);
         for header in ["", "timestamp,AX,AY\n"] {
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn robust_a_line_that_was_cut_off_does_not_count() {
+    fn robust_an_incomplete_last_line_is_skipped() {
         for last in ["1.0,4,5", "1.0,4,5,6"] {
             let text = format!("t_s,x_counts,y_counts,z_counts\n0.5,1,2,3\n{last}");
             let mut reader = LogReader::new(Path::new("log"), io::Cursor::new(text));

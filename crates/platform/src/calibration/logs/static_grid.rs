@@ -1,13 +1,13 @@
 //! Static readings at known places of the OpenWhisker rig.
 //!
-//! The whisker is held still while samples come in, and where the edge moves nothing is recorded: there are no presses in such a log.
+//! The whisker is held still during the samples, and movements of the edge are not recorded, so such a log has no presses.
 
 use super::{Layout, counts, seconds};
 use crate::Sample;
 
 pub(super) const LAYOUT: Layout = Layout {
     name: "static-grid",
-    about: "static readings of OpenWhisker, header `timestamp,ss.x,ss.y,ss.z,Dist,Bend`: it shows no movement, hence no presses",
+    about: "static readings of OpenWhisker, header `timestamp,ss.x,ss.y,ss.z,Dist,Bend`: no movement, hence no presses",
     headers: &["timestamp,ss.x,ss.y,ss.z,Dist,Bend"],
     columns: &["timestamp", "ss.x", "ss.y", "ss.z", "Dist", "Bend"],
     parse,

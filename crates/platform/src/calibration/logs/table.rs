@@ -1,4 +1,4 @@
-//! Tables of presses: a distance and a slope each, found by whoever wrote them.
+//! Tables of presses with one distance and one slope each.
 
 use std::path::Path;
 
@@ -6,27 +6,27 @@ use files::Error;
 
 use crate::calibration::{Features, LabelledPress};
 
-/// Columns that are distances, and metres in one of them.
+/// Names of distance columns, and their unit in metres.
 const DISTANCES: [(&str, f64); 3] = [("distance_m", 1.0), ("distance_mm", 1e-3), ("distance_from_base_mm", 1e-3)];
 
-/// Columns that are slopes, and whether they count by the sample.
+/// Names of slope columns, and whether their unit is counts/sample.
 const SLOPES: [(&str, bool); 3] =
     [("slope_counts_per_s", false), ("slope_counts_per_sample", true), ("min_grad_counts_per_sample", true)];
 
-/// What a table holds.
+/// Presses of a table.
 pub(super) struct Table {
     pub(super) presses: Vec<LabelledPress>,
-    /// Lines whose distance is not known, from 1.
+    /// Numbers, from 1, of the lines without a distance.
     pub(super) unlabelled: Vec<usize>,
 }
 
-/// Whether a first line is the header of such a table.
+/// Whether a first line is the header of a table of presses.
 pub(super) fn is_header(line: &str) -> bool {
     let columns: Vec<&str> = line.trim_end().split(',').collect();
     DISTANCES.iter().any(|(name, _)| columns.contains(name)) && SLOPES.iter().any(|(name, _)| columns.contains(name))
 }
 
-/// Reads a table whose header [`is_header`]. A slope's sign is the direction of the press and is left out. A distance that is empty or `NaN` is not known.
+/// Reads a table whose header [`is_header`]. The sign of a slope, the direction of the press, is ignored. An empty or `NaN` distance is unknown.
 pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error> {
     let mut lines = text.lines();
     let columns: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

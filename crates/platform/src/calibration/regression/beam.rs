@@ -1,21 +1,21 @@
 //! Physics: a conical beam on a gel hinge.
 //!
-//! An edge at distance `d` pushes the shaft aside by `p`. The force `F` turns the hinge of stiffness `k` by `F d / k`, and it bends the shaft by `F c`, where for a
-//! cone with the virtual tip at `t` and the stiffness `E I` at its root `c = d^3 / (3 E I (1 - d / t))` (Castigliano: the integral over `s` of
-//! `(d - s)^2 / (E I (1 - s / t)^4)`). So the hinge turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at one speed of the edge the slope
-//! is that with some gain `g` for `p`. `g`, `l` and `t` are fitted, to the distances, by Levenberg and Marquardt.
+//! An edge at distance `d` displaces the shaft by `p`. Its force `F` turns the hinge of stiffness `k` by `F d / k` and bends the shaft by `F c` at the
+//! edge, where for a cone with its virtual tip at `t` and the stiffness `E I` at its root `c = d^3 / (3 E I (1 - d / t))` (Castigliano: the integral over
+//! `s` of `(d - s)^2 / (E I (1 - s / t)^4)`). So the hinge turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at a constant speed of
+//! the edge the slope is that with a gain `g` instead of `p`. `g`, `l` and `t` are fitted to the distances by Levenberg-Marquardt.
 //!
-//! What it leaves out: the twist's finite angle, the magnet's non-linear field, the low-pass.
+//! Not modelled: the finite angle of the twist, the non-linear field of the magnet, the low-pass.
 
 use filters::least_squares::{Damping, Evaluated, Method, Residuals, Settings, central_jacobian, minimise};
 use nalgebra::{DMatrix, DVector, dvector};
 
-use super::{Regressor, log_slope};
+use super::regressor::{LiveFit, Regressor, log_slope};
 use crate::calibration::{Error, Features, LabelledPress};
 
 const NAME: &str = "beam";
 
-/// Distances are looked for up to this share of the virtual tip's.
+/// Upper end of the search for a distance, as a share of the virtual tip's distance.
 const OUTERMOST: f64 = 0.999;
 
 /// Levenberg-Marquardt method, until the sum of squares decreases by less than 1e-10 of itself.
@@ -27,6 +27,9 @@ const SETTINGS: Settings = Settings {
     step: 0.0,
 };
 
+pub(super) const LIVE: LiveFit =
+    LiveFit { coefficients: &["log_gain_counts_m_per_s", "bend_per_m", "tip_m"], fit, restore };
+
 #[derive(Clone, Copy, Debug)]
 struct Beam {
     log_gain: f64,
@@ -35,7 +38,7 @@ struct Beam {
 }
 
 impl Beam {
-    /// Of `ln g`, `ln (l r)` and `ln (t / r - 1)` with the reach `r`: any number stands for something physical.
+    /// Beam of the unconstrained parameters `ln g`, `ln (l r)` and `ln (t / r - 1)`, with the reach `r` (m): any value of them is physical.
     fn new(parameters: &DVector<f64>, reach_m: f64) -> Self {
         Self {
             log_gain: parameters[0],
@@ -53,7 +56,7 @@ impl Beam {
 impl Regressor for Beam {
     fn distance_m(&self, features: &Features) -> f64 {
         let wanted = log_slope(features);
-        // The slope falls with the distance: bisection.
+        // The slope decreases with the distance: bisection.
         let (mut low, mut high) = (0.0, OUTERMOST * self.tip_m);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
@@ -61,9 +64,25 @@ impl Regressor for Beam {
         }
         0.5 * (low + high)
     }
+
+    fn coefficients(&self) -> Vec<f64> {
+        vec![self.log_gain, self.bend_per_m, self.tip_m]
+    }
 }
 
-pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
+fn restore(coefficients: &[f64]) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+    let [log_gain, bend_per_m, tip_m] = coefficients.try_into().expect("as many as names");
+    // Zero and very large values are limits that a fit may reach.
+    if bend_per_m < 0.0 {
+        return Err((1, "a number not below zero"));
+    }
+    if tip_m <= 0.0 {
+        return Err((2, "a distance above zero"));
+    }
+    Ok(Box::new(Beam { log_gain, bend_per_m, tip_m }))
+}
+
+fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
     let reach_m = presses.iter().map(|press| press.distance_m).fold(0.0, f64::max);
     let nearest_m = presses.iter().map(|press| press.distance_m).fold(f64::INFINITY, f64::min);
     let differ =
@@ -73,7 +92,7 @@ pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error
     }
     let distances = Distances { presses, reach_m };
     let gain = |bend: f64, taper: f64| {
-        // The gain that suits most presses, for a bend and a taper to begin with.
+        // Mean gain over the presses for these starting values of bend and taper.
         let beam = Beam::new(&dvector![0.0, bend, taper], reach_m);
         let gains = presses.iter().map(|press| log_slope(&press.features) - beam.log_slope(press.distance_m));
         gains.sum::<f64>() / presses.len() as f64

@@ -1,27 +1,74 @@
-//! The logarithmic polynomial by Tukey's biweight, in iteratively reweighted least squares (Huber and Ronchetti, *Robust Statistics*, 2009, 7.8).
+//! Polynomial of third order in the logarithm of the slope by Tukey's biweight, in iteratively reweighted least squares (Huber and Ronchetti,
+//! *Robust Statistics*, 2009, 7.8).
 //!
-//! A press whose label is off by many times the scatter of the others gets no weight.
+//! The distance of a whisker's contact is a nearly straight function of that logarithm. A press whose residual exceeds [`TUKEY`] robust standard deviations,
+//! such as a mislabelled one, has zero weight.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
-use super::polynomial::Polynomial;
-use super::{Regressor, log_slope};
+use super::regressor::{LiveFit, Regressor, Scale, log_slope};
 use crate::calibration::learn::{SD_OVER_MAD, quantile};
-use crate::calibration::{Error, LabelledPress};
+use crate::calibration::least_squares::solve;
+use crate::calibration::{Error, Features, LabelledPress};
 
 const NAME: &str = "robust";
 
-/// Residual without weight, in robust standard deviations: 95 % as efficient as least squares where the scatter is normal.
+const ORDER: usize = 3;
+
+/// Residual with zero weight, in robust standard deviations: 95 % of the efficiency of least squares for normal errors.
 const TUKEY: f64 = 4.685;
 
-/// Scatter below it is rounding, not scatter.
+/// Lower bound of the scatter: below it there is only rounding.
 const SMALLEST_SCATTER_M: f64 = 1e-6;
 
 const ROUNDS: usize = 50;
 
-pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
+pub(super) const LIVE: LiveFit = LiveFit {
+    coefficients: &["log_slope_middle", "log_slope_half", "constant_m", "linear_m", "quadratic_m", "cubic_m"],
+    fit,
+    restore,
+};
+
+/// A polynomial in the scaled logarithm of the slope.
+#[derive(Clone, Debug)]
+struct Polynomial {
+    scale: Scale,
+    coefficients_m: DVector<f64>,
+}
+
+impl Polynomial {
+    /// Weighted least-squares fit. `None` if the presses do not determine it.
+    fn fit(presses: &[LabelledPress], weights: &DVector<f64>) -> Option<Self> {
+        let values: Vec<f64> = presses.iter().map(|press| log_slope(&press.features)).collect();
+        let scale = Scale::of(values.iter().copied())?;
+        let rows = DMatrix::from_fn(values.len(), ORDER + 1, |i, power| scale.scaled(values[i]).powi(power as i32));
+        let distances_m = DVector::from_iterator(presses.len(), presses.iter().map(|press| press.distance_m));
+        Some(Self { scale, coefficients_m: solve(&rows, &distances_m, weights)? })
+    }
+}
+
+impl Regressor for Polynomial {
+    fn distance_m(&self, features: &Features) -> f64 {
+        let x = self.scale.scaled(log_slope(features));
+        self.coefficients_m.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
+    }
+
+    fn coefficients(&self) -> Vec<f64> {
+        [self.scale.middle, self.scale.half].into_iter().chain(self.coefficients_m.iter().copied()).collect()
+    }
+}
+
+fn restore(coefficients: &[f64]) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+    let scale = Scale { middle: coefficients[0], half: coefficients[1] };
+    if scale.half <= 0.0 {
+        return Err((1, Scale::HALF));
+    }
+    Ok(Box::new(Polynomial { scale, coefficients_m: DVector::from_column_slice(&coefficients[2..]) }))
+}
+
+fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
     let mut weights = DVector::repeat(presses.len(), 1.0);
-    let mut fitted = Polynomial::fit(presses, log_slope, &weights).ok_or(Error::Undetermined(NAME))?;
+    let mut fitted = Polynomial::fit(presses, &weights).ok_or(Error::Undetermined(NAME))?;
     for _ in 0..ROUNDS {
         let residuals_m: Vec<f64> =
             presses.iter().map(|press| press.distance_m - fitted.distance_m(&press.features)).collect();
@@ -34,7 +81,7 @@ pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error
         let next = DVector::from_iterator(presses.len(), residuals_m.iter().map(biweight));
         let change = (&next - &weights).amax();
         weights = next;
-        fitted = Polynomial::fit(presses, log_slope, &weights).ok_or(Error::Undetermined(NAME))?;
+        fitted = Polynomial::fit(presses, &weights).ok_or(Error::Undetermined(NAME))?;
         if change < 1e-9 {
             break;
         }

@@ -1,13 +1,31 @@
-//! Several features at once, for presses of different depth.
+//! Linear regression on several features, for presses of different depth.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Regressor, Scale, log_slope};
+use super::regressor::{LiveFit, Regressor, Scale, log_slope};
 use crate::calibration::least_squares::solve;
 use crate::calibration::{Error, Features, LabelledPress};
 
 const NAME: &str = "several";
 const COLUMNS: usize = 5;
+
+pub(super) const LIVE: LiveFit = LiveFit {
+    coefficients: &[
+        "log_slope_middle",
+        "log_slope_half",
+        "log_peak_middle",
+        "log_peak_half",
+        "slope_ratio_middle",
+        "slope_ratio_half",
+        "constant_m",
+        "log_slope_m",
+        "log_slope_squared_m",
+        "log_peak_m",
+        "slope_ratio_m",
+    ],
+    fit,
+    restore,
+};
 
 #[derive(Clone, Debug)]
 struct Several {
@@ -26,7 +44,7 @@ impl Several {
     }
 }
 
-/// Not a number where there is none; so is the distance then.
+/// Natural logarithm of the peak in counts; not a number without a peak, and so is the distance then.
 fn log_peak(features: &Features) -> f64 {
     features.peak_counts.map_or(f64::NAN, f64::ln)
 }
@@ -39,9 +57,23 @@ impl Regressor for Several {
     fn distance_m(&self, features: &Features) -> f64 {
         self.row(features).iter().zip(&self.coefficients_m).map(|(x, coefficient)| x * coefficient).sum()
     }
+
+    fn coefficients(&self) -> Vec<f64> {
+        let scales = [self.slope, self.peak, self.ratio].into_iter().flat_map(|scale| [scale.middle, scale.half]);
+        scales.chain(self.coefficients_m.iter().copied()).collect()
+    }
 }
 
-pub(super) fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
+fn restore(coefficients: &[f64]) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+    let scale = |at: usize| {
+        let scale = Scale { middle: coefficients[at], half: coefficients[at + 1] };
+        if scale.half > 0.0 { Ok(scale) } else { Err((at + 1, Scale::HALF)) }
+    };
+    let coefficients_m = DVector::from_column_slice(&coefficients[6..]);
+    Ok(Box::new(Several { slope: scale(0)?, peak: scale(2)?, ratio: scale(4)?, coefficients_m }))
+}
+
+fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
     for (i, press) in presses.iter().enumerate() {
         let missing = match press.features {
             Features { peak_counts: None, .. } => "peak_counts",

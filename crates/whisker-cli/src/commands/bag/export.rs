@@ -9,12 +9,12 @@ use crate::ros::export_trace;
 /// Write a trace as a rosbag2 folder
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// The trace, its .csv or .json file
+    /// Trace: its .csv or .json file
     trace: PathBuf,
     /// Folder to write; it must not exist
     #[arg(long)]
     out: PathBuf,
-    /// Contacts that an estimator found: a table of `estimates/` in a run of `whisker evaluate`
+    /// Estimated contacts to include: a table of `estimates/` in a run of `whisker evaluate`
     #[arg(long)]
     estimates: Option<PathBuf>,
 }

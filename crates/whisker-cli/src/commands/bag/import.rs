@@ -6,15 +6,15 @@ use std::process::ExitCode;
 use crate::commands::print;
 use crate::ros;
 
-/// Turn a recording into the trace that it was made of, or the readings in it into a log for `whisker platform`
+/// Convert a recording back into its trace, or its readings into a log for `whisker platform`
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// A rosbag2 folder or an MCAP file
+    /// Rosbag2 folder or MCAP file
     recording: PathBuf,
     /// Folder to write to
     #[arg(long)]
     out: PathBuf,
-    /// Take the readings of a recording that was cut off as far as they go
+    /// Convert the readings of an interrupted recording up to its end
     #[arg(long)]
     salvage: bool,
 }

@@ -1,4 +1,4 @@
-//! `whisker bag info`: what a recording holds.
+//! `whisker bag info`: contents of a recording.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -8,14 +8,14 @@ use bag::Reader;
 
 use crate::commands::{print, table};
 
-/// Say what a recording holds, and whether all of it can be read
+/// List the topics of a recording and check that it can be read to its end
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// A rosbag2 folder or an MCAP file
     recording: PathBuf,
 }
 
-/// What is to be said of a topic.
+/// Summary of a topic.
 #[derive(Default)]
 struct Topic {
     type_name: String,

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::Subcommand;
 
-/// Turn traces and logs into ROS 2 recordings (rosbag2, MCAP) and back
+/// Convert traces and logs to ROS 2 recordings (rosbag2, MCAP) and back
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(subcommand)]

@@ -1,4 +1,4 @@
-//! `whisker platform cross-validate`: how well regressions do on presses that they have not seen.
+//! `whisker platform cross-validate`: errors of regressions on presses held out.
 
 use std::process::ExitCode;
 
@@ -9,12 +9,12 @@ use super::super::table::{millimetres, render};
 use super::super::{FINISHED_WITH_FAILURES, print};
 use super::logs::{LogArguments, row};
 
-/// Judge regressions on presses held out, log by log
+/// Cross-validate regressions on presses held out, with errors by log
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
     logs: LogArguments,
-    /// Regression, again for another [default: all]
+    /// Regression; may be repeated [default: all]
     #[arg(long)]
     regression: Vec<String>,
 }
@@ -27,11 +27,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let (mut failed, mut gathered) = (false, [None, None]);
     for row in rows {
-        // What leaks finds presses in its own way, all others in theirs.
-        let of_its_way = &mut gathered[usize::from(matches!(row.fit, Fit::Leaking(_)))];
-        let presses = match of_its_way {
+        // The published regression has its own detection of presses; all others share one.
+        let detected = &mut gathered[usize::from(matches!(row.fit, Fit::Leaking(_)))];
+        let presses = match detected {
             Some(presses) => presses,
-            None => of_its_way.insert(arguments.logs.gather(row)?.presses),
+            None => detected.insert(arguments.logs.gather(row)?.presses),
         };
         match cross_validate(row, presses, arguments.logs.hold_out) {
             Ok(validation) => print(&format!("{}\n{}\n", row.name, scores(presses, &validation)))?,
@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if failed { ExitCode::from(FINISHED_WITH_FAILURES) } else { ExitCode::SUCCESS })
 }
 
-/// A table with a row a log and one for all, in mm, and a line for each suspicious press.
+/// Table of errors (mm), one row for each log and one for all, and a line for each suspicious press.
 fn scores(presses: &[LabelledPress], validation: &CrossValidation) -> String {
     let mut logs: Vec<&str> = Vec::new();
     for press in presses {

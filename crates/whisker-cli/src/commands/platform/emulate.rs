@@ -13,25 +13,25 @@ use platform::interrupt;
 use super::format;
 use crate::commands::print;
 
-/// How soon an interrupt is noticed.
+/// Polling interval of interrupts.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Offer a printer and a magnetometer that are not there, on two pseudo-terminals, until interrupted
+/// Emulate a printer and a magnetometer on two pseudo-terminals until interrupted
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Symbolic link to make to the printer's port
+    /// Symbolic link to create to the printer's port
     #[arg(long)]
     printer_link: Option<PathBuf>,
-    /// Symbolic link to make to the magnetometer's port
+    /// Symbolic link to create to the magnetometer's port
     #[arg(long)]
     sensor_link: Option<PathBuf>,
-    /// What the magnetometer prints; `whisker platform list` names the formats
+    /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
     /// Seed of the magnetometer's noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// End after so many seconds [default: when interrupted]
+    /// Duration in seconds [default: until interrupted]
     #[arg(long)]
     seconds: Option<u32>,
 }

@@ -1,4 +1,4 @@
-//! What a calibration tells, printed as it comes.
+//! Printer of detections, as they occur.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::commands::print;
 use crate::commands::table::millimetres;
 
-/// How events are printed.
+/// Format of events.
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 pub(super) enum Form {
     /// One JSON object a line
@@ -22,12 +22,12 @@ pub(super) enum Form {
     Csv,
 }
 
-/// Prints events. Where it is told of pushes, too, it says at the end how well they were found.
+/// Printer of events. If it receives pushes too, it prints a summary of the errors at the end.
 pub(super) struct Events {
     form: Form,
-    /// Onset and estimate of the last press.
+    /// Onset (s) and estimated distance (m) of the last press.
     last: Option<(f64, Option<f64>)>,
-    /// Errors of the pushes that were found; none where one was not.
+    /// Error of each push (m). `None` for a push that was not detected.
     errors_m: Vec<Option<f64>>,
 }
 
@@ -39,8 +39,8 @@ impl Events {
         Ok(Self { form, last: None, errors_m: Vec::new() })
     }
 
-    pub(super) fn tell(&mut self, said: &Detection) -> std::io::Result<()> {
-        match said {
+    pub(super) fn report(&mut self, detection: &Detection) -> std::io::Result<()> {
+        match detection {
             Detection::Pressed(press, estimate) => {
                 let Press { t_s, onset_s, features, .. } = press;
                 let (distance_m, interval_m) = (estimate.map(|e| e.distance_m), estimate.and_then(|e| e.interval_m));
@@ -69,7 +69,7 @@ impl Events {
         }
     }
 
-    /// Where the printer pushed, behind what was told of it.
+    /// Prints a push, after its detection.
     fn pushed(&mut self, Contact { start_s, end_s, distance_m, .. }: Contact) -> std::io::Result<()> {
         let found = self.last.filter(|(onset_s, _)| (start_s..end_s).contains(onset_s));
         self.errors_m.push(found.and_then(|(_, found_m)| found_m).map(|found_m| found_m - distance_m));
@@ -100,8 +100,8 @@ impl Sink for Events {
         Ok(())
     }
 
-    fn said(&mut self, said: &Detection) -> Result<(), Error> {
-        self.tell(said).map_err(Error::system("standard output"))
+    fn detected(&mut self, detection: &Detection) -> Result<(), Error> {
+        self.report(detection).map_err(Error::system("standard output"))
     }
 
     fn head(&mut self, _: Head) -> Result<(), Error> {

@@ -14,13 +14,13 @@ use super::logs::{LogArguments, row};
 pub(super) struct Arguments {
     #[command(flatten)]
     logs: LogArguments,
-    /// Where to write the calibration
+    /// File to write the calibration to
     #[arg(long)]
     out: PathBuf,
     /// Regression; `whisker list` names them
     #[arg(long, default_value = "robust")]
     regression: String,
-    /// How often the prediction interval shall contain the truth
+    /// Probability with which the prediction interval contains the truth
     #[arg(long, default_value_t = 0.9)]
     coverage: f64,
 }

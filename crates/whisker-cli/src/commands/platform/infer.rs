@@ -1,4 +1,4 @@
-//! `whisker platform infer`: distances while samples come in.
+//! `whisker platform infer`: distances from a stream of samples.
 
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -13,12 +13,12 @@ use platform::interrupt;
 use platform::sensor::{Arrival, Reader, ReaderSettings};
 
 use super::events::{Events, Form};
-use super::{format, inference, rate_hz, report, warn_of_rate};
+use super::{calibration, format, inference, rate_hz, report, warn_of_rate};
 
-/// How soon an interrupt is noticed.
+/// Longest wait for samples, and so the delay of an interrupt.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Tell radial contact distances from samples as they come, from a log or from a magnetometer
+/// Estimate radial contact distances from a log or live from a magnetometer
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Calibration that `whisker platform fit` wrote
@@ -27,25 +27,25 @@ pub(super) struct Arguments {
     /// Log of samples, or - for stdin
     #[arg(required_unless_present = "port", conflicts_with = "port")]
     log: Option<PathBuf>,
-    /// Port of the magnetometer, which is listened to until it is unplugged or somebody interrupts
+    /// Port of the magnetometer, which is read until it is unplugged or an interrupt
     #[arg(long)]
     port: Option<String>,
-    /// What the magnetometer prints; `whisker platform list` names the formats
+    /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex", conflicts_with = "log")]
     format: String,
-    /// Readings a second to expect of the magnetometer [default: the calibration's]
+    /// Nominal rate of the magnetometer in readings a second [default: the calibration's]
     #[arg(long, value_parser = rate_hz, conflicts_with = "log")]
     rate_hz: Option<f64>,
-    /// How events are printed
+    /// Format of events
     #[arg(long, value_enum, default_value_t = Form::Json)]
     print: Form,
-    /// Say on stderr at the end how long it took from a sample to what it told
+    /// Report the latency of the samples on stderr at the end
     #[arg(long)]
     latency: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let calibration = Calibration::read(&arguments.calibration)?;
+    let calibration = calibration(&arguments.calibration)?;
     let inference = inference(&calibration, &arguments.calibration)?;
     let (latency, error) = match &arguments.port {
         Some(port) => from_port(port, inference, &calibration, arguments)?,
@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     error.map_or(Ok(ExitCode::SUCCESS), |error| Err(error.into()))
 }
 
-/// Samples of a port until it fails, which is said, or somebody interrupts.
+/// Processes the samples of a port until it fails or an interrupt. Returns the latency and the error of the port.
 fn from_port(
     port: &str,
     mut inference: Inference<'_>,
@@ -76,7 +76,7 @@ fn from_port(
     let mut arrivals = Vec::new();
     while reader.take(&mut arrivals, PATIENCE) {
         for arrival in arrivals.drain(..) {
-            inference.step(&arrival, |said| events.tell(said)).transpose()?;
+            inference.step(&arrival, |detection| events.report(detection)).transpose()?;
         }
         if stop.load(Ordering::Relaxed) {
             reader.end();
@@ -87,7 +87,7 @@ fn from_port(
     Ok((inference.latency(), error))
 }
 
-/// Samples of a log, each of which arrives when it is read.
+/// Processes the samples of a log, each of which arrives when it is read.
 fn from_log(
     log: &Path,
     mut inference: Inference<'_>,
@@ -103,10 +103,10 @@ fn from_log(
     for sample in reader.by_ref() {
         let arrival = Arrival { sample: sample?, at: Instant::now() };
         rate.step(arrival.sample.t_s);
-        inference.step(&arrival, |said| events.tell(said)).transpose()?;
+        inference.step(&arrival, |detection| events.report(detection)).transpose()?;
     }
     if reader.cut_off() {
-        eprintln!("{}: its last line was cut off and is left out", log.display());
+        eprintln!("{}: skipped the incomplete last line", log.display());
     }
     if rate.hz().is_finite() {
         warn_of_rate(rate.hz(), calibration);

@@ -6,7 +6,7 @@ use platform::sensor::FORMATS;
 
 use crate::commands::print;
 
-/// Print the line formats of magnetometers that can be read
+/// List the line formats of magnetometers
 #[derive(clap::Args)]
 pub(super) struct Arguments {}
 

@@ -1,4 +1,4 @@
-//! The logs that a calibration is given.
+//! Arguments that name logs of presses.
 
 use std::path::{Path, PathBuf};
 
@@ -7,27 +7,27 @@ use platform::calibration::logs::{Gathered, Source, gather};
 use platform::calibration::regression::{REGRESSIONS, RegressionRow, regression};
 use platform::calibration::{HoldOut, Settings};
 
-/// Logs and how presses are found in them
+/// Logs and the detection of presses in them
 #[derive(clap::Args)]
 pub(super) struct LogArguments {
     /// Logs of samples with a sidecar, tables of presses, or manifests (.json) that name logs
     logs: Vec<PathBuf>,
-    /// A log in which all presses have one radial distance from the root, in mm, for example 105=FILE
+    /// Log whose presses all have this radial distance from the root in mm, for example 105=FILE
     #[arg(long, value_name = "MM=FILE", value_parser = labelled)]
     label: Vec<Source>,
-    /// Edge of the low-pass, Hz
+    /// Edge of the low-pass in Hz
     #[arg(long, default_value_t = Settings::default().cutoff_hz)]
     cutoff_hz: f64,
-    /// Samples a second behind a table whose slopes count by the sample
+    /// Sampling rate of a table whose slopes are in counts a sample, in Hz
     #[arg(long, default_value_t = 888.0)]
     table_rate_hz: f64,
-    /// What is held out at a time: a press, or all presses of a log
+    /// Unit of cross-validation: one press, or all presses of a log
     #[arg(long, default_value = "press", value_parser = hold_out)]
     pub(super) hold_out: HoldOut,
 }
 
 impl LogArguments {
-    /// The presses of all logs; what is to be known of them goes to stderr.
+    /// Presses of all logs; notes on the logs go to stderr.
     pub(super) fn gather(&self, row: &RegressionRow) -> anyhow::Result<Gathered> {
         let mut sources = self.label.clone();
         for path in &self.logs {
@@ -38,7 +38,7 @@ impl LogArguments {
             }
         }
         if sources.is_empty() {
-            bail!("no logs: name some, or --label MM=FILE");
+            bail!("found no logs, expected at least one, or --label MM=FILE");
         }
         if !(f64::MIN_POSITIVE..=f64::MAX).contains(&self.table_rate_hz) {
             bail!("--table-rate-hz: found {}, expected a rate above zero", self.table_rate_hz);
@@ -52,7 +52,7 @@ impl LogArguments {
     }
 }
 
-/// The registry's row of this name.
+/// Row of the registry with this name.
 pub(super) fn row(name: &str) -> anyhow::Result<&'static RegressionRow> {
     regression(name).with_context(|| {
         let known: Vec<_> = REGRESSIONS.iter().map(|row| row.name).collect();

@@ -19,7 +19,7 @@ use platform::calibration::{Calibration, Live, is_same_rate};
 use platform::inference::Inference;
 use platform::sensor::{self, FORMATS, FormatRow, Report};
 
-/// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer listens
+/// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer measures its deflection
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(subcommand)]
@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// The registry's row of a line format.
+/// Row of the registry of line formats.
 fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
     sensor::format(name).with_context(|| {
         let known: Vec<_> = FORMATS.iter().map(|row| row.name).collect();
@@ -57,7 +57,19 @@ fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
     })
 }
 
-/// What a calibration tells of a stream of samples; the path is for the error.
+/// Reads a calibration, with a note on stderr if it has no coefficients and was fitted again.
+fn calibration(path: &Path) -> anyhow::Result<Calibration> {
+    let calibration = Calibration::read(path)?;
+    if calibration.was_fitted_on_reading() {
+        eprintln!(
+            "note: {}: has no coefficients and was fitted again; `whisker platform fit` on its logs stores them",
+            path.display()
+        );
+    }
+    Ok(calibration)
+}
+
+/// Inference on a stream of samples; the path is for the error.
 fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<Inference<'a>> {
     let live = Live::new(calibration)?.with_context(|| {
         format!(
@@ -68,7 +80,7 @@ fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<In
     Ok(Inference::new(live))
 }
 
-/// Says on stderr how a port was read, and whether that suits a calibration.
+/// Reports on stderr how a port was read, with a warning if its rate is not the calibration's.
 fn report(report: &Report, calibration: Option<&Calibration>) {
     eprintln!("{report}");
     if let Some(calibration) = calibration {
@@ -76,17 +88,17 @@ fn report(report: &Report, calibration: Option<&Calibration>) {
     }
 }
 
-/// Says on stderr where samples came at another rate than those of a calibration, whose low-pass and slopes count samples.
+/// Warns on stderr if the sampling rate is not the calibration's, whose low-pass and slopes count samples.
 fn warn_of_rate(found_hz: f64, calibration: &Calibration) {
     let calibrated_hz = calibration.chain().map(|chain| chain.rate_hz);
     if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !is_same_rate(found_hz, *rate_hz)) {
         eprintln!(
-            "warning: found {found_hz:.1} samples a second, expected {rate_hz:.1} as in the calibration: its distances do not hold"
+            "warning: found {found_hz:.1} samples a second, expected {rate_hz:.1} as in the calibration: its distances are wrong"
         );
     }
 }
 
-/// A rate that somebody asks for.
+/// Parses a rate in readings a second.
 fn rate_hz(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),

@@ -1,10 +1,9 @@
-//! `whisker platform run`: the routine, recorded.
+//! `whisker platform run`: records a session of the routine.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use platform::calibration::Calibration;
 use platform::interrupt;
 use platform::printer::Printer;
 use platform::record::{Log, LogSidecar, Sink};
@@ -15,7 +14,7 @@ use platform::streams::Bag;
 use testbed::provenance::watermark;
 
 use super::events::{Events, Form};
-use super::{format, inference, rate_hz, report};
+use super::{calibration, format, inference, rate_hz, report};
 use crate::commands::print;
 
 /// Run the routine increments_beam_test and record it; an interrupt stops the printer at once
@@ -27,40 +26,40 @@ pub(super) struct Arguments {
     /// Port of the magnetometer
     #[arg(long)]
     sensor: String,
-    /// What the magnetometer prints; `whisker platform list` names the formats
+    /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
-    /// Readings a second to expect [default: the format's]
+    /// Nominal rate in readings a second [default: the format's]
     #[arg(long, value_parser = rate_hz)]
     rate_hz: Option<f64>,
-    /// How far to push the whisker, in millimetres
+    /// Depth of a push in millimetres
     #[arg(long, default_value_t = 6.0)]
     x: f64,
-    /// How far the places reach along the whisker, in millimetres
+    /// Distance from the first place to the last in millimetres
     #[arg(long, default_value_t = 100.0)]
     y: f64,
-    /// Stops on the way of a push
+    /// Number of stops of a push before its end
     #[arg(long, default_value_t = 0)]
     increments_x: u32,
-    /// Steps between the first place and the last
+    /// Number of steps from the first place to the last
     #[arg(long, default_value_t = 15)]
     increments_y: u32,
-    /// How long to rest at each stop, in seconds
+    /// Rest at each stop in seconds
     #[arg(long, default_value_t = 0)]
     pause: u32,
-    /// Speed of the head, in millimetres a minute
+    /// Speed of the head in millimetres a minute
     #[arg(long, default_value_t = 2000.0)]
     speed: f64,
-    /// Folder for log.csv, log.json and head.csv; it must not hold a log yet
+    /// Folder for log.csv, log.json and head.csv; it must not contain a log
     #[arg(long)]
     out: PathBuf,
-    /// Record into this rosbag2 folder, too
+    /// Record into this rosbag2 folder too
     #[arg(long)]
     bag: Option<PathBuf>,
-    /// Tell contacts as they come, by a calibration that `whisker platform fit` wrote, and how well they were found
+    /// Print contacts live, by a calibration that `whisker platform fit` wrote, and their errors at the end
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// How they are printed
+    /// Format of the printed contacts
     #[arg(long, value_enum, default_value_t = Form::Json, requires = "calibration")]
     print: Form,
 }
@@ -77,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     routine.check()?;
     Log::check_is_free(&arguments.out)?;
-    let calibration = arguments.calibration.as_deref().map(Calibration::read).transpose()?;
+    let calibration = arguments.calibration.as_deref().map(calibration).transpose()?;
     let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let stop = interrupt::asked()?;
@@ -91,7 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let bag = arguments.bag.as_deref().map(|folder| Bag::create(folder, sidecar.clone())).transpose()?;
     let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
     if inference.is_some() {
-        // Before all that takes time to keep.
+        // The first sink: printing must not wait for the files.
         sinks.push(Box::new(Events::begin(arguments.print)?));
     }
     sinks.push(Box::new(Log::create(&arguments.out, sidecar)?));
@@ -104,7 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("{latency}");
     }
     for path in &outcome.files {
-        // Where there are events they have the standard output for themselves.
+        // If events are printed, the standard output contains only them.
         match outcome.latency {
             None => print(&format!("{}\n", path.display()))?,
             Some(_) => eprintln!("{}", path.display()),
