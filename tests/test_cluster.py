@@ -263,14 +263,14 @@ def test_robust_no_sidecar_stands_beside_files_of_another_recording(tmp_path: Pa
 
         monkeypatch.setattr(Path, "replace", replace)
         with pytest.raises(KeyboardInterrupt):
-            cluster._take_in(part, folder, "passage.json")
+            cluster._move_files(part, folder, "passage.json")
         monkeypatch.undo()
         assert not [path.name for path in folder.glob("*.json") if path.read_text() == "old"]
         assert not (folder / "passage.json").exists()
 
 
 def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
-    """Where there is none, and where it dies in the middle: one line, and what is finished is kept."""
+    """Where there is none, and where it dies in the middle: one line, and finished files are kept."""
     out = tmp_path / "out"
     (line,) = said(generator("cluster", "simulate", "--scheduler", "tcp://127.0.0.1:1", suite, "--out", out), 1)
     assert line.startswith("error: --scheduler tcp://127.0.0.1:1: expected the address of a Dask scheduler, found none there")
@@ -279,5 +279,5 @@ def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Pat
     wait_for(lambda: list(out.glob("*.json")), client)
     cluster.scheduler.kill()
     *finished, line = said(client, 1)
-    assert line == "error: the scheduler is gone; what is finished is kept"
+    assert line == "error: the scheduler is gone; finished files are kept"
     assert {f"{made.split(':')[0]}.json" for made in finished} == {path.name for path in out.glob("*.json")}

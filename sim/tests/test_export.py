@@ -14,12 +14,14 @@ from conftest import SCENES
 CONTACT_M = 0.05
 TURNED = {"kind": "lateral_sweep", "contact_arc_m": CONTACT_M, "stroke_m": 0.006, "yaw_rad": 0.7}
 
-INDICES = ("adr", "bodyid", "colind", "dofnum", "geomnum", "jntnum", "map", "objid", "parentid", "rootid", "rownnz", "treeid", "weldid")
-"""Endings of the model's arrays that count or number its parts; the exported model has one body more, which holds the base."""
+INDICES = ("adr", "bodyid", "colind", "dofnum", "geomnum", "jntnum", "map", "objid")
+INDICES += ("parentid", "rootid", "rownnz", "treeid", "weldid")
+"""Endings of the model's arrays that count or number its parts; the exported model has an additional body, which holds the base."""
 FRAME = {"body_pos", "body_quat", "jnt_axis", "dof_invweight0", "actuator_acc0"}
 """Arrays whose entries of the base depend on its pose at zero coordinates, which is the start of the motion in the exported model.
 
-`actuator_acc0`, the response to a unit force at that pose, has no influence on these actuators."""
+`actuator_acc0`, the response to a unit force at that pose, has no influence on these actuators.
+"""
 AT_START = {"body_invweight0", "dof_M0", "dof_length"}
 """Invariant arrays that the compiler computes at zero coordinates, where the two models differ by rounding."""
 

@@ -7,10 +7,10 @@ import pytest
 from whisker_sim.elastica import loaded, touching
 from whisker_sim.motions import Stage
 from whisker_sim.physics import convergence, disturbance, frequencies, ringing, standing
-from whisker_sim.physics.__main__ import main
 from whisker_sim.physics.cases import TAPERED, WHISKERS
+from whisker_sim.physics.command import main
 from whisker_sim.physics.scipy_elastica import contact_with_disc, static_contact
-from whisker_sim.physics.study import Bar
+from whisker_sim.physics.study import Claim
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS
 
@@ -80,17 +80,17 @@ def test_val_ringing_decays_as_the_damping_says():
 
 
 def test_verif_a_bar_without_a_figure_does_not_hold():
-    assert not Bar("id", "claim", float("nan"), "<=", 1.0, "").holds
-    assert not Bar("id", "claim", float("nan"), ">=", 1.0, "").holds
+    assert not Claim("id", "claim", float("nan"), "<=", 1.0, "").holds
+    assert not Claim("id", "claim", float("nan"), ">=", 1.0, "").holds
 
 
 @pytest.mark.parametrize("field", ["drift_m", "creep_m", "slides_at_n", "tips_at_n"])
 def test_verif_a_study_with_one_figure_missing_fails(field):
     """One row in which the object does not give way, say, beside others that are perfect: its claim does not hold."""
     good = standing.Row(0.02, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-    assert all(bar.holds for bar in standing.STUDY.conclude([good, good]).bars)
+    assert all(claim.holds for claim in standing.STUDY.conclude([good, good]).claims)
     for rows in ([good, good._replace(**{field: float("nan")})], [good._replace(**{field: float("nan")}), good]):
-        assert sum(not bar.holds for bar in standing.STUDY.conclude(rows).bars) == 1
+        assert sum(not claim.holds for claim in standing.STUDY.conclude(rows).claims) == 1
 
 
 def test_verif_what_moves_the_object_is_claimed_of_single_sweeps():
@@ -107,7 +107,7 @@ def test_verif_what_moves_the_object_is_claimed_of_single_sweeps():
                 )
             )
     rows += [disturbance.Column(root, 1.0, 1.0) for root in disturbance.ROOTS_N_M_RAD]
-    holds = {bar.id: bar.holds for bar in disturbance.STUDY.conclude(rows).bars}
+    holds = {claim.id: claim.holds for claim in disturbance.STUDY.conclude(rows).claims}
     assert not holds["disturbance_head_on"]
     assert not holds["disturbance_stiffer"]
 

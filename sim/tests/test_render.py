@@ -8,11 +8,11 @@ from PIL import Image
 
 from whisker_sim import drawing
 from whisker_sim.cli import main
-from whisker_sim.drawing import Drawing
+from whisker_sim.drawing import SweepRenderer
 from whisker_sim.shapes import AnyShape
 from whisker_sim.simulate import simulate
 
-from conftest import SCENES
+from conftest import SCENES, SWEEP
 
 COLOURS = {"whisker": (213, 94, 0), "contact and force": (0, 114, 178), "contacts so far": (0, 158, 115), "object": (226, 230, 235)}
 
@@ -25,9 +25,9 @@ def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", AnyShape.__args__, ids=lambda shape: shape.__struct_config__.tag)
 def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
-    """Whisker, object, contact and the contacts so far are seen; the animation tells the time in 50 ms."""
+    """Whisker, object, contact and the contacts so far are seen; the animation tells the time in steps of 80 ms."""
     example = {"shape": shape.__struct_config__.tag, **shape.example}
-    scene = str(write_scene(object=example))
+    scene = str(write_scene(object=example, motion={**SWEEP["motion"], "strokes": 2}))
     still, moving = tmp_path / "a.png", tmp_path / "a.webp"
     assert main(["render", scene, "--out", str(still)]) == 0
     assert main(["render", scene, "--out", str(moving)]) == 0
@@ -37,14 +37,14 @@ def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
     with Image.open(moving) as animation:
         assert animation.n_frames > 20
         animation.load()
-        assert animation.info["duration"] == pytest.approx(50, abs=3)
+        assert animation.info["duration"] == pytest.approx(80)
         assert len(pixels(animation, COLOURS["contact and force"])) == 0, "nothing is touched at first"
 
 
 def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object(make_run):
     run = make_run()
     simulated = simulate(run)
-    sweep = Drawing(run)
+    sweep = SweepRenderer(run, simulated)
     row = int(np.argmax(simulated.force_n))
     arrows_m = sweep._arrow_end_m - simulated.truth.surface_m
     lengths_m = np.hypot(*arrows_m.T)
@@ -57,9 +57,9 @@ def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
     """The ring's middle is the true point to a pixel. The object lies above, so that the arrow leaves the ring downwards."""
     run = make_run()
     simulated = simulate(run)
-    sweep = Drawing(run)
+    sweep = SweepRenderer(run, simulated)
     row = int(np.flatnonzero(simulated.touching)[0])
-    (picture,) = sweep.pictures([row])
+    (picture,) = sweep.frames([row])
     ring = pixels(picture, COLOURS["contact and force"])
     top, (left, right) = ring[:, 0].min(), (ring[:, 1].min(), ring[:, 1].max() + 1)
     middle = (0.5 * (left + right), top + drawing._RING_RADIUS)

@@ -18,8 +18,9 @@ from test_arm import SHORT
 
 from whisker_sim.arm.recording import is_up_to_date, write_recording
 from whisker_sim.arm.simulate import simulate_passage
-from whisker_sim.cli import main, make_trace
+from whisker_sim.cli import main
 from whisker_sim.model import build_model
+from whisker_sim.products import make_trace
 from whisker_sim.runs import load_runs
 from whisker_sim.trace import remove_leftovers
 
@@ -79,7 +80,7 @@ def test_robust_interrupted_at_any_moment(suite, uninterrupted, tmp_path, delay_
     assert process.returncode in (130, -signal.SIGINT), error
     assert "Traceback" not in error
     lines = [line for line in error.splitlines() if "in contact" not in line]
-    assert lines in ([], ["interrupted; what is finished is kept"])
+    assert lines in ([], ["interrupted; finished files are kept"])
     _assert_whole(tmp_path)
     made = _contents(tmp_path)
     assert made == {name: uninterrupted[name] for name in made}

@@ -12,7 +12,7 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.motions import Stage
 from whisker_sim.physics.frequencies import chain_hz
 from whisker_sim.physics.rig import beam_rad_m, pushes
-from whisker_sim.rig.__main__ import main
+from whisker_sim.rig.command import main
 from whisker_sim.rig.files import Axes, make_rig, ringing_of
 from whisker_sim.rig.magnet import Magnet, Magnetometer, field_of
 from whisker_sim.rig.table import Axis, grid

@@ -45,7 +45,7 @@ def test_robust_wrong_settings(write_scene, tmp_path, capsys, settings, words):
 
 def test_verif_settings_for_a_whole_suite_go_to_a_folder_of_their_own(write_scene, tmp_path, monkeypatch):
     """The sidecar states the settings, and the suite's own folder stays as it is."""
-    monkeypatch.setattr(cli, "_DATASETS", tmp_path / "datasets")
+    monkeypatch.setattr(cli, "DATASETS", tmp_path / "datasets")
     entry = {"scene": write_scene().name}
     suite = tmp_path / "suite.json"
     suite.write_text(json.dumps({"format": 1, "name": "mine", "scenes": [entry]}))

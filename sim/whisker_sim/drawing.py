@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from whisker_sim.model import MM_PER_M
 from whisker_sim.runs import Run
-from whisker_sim.simulate import simulate
+from whisker_sim.simulate import Simulated
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import Array
 
@@ -46,17 +46,16 @@ _SHADES = 7
 """Shades from one colour to another that meets it at an edge."""
 
 
-class Drawing:
+class SweepRenderer:
     """A simulated sweep, ready to be drawn at any instant."""
 
     sources = (Path(__file__),)
-    frames_hz = 20.0
+    frames_hz = 12.5
     lossless = True
     """Flat colours are smaller without loss than with it."""
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
-        simulated = self._simulated = simulate(run)
+    def __init__(self, run: Run, simulated: Simulated) -> None:
+        self.run, self._simulated = run, simulated
         whisker, truth = run.scene.resolved_whisker, simulated.truth
         self._line_m = CenterLine.from_joints(whisker, simulated.base_pose, simulated.rotations_rad).points_m
         largest_n = np.max(simulated.force_n)
@@ -81,7 +80,7 @@ class Drawing:
         reading = np.abs(self._simulated.rotations_rad[:, 0])
         return int(np.flatnonzero(reading >= 0.99 * np.max(reading))[-1])
 
-    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+    def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
         """The pictures at `rows`, which rise; each shows the contact points up to its own."""
         truth, touching = self._simulated.truth, self._simulated.touching
         backdrop = self._backdrop()

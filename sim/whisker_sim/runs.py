@@ -1,6 +1,7 @@
 """What scene and suite files stand for: the runs to be made."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -83,3 +84,17 @@ def load_runs(path: Path) -> tuple[str | None, list[Run]]:
                 taken.add(made)
             runs.append(Run(name, msgspec.structs.replace(scene, seed=seed), scene_path))
     return document.name, runs
+
+
+def first_of_each_set(runs: Iterable[Run]) -> list[Run]:
+    """The first trial of each set: of each group with each whisker."""
+    first: dict[str, Run] = {}
+    for run in runs:
+        if run.scene.role == "trial":
+            first.setdefault(set_name(run), run)
+    return list(first.values())
+
+
+def set_name(run: Run) -> str:
+    """Name of the set of a run, `<group>.<whisker>`. Neither part contains a dot, so the names of sets differ."""
+    return f"{run.scene.group}.{run.scene.resolved_whisker.name}"

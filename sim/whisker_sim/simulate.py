@@ -13,6 +13,7 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSORS, build_model
 from whisker_sim.motions import Plan
 from whisker_sim.motions.base import REST_S
+from whisker_sim.progress import report_share
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
 from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
@@ -138,6 +139,7 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int
         warmstart = data.qacc_warmstart.copy()
         after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
         _check_physics(after[0], start * timestep_s, timestep_s)
+        report_share(min(1.0, (start + chunk) / len(controls)))
         yield after[0], readings[0]
         state = after[0][-1]
 

@@ -17,7 +17,7 @@ from whisker_sim.certificate import Certificate, certify
 from whisker_sim.documents import to_json
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
-from whisker_sim.simulate import Simulated, simulate
+from whisker_sim.simulate import Simulated
 from whisker_sim.whisker import Array, Whisker
 
 COLUMNS = (
@@ -43,20 +43,23 @@ COLUMNS = (
 )
 """Columns of a trace in order, with their decimals."""
 
-# Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
-_ONLOOKERS = {
+_WITHOUT_INFLUENCE = {
     "__main__.py",
     "arm/picture.py",
-    "chores.py",
     "cli.py",
     "cluster.py",
     "drawing.py",
     "export.py",
+    "jobs.py",
+    "paths.py",
     "physics",
     "products.py",
+    "progress.py",
     "render.py",
     "rig",
+    "startup.py",
 }
+"""Modules and packages that do not influence the bytes of a trace; a change in them makes no trace out of date."""
 
 
 class Generator(msgspec.Struct, frozen=True):
@@ -105,26 +108,23 @@ class Sidecar(msgspec.Struct, Generic[AnyScene], frozen=True):
     """The recording of several whiskers to which the trace belongs; left out where there is none."""
 
 
-def make(folder: Path, run: Run) -> str:
-    """Simulates `run` and writes its trace into `folder`; gives one line for people."""
-    simulated = simulate(run)
-    write_trace(folder, run, simulated)
-    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
+def write_trace(folder: Path, run: Run, simulated: Simulated) -> str:
+    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json` into `folder`; returns one line of text for the user.
 
-
-def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
-    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json`, which says that all is there, into `folder`."""
+    The sidecar is last, so that its presence shows that the trace is complete.
+    """
     scene = run.scene
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
     contour, outline = contour_of(run.name, scene.object)
     certificate = certify(scene.resolved_whisker, [scene.object], scene.face, simulated, scene.vibration is not None)
     sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
     folder.mkdir(parents=True, exist_ok=True)
-    # A sidecar of before must not stand beside rows that it does not describe.
+    # An old sidecar must not remain beside rows that it does not describe.
     (folder / f"{run.name}.json").unlink(missing_ok=True)
     write_atomically(folder / f"{run.name}.csv", csv)
     write_atomically(folder / contour.file, outline)
     write_atomically(folder / f"{run.name}.json", to_json(sidecar))
+    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
 
 
 def contour_of(name: str, shape: Shape) -> tuple[Contour, bytes]:
@@ -255,7 +255,7 @@ def generator() -> Generator:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         module = path.relative_to(package)
-        if _ONLOOKERS.isdisjoint((module.parts[0], module.as_posix())):
+        if _WITHOUT_INFLUENCE.isdisjoint((module.parts[0], module.as_posix())):
             digest.update(module.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), _git_commit(package), digest.hexdigest())
 

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from whisker_sim import drawing
-from whisker_sim.arm.simulate import simulate_passage
+from whisker_sim.arm.simulate import Passed
 from whisker_sim.arm.tool import LENGTH_M, MOUNTS
 from whisker_sim.drawing import BLUE, GREEN, VERMILION, Colour
 from whisker_sim.errors import SimulationError
@@ -43,7 +43,7 @@ _SLICES = 96
 """Of a round body, which else shows its edges."""
 
 
-class PassageDrawing:
+class PassageRenderer:
     """A simulated passage, ready to be drawn at any instant."""
 
     sources = (Path(__file__), Path(drawing.__file__))
@@ -51,9 +51,8 @@ class PassageDrawing:
     lossless = False
     """Shaded faces are far smaller with loss than without."""
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
-        passed = self._passed = simulate_passage(run)
+    def __init__(self, run: Run, passed: Passed) -> None:
+        self.run, self._passed = run, passed
         whisker = run.scene.resolved_whisker
         self._heights_mm = {mount.name: MM_PER_M * (run.scene.path.height_m + mount.pose[2, 3]) for mount in MOUNTS}
         self._lines_m = {
@@ -72,7 +71,7 @@ class PassageDrawing:
         touching = np.sum([whisker.touching for whisker in self._passed.whiskers.values()], axis=0)
         return int(np.flatnonzero(touching == np.max(touching))[-1])
 
-    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+    def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
         """The pictures at `rows`, which rise; each shows the contact points up to its own.
 
         Raises `SimulationError` where the machine cannot draw in perspective.
@@ -107,9 +106,8 @@ class PassageDrawing:
         return np.concatenate((*edges, *lines, *flange))
 
 
-def replayed_passage(run: Run) -> tuple[mujoco.MjModel, Array]:
-    """Simulates a passage; gives the model and its coordinates (n, nq) at every row."""
-    passed = simulate_passage(run)
+def replayed_passage(_: Run, passed: Passed) -> tuple[mujoco.MjModel, Array]:
+    """Model of a simulated passage and its coordinates (n, nq) at every row."""
     return passed.model, passed.qpos
 
 

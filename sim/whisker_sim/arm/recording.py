@@ -7,7 +7,7 @@ import numpy as np
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.scene import ArmScene, trace_name
-from whisker_sim.arm.simulate import Passed, seen_from_objects, simulate_passage
+from whisker_sim.arm.simulate import Passed, seen_from_objects
 from whisker_sim.arm.tool import FACE, MOUNTS
 from whisker_sim.certificate import certify
 from whisker_sim.documents import to_json
@@ -86,16 +86,11 @@ class Recording(msgspec.Struct, frozen=True):
     inputs_sha256: str
 
 
-def make(folder: Path, run: Run) -> str:
-    """Simulates `run` and writes its recording into `folder`; gives one line for people."""
-    passed = simulate_passage(run)
-    write_recording(folder, run, passed)
-    shares = [f"{100 * whisker.touching.mean():.0f}" for whisker in passed.whiskers.values()]
-    return f"{run.name}: {passed.time_s[-1]:.1f} s, {', '.join(shares)} % in contact"
+def write_recording(folder: Path, run: Run, passed: Passed) -> str:
+    """Writes a trace per whisker, joints, displacements and outlines of the objects and, last, `<name>.json` into `folder`.
 
-
-def write_recording(folder: Path, run: Run, passed: Passed) -> None:
-    """Writes a trace a whisker, the joints, the objects' displacements and outlines and, last, `<name>.json` into `folder`."""
+    Returns one line of text for the user.
+    """
     scene, name = run.scene, run.name
     files: dict[str, bytes] = {}
 
@@ -145,6 +140,8 @@ def write_recording(folder: Path, run: Run, passed: Passed) -> None:
     for file, content in files.items():
         write_atomically(folder / file, content)
     write_atomically(folder / f"{name}.json", to_json(recording))
+    shares = [f"{100 * whisker.touching.mean():.0f}" for whisker in passed.whiskers.values()]
+    return f"{run.name}: {passed.time_s[-1]:.1f} s, {', '.join(shares)} % in contact"
 
 
 def is_up_to_date(folder: Path, run: Run) -> bool:

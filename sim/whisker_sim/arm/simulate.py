@@ -14,6 +14,7 @@ from whisker_sim.documents import located
 from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
 from whisker_sim.motions.base import REST_S
+from whisker_sim.progress import part
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import Simulated, is_split, logged, roll
@@ -85,8 +86,9 @@ def _integrate(scene: ArmScene, model: mujoco.MjModel, plan: JointPlan) -> tuple
     """
     timestep_s, data = scene.simulation.timestep_s, mujoco.MjData(model)
     settling = np.zeros((round(_SETTLING_S / timestep_s), model.nu))
-    for _ in roll(model, data, settling, len(settling)):
-        data.time = 0.0
+    with part(0.0, 0.0):
+        for _ in roll(model, data, settling, len(settling)):
+            data.time = 0.0
     controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)[1:]
     return logged(model, data, controls, scene.steps_per_row)
 

@@ -18,7 +18,7 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, NNM_PER_NM, SENSORS, build_model
 from whisker_sim.motions import Stage
 from whisker_sim.physics.cases import WHISKERS, largest, rms
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.shapes import AnyShape
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.shapes.pin import Pin
@@ -223,10 +223,10 @@ def _conclude(results: list[list[Row]]) -> Findings:
         for whisker in WHISKERS
         for field, figure in _FIGURES.items()
     ]
-    bars = []
+    claims = []
     for fit in orders:
         claim = f"{fit.whisker} chain at rest: order of the {fit.figure}'s error in segment length"
-        bars.append(Bar(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
+        claims.append(Claim(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
     for whisker in WHISKERS:
         default = [row for row in rows if row.whisker == whisker and row.segments == _DEFAULT_SEGMENTS]
         for field, scale, bound, unit in (
@@ -236,8 +236,8 @@ def _conclude(results: list[list[Row]]) -> Findings:
         ):
             claim = f"{whisker} chain at rest, {_DEFAULT_SEGMENTS} segments: {_FIGURES[field]}, worst case"
             worst = scale * largest([getattr(row, field) for row in default])
-            bars.append(Bar(f"rest_{whisker}_{_FIGURES[field]}", claim, worst, "<=", bound, unit))
-    return Findings({"convergence": rows, "convergence_orders": orders}, bars)
+            claims.append(Claim(f"rest_{whisker}_{_FIGURES[field]}", claim, worst, "<=", bound, unit))
+    return Findings({"convergence": rows, "convergence_orders": orders}, claims)
 
 
 STUDY = Study("convergence", "chain at rest against the elastica, 10 to 160 segments", _tasks, _conclude)

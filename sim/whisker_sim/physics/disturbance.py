@@ -35,7 +35,7 @@ from whisker_sim.physics.cases import (
     slides_at_n,
     tips_at_n,
 )
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import roll
 from whisker_sim.table import displacement
@@ -292,8 +292,8 @@ def _conclude(results: list[Row | Column]) -> Findings:
 
     mass, bound_mm = f"object of {1e3 * CLAIMED_KG:g} g", 1e3 * CLAIMED_M
     buckling = largest([row.held_force_n / row.euler_n - 1.0 for row in columns])
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             "disturbance_curved",
             f"curved whisker, soft root, any approach and speed: {mass} moves",
             moved_mm(curved),
@@ -301,7 +301,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_straight",
             f"straight whisker, soft root, from the side (15 degrees and more) or with a frictionless tip: {mass} moves",
             moved_mm(slipping),
@@ -309,7 +309,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_head_on",
             f"straight whisker, soft root, head-on at {1e3 * _SPEED_M_S:g} mm/s with a tip that rubs: {mass} does move",
             moved_mm(head_on["straight"]),
@@ -317,7 +317,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_stiffer",
             f"curved whisker, ten times stiffer, head-on at {1e3 * _SPEED_M_S:g} mm/s with a tip that rubs: {mass} does move",
             moved_mm(head_on[WHISKERS[-1][0].name]),
@@ -325,7 +325,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_buckling",
             "straight whisker, tip held: load once buckled, against Euler's",
             PERCENT * buckling,
@@ -340,7 +340,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
         "disturbance_speed": by_speed,
         "disturbance_buckling": columns,
     }
-    return Findings(tables, bars)
+    return Findings(tables, claims)
 
 
 STUDY = Study("disturbance", "what whiskers do to objects that stand free", _tasks, _conclude)

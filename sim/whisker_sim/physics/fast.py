@@ -7,7 +7,7 @@ from pathlib import Path
 from whisker_sim.certificate import contacts_of
 from whisker_sim.documents import read_document
 from whisker_sim.physics.study import Findings, Study
-from whisker_sim.physics.sweeps import Row, bars, compare_contacts
+from whisker_sim.physics.sweeps import Row, claims_about, compare_contacts
 from whisker_sim.runs import Run, with_simulation
 from whisker_sim.scene import SIMULATIONS, Scene
 from whisker_sim.simulate import simulate
@@ -35,7 +35,7 @@ def _tasks(dataset: Path) -> list[partial[Row]]:
 
 
 def _conclude(results: list[Row]) -> Findings:
-    return Findings({"fast": results}, bars("fast", "fast settings, trials", results, TIMES_THE_BOUNDS))
+    return Findings({"fast": results}, claims_about("fast", "fast settings, trials", results, TIMES_THE_BOUNDS))
 
 
 STUDY = Study("fast", "trials of the standard suite with the fast settings against the elastica", _tasks, _conclude)

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from whisker_sim.model import build_model
 from whisker_sim.physics.cases import FAR_AWAY
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 SEGMENTS = (10, 20, 40, 80)
@@ -76,8 +76,8 @@ def _tasks(_: Path) -> list[partial[list[Row]]]:
 
 def _conclude(results: list[list[Row]]) -> Findings:
     rows = [row for result in results for row in result]
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             f"frequency_{row.mode}",
             f"natural frequency {row.mode}, 40 segments, against the beam's {row.beam_hz:.2f} Hz",
             PERCENT * abs(row.error),
@@ -88,7 +88,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
         for row in rows
         if row.segments == 40
     ]
-    return Findings({"frequencies": rows}, bars)
+    return Findings({"frequencies": rows}, claims)
 
 
 STUDY = Study("frequencies", "natural frequencies against the analytic beam", _tasks, _conclude)

@@ -19,9 +19,10 @@ from scipy.optimize import brentq
 
 from whisker_sim.elastica import Loaded, loaded, touching
 from whisker_sim.errors import SimulationError
+from whisker_sim.paths import ROOT
 from whisker_sim.physics.cases import WHISKERS, largest
-from whisker_sim.physics.scipy_elastica import REPOSITORY, StaticContact, push, solved_case, static_contact, write_cases
-from whisker_sim.physics.study import Bar, Findings, Study
+from whisker_sim.physics.scipy_elastica import StaticContact, push, solved_case, static_contact, write_cases
+from whisker_sim.physics.study import Claim, Findings, Study
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
@@ -173,7 +174,7 @@ def _ask_rust(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]:
         try:
             run = subprocess.run(
                 [*command, "--", "--nocapture", *_RUST_TESTS],
-                cwd=REPOSITORY,
+                cwd=ROOT,
                 env={**os.environ, "ELASTICA_CASES": str(cases)},
                 capture_output=True,
                 text=True,
@@ -213,7 +214,7 @@ def _conclude(results: list[list[Any]]) -> Findings:
     agreements = [row for rows in results[: len(WHISKERS)] for row in rows]
     rust_cantilevers, rust_agreements = _ask_rust([row for rows in results[len(WHISKERS) :] for row in rows])
     cantilevers, agreements = cantilevers + rust_cantilevers, rust_agreements + agreements
-    bars = []
+    claims = []
     for oracle in ("SciPy", "Rust"):
         of_oracle = [row for row in cantilevers if row.oracle == oracle]
         misses = [abs(row.deflection - row.published_deflection) for row in of_oracle]
@@ -221,15 +222,15 @@ def _conclude(results: list[list[Any]]) -> Findings:
         # Without all of the published values nothing is shown.
         worst = largest(misses) if len(of_oracle) == len(PUBLISHED) else float("nan")
         claim = f"oracle by {oracle}: cantilever against Mattiasson's four loads, in lengths"
-        bars.append(Bar(f"oracle_mattiasson_{oracle.lower()}", claim, worst, "<=", _ROUNDING, ""))
+        claims.append(Claim(f"oracle_mattiasson_{oracle.lower()}", claim, worst, "<=", _ROUNDING, ""))
     for oracle, what in (("Rust", "random whiskers, contacts and loads"), ("NumPy", "loads and contacts with discs")):
         of_oracle = [row for row in agreements if row.oracle == oracle]
         worst = largest([row.worst for row in of_oracle])
         # The oracle in Rust answers to every case in four ways.
         count = sum({row.what: row.cases for row in of_oracle}.values()) // (4 if oracle == "Rust" else 1)
         claim = f"oracle by {oracle} against SciPy: {count} {what}, relative"
-        bars.append(Bar(f"oracle_{oracle.lower()}", claim, worst, "<=", _AGREEMENT, ""))
-    return Findings({"cantilever": cantilevers, "oracle": agreements}, bars)
+        claims.append(Claim(f"oracle_{oracle.lower()}", claim, worst, "<=", _AGREEMENT, ""))
+    return Findings({"cantilever": cantilevers, "oracle": agreements}, claims)
 
 
 STUDY = Study("oracle", "the oracles against published values and one another", _tasks, _conclude)

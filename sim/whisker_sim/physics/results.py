@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from whisker_sim.documents import to_json
-from whisker_sim.physics.study import Bar, Findings
+from whisker_sim.physics.study import Claim, Findings
 from whisker_sim.physics.sweeps import Row as SweepRow
 from whisker_sim.trace import Generator, generator, write_atomically
 
@@ -46,7 +46,7 @@ def write_results(folder: Path, findings: list[Findings]) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     tables = {name: rows for found in findings for name, rows in found.tables.items()}
-    tables["claims"] = [claim_row(bar) for found in findings for bar in found.bars]
+    tables["claims"] = [claim_row(claim) for found in findings for claim in found.claims]
     for name, rows in tables.items():
         write_atomically(folder / f"{name}.csv", _csv(rows))
     traces = {row.trace: row.trace_sha256 for row in tables.get("sweeps", []) if isinstance(row, SweepRow)}
@@ -54,9 +54,9 @@ def write_results(folder: Path, findings: list[Findings]) -> None:
     write_atomically(folder / "watermark.json", to_json(watermark))
 
 
-def claim_row(bar: Bar) -> ClaimRow:
+def claim_row(claim: Claim) -> ClaimRow:
     """The row of `claims.csv`."""
-    return ClaimRow(*bar, "true" if bar.holds else "false")
+    return ClaimRow(*claim, "true" if claim.holds else "false")
 
 
 def _csv(rows: Sequence[NamedTuple]) -> bytes:

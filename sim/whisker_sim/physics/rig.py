@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from whisker_sim.certificate import contacts_of, disagreement
+from whisker_sim.paths import ROOT
 from whisker_sim.physics.cases import largest
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.runs import Run, load_runs
 from whisker_sim.simulate import simulate
 from whisker_sim.whisker import Whisker
 
-_SCENE = Path(__file__).resolve().parents[3] / "scenes/rig/increments_beam_test.json"
+_SCENE = ROOT / "scenes/rig/increments_beam_test.json"
 _FIRST_M, _LAST_M = 1e-3, 6e-3
 """Depths between which the slope is taken: after the first knock, and before the printer brakes."""
 
@@ -89,8 +90,8 @@ def _tasks(_: Path) -> list[partial[list[Row]]]:
 
 def _conclude(results: list[list[Row]]) -> Findings:
     (rows,) = results
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             "rig_rotation",
             "printed whisker at rest under the ruler: rotation of the root against the elastica, worst place",
             PERCENT * largest([row.error for row in rows]),
@@ -98,7 +99,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
             0.1,
             "%",
         ),
-        Bar(
+        Claim(
             "rig_slope",
             "rotation per push while the ruler moves, against the beam's for a small push, worst place",
             PERCENT * largest([row.slope_rad_m / row.beam_rad_m - 1.0 for row in rows]),
@@ -107,7 +108,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
             "%",
         ),
     ]
-    return Findings({"rig": rows}, bars)
+    return Findings({"rig": rows}, claims)
 
 
 STUDY = Study("rig", "the calibration rig's whisker under the ruler, at rest and while it moves", _tasks, _conclude)

@@ -17,7 +17,7 @@ import numpy as np
 from whisker_sim.model import NNM_PER_NM, build_model
 from whisker_sim.physics.cases import FAR_AWAY, largest
 from whisker_sim.physics.frequencies import beam_hz
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 PUBLISHED_DYING_S = 1.4
@@ -148,8 +148,8 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
     rows = [row for row, _ in results]
     preset = rows[0]
     decay_error = largest([row.decay_s / row.expected_decay_s - 1.0 for row in rows])
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             "ringing_frequency",
             f"ringing after release, against the beam's {preset.beam_hz:.2f} Hz",
             PERCENT * largest([row.frequency_hz / row.beam_hz - 1.0 for row in rows]),
@@ -157,8 +157,8 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
             1.0,
             "%",
         ),
-        Bar("ringing_decay", "decay of the ringing, against 2 / (w^2 (tau + h))", PERCENT * decay_error, "<=", 3.0, "%"),
-        Bar(
+        Claim("ringing_decay", "decay of the ringing, against 2 / (w^2 (tau + h))", PERCENT * decay_error, "<=", 3.0, "%"),
+        Claim(
             "ringing_published",
             f"preset, damping_s = {preset.damping_s:.2e}: time to die down, against the published {PUBLISHED_DYING_S} s",
             PERCENT * abs(preset.dying_s / PUBLISHED_DYING_S - 1.0),
@@ -166,7 +166,7 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
             5.0,
             "%",
         ),
-        Bar(
+        Claim(
             "energy_growth",
             "free vibration: largest growth of the energy in a step, share of the first",
             float(np.max([row.energy_growth for row in rows])),
@@ -176,7 +176,7 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
         ),
     ]
     drawn = [instant for _, instants in results[:2] for instant in instants]
-    return Findings({"ringing": rows, "ringing_signal": drawn}, bars)
+    return Findings({"ringing": rows, "ringing_signal": drawn}, claims)
 
 
 STUDY = Study("ringing", "frequency, decay and energy of the ringing after release", _tasks, _conclude)

@@ -24,11 +24,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from whisker_sim.errors import SimulationError
+from whisker_sim.paths import ROOT
 from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import PRESETS, Arc, Array, Whisker
 
-REPOSITORY = Path(__file__).resolve().parents[3]
-GOLDEN = REPOSITORY / "datasets/golden/elastica.csv"
+GOLDEN = ROOT / "datasets/golden/elastica.csv"
 GOLDEN_CASES = 200
 GOLDEN_SEED = 1
 HEADER = (

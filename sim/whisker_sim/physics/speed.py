@@ -20,17 +20,19 @@ import mujoco.rollout
 import numpy as np
 
 from whisker_sim.arm.simulate import Passed, simulate_passage
-from whisker_sim.cli import FAILED, GOOD, exit_code
+from whisker_sim.cli import exit_code
 from whisker_sim.errors import WhiskerSimError
+from whisker_sim.jobs import FAILED, SUCCESS
 from whisker_sim.model import MM_PER_M, build_model
-from whisker_sim.physics.__main__ import claim_line
-from whisker_sim.physics.study import Bar
+from whisker_sim.paths import ROOT
+from whisker_sim.physics.command import claim_line
+from whisker_sim.physics.study import Claim
 from whisker_sim.runs import Run, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
 from whisker_sim.simulate import full_state, simulate
 from whisker_sim.trace import write_trace
 
-_SCENES = Path(__file__).resolve().parents[3] / "scenes"
+_SCENES = ROOT / "scenes"
 _SUITE, _PASSAGE = _SCENES / "suites/standard.json", _SCENES / "arm/passage.json"
 _TURNS = 7
 
@@ -74,7 +76,7 @@ def _report() -> int:
     print()
     for claim in claims:
         print(claim_line(claim))
-    return GOOD if all(claim.holds for claim in claims) else FAILED
+    return SUCCESS if all(claim.holds for claim in claims) else FAILED
 
 
 def measure(run: Run, simulation: str) -> Row:
@@ -108,16 +110,16 @@ def two_workers() -> float:
     return _suite_s(1) / _suite_s(2)
 
 
-def arm() -> Bar:
+def arm() -> Claim:
     """The claim about the arm, its six whiskers and its free objects, in one model: plan, steps, logging and truth, once."""
     ((run,),) = load_runs(_PASSAGE)[1:]
     passed: list[Passed] = []
     taken_s = _processor_s(lambda: passed.append(simulate_passage(run)))
     claim = f"arm with six whiskers and free objects, one core, times real time ({run.name})"
-    return Bar("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")
+    return Claim("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")
 
 
-def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Bar]:
+def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Claim]:
     """The claims about the slowest traces."""
 
     def times_real_time(row: Row) -> float:
@@ -127,11 +129,11 @@ def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Bar]:
     for simulation, bound in (("default", 7.0), ("fast", 14.0)):
         slowest = min((row for row in rows if row.simulation == simulation), key=times_real_time)
         claim = f"{simulation} settings, one core, times real time ({slowest.trace})"
-        claims.append(Bar(f"speed_{simulation}", claim, times_real_time(slowest), ">=", bound, ""))
+        claims.append(Claim(f"speed_{simulation}", claim, times_real_time(slowest), ">=", bound, ""))
     most = max((row for row in rows if row.simulation == "default"), key=lambda row: row.traced_s / row.steps_s)
     claim = f"whole trace over its bare steps ({most.trace})"
-    claims.append(Bar("overhead", claim, most.traced_s / most.steps_s, "<=", 1.1, ""))
-    claims.append(Bar("two_workers", "two workers, times faster than one", gain_of_two_workers, ">=", 1.8, ""))
+    claims.append(Claim("overhead", claim, most.traced_s / most.steps_s, "<=", 1.1, ""))
+    claims.append(Claim("two_workers", "two workers, times faster than one", gain_of_two_workers, ">=", 1.8, ""))
     return claims
 
 
@@ -140,7 +142,7 @@ def _suite_s(jobs: int) -> float:
         command = [sys.executable, "-m", "whisker_sim", "simulate", str(_SUITE), "--out", folder, "--jobs", str(jobs)]
         start_s = time.perf_counter()
         finished = subprocess.run(command, capture_output=True, text=True, check=False)
-        if finished.returncode != GOOD:
+        if finished.returncode != SUCCESS:
             raise WhiskerSimError(f"`{' '.join(command)}` fails: {finished.stderr.strip()}")
         return time.perf_counter() - start_s
 

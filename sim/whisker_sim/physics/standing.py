@@ -23,7 +23,7 @@ from whisker_sim.physics.cases import (
     slides_at_n,
     tips_at_n,
 )
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.table import displacement
 from whisker_sim.whisker import PRESETS, Array
 
@@ -116,9 +116,9 @@ def _conclude(results: list[Row]) -> Findings:
     sliding = largest([row.slides_at_n / row.expected_slides_at_n - 1.0 for row in results])
     tipping = largest([row.tips_at_n / row.expected_tips_at_n - 1.0 for row in results])
     drift_m, creep_m = largest([row.drift_m for row in results]), largest([row.creep_m for row in results])
-    bars = [
-        Bar("standing_drift", f"at rest for {lasting}: displacement", 1e6 * drift_m, "<=", 0.1, "um"),
-        Bar(
+    claims = [
+        Claim("standing_drift", f"at rest for {lasting}: displacement", 1e6 * drift_m, "<=", 0.1, "um"),
+        Claim(
             "standing_creep",
             f"half the push that makes it slide, for {lasting}: displacement",
             1e6 * creep_m,
@@ -126,10 +126,10 @@ def _conclude(results: list[Row]) -> Findings:
             0.1,
             "um",
         ),
-        Bar("standing_slides", "push at which it slides, against mu m g", PERCENT * sliding, "<=", 1.0, "%"),
-        Bar("standing_tips", "push at which it tips, against m g R / z", PERCENT * tipping, "<=", 1.0, "%"),
+        Claim("standing_slides", "push at which it slides, against mu m g", PERCENT * sliding, "<=", 1.0, "%"),
+        Claim("standing_tips", "push at which it tips, against m g R / z", PERCENT * tipping, "<=", 1.0, "%"),
     ]
-    return Findings({"standing": results}, bars)
+    return Findings({"standing": results}, claims)
 
 
 STUDY = Study("standing", "objects that stand free on a table, against statics", _tasks, _conclude)

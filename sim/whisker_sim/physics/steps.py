@@ -9,7 +9,7 @@ import numpy as np
 from whisker_sim.certificate import SETTLING_S
 from whisker_sim.physics.cases import largest, rms
 from whisker_sim.physics.strokes import CASES, stroke
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 
 TIMESTEPS_S = (0.001, 0.0005, 0.00025)
 SPEED_M_S = 0.035
@@ -53,11 +53,11 @@ def _conclude(results: list[list[Row]]) -> Findings:
     def worst(segments: int, timestep_s: float) -> float:
         return PERCENT * largest([row.change_worst for row in rows if (row.segments, row.timestep_s) == (segments, timestep_s)])
 
-    bars = [
-        Bar("step_halved", "half the time step: change of the reading, worst", worst(40, 0.00025), "<=", 0.1, "% of range"),
-        Bar("segments_doubled", "twice the segments: change of the reading, worst", worst(80, 0.0005), "<=", 0.1, "% of range"),
+    claims = [
+        Claim("step_halved", "half the time step: change of the reading, worst", worst(40, 0.00025), "<=", 0.1, "% of range"),
+        Claim("segments_doubled", "twice the segments: change of the reading, worst", worst(80, 0.0005), "<=", 0.1, "% of range"),
     ]
-    return Findings({"steps": rows}, bars)
+    return Findings({"steps": rows}, claims)
 
 
 STUDY = Study("steps", "change of the reading with time step and segments", _tasks, _conclude)

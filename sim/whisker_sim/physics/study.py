@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Bar(NamedTuple):
+class Claim(NamedTuple):
     """A claim about the physics, measured. It holds where the figure is at most, or at least, the bound."""
 
     id: str
@@ -31,7 +31,7 @@ class Findings(NamedTuple):
 
     tables: dict[str, Sequence[NamedTuple]]
     """Rows of each table, by its name; the fields of a row are the columns."""
-    bars: list[Bar]
+    claims: list[Claim]
 
 
 class Study(NamedTuple):

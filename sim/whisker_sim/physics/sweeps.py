@@ -11,7 +11,7 @@ from whisker_sim.certificate import Contacts, disagreement, quasi_static
 from whisker_sim.documents import read_document
 from whisker_sim.errors import InputError
 from whisker_sim.physics.cases import largest, rms
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.scene import Scene
 from whisker_sim.trace import COLUMNS, Sidecar
 from whisker_sim.whisker import Array
@@ -135,8 +135,8 @@ def _tasks(dataset: Path) -> list[partial[tuple[Row, list[Instant]]]]:
     return [partial(compare, path) for path in sidecars]
 
 
-def bars(name: str, what: str, rows: list[Row], share: float) -> list[Bar]:
-    """The claims about the worst of some traces, with so many times the bounds that the default simulation has to keep."""
+def claims_about(name: str, subject: str, rows: list[Row], times: float) -> list[Claim]:
+    """Claims about the worst of some traces, `subject`, with bounds that are `times` those of the default simulation settings."""
     claims = []
     for field, figure, scale, bound, unit in (
         ("moment_rms", "base moment, RMS", PERCENT, 0.05, "% of range"),
@@ -150,8 +150,8 @@ def bars(name: str, what: str, rows: list[Row], share: float) -> list[Bar]:
         if rows:
             # The first that is not a number, where there is one.
             worst = rows[int(np.argmax([getattr(row, field) for row in rows]))]
-            claim = f"{what}: {figure} ({worst.trace})"
-            claims.append(Bar(f"{name}_{field}", claim, scale * getattr(worst, field), "<=", share * bound, unit))
+            claim = f"{subject}: {figure} ({worst.trace})"
+            claims.append(Claim(f"{name}_{field}", claim, scale * getattr(worst, field), "<=", times * bound, unit))
     return claims
 
 
@@ -159,8 +159,8 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
     rows = [row for row, _ in results]
     claims = [
         claim
-        for role, what in (("trial", "trials"), ("calibration", "calibrations"))
-        for claim in bars(role, what, [row for row in rows if row.role == role], 1.0)
+        for role, subject in (("trial", "trials"), ("calibration", "calibrations"))
+        for claim in claims_about(role, subject, [row for row in rows if row.role == role], 1.0)
     ]
     return Findings({"sweeps": rows, "sweep_errors": [instant for _, instants in results for instant in instants]}, claims)
 
