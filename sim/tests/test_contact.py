@@ -84,8 +84,7 @@ def test_verif_nearest_contact_against_brute_force(make_run, settings):
     truth = nearest_contact(line, run.scene.object)
     arcs_m = np.linspace(0.0, run.scene.resolved_whisker.length_m, 8001)
     for index in range(len(rows)):
-        one = line.rows(np.full(len(arcs_m), index))
-        _, distance_m = run.scene.object.closest(one.at(arcs_m)[0])
+        _, distance_m = run.scene.object.closest(line.at(arcs_m, np.full(len(arcs_m), index))[0])
         clearance_m = distance_m - run.scene.resolved_whisker.radius_m(arcs_m)
         assert abs(arcs_m[np.argmin(clearance_m)] - truth.arc_m[index]) < 1.5e-5
 

@@ -9,7 +9,7 @@ object where the clearance dist(P(s)) - r(s) is least. There its slope, t n - r'
 n, is zero: on a tapered whisker the normal of the contact leans on the centre line as the surface does.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +49,9 @@ class CenterLine:
         points_m = base_pose[:, None, :2] + np.concatenate((np.zeros((len(base_pose), 1, 2)), np.cumsum(pieces_m, axis=1)), axis=1)
         return cls(points_m, turn_rad + rest_angles_rad, whisker.segment_m, whisker.radius_slope)
 
-    def rows(self, rows: NDArray[np.intp]) -> "CenterLine":
-        """The centre lines at the instants `rows` alone."""
-        return replace(self, points_m=self.points_m[rows], angles_rad=self.angles_rad[rows])
-
-    def at(self, arc_m: Array) -> tuple[Array, Array]:
-        """Points (n, 2) and tangent angles (n,) at one arc length (n,) for each instant."""
-        row = np.arange(len(arc_m))
+    def at(self, arc_m: Array, rows: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+        """Points (k, 2) and tangent angles (k,) at the arc lengths `arc_m` (k,), one at each of the instants `rows`, or at all."""
+        row = np.arange(len(arc_m)) if rows is None else rows
         left = np.clip((arc_m / self.step_m).astype(int), 0, self.points_m.shape[1] - 2)
         u = arc_m / self.step_m - left
         p0, p1 = self.points_m[row, left], self.points_m[row, left + 1]
@@ -101,7 +97,7 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
     low, high = np.maximum(node - 1, 0) * line.step_m, np.minimum(node + 1, nodes - 1) * line.step_m
 
     def slope_at(rows: NDArray[np.intp], arc_m: Array) -> Array:
-        point_m, tangent_rad = line.rows(rows).at(arc_m)
+        point_m, tangent_rad = line.at(arc_m, rows)
         nearest_m, distance_m = shape.closest(point_m)
         away_x, away_y = ((point_m - nearest_m) / distance_m[:, None]).T
         return away_x * np.cos(tangent_rad) + away_y * np.sin(tangent_rad) - line.radius_slope
