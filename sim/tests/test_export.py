@@ -16,12 +16,11 @@ TURNED = {"kind": "lateral_sweep", "contact_arc_m": CONTACT_M, "stroke_m": 0.006
 
 INDICES = ("adr", "bodyid", "colind", "dofnum", "geomnum", "jntnum", "map", "objid")
 INDICES += ("parentid", "rootid", "rownnz", "treeid", "weldid")
-"""Endings of the model's arrays that count or number its parts; the exported model has an additional body, which holds the base."""
+"""Endings of the model's arrays that count or number its parts; the exported model has an additional body that holds the base."""
 FRAME = {"body_pos", "body_quat", "jnt_axis", "dof_invweight0", "actuator_acc0"}
-"""Arrays whose entries of the base depend on its pose at zero coordinates, which is the start of the motion in the exported model.
+"""Arrays whose entries of the base depend on its pose at zero coordinates: in the exported model that is the start of the motion.
 
-`actuator_acc0`, the response to a unit force at that pose, has no influence on these actuators.
-"""
+`actuator_acc0`, the response to a unit force at that pose, has no influence on these actuators."""
 AT_START = {"body_invweight0", "dof_M0", "dof_length"}
 """Invariant arrays that the compiler computes at zero coordinates, where the two models differ by rounding."""
 
@@ -29,12 +28,13 @@ AT_START = {"body_invweight0", "dof_M0", "dof_length"}
 @pytest.mark.parametrize("whisker", ["straight", "curved"])
 @pytest.mark.parametrize("shape", AnyShape.__args__, ids=lambda shape: shape.__struct_config__.tag)
 def test_verif_an_exported_scene_is_the_model_that_is_simulated(write_scene, tmp_path, whisker, shape):
-    """All fields are equal bit for bit but for the base's frame; both models take the same 1200 steps, into contact and on.
+    """All fields except the base's frame are equal bit for bit, and 1200 equal steps lead both models into the same contact.
 
-    Before contact the joint angles differ by rounding (1e-15 rad), because the base has another origin. A closed-form collider keeps
-    that. The general one, which an ellipsoid needs, iterates until the distance is known to `ccd_tolerance` and may stop at another
-    iterate. An error d of the distance shifts the contact by d; a cantilever that is deflected by d at the arc length s turns by
-    at most 1.5 d / s. With the collider's tolerance at rounding level the difference vanishes.
+    Before contact the joint angles differ by rounding (1e-15 rad), because the coordinates of the base have another origin. Closed-
+    form colliders keep it so. The general collider, which an ellipsoid needs, iterates until the distance is known to
+    `ccd_tolerance` and may stop at another iterate. An error d of the distance displaces the contact by d, and a cantilever
+    displaced by d at the arc length s rotates by 1.5 d / s at most. With a collider tolerance at rounding level the difference
+    vanishes.
     """
     example = {"shape": shape.__struct_config__.tag, **shape.example}
     scene_file, out = write_scene(whisker=whisker, object=example, motion=TURNED), tmp_path / "scene.xml"
@@ -53,7 +53,7 @@ def test_verif_an_exported_scene_is_the_model_that_is_simulated(write_scene, tmp
 
 
 def assert_equal_fields(exported: mujoco.MjModel, built: mujoco.MjModel) -> None:
-    """Compares all numbers of the two models except `INDICES`."""
+    """Compares all numeric arrays of the two models except `INDICES`."""
     moved = exported.body("start").id
     compared = 0
     for name in dir(built):
@@ -75,7 +75,10 @@ def assert_equal_fields(exported: mujoco.MjModel, built: mujoco.MjModel) -> None
 
 
 def assert_equal_motion(exported, built, start_mm, velocities, tolerance_rad) -> None:
-    """Drives both models alike and compares the angles of root and hinges within `tolerance_rad`, the base to 1e-9 mm and rad."""
+    """Applies the same controls to both models and compares the angles of root and hinges within `tolerance_rad`.
+
+    The coordinates of the base are compared to 1e-9 mm and rad.
+    """
     opened, own = mujoco.MjData(exported), mujoco.MjData(built)
     own.qpos[:3] = own.act[:] = start_mm
     for velocity in velocities:
@@ -92,7 +95,7 @@ def assert_equal_motion(exported, built, start_mm, velocities, tolerance_rad) ->
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.json")), ids=lambda path: path.stem)
 def test_verif_an_exported_scene_opens_at_rest_and_free(tmp_path, path):
-    """As a viewer finds it, before anything is set: nothing touches, nothing moves, nothing is warned of."""
+    """In the initial state of a viewer there is no contact, no motion and no warning."""
     out = tmp_path / "scene.xml"
     assert main(["export", str(path), "--out", str(out)]) == 0
     model = mujoco.MjModel.from_xml_path(str(out))
@@ -104,8 +107,8 @@ def test_verif_an_exported_scene_opens_at_rest_and_free(tmp_path, path):
     assert not np.any(data.warning.number)
 
 
-def test_verif_an_exported_scene_says_what_it_is(write_scene, tmp_path):
-    """Also where the scene's name holds what would end an XML comment."""
+def test_verif_an_exported_scene_states_its_name_and_units(write_scene, tmp_path):
+    """Also if the name of the scene contains characters that would end an XML comment."""
     out = tmp_path / "new" / "scene.xml"
     assert main(["export", str(write_scene(name="one--two")), "--out", str(out)]) == 0
     text = out.read_text()
@@ -117,7 +120,7 @@ def test_verif_an_exported_scene_says_what_it_is(write_scene, tmp_path):
     assert [path.name for path in out.parent.iterdir()] == ["scene.xml"]
 
 
-def test_robust_an_export_needs_its_ending_and_a_scene_that_fits(write_scene, tmp_path, capsys):
+def test_robust_export_requires_the_suffix_and_a_valid_scene(write_scene, tmp_path, capsys):
     assert main(["export", str(write_scene()), "--out", str(tmp_path / "scene.mjcf")]) == 2
     assert "ends in .xml, found '.mjcf'" in capsys.readouterr().err
     motion = {"kind": "lateral_sweep", "contact_arc_m": 0.09, "stroke_m": 0.006}
