@@ -63,7 +63,7 @@ def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
     ring = pixels(picture, COLOURS["contact and force"])
     top, (left, right) = ring[:, 0].min(), (ring[:, 1].min(), ring[:, 1].max() + 1)
     middle = (0.5 * (left + right), top + drawing._RING_RADIUS)
-    np.testing.assert_allclose(middle, sweep._on_paper(simulated.truth.surface_m[row]), atol=1.0)
+    np.testing.assert_allclose(middle, sweep._to_pixels(simulated.truth.surface_m[row]), atol=1.0)
 
 
 @pytest.fixture

@@ -225,7 +225,7 @@ def _make_traces(
         for run in runs:
             run, folder = with_simulation(run, simulation), options.out or DATASETS / f"{suite}_{options.simulation}"
             if not options.force:
-                _keep_other_settings(folder, run)
+                _check_settings(folder, run)
             items.append((folder, run))
     targets = [(folder / name, run) for folder, run in items for name in run.scene.names(run.name)]
     count = Counter(target for target, _ in targets)
@@ -240,8 +240,8 @@ def _make_traces(
     return run_job(job, items[number - 1 :: shares], executor, options.force)
 
 
-def _keep_other_settings(folder: Path, run: Run) -> None:
-    """Raises `InputError` where `folder` holds the trace of `run` with other settings, finer ones perhaps."""
+def _check_settings(folder: Path, run: Run) -> None:
+    """Raises `InputError` if `folder` holds the trace of `run` with other simulation settings."""
     path = folder / f"{run.name}.json"
     try:
         kept = msgspec.json.decode(path.read_bytes())["scene"]["simulation"]
@@ -251,7 +251,7 @@ def _keep_other_settings(folder: Path, run: Run) -> None:
         raise InputError(
             f"{path}: expected a trace with {_values(run.scene.simulation)} or none, found one with "
             f"{', '.join(f'{key} {value:g}' for key, value in kept.items())}; "
-            "another --out DIR keeps both, --force replaces it"
+            "use another --out DIR to keep both, or --force to replace it"
         )
 
 

@@ -81,7 +81,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
     def _poses(
         self, stage: Stage, time_s: Array, arc_m: float, depth_m: float, along_m: Array, across_m: Array, turn_rad: Array
     ) -> Array:
-        """Base poses (n, 3), displaced along and across the tangent of the whisker at the contact, and rotated about the contact."""
+        """Base poses (n, 3), displaced along and across the whisker's tangent at the contact and rotated about the contact."""
         press_m = max(self.press_per_m * arc_m**2, depth_m)
         start = stage.base_pose(arc_m, self.clearance_m)
         tangent_rad = float(stage.whisker.rest_angle_rad(arc_m))

@@ -19,7 +19,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from whisker_sim.arm.simulate import Passed, simulate_passage
+from whisker_sim.arm.simulate import SimulatedPassage, simulate_passage
 from whisker_sim.cli import exit_code
 from whisker_sim.errors import WhiskerSimError
 from whisker_sim.jobs import FAILED, SUCCESS
@@ -113,7 +113,7 @@ def two_workers() -> float:
 def arm() -> Claim:
     """The claim about the arm, its six whiskers and its free objects, in one model: plan, steps, logging and truth, once."""
     ((run,),) = load_runs(_PASSAGE)[1:]
-    passed: list[Passed] = []
+    passed: list[SimulatedPassage] = []
     taken_s = _processor_s(lambda: passed.append(simulate_passage(run)))
     claim = f"arm with six whiskers and free objects, one core, times real time ({run.name})"
     return Claim("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")

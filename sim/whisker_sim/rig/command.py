@@ -1,6 +1,6 @@
-"""Entry point of `python -m whisker_sim.rig`: writes the rig's table, `rig.csv` and `rig.json`.
+"""Command line of `python -m whisker_sim.rig`, which writes the table of the rig, `rig.csv` and `rig.json`.
 
-Exit codes: 0 good, 1 failed, 2 wrong use or input, 130 interrupted.
+Exit codes: 0 success, 1 failure, 2 wrong usage or input, 130 interrupted.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from whisker_sim.scene import Scene
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Writes the files; gives the exit code."""
+    """Writes the files; returns the exit code."""
     options = _parser().parse_args(arguments)
     return exit_code(lambda: _write(options), "interrupted; no table was written")
 
@@ -27,25 +27,26 @@ def _write(options: argparse.Namespace) -> int:
     if not isinstance(scene, Scene):
         raise InputError(f"{options.scene}: expected a scene with one whisker, found another kind of document")
     rig = write_rig(options.out, scene)
-    print(f"{options.out / rig.table.file}: {rig.table.rows} rows; rings at {rig.ring_hz:g} Hz, dies by e in {rig.decay_s:g} s")
+    ringing = f"rings at {rig.ring_hz:g} Hz with a time constant of {rig.decay_s:g} s"
+    print(f"{options.out / rig.table.file}: {rig.table.rows} rows; {ringing}")
     return SUCCESS
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="whisker_sim.rig", description="The calibration rig at rest, as a table.")
+    parser = argparse.ArgumentParser(prog="whisker_sim.rig", description="Tabulate the readings of the calibration rig at rest.")
     parser.add_argument(
         "--scene",
         type=Path,
         default=ROOT / "scenes/rig/increments_beam_test.json",
         metavar="SCENE",
-        help="scene whose whisker and object the table is of (default: the routine's)",
+        help="scene that defines whisker and object (default: the scene of the routine)",
     )
     parser.add_argument(
         "--out",
         type=Path,
         default=ROOT / "crates/platform/data",
         metavar="DIR",
-        help="folder of the files (default: where the emulated rig plays them from)",
+        help="folder of the files (default: the one that the emulated rig reads)",
     )
     return parser
 

@@ -9,7 +9,7 @@ from whisker_sim.whisker import Length
 
 
 class Stadium(Shape, frozen=True, forbid_unknown_fields=True, tag="stadium"):
-    """Upright body with the section of a flat bottle: the points within `radius_m` of a segment of length `flat_m` on the x axis."""
+    """Upright body with the section of a flat bottle: all points within `radius_m` of a segment `flat_m` long on the x axis."""
 
     flat_m: Length
     radius_m: Length
