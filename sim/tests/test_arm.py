@@ -358,7 +358,7 @@ def test_robust_an_object_that_tilts_fails_the_recording(write_short, tmp_path, 
     path = write_short(change)
     assert main(["simulate", str(path), "--out", str(tmp_path / "out")]) == 1
     error = capsys.readouterr().err
-    assert "'can' does not stand at 1." in error
+    assert "object 'can' at 1." in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
@@ -405,7 +405,7 @@ def test_val_the_shipped_passage_keeps_the_bounds_of_the_certificate(tmp_path):
 def test_robust_the_tool_may_not_touch(write_short, tmp_path, capsys):
     path = write_short(one_pass(distance_m=0.005))
     assert main(["simulate", str(path), "--out", str(tmp_path / "out")]) == 1
-    assert "the tool itself touches" in capsys.readouterr().err
+    assert "the tool itself is in contact" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -1,6 +1,6 @@
-"""Entry point of `python -m whisker_sim.physics`: runs the studies, writes their tables, prints the claims.
+"""Command line of `python -m whisker_sim.physics`, which runs the studies, writes their tables and prints the claims.
 
-Exit codes: 0 every claim holds, 1 a claim does not hold or a study failed, 2 wrong use or input, 130 interrupted.
+Exit codes: 0 every claim holds, 1 a claim does not hold or a study failed, 2 wrong usage or input, 130 interrupted.
 """
 
 import argparse
@@ -25,7 +25,7 @@ _NAMES = [study.name for study in STUDIES]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the studies; gives the exit code."""
+    """Runs the studies; returns the exit code."""
     options = _parser().parse_args(arguments)
     return exit_code(lambda: _report(options), "interrupted; no table was written")
 
@@ -43,9 +43,9 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def run(studies: Sequence[Study], dataset: Path, jobs: int) -> list[Findings]:
-    """Runs `studies` on `jobs` worker processes and gives their findings, in the same order.
+    """Runs `studies` on `jobs` worker processes; returns their findings in the same order.
 
-    Raises what a task raises, `InputError` for a missing or damaged trace, as soon as it does.
+    Raises the first error of a task, such as `InputError` for a missing or damaged trace.
     """
     tasks = [study.tasks(dataset) for study in studies]
     flat = [task for group in tasks for task in group]
@@ -58,7 +58,7 @@ def run(studies: Sequence[Study], dataset: Path, jobs: int) -> list[Findings]:
                 results[waiting[future]] = future.result()
                 progress.finish()
         except BrokenProcessPool:
-            raise WhiskerSimError("a worker process died, for lack of memory perhaps; fewer --jobs may help") from None
+            raise WhiskerSimError("a worker process died, possibly for lack of memory; fewer --jobs may help") from None
         finally:
             executor.shutdown(wait=False, cancel_futures=True)
     ordered = iter(results[index] for index in range(len(flat)))
@@ -66,15 +66,17 @@ def run(studies: Sequence[Study], dataset: Path, jobs: int) -> list[Findings]:
 
 
 def claim_line(claim: Claim) -> str:
-    """One line: whether the claim holds, what it is, what was measured."""
+    """One line about a claim: whether it holds, its text, the measured value."""
     verdict = "holds" if claim.holds else "DOES NOT HOLD"
     return f"{verdict:<13}  {claim.claim}: {claim.measured:.3g} {claim.relation} {claim.bound:g} {claim.unit}".rstrip()
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="whisker_sim.physics", description="The simulator against theory, every claim measured.")
+    parser = argparse.ArgumentParser(
+        prog="whisker_sim.physics", description="Compare the simulator with theory and measure all claims."
+    )
     parser.add_argument(
-        "studies", nargs="*", metavar="STUDY", type=_study, help=f"which to run, all without one: {', '.join(_NAMES)}"
+        "studies", nargs="*", metavar="STUDY", type=_study, help=f"studies to run (default: all): {', '.join(_NAMES)}"
     )
     parser.add_argument(
         "--dataset", type=Path, default=ROOT / "datasets/standard", metavar="DIR", help="traces of the standard suite"

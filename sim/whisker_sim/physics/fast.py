@@ -1,4 +1,4 @@
-"""The trials of the standard suite with the fast settings of the simulation, against the elastica at every quasi-static instant."""
+"""Trials of the standard suite with the fast simulation settings, against the elastica at every quasi-static instant."""
 
 import hashlib
 from functools import partial
@@ -15,11 +15,11 @@ from whisker_sim.trace import COLUMNS, Sidecar, format_csv, trace_columns
 
 _, FAST = SIMULATIONS["fast"]
 TIMES_THE_BOUNDS = 2.0
-"""What the fast settings may cost."""
+"""Bounds of the fast settings relative to the default ones."""
 
 
 def fast(run: Run) -> Row:
-    """Simulates `run` with the fast settings, writes nothing, and compares."""
+    """Simulates `run` with the fast settings and compares it, without writing files."""
     run = with_simulation(run, FAST)
     simulated = simulate(run)
     rows = format_csv(trace_columns(simulated, run.scene.resolved_whisker), COLUMNS)

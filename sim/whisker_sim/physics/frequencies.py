@@ -1,6 +1,6 @@
 """Natural frequencies of the free whisker on its compliant root, against the Euler-Bernoulli beam.
 
-A uniform beam of length L, free at its end and turning about its root against the stiffness k, vibrates at
+A uniform beam of length L with a free end and a root of rotational stiffness k vibrates at
 w_i = lambda_i^2 sqrt(EI / rho A) / L^2 with (1 + cos l cosh l) k L / EI = l (sin l cosh l - cos l sinh l).
 """
 
@@ -41,7 +41,7 @@ def beam_hz(whisker: Whisker, modes: int) -> Array:
     stiffness = whisker.root_stiffness_n_m_rad * whisker.length_m / bending_n_m2
 
     def characteristic(x: float) -> float:
-        """The equation divided by cosh x, which keeps it small."""
+        """The equation divided by cosh x, which keeps it bounded."""
         return (1.0 / np.cosh(x) + np.cos(x)) * stiffness - x * (np.sin(x) - np.cos(x) * np.tanh(x))
 
     grid = np.linspace(0.05, np.pi * (modes + 1), 200 * (modes + 1))
@@ -52,7 +52,7 @@ def beam_hz(whisker: Whisker, modes: int) -> Array:
 
 
 def chain_hz(whisker: Whisker, modes: int) -> Array:
-    """The first natural frequencies (modes,) of the chain on a fixed base, undamped."""
+    """The first natural frequencies (modes,) of the undamped chain on a fixed base."""
     model = build_model(whisker, FAR_AWAY, 0.0005)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

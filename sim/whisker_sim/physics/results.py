@@ -1,4 +1,4 @@
-"""The files of a run: one CSV a table, the claims, and a watermark."""
+"""Files of a run: one CSV file per table, the claims, and the provenance."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ from whisker_sim.trace import Generator, generator, write_atomically
 
 
 class ClaimRow(NamedTuple):
-    """A claim that was measured."""
+    """A row of `claims.csv`."""
 
     id: str
     claim: str
@@ -28,7 +28,7 @@ class ClaimRow(NamedTuple):
 
 
 class Watermark(msgspec.Struct, frozen=True):
-    """What made the tables, and from what."""
+    """Provenance of the tables."""
 
     format: int
     kind: str
@@ -36,13 +36,13 @@ class Watermark(msgspec.Struct, frozen=True):
     numpy: str
     scipy: str
     traces: dict[str, str]
-    """Hashes of the traces that were compared, by name."""
+    """Hashes of the compared traces, by name."""
 
 
 def write_results(folder: Path, findings: list[Findings]) -> None:
     """Writes `<table>.csv` for every table, `claims.csv` and `watermark.json` into `folder`.
 
-    Numbers have nine significant digits, more than any claim needs and fewer than differ from one machine to another.
+    Numbers have nine significant digits: more than any claim needs, and few enough to agree between machines.
     """
     folder.mkdir(parents=True, exist_ok=True)
     tables = {name: rows for found in findings for name, rows in found.tables.items()}
@@ -55,7 +55,7 @@ def write_results(folder: Path, findings: list[Findings]) -> None:
 
 
 def claim_row(claim: Claim) -> ClaimRow:
-    """The row of `claims.csv`."""
+    """The row of `claims.csv` about a claim."""
     return ClaimRow(*claim, "true" if claim.holds else "false")
 
 
@@ -69,7 +69,7 @@ def _csv(rows: Sequence[NamedTuple]) -> bytes:
 
 
 def _field(value: object) -> object:
-    """A value as its field; a number that is not known is an empty one."""
+    """A value as its field; NaN becomes an empty field."""
     if not isinstance(value, float):
         return value
     return f"{value:.9g}" if value == value else ""

@@ -1,9 +1,9 @@
-"""How fast traces are made: `python -m whisker_sim.physics.speed` measures, prints and judges.
+"""Speed of the generator: `python -m whisker_sim.physics.speed` measures, prints and evaluates claims.
 
-Times of one process are its processor's, not the clock's, so that other programs on the machine count little. What is compared is
-measured in turns; the medians are the figures. Workers are timed by the clock, on the whole standard suite, start included.
+Times of one process are processor times, so that other programs on the machine have little influence. Compared variants alternate;
+medians are reported. Workers are timed by the wall clock on the whole standard suite, including their start.
 
-Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong use, 130 interrupted.
+Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong usage, 130 interrupted.
 """
 
 import argparse
@@ -44,22 +44,22 @@ class Row(NamedTuple):
     simulation: str
     simulated_s: float
     steps_s: float
-    """The `mj_step` calls alone."""
+    """Time of the `mj_step` calls."""
     traced_s: float
-    """Plan, model, steps, logging and truth: all of `simulate`."""
+    """Time of `simulate`: plan, model, steps, logging and ground truth."""
     written_s: float
-    """The same, the certificate and the files."""
+    """The same including certificate and files."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measures and prints; gives the exit code."""
-    parser = argparse.ArgumentParser(prog="whisker_sim.physics.speed", description="How fast traces are made.")
+    """Measures and prints; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="whisker_sim.physics.speed", description="Measure the speed of the generator.")
     parser.parse_args(arguments)
     return exit_code(_report, "interrupted")
 
 
 def _report() -> int:
-    # One of each object and whisker.
+    # One trial of each object and whisker.
     trials = {(run.scene.group, run.scene.whisker): run for run in load_runs(_SUITE)[1] if run.scene.role == "trial"}
     print(f"{'trace':<20}{'simulation':<12}{'times real time':>16}{'over bare steps':>17}{'and written':>13}", flush=True)
     rows = []
@@ -80,19 +80,19 @@ def _report() -> int:
 
 
 def measure(run: Run, simulation: str) -> Row:
-    """Times the trace of `run` with settings of the simulation, by name."""
+    """Times the trace of `run` with the simulation settings of a name."""
     run = with_simulation(run, SIMULATIONS[simulation][1])
     with tempfile.TemporaryDirectory() as folder:
         ways = (bare_steps(run), lambda: simulate(run), lambda: write_trace(Path(folder), run, simulate(run)))
         times = np.array([[_processor_s(way) for way in ways] for _ in range(1 + _TURNS)])
-    # The first turn warms caches up.
+    # The first turn warms up the caches.
     return Row(run.name, simulation, simulate(run).time_s[-1], *np.median(times[1:], axis=0))
 
 
 def bare_steps(run: Run) -> Callable[[], object]:
-    """Makes a function that takes the trace's steps, with its controls, in one call of MuJoCo's, and looks at nothing.
+    """A function that takes the time steps of the trace, with its controls, in one call of MuJoCo, and discards the results.
 
-    The call keeps the state after each step; a loop of `mj_step` over the rows, which keeps nothing, takes as long to 1 %.
+    The call stores the state after each step; a loop of `mj_step` without storage takes the same time within 1 %.
     """
     scene = run.scene
     plan = scene.plan()
@@ -106,12 +106,12 @@ def bare_steps(run: Run) -> Callable[[], object]:
 
 
 def two_workers() -> float:
-    """How many times faster two workers make the standard suite than one, by the clock, from the command's start to its end."""
+    """Speed-up of the standard suite by two workers over one, by the wall clock, from the start of the command to its end."""
     return _suite_s(1) / _suite_s(2)
 
 
 def arm() -> Claim:
-    """The claim about the arm, its six whiskers and its free objects, in one model: plan, steps, logging and truth, once."""
+    """The claim about the arm with its six whiskers and free objects in one model: plan, steps, logging and ground truth, once."""
     ((run,),) = load_runs(_PASSAGE)[1:]
     passed: list[SimulatedPassage] = []
     taken_s = _processor_s(lambda: passed.append(simulate_passage(run)))
@@ -120,7 +120,7 @@ def arm() -> Claim:
 
 
 def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Claim]:
-    """The claims about the slowest traces."""
+    """Claims about the slowest traces."""
 
     def times_real_time(row: Row) -> float:
         return row.simulated_s / row.traced_s

@@ -1,4 +1,4 @@
-"""Static and dynamic part of the reading: how much of it is inertia, at several speeds of the base."""
+"""Static and dynamic part of the reading: contribution of inertia at several speeds of the base."""
 
 from functools import partial
 from pathlib import Path
@@ -16,17 +16,17 @@ SPEEDS_M_S = (0.02, 0.05, 0.1)
 
 
 class Row(NamedTuple):
-    """Static and dynamic part of the reading; shares of the largest static reading."""
+    """Static and dynamic part of the reading, relative to the largest static reading."""
 
     case: str
     speed_m_s: float
-    """Largest speed of the base in the strokes; the first touch is slower."""
+    """Largest speed of the base during the strokes; the first contact is slower."""
     static_n_m: float
-    """Largest static reading: the elastica's."""
+    """Largest static reading, that of the elastica."""
     first_rms: float
     """Dynamic part, RMS over the first `FIRST_S` of the contact."""
     settled_rms: float
-    """RMS after `SETTLING_S` of contact."""
+    """Dynamic part, RMS after `SETTLING_S` of contact."""
     settled_worst: float
 
 

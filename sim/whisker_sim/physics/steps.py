@@ -1,4 +1,4 @@
-"""What the time step and the number of segments do to the reading of a moving whisker."""
+"""Influence of time step and number of segments on the reading of a moving whisker."""
 
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ SPEED_M_S = 0.035
 
 
 class Row(NamedTuple):
-    """Change of the reading against the default of 40 segments and 0.5 ms, relative to its range."""
+    """Change of the reading relative to the default of 40 segments and 0.5 ms, divided by its range."""
 
     case: str
     segments: int
@@ -26,9 +26,9 @@ class Row(NamedTuple):
 
 
 def steps(case: str, whisker: str, shape: str, face: str) -> list[Row]:
-    """The reading for other time steps and twice the segments.
+    """The reading for other time steps and numbers of segments.
 
-    A plan has a whole number of steps in each move, so that the base is not quite where it was; hence each reading is taken
+    Each move of a plan has a whole number of time steps, so that base poses differ slightly; each reading is therefore taken
     relative to the elastica at its own base pose.
     """
     reference = stroke(whisker, shape, face, 40, 0.0005, SPEED_M_S)

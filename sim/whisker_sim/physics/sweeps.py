@@ -1,4 +1,4 @@
-"""The standard suite's traces, as they were written, against the elastica at every quasi-static instant."""
+"""Traces of the standard suite against the elastica at every quasi-static instant."""
 
 import hashlib
 from functools import partial
@@ -18,20 +18,20 @@ from whisker_sim.whisker import Array
 
 
 class Row(NamedTuple):
-    """One trace against the elastica; moments relative to the trace's largest."""
+    """One trace against the elastica; moments relative to the largest moment of the trace."""
 
     trace: str
     role: str
     touching: int
-    """Instants in contact."""
+    """Number of instants in contact."""
     quasi_static: int
     unsolved: int
-    """Quasi-static instants for which the elastica finds no contact in one point."""
+    """Number of quasi-static instants for which the elastica has no single-point contact."""
     range_n_m: float
     moment_rms: float
     moment_worst: float
     moment_jump: float
-    """Largest change of the error from one quasi-static instant to the next."""
+    """Largest change of the error between consecutive quasi-static instants."""
     surface_rms_m: float
     surface_worst_m: float
     arc_rms_m: float
@@ -54,7 +54,7 @@ class Instant(NamedTuple):
 
 
 def read_columns(folder: Path, sidecar: Sidecar) -> tuple[dict[str, Array], str]:
-    """Columns of a trace by name, NaN where a field is empty, and the file's hash; raises `InputError` on a damaged file."""
+    """Columns of a trace by name, NaN for empty fields, and the hash of the file; raises `InputError` for a damaged file."""
     path = folder / f"{sidecar.name}.csv"
     try:
         content = path.read_bytes()
@@ -75,7 +75,7 @@ def compare(path: Path) -> tuple[Row, list[Instant]]:
 
 
 def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
-    """The instants of contact of a trace."""
+    """Instants of contact of a trace."""
 
     def stacked(*names: str) -> Array:
         return np.stack([columns[name] for name in names], axis=-1)[rows]
@@ -95,7 +95,7 @@ def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
 
 
 def compare_contacts(trace: str, scene: Scene, contacts: Contacts, trace_sha256: str) -> tuple[Row, list[Instant]]:
-    """Compares the instants of contact of a trace; the instants' errors are given for lateral sweeps alone."""
+    """Compares the instants of contact of a trace; the errors of the instants are returned for lateral sweeps only."""
     slow = quasi_static(contacts)
     found = disagreement(scene.resolved_whisker, scene.object, scene.face, contacts)
     solved = found.exact.solved
@@ -148,7 +148,7 @@ def claims_about(name: str, subject: str, rows: list[Row], times: float) -> list
         ("unsolved", "instants without a contact in one point", 1.0, 0.0, ""),
     ):
         if rows:
-            # The first that is not a number, where there is one.
+            # The first NaN, if there is one.
             worst = rows[int(np.argmax([getattr(row, field) for row in rows]))]
             claim = f"{subject}: {figure} ({worst.trace})"
             claims.append(Claim(f"{name}_{field}", claim, scale * getattr(worst, field), "<=", times * bound, unit))
