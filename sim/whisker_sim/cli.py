@@ -303,7 +303,7 @@ def _check(options: argparse.Namespace) -> int:
                 run.scene.plan()
             except ValueError as error:
                 raise located(run.path, str(error)) from None
-        print(f"{file}: good, {'scene' if suite is None else f'suite of {len(runs)} traces'}")
+        print(f"{file}: valid, {'scene' if suite is None else f'suite of {len(runs)} traces'}")
     return SUCCESS
 
 

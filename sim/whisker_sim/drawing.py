@@ -166,7 +166,7 @@ class SweepRenderer:
         samples: list[tuple[Callable[[float], None], float, str]] = [
             (whisker, 22.0, "whisker"),
             (contact, 2.0 * _RING_RADIUS, "contact"),
-            (trace, 18.0 + 2.0 * _TRACE_RADIUS, "contacts so far"),
+            (trace, 18.0 + 2.0 * _TRACE_RADIUS, "previous contacts"),
             (scale, bar, f"{MM_PER_M * bar_m:g} mm"),
         ]
         if self._m_per_n > 0.0:

@@ -68,7 +68,7 @@ def sweep_at_start(run: Run) -> Start:
 def passage_at_start(run: Run) -> Start:
     """The model of a scene with an arm in its start pose; raises `ValueError` if the arm cannot follow the path."""
     root = ET.fromstring(build_arm_mjcf(run.scene, run.scene.plan().q_rad[0]))
-    return Start(root, "the angles of the joints in rad, from where they start, and their speeds in rad/s")
+    return Start(root, "the joint angles in rad, relative to the start pose, and the joint speeds in rad/s")
 
 
 def _put_base_at(root: ET.Element, pose: Array) -> None:

@@ -93,7 +93,7 @@ def picture_job(path: Path) -> Job:
 def make_trace(
     folder: Path, run: Run, force: bool = False, animations: Path | None = None, drawn: frozenset[str] = frozenset()
 ) -> Outcome:
-    """Simulates `run` and writes what is not up to date: its trace into `folder` and its animation into `animations`."""
+    """Simulates `run`; writes its trace into `folder` and its animation into `animations` unless they are up to date."""
     product = product_of(run)
 
     def work() -> str:

@@ -148,8 +148,8 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
     if not np.max(np.abs(data.qvel)) < _LARGEST_RATE:
         raise SimulationError(f"{whisker.name}, {whisker.segments} segments: the chain does not come to rest")
 
-    # The whisker's force displaces the base by nanometres; the elastica is solved for the displaced base. Where the elastica touches,
-    # the chain penetrates by nanometres, so the chain is moved outwards by the penetration, along the normal.
+    # The whisker's force displaces the base by nanometres; the elastica is solved for the displaced base. Where the elastica
+    # touches, the chain penetrates by nanometres, so the chain is moved outwards by the penetration, along the normal.
     pose = data.qpos[None, :3] / (MM_PER_M, MM_PER_M, 1.0)
     sunk = nearest_contact(CenterLine.from_joints(whisker, pose, data.qpos[None, 3:]), stage.shape)
     outward_m = sunk.contact_m - sunk.surface_m

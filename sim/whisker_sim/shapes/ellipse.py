@@ -39,8 +39,9 @@ class Ellipse(Shape, frozen=True, forbid_unknown_fields=True, tag="ellipse"):
     def local_closest(self, points_m: Array) -> tuple[Array, Array]:
         """Nearest points by bisection for the Lagrange multiplier.
 
-        Eberly, "Distance from a point to an ellipse": in the first quadrant and with a >= b, the nearest point is (a^2 x / (t +
-        a^2), b^2 y / (t + b^2)), where t is the only root above -b^2 of (a x / (t + a^2))^2 + (b y / (t + b^2))^2 = 1.
+        Eberly, "Distance from a point to an ellipse": in the first quadrant and with a >= b, the nearest point is
+        (a^2 x / (t + a^2), b^2 y / (t + b^2)), where t is the only root above -b^2 of
+        (a x / (t + a^2))^2 + (b y / (t + b^2))^2 = 1.
         """
         swap = self.semi_x_m < self.semi_y_m
         a, b = max(self.semi_x_m, self.semi_y_m), min(self.semi_x_m, self.semi_y_m)
