@@ -99,6 +99,35 @@ def test_verif_a_suite_is_drawn_once_for_each_group_and_whisker(suite, tmp_path,
     assert "up to date" not in capsys.readouterr().err
 
 
+def test_verif_simulate_draws_the_animations_of_a_suite(suite, tmp_path, capsys):
+    """The same files as by `render`, from the simulation of the traces; only missing files are made."""
+    out, animations, rendered = tmp_path / "out", tmp_path / "animations", tmp_path / "rendered"
+    command = ["simulate", str(suite), "--out", str(out), "--animations", str(animations), "--jobs", "2"]
+    assert main(command) == 0
+    assert main(["render", str(suite), "--out", str(rendered), "--jobs", "2"]) == 0
+    assert {path.name for path in out.glob("*.csv") if "contour" not in path.name} == {
+        *("first.csv", "grid.csv", "second.csv", "third.csv")
+    }
+    assert _contents(animations) == _contents(rendered)
+
+    (animations / "two.straight.png").unlink()
+    kept = {path: path.stat().st_mtime_ns for path in (*out.iterdir(), animations / "one.straight.webp")}
+    capsys.readouterr()
+    assert main(command) == 0
+    error = capsys.readouterr().err
+    assert error.count("up to date") == 3
+    assert "two.straight: drawn from third" in error
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert _contents(animations) == _contents(rendered)
+    scene = str(tmp_path / "first.json")
+    assert main(["simulate", scene, "--out", str(out), "--animations", str(animations)]) == 2
+    assert "expected a suite with --animations, found a scene" in capsys.readouterr().err
+
+
+def _contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
 def test_verif_the_same_sweep_gives_the_same_bytes(write_scene, tmp_path):
     scene = str(write_scene())
     for ending in ("png", "gif", "webp"):

@@ -36,5 +36,5 @@ def missing_package(error: ModuleNotFoundError) -> str:
     return f"expected the package '{package}', found none: pip install {requirement}, in the repository's root"
 
 
-_EXTRAS = {"distributed": "'./sim[cluster]'", "psutil": "'./sim[cluster]'", "scipy": "'./sim[dev]'"}
+_EXTRAS = {"distributed": "'./sim[cluster]'", "scipy": "'./sim[dev]'"}
 """Requirement that brings a package which not every command needs."""

@@ -43,7 +43,7 @@ from whisker_sim.whisker import PRESETS, Array, Whisker
 
 STRAIGHT, CURVED = PRESETS["straight"][1], PRESETS["curved"][1]
 CLAMPED_N_M_RAD = 10.0
-"""Root stiffness about 6000 times that of the wires' soft root."""
+"""Root stiffness several thousand times the bending stiffness EI / L of the thickest wire."""
 ROOTS_N_M_RAD = (0.17e-3, 1.7e-3, 17e-3, CLAMPED_N_M_RAD)
 DIAMETERS_M = (0.2e-3, 0.25e-3, 0.3e-3, 0.4e-3, 0.5e-3)
 SPEEDS_M_S = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
