@@ -1,4 +1,4 @@
-"""What the tests share."""
+"""Fixtures and constants shared by the tests."""
 
 import json
 import signal
@@ -22,12 +22,12 @@ SWEEP = {
     "object": {"shape": "circle", "radius_m": 0.015},
     "motion": {"kind": "lateral_sweep", "contact_arc_m": 0.05, "stroke_m": 0.006, "strokes": 1},
 }
-"""A short scene that the tests vary."""
+"""A short scene that the tests modify."""
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _interruptible() -> Iterator[None]:
-    """What a script runs in the background ignores Ctrl-C, and so would every process that these tests start and interrupt."""
+    """Restores the handling of Ctrl-C, which processes started in the background by a shell script ignore and would pass on."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -35,7 +35,7 @@ def _interruptible() -> Iterator[None]:
 
 @pytest.fixture
 def write_scene(tmp_path):
-    """Gives a function that writes `SWEEP`, with keys replaced (or removed by None), and returns its path."""
+    """A function that writes `SWEEP` with keys replaced (or removed by `None`) and returns its path."""
 
     def write(**changes) -> Path:
         scene = {key: value for key, value in {**SWEEP, **changes}.items() if value is not None}
@@ -48,7 +48,7 @@ def write_scene(tmp_path):
 
 @pytest.fixture
 def make_run(write_scene):
-    """Gives a function that makes a run of `SWEEP` with keys replaced."""
+    """A function that returns a run of `SWEEP` with keys replaced."""
 
     def make(**changes) -> Run:
         return load_runs(write_scene(**changes))[1][0]

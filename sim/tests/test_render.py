@@ -1,4 +1,4 @@
-"""Pictures of sweeps: what they show, that they are kept and redone, and that no graphics driver is needed."""
+"""Pictures of sweeps: content, provenance, determinism; no graphics driver is needed."""
 
 import json
 
@@ -14,18 +14,18 @@ from whisker_sim.simulate import simulate
 
 from conftest import SCENES, SWEEP
 
-COLOURS = {"whisker": (213, 94, 0), "contact and force": (0, 114, 178), "contacts so far": (0, 158, 115), "object": (226, 230, 235)}
+COLOURS = {"whisker": (213, 94, 0), "contact and force": (0, 114, 178), "contacts": (0, 158, 115), "object": (226, 230, 235)}
 
 
 def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> np.ndarray:
-    """Places (n, 2) of a colour in the drawn field, y before x."""
+    """Positions (n, 2) of a colour in the view, y before x."""
     values = np.asarray(picture.convert("RGB"))[drawing._CAPTION_HEIGHT : -drawing._LEGEND_HEIGHT]
     return np.argwhere(np.all(values == colour, axis=-1)) + np.array((drawing._CAPTION_HEIGHT, 0))
 
 
 @pytest.mark.parametrize("shape", AnyShape.__args__, ids=lambda shape: shape.__struct_config__.tag)
 def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
-    """Whisker, object, contact and the contacts so far are seen; the animation tells the time in steps of 80 ms."""
+    """Whisker, object, contact and previous contacts are visible; the animation has 12.5 frames per second."""
     example = {"shape": shape.__struct_config__.tag, **shape.example}
     scene = str(write_scene(object=example, motion={**SWEEP["motion"], "strokes": 2}))
     still, moving = tmp_path / "a.png", tmp_path / "a.webp"
@@ -53,8 +53,11 @@ def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object
     np.testing.assert_allclose(distance_m, lengths_m[simulated.touching], atol=1e-7)
 
 
-def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
-    """The ring's middle is the true point to a pixel. The object lies above, so that the arrow leaves the ring downwards."""
+def test_verif_a_drawn_contact_is_at_the_true_point(make_run):
+    """The centre of the ring is the true point to a pixel.
+
+    The object is above it, so that the arrow points downwards from the ring.
+    """
     run = make_run()
     simulated = simulate(run)
     sweep = SweepRenderer(run, simulated)
@@ -68,7 +71,7 @@ def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
 
 @pytest.fixture
 def suite(write_scene, tmp_path):
-    """A suite of a calibration, and of three trials in two sets."""
+    """A suite of a calibration and of three trials in two sets."""
     write_scene(name="grid", role="calibration")
     for name, group in (("first", "one"), ("second", "one"), ("third", "two")):
         write_scene(name=name, group=group)
@@ -137,7 +140,7 @@ def test_verif_the_same_sweep_gives_the_same_bytes(write_scene, tmp_path):
         assert files[0].read_bytes() == files[1].read_bytes()
 
 
-def test_robust_a_picture_needs_a_known_ending(capsys, tmp_path):
+def test_robust_a_picture_needs_a_known_suffix(capsys, tmp_path):
     assert main(["render", str(SCENES / "golden_circle.json"), "--out", str(tmp_path / "a.txt")]) == 2
     error = capsys.readouterr().err
     assert ".png, .gif or .webp, found '.txt'" in error
