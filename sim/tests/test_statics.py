@@ -59,7 +59,7 @@ def test_val_tip_load_against_mattiasson(load, expected):
 
 
 def test_val_oracle_against_the_clamped_rod():
-    """M r / EI = 3.0063 th - 0.0341 th^2 - 0.6683 th^3 for a clamped straight rod; the contact is at the polar coordinates (r, th)."""
+    """M r / EI = 3.0063 th - 0.0341 th^2 - 0.6683 th^3 for a clamped straight rod with its contact at (r, th)."""
     clamped = msgspec.structs.replace(STRAIGHT, root_stiffness_n_m_rad=1e9)
     for force_n in (1e-3, 3e-3, 6e-3):
         contact = static_contact(clamped, 0.05, force_n)
