@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from whisker_sim.cli import main
 from whisker_sim.runs import Run, load_runs
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -54,3 +55,19 @@ def make_run(write_scene):
         return load_runs(write_scene(**changes))[1][0]
 
     return make
+
+
+@pytest.fixture
+def assert_rejected(capsys):
+    """A function that checks that `check` rejects a file with one line on stderr that contains `words`, and exit code 2."""
+
+    def check(path: Path, words: list[str]) -> None:
+        assert main(["check", str(path)]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.startswith(f"error: {path}")
+        assert captured.err.count("\n") == 1
+        for word in words:
+            assert word in captured.err
+
+    return check

@@ -49,7 +49,21 @@ def random_stream(name: str, seed: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64([int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big"), seed]))
 
 
-class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+class SceneBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """Properties of all kinds of scenes, which have the fields `whisker`, `rate_hz` and `simulation`."""
+
+    @property
+    def resolved_whisker(self) -> Whisker:
+        """Parameters of the whisker."""
+        return resolve_whisker(self.whisker)
+
+    @property
+    def steps_per_row(self) -> int:
+        """Time steps between two rows of a trace."""
+        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
+
+
+class Scene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """One experiment: whisker, object and motion."""
 
     format: Format
@@ -87,16 +101,6 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     def shape(self) -> str:
         """Name of the object's shape in its registry."""
         return self.object.__struct_config__.tag
-
-    @property
-    def resolved_whisker(self) -> Whisker:
-        """The whisker's parameters."""
-        return resolve_whisker(self.whisker)
-
-    @property
-    def steps_per_row(self) -> int:
-        """Time steps between two rows of the trace."""
-        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
 
     def names(self, name: str) -> tuple[str, ...]:
         """Names in the dataset of the files of a run called `name`."""

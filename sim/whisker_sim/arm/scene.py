@@ -9,9 +9,9 @@ from whisker_sim.arm import panda
 from whisker_sim.arm.passage import Passage, displaced, joint_trajectory
 from whisker_sim.arm.tool import HALF_HEIGHT_M, LENGTH_M, MOUNTS
 from whisker_sim.free_object import FreeObject
-from whisker_sim.scene import Format, Seed, Simulation, check_rate, random_stream, resolve_simulation
+from whisker_sim.scene import Format, SceneBase, Seed, Simulation, check_rate, random_stream, resolve_simulation
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Angle, Array, Coordinate, Name, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Angle, Array, Coordinate, Name, WhiskerOverride, resolve_whisker
 
 _MOST_STEPS = 2_000_000
 """Maximum length of a plan; a row of a recording has about a hundred times the numbers of a trace's, and must fit into memory."""
@@ -40,7 +40,7 @@ class JointPlan(msgspec.Struct, frozen=True):
     """(n + 1, 7)."""
 
 
-class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+class ArmScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """One experiment: an arm with six equal whiskers, objects on a table, and a path between them."""
 
     format: Format
@@ -82,16 +82,6 @@ class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     def names(self, name: str) -> tuple[str, ...]:
         """Names in the dataset of the files of a run called `name`: the recording, and one trace per whisker."""
         return (name, *(trace_name(name, mount.name) for mount in MOUNTS))
-
-    @property
-    def resolved_whisker(self) -> Whisker:
-        """Parameters of the whiskers."""
-        return resolve_whisker(self.whisker)
-
-    @property
-    def steps_per_row(self) -> int:
-        """Time steps between two rows of the traces."""
-        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
 
     def plan(self) -> JointPlan:
         """The joint trajectory with the added vibration; raises `ValueError` if the arm cannot follow it."""
