@@ -1,12 +1,14 @@
 """Fixtures and constants shared by the tests."""
 
 import json
+import math
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from whisker_sim import progress
 from whisker_sim.cli import main
 from whisker_sim.runs import Run, load_runs
 
@@ -32,6 +34,12 @@ def _interruptible() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(autouse=True)
+def _without_estimates(monkeypatch) -> None:
+    """Suppresses estimates of the time left, whose lines on stderr depend on the speed of the machine."""
+    monkeypatch.setattr(progress, "_LINE_S", math.inf)
 
 
 @pytest.fixture

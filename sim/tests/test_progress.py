@@ -11,6 +11,7 @@ from whisker_sim.simulate import simulate
 def clock(monkeypatch):
     """A clock that the test sets: a list with the time in seconds."""
     now_s = [0.0]
+    monkeypatch.setattr(progress, "_LINE_S", 10.0)
     monkeypatch.setattr(progress.time, "monotonic", lambda: now_s[0])
     return now_s
 

@@ -32,6 +32,7 @@ from whisker_sim.jobs import (
 )
 from whisker_sim.motions import AnyMotion
 from whisker_sim.paths import DATASETS, whisker_program
+from whisker_sim.progress import Progress
 from whisker_sim.runs import Run, first_of_each_set, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
 from whisker_sim.shapes import AnyShape
@@ -296,13 +297,15 @@ def _one_scene(path: Path) -> Run:
 
 
 def _check(options: argparse.Namespace) -> int:
-    for file in options.files:
-        suite, runs = load_runs(file)
-        for run in runs:
+    files = [(file, *load_runs(file)) for file in options.files]
+    with Progress("check", "trace", sum(len(runs) for _, _, runs in files)) as progress:
+        for run in (run for _, _, runs in files for run in runs):
             try:
                 run.scene.plan()
             except ValueError as error:
                 raise located(run.path, str(error)) from None
+            progress.finish()
+    for file, suite, runs in files:
         print(f"{file}: valid, {'scene' if suite is None else f'suite of {len(runs)} traces'}")
     return SUCCESS
 

@@ -7,13 +7,18 @@ Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong usage, 130 int
 """
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
+
+# As in the measured commands: threads of BLAS would compete with the processes.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import mujoco
 import mujoco.rollout
@@ -27,6 +32,7 @@ from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.paths import ROOT
 from whisker_sim.physics.command import claim_line
 from whisker_sim.physics.study import Claim
+from whisker_sim.progress import Progress
 from whisker_sim.runs import Run, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
 from whisker_sim.simulate import full_state, simulate
@@ -63,8 +69,8 @@ def _report() -> int:
     trials = {(run.scene.group, run.scene.whisker): run for run in load_runs(_SUITE)[1] if run.scene.role == "trial"}
     print(f"{'trace':<20}{'simulation':<12}{'times real time':>16}{'over bare steps':>17}{'and written':>13}", flush=True)
     rows = []
-    for run in trials.values():
-        for simulation in SIMULATIONS:
+    with Progress("measure", "part", len(trials) * len(SIMULATIONS) + 2) as progress:
+        for run, simulation in product(trials.values(), SIMULATIONS):
             row = measure(run, simulation)
             rows.append(row)
             print(
@@ -72,7 +78,10 @@ def _report() -> int:
                 f"{row.traced_s / row.steps_s:>17.3f}{row.written_s / row.steps_s:>13.3f}",
                 flush=True,
             )
-    claims = [*conclude(rows, two_workers()), arm()]
+            progress.finish()
+        claims = conclude(rows, two_workers())
+        progress.finish()
+        claims.append(arm())
     print()
     for claim in claims:
         print(claim_line(claim))

@@ -11,6 +11,7 @@ from whisker_sim.cli import exit_code
 from whisker_sim.errors import InputError
 from whisker_sim.jobs import SUCCESS
 from whisker_sim.paths import ROOT
+from whisker_sim.progress import Progress, work_on
 from whisker_sim.rig.files import write_rig
 from whisker_sim.runs import load
 from whisker_sim.scene import Scene
@@ -26,7 +27,10 @@ def _write(options: argparse.Namespace) -> int:
     scene = load(options.scene)
     if not isinstance(scene, Scene):
         raise InputError(f"{options.scene}: expected a scene with one whisker, found another kind of document")
-    rig = write_rig(options.out, scene)
+    with Progress("tabulate", "table", 1) as progress:
+        progress.start(shares := [0.0])
+        with work_on(shares, 0):
+            rig = write_rig(options.out, scene)
     ringing = f"rings at {rig.ring_hz:g} Hz with a time constant of {rig.decay_s:g} s"
     print(f"{options.out / rig.table.file}: {rig.table.rows} rows; {ringing}")
     return SUCCESS

@@ -12,6 +12,7 @@ import numpy as np
 from whisker_sim.elastica import Touching, touching
 from whisker_sim.errors import SimulationError
 from whisker_sim.motions import Stage
+from whisker_sim.progress import report_share
 from whisker_sim.whisker import Array
 
 COLUMNS = (
@@ -88,6 +89,7 @@ def grid(stage: Stage, contacts_m: Array, pushes_m: Array) -> Grid:
             now = np.stack((exact.arc_m, exact.force_n))
             guess, before, holding = ((2.0 * now - before)[:, exact.solved], now[:, exact.solved], holding[exact.solved])
         found[:, holding, index] = _at_rest(stage, exact)[:, exact.solved]
+        report_share(index / (len(pushes_m) - 1))
     return Grid(*found)
 
 
