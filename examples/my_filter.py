@@ -1,10 +1,10 @@
-"""An estimator of the contact in some hundred lines: a bank of extended Kalman filters on a contact that rests in space.
+"""Contact estimator in about a hundred lines: a bank of extended Kalman filters for a contact at rest in space.
 
     whisker evaluate datasets/pins100 --exec "python examples/my_filter.py"
 
-One reading cannot tell a light push near the tip from a firm one near the root, so each touch begins with a hypothesis at every
-calibrated place along the whisker that explains the reading. Each is a Kalman filter; the evidence of the readings weighs them.
-`docs/your-estimator.md` specifies the lines that are read and written.
+A single reading cannot distinguish a light push near the tip from a firm one near the root. Each contact therefore begins with one
+hypothesis per calibrated position along the whisker that explains the reading. Each hypothesis is a Kalman filter, weighted by its
+marginal likelihood. `docs/your-estimator.md` specifies the lines that are read and written.
 """
 
 import json
@@ -12,8 +12,8 @@ import sys
 
 import numpy as np
 
-WANDER_M = 4e-6  # standard deviation by which the contact may wander in one row, since no pin is a point
-LEAST_WEIGHT = 1e-15  # hypotheses that weigh less are given up
+PROCESS_SD_M = 4e-6  # standard deviation of the contact's random walk per row, because a pin is not a point
+LEAST_WEIGHT = 1e-15  # hypotheses with smaller weights are discarded
 ANSWER = (
     *("contact_x_m", "contact_y_m"),
     *("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
@@ -22,7 +22,7 @@ ANSWER = (
 
 
 class Side:
-    """The sensor model of one side of the whisker, from its table of n nodes."""
+    """Sensor model of one side of the whisker, from its table of n nodes."""
 
     def __init__(self, calibrated: dict):
         table = {name: np.array(column) for name, column in calibrated["table"].items()}
@@ -33,14 +33,20 @@ class Side:
         self.variances_n2_m2 = table["model_sd_n_m"] ** 2
 
     def expect(self, contacts_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Readings, their gradients and the model's own variances at contacts (k, 2) in Base: linear around the nearest node."""
+        """Predicted readings (k,), their gradients (k, 2) and the model's variances (k,) at contacts (k, 2) in Base.
+
+        Linear about the nearest node.
+        """
         offsets_m = contacts_m[:, None] - self.places_m
         node = np.argmin((offsets_m**2).sum(axis=-1), axis=1)
         offset_m, gradient_n = offsets_m[np.arange(len(node)), node], self.gradients_n[node]
         return self.readings_n_m[node] + (gradient_n * offset_m).sum(axis=-1), gradient_n, self.variances_n2_m2[node]
 
     def hypotheses(self, reading_n_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Contacts (k, 2) in Base that explain a reading, one an arc length, and covariances (k, 2, 2) that reach to the next."""
+        """Contacts (k, 2) in Base that explain a reading, one per arc length, and their covariances (k, 2, 2).
+
+        The standard deviation of each extends to the next contact.
+        """
         off_n_m = np.abs(self.readings_n_m - reading_n_m).reshape(self.shape)
         node = np.arange(self.shape[0]) * self.shape[1] + np.argmin(off_n_m, axis=1)
         gradients_n = self.gradients_n[node]
@@ -51,7 +57,7 @@ class Side:
 
 
 class Bank:
-    """Kalman filters on the contact in the frame of the first row, weighed by their evidence."""
+    """Kalman filters for the contact in the frame of the first row, weighted by their marginal likelihoods."""
 
     def __init__(self, side: Side, row: dict, noise_sd_n_m: float):
         self.side, self.noise_sd_n_m = side, noise_sd_n_m
@@ -62,9 +68,9 @@ class Bank:
         self.log_weights = np.zeros(len(contacts_m))
 
     def step(self, row: dict) -> dict:
-        """Takes a row and says where the contact is, in Base."""
+        """Processes a row; returns the estimate of the contact in Base."""
         origin_m, turn = base(row)
-        self.covariances_m2 += WANDER_M**2 * np.eye(2)
+        self.covariances_m2 += PROCESS_SD_M**2 * np.eye(2)
         expected_n_m, gradients_n, variances_n2_m2 = self.side.expect((self.means_m - origin_m) @ turn)
         gradients_n = gradients_n @ turn.T
         spread = np.einsum("kij,kj->ki", self.covariances_m2, gradients_n)
@@ -82,8 +88,8 @@ class Bank:
 
         mean_m, covariance_m2 = mixture(self.weights(), self.means_m, self.covariances_m2)
         contact_m, covariance_m2 = turn.T @ (mean_m - origin_m), turn.T @ covariance_m2 @ turn
-        told = [*contact_m, *covariance_m2[np.triu_indices(2)], *innovation[0], *innovation[1][0]]
-        return dict(zip(ANSWER, map(float, told), strict=True))
+        answer = [*contact_m, *covariance_m2[np.triu_indices(2)], *innovation[0], *innovation[1][0]]
+        return dict(zip(ANSWER, map(float, answer), strict=True))
 
     def weights(self) -> np.ndarray:
         """Probabilities of the hypotheses (k,)."""
@@ -92,7 +98,7 @@ class Bank:
 
 
 def mixture(weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (n,) and covariance (n, n) of Gaussians with means (k, n) and covariances (k, n, n)."""
+    """Mean (n,) and covariance (n, n) of a mixture of Gaussians with means (k, n) and covariances (k, n, n)."""
     mean = weights @ means
     offsets = means - mean
     return mean, np.tensordot(weights, covariances + offsets[:, :, None] * offsets[:, None], axes=1)
@@ -105,7 +111,7 @@ def base(row: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    """Answers every row with a line."""
+    """Answers each row with one line."""
     known = json.loads(sys.stdin.readline())
     if known["protocol"] != 1:
         sys.exit(f"protocol: found {known['protocol']}, expected 1")

@@ -1,4 +1,4 @@
-"""Work on a Dask cluster: a scheduler and worker processes on this machine, all bound to 127.0.0.1."""
+"""Dask cluster: a scheduler and worker processes on this machine, all bound to 127.0.0.1."""
 
 import csv
 import io
@@ -21,7 +21,7 @@ from psutil import Process, wait_procs  # noqa: E402
 ROOT = Path(__file__).resolve().parents[1]
 TRACES = 16
 LONGEST_S = 120.0
-"""Nothing here takes as long, on the slowest machine."""
+"""Longer than any command of these tests on a slow machine."""
 
 
 class Cluster:
@@ -35,7 +35,7 @@ class Cluster:
         self.address = json.loads(address.read_text())["address"]
 
     def add_workers(self, count: int, sources: Path = ROOT / "sim") -> list[subprocess.Popen]:
-        """Workers with one thread each, which run these sources and are ready."""
+        """Starts workers with one thread each, which import these sources, and waits until they are connected."""
         options = ["--nthreads", "1", "--no-nanny", "--local-directory", self._folder]
         workers = [self._start("dask_worker", self.address, *options, sources=sources) for _ in range(count)]
         with Client(self.address, set_as_default=False) as client:
@@ -44,7 +44,7 @@ class Cluster:
 
     def _start(self, module: str, *options: str | Path, sources: Path = ROOT / "sim") -> subprocess.Popen:
         command = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, options), "--host", "127.0.0.1"]
-        # A scheduler takes a worker for dead as early as Dask lets it.
+        # The shortest time after which Dask lets a scheduler consider a worker dead.
         environment = environment_with(sources) | {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "1s"}
         with (self._folder / "log").open("ab") as log:
             process = subprocess.Popen(
@@ -59,7 +59,7 @@ class Cluster:
 
 
 def end(process: subprocess.Popen) -> None:
-    """Ends a process, also one that was stopped."""
+    """Ends a process, even if it is stopped."""
     process.kill()
     process.wait()
 
@@ -69,7 +69,7 @@ def environment_with(sources: Path) -> dict[str, str]:
 
 
 def wait_for(condition: Callable[[], object], process: subprocess.Popen) -> None:
-    """Waits until `condition` holds; fails when it takes too long or `process` ends before."""
+    """Waits for `condition`; fails after `LONGEST_S` or if `process` ends before."""
     deadline_s = time.monotonic() + LONGEST_S
     while not condition():
         assert process.poll() is None, "the process ended before its time"
@@ -85,17 +85,17 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def generator(*arguments: str | Path) -> subprocess.Popen:
-    """The generator at work, from the repository's root."""
+    """The generator, started in the root of the repository."""
     command = [sys.executable, "-m", "whisker_sim", *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=ROOT, env=environment_with(ROOT / "sim"), text=True, **pipes)
 
 
-def said(process: subprocess.Popen, code: int = 0) -> list[str]:
-    """What the process said on stderr, in lines; it must end with this exit code."""
+def stderr_lines(process: subprocess.Popen, code: int = 0) -> list[str]:
+    """Lines on stderr of a process that must end with this exit code, without estimates of the time left."""
     _, error = process.communicate(timeout=LONGEST_S)
     assert process.returncode == code, error
-    return error.splitlines()
+    return [line for line in error.splitlines() if not line.endswith(" left")]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -116,30 +116,30 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def local(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What one machine makes of the suite."""
+    """Traces of the suite by one machine."""
     folder = tmp_path_factory.mktemp("local")
-    said(generator("simulate", suite, "--out", folder))
+    stderr_lines(generator("simulate", suite, "--out", folder))
     return folder
 
 
-def test_verif_traces_are_those_of_one_machine_though_a_worker_is_killed_and_one_is_slow(
+def test_verif_traces_equal_those_of_one_machine_with_a_killed_and_a_slow_worker(
     cluster: Cluster, suite: Path, local: Path, tmp_path: Path
 ) -> None:
-    """The slow one is held up for so long that its tasks are given to another; it goes on when that has made them."""
+    """The slow worker is stopped until its tasks are given to another, and continues when those are finished."""
     killed, slow, _ = cluster.add_workers(3)
     out = tmp_path / "cluster"
     client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
     wait_for(lambda: len(list(out.glob("*.json"))) >= TRACES // 8, client)
     killed.kill()
     slow.send_signal(signal.SIGSTOP)
-    lines = said(client)
-    # It hears that nobody waits for it, and ends.
+    lines = stderr_lines(client)
+    # The worker is informed that its task is cancelled, and ends.
     slow.send_signal(signal.SIGCONT)
     slow.wait(LONGEST_S)
     assert sorted(line.split(":")[0] for line in lines) == [f"short_{seed:02d}" for seed in range(TRACES)]
     assert contents(out) == contents(local)
     client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
-    assert {line.split(": ")[1] for line in said(client)} == {"up to date"}
+    assert {line.split(": ")[1] for line in stderr_lines(client)} == {"up to date"}
 
 
 @pytest.fixture(scope="module")
@@ -151,26 +151,26 @@ def evaluation() -> list[str]:
 
 
 def whisker(*arguments: str | Path) -> None:
-    """The command on this machine, which must succeed."""
+    """Runs the command on this machine; it must succeed."""
     subprocess.run([ROOT / "target/release/whisker", *arguments], cwd=ROOT, check=True, capture_output=True)
 
 
 @pytest.fixture(scope="module")
 def evaluated(evaluation: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What one machine makes of the evaluation."""
+    """Results of the evaluation by one machine."""
     folder = tmp_path_factory.mktemp("evaluated")
     whisker("evaluate", *evaluation, "--results", folder)
     return folder
 
 
 def results(folder: Path) -> dict[str, bytes]:
-    """What stands in the folder of results, without how long a step took."""
+    """Content of the folder of results without the times of a step."""
     files = contents(folder)
     rows = list(csv.DictReader(io.StringIO(files["smoke/summary.csv"].decode())))
     return files | {"smoke/summary.csv": repr([row | {"step_ns": None} for row in rows]).encode()}
 
 
-def test_verif_results_are_those_of_one_machine_though_a_worker_is_killed_and_one_is_slow(
+def test_verif_results_equal_those_of_one_machine_with_a_killed_and_a_slow_worker(
     cluster: Cluster, evaluation: list[str], evaluated: Path, tmp_path: Path
 ) -> None:
     killed, slow, _ = cluster.add_workers(3)
@@ -181,7 +181,7 @@ def test_verif_results_are_those_of_one_machine_though_a_worker_is_killed_and_on
     slow.send_signal(signal.SIGSTOP)
     orphans = Process(killed.pid).children()
     killed.kill()
-    lines = said(client)
+    lines = stderr_lines(client)
     assert wait_procs(orphans, LONGEST_S)[1] == []
     slow.send_signal(signal.SIGCONT)
     slow.wait(LONGEST_S)
@@ -189,8 +189,8 @@ def test_verif_results_are_those_of_one_machine_though_a_worker_is_killed_and_on
     assert results(out) == results(evaluated)
 
 
-def test_verif_results_of_shares_are_those_of_one_machine(evaluation: list[str], evaluated: Path, tmp_path: Path) -> None:
-    """Of shares that are done at the same time, and one that is lost."""
+def test_verif_results_of_shares_equal_those_of_one_machine(evaluation: list[str], evaluated: Path, tmp_path: Path) -> None:
+    """Shares of simultaneous processes, one of which is missing."""
     command = [ROOT / "target/release/whisker", "evaluate", *evaluation, "--results", tmp_path / "shares"]
     jobs = [subprocess.Popen([*command, "--share", f"{number}/4"], cwd=ROOT, stdout=subprocess.PIPE) for number in (4, 1, 3)]
     assert [job.communicate(timeout=LONGEST_S)[0] for job in jobs] == [
@@ -202,26 +202,25 @@ def test_verif_results_of_shares_are_those_of_one_machine(evaluation: list[str],
     assert results(tmp_path / "shares") == results(evaluated)
 
 
-def test_robust_what_a_share_complains_of_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
+def test_robust_an_error_of_a_share_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
     cluster.add_workers(1)
     command = ["cluster", "evaluate", "--scheduler", cluster.address]
-    (line,) = said(generator(*command, tmp_path / "none.json"), 1)
+    (line,) = stderr_lines(generator(*command, tmp_path / "none.json"), 1)
     assert line.startswith(f"error: {tmp_path}/none.json: ")
-    (line,) = said(generator(*command, "scenes/suites/smoke.json", "--sedes", "5"), 2)
+    (line,) = stderr_lines(generator(*command, "scenes/suites/smoke.json", "--sedes", "5"), 2)
     assert line == "error: unexpected argument '--sedes' found"
-    (line,) = said(generator(*command, "--whisker", tmp_path / "none", "scenes/suites/smoke.json"), 2)
+    (line,) = stderr_lines(generator(*command, "--whisker", tmp_path / "none", "scenes/suites/smoke.json"), 2)
     assert line.startswith("error: --whisker")
 
 
 def test_verif_shares_add_up_to_the_traces_of_one_machine(suite: Path, local: Path, tmp_path: Path) -> None:
-    """What the jobs of an array make together, in any order."""
+    """Traces of a job array, in any order."""
     for share in ("2/2", "1/2"):
-        lines = said(generator("simulate", suite, "--out", tmp_path / "shares", "--share", share))
+        lines = stderr_lines(generator("simulate", suite, "--out", tmp_path / "shares", "--share", share))
         assert len(lines) == TRACES // 2
     assert contents(tmp_path / "shares") == contents(local)
-    assert (
-        "expected K/N with K from 1 to N, such as 3/16, found '4/3'" in said(generator("simulate", suite, "--share", "4/3"), 2)[-1]
-    )
+    (*_, line) = stderr_lines(generator("simulate", suite, "--share", "4/3"), 2)
+    assert "expected K/N with K from 1 to N, such as 3/16, found '4/3'" in line
 
 
 def test_robust_a_worker_of_another_version_is_refused(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
@@ -231,18 +230,18 @@ def test_robust_a_worker_of_another_version_is_refused(cluster: Cluster, suite: 
         file.write("# Another model.\n")
     (worker,) = cluster.add_workers(1, sources)
     command = ["cluster", "simulate", "--scheduler", cluster.address, suite, "--out", tmp_path / "out"]
-    (line,) = said(generator(*command), 1)
+    (line,) = stderr_lines(generator(*command), 1)
     assert line.startswith("error: worker tcp://127.0.0.1:")
     assert line.count("whisker_sim 0.1.0 (commit") == 2
     end(worker)
     cluster.add_workers(1, tmp_path / "nothing")
-    (line,) = said(generator(*command), 1)
+    (line,) = stderr_lines(generator(*command), 1)
     assert "the PYTHONPATH that the client has: ModuleNotFoundError: No module named 'whisker_sim'" in line
     assert contents(tmp_path / "out") == {}
 
 
-def test_robust_no_sidecar_stands_beside_files_of_another_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """However few files of a recording were taken in before an end."""
+def test_robust_no_sidecar_remains_beside_files_of_another_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Regardless of how many files of a recording were moved before an interruption."""
     from whisker_sim import cluster
 
     names = ["passage.json", "passage.joints.csv", "passage_left_1.csv", "passage_left_1.json"]
@@ -263,21 +262,21 @@ def test_robust_no_sidecar_stands_beside_files_of_another_recording(tmp_path: Pa
 
         monkeypatch.setattr(Path, "replace", replace)
         with pytest.raises(KeyboardInterrupt):
-            cluster._take_in(part, folder, "passage.json")
+            cluster._move_files(part, folder, "passage.json")
         monkeypatch.undo()
         assert not [path.name for path in folder.glob("*.json") if path.read_text() == "old"]
         assert not (folder / "passage.json").exists()
 
 
 def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
-    """Where there is none, and where it dies in the middle: one line, and what is finished is kept."""
+    """A missing scheduler, and one that dies during the job: one line; finished files are kept."""
     out = tmp_path / "out"
-    (line,) = said(generator("cluster", "simulate", "--scheduler", "tcp://127.0.0.1:1", suite, "--out", out), 1)
+    (line,) = stderr_lines(generator("cluster", "simulate", "--scheduler", "tcp://127.0.0.1:1", suite, "--out", out), 1)
     assert line.startswith("error: --scheduler tcp://127.0.0.1:1: expected the address of a Dask scheduler, found none there")
     cluster.add_workers(1)
     client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
     wait_for(lambda: list(out.glob("*.json")), client)
     cluster.scheduler.kill()
-    *finished, line = said(client, 1)
-    assert line == "error: the scheduler is gone; what is finished is kept"
+    *finished, line = stderr_lines(client, 1)
+    assert line == "error: the scheduler is gone; finished files are kept"
     assert {f"{made.split(':')[0]}.json" for made in finished} == {path.name for path in out.glob("*.json")}

@@ -1,4 +1,4 @@
-"""The command `whisker` on the smoke suite, which the end-to-end run has simulated and fitted."""
+"""Command `whisker` on the smoke suite, which the end-to-end run has simulated and fitted."""
 
 import csv
 import json
@@ -15,7 +15,7 @@ TRACE = "datasets/smoke/smoke_pin.csv"
 
 def whisker(*arguments: str | Path, code: int = 0) -> str:
     """Standard output of the command, which must end with this exit code."""
-    command = ["cargo", "run", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker", "--"]
+    command = ["cargo", "run", "--quiet", "--release", "--bin", "whisker", "--"]
     done = subprocess.run([*command, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == code, done.stderr
     return done.stdout
@@ -23,7 +23,7 @@ def whisker(*arguments: str | Path, code: int = 0) -> str:
 
 @pytest.fixture(scope="module", autouse=True)
 def simulated() -> None:
-    """The traces and the calibration are there."""
+    """Skips the tests if traces or calibration are missing."""
     if not (ROOT / "datasets/smoke/calibrations/straight.json").is_file():
         pytest.skip("datasets/smoke is not there: cargo xtask test makes it")
 
@@ -47,7 +47,7 @@ def test_results_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
     assert without_timing(one / "summary.csv") == without_timing(two / "summary.csv")
 
 
-def test_nothing_is_redone_whose_inputs_did_not_change(tmp_path: Path) -> None:
+def test_up_to_date_results_are_reused(tmp_path: Path) -> None:
     arguments = ["evaluate", SUITE, "--results", tmp_path, "--estimators", "ekf", "--seeds", "1"]
     assert "up to date" not in whisker(*arguments)
     before = (tmp_path / "smoke" / "summary.csv").read_bytes()
@@ -60,7 +60,7 @@ def test_nothing_is_redone_whose_inputs_did_not_change(tmp_path: Path) -> None:
     assert "up to date" not in whisker(*fit, "--model", "polynomial", "--config", '{"degree": 4}')
 
 
-def test_settings_are_taken_and_recorded(tmp_path: Path) -> None:
+def test_settings_take_effect_and_are_recorded(tmp_path: Path) -> None:
     settings = tmp_path / "settings.json"
     settings.write_text(json.dumps({"ekf": {"fading": 1.5}}))
     arguments = ["evaluate", SUITE, "--results", tmp_path, "--estimators", "ekf,ukf", "--seeds", "1"]
@@ -76,8 +76,8 @@ def test_settings_are_taken_and_recorded(tmp_path: Path) -> None:
     assert plain["smoke_pin", "ukf"] == changed["smoke_pin", "ukf"]
 
 
-def test_replay_is_what_evaluate_scores(tmp_path: Path) -> None:
-    """Without noise both see the same readings, so they say the same."""
+def test_replay_gives_the_estimates_that_evaluate_scores(tmp_path: Path) -> None:
+    """Without noise the readings, and hence the estimates, are the same."""
     whisker("evaluate", SUITE, "--results", tmp_path, "--estimators", "ukf", "--noise", "0", "--seeds", "1")
     out = tmp_path / "replay.csv"
     whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0", "--out", out)
@@ -97,9 +97,9 @@ def test_a_hall_sensor_is_calibrated_read_through_and_reported(tmp_path: Path) -
     whisker("report", run)
     assert (run / "figures" / "common_mode.svg").is_file()
     assert (run / "figures" / "transfer.svg").is_file()
-    said = whisker("check", calibration, run / "sensors")
+    checked = whisker("check", calibration, run / "sensors")
     for kind in ("through `hall`, sensors straight", "turned sensor with", "counts over rotations with"):
-        assert kind in said
+        assert kind in checked
 
 
 def test_a_program_takes_part_and_finds_the_pin(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_a_program_that_fails_is_recorded(tmp_path: Path) -> None:
         assert "before its answer to row 1" in failure["reason"]
 
 
-def test_estimators_without_their_sensor_model_are_left_out_unless_asked_for(tmp_path: Path) -> None:
+def test_estimators_without_their_sensor_model_are_omitted_unless_requested(tmp_path: Path) -> None:
     calibrations = tmp_path / "calibrations"
     whisker("fit", SUITE, "--out", calibrations, "--model", "elastica")
     arguments = ["evaluate", SUITE, "--calibrations", calibrations, "--results", tmp_path, "--seeds", "1"]
@@ -141,17 +141,17 @@ def test_estimators_without_their_sensor_model_are_left_out_unless_asked_for(tmp
     whisker(*arguments, "--estimators", "paper-ekf", code=1)
 
 
-def test_check_knows_every_kind_of_file() -> None:
+def test_check_recognises_every_kind_of_file() -> None:
     run = Path("results/smoke")
     tables = [run / folder for folder in ("bounds", "contours", "estimates", "events", "models", "outlines")]
-    said = whisker("check", "datasets/smoke", "datasets/smoke/calibrations", SUITE, run, *tables)
+    checked = whisker("check", "datasets/smoke", "datasets/smoke/calibrations", SUITE, run, *tables)
     for kind in ("trace `smoke_pin`", "outline with", "calibration of `straight`", "suite `smoke`", "run `smoke`", "trials"):
-        assert kind in said
+        assert kind in checked
     for kind in ("scores of outlines", "estimates", "contact events", "bound", "outline found", "true outline"):
-        assert kind in said
+        assert kind in checked
 
 
 def test_list_prints_every_registry() -> None:
-    said = whisker("list")
+    listed = whisker("list")
     for name in ("euler-bernoulli-calibrated", "polynomial", "hall", "error_over_time", "determinism", "lateral_sweep"):
-        assert name in said
+        assert name in listed

@@ -1,7 +1,6 @@
-"""The platform against programs of others, each a process of its own: OctoPrint's virtual printer, and Printrun's client.
+"""Platform with third-party programs in separate processes: OctoPrint's virtual printer, and Printrun's client.
 
-They are large and under other licences, so they are installed only where `WHISKER_FOREIGN=1` asks for it, into a virtual
-environment of their own.
+They are large and under other licences, and are installed only if `WHISKER_FOREIGN=1`, into a virtual environment of their own.
 """
 
 import csv
@@ -20,14 +19,14 @@ FOREIGN = ROOT / "tests/foreign"
 VENV = ROOT / "target/foreign/venv"
 PYTHON = VENV / "bin/python"
 PACKAGES = [["pyserial", "octoprint==1.11.8"], ["--no-deps", "printrun==2.2.0"]]
-"""Printrun without what its windows need."""
+"""Printrun without the packages of its user interface."""
 
-pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason="WHISKER_FOREIGN=1 installs programs of others")
+pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason="WHISKER_FOREIGN=1 installs third-party programs")
 
 
 @pytest.fixture(scope="module")
 def python() -> Path:
-    """A Python that has the programs of others."""
+    """A Python interpreter with the third-party programs."""
     if not (VENV / "complete").exists():
         subprocess.run([sys.executable, "-m", "venv", VENV], check=True)
         for packages in PACKAGES:
@@ -38,8 +37,8 @@ def python() -> Path:
 
 @pytest.fixture(scope="module")
 def whisker() -> Path:
-    """The command."""
-    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker"], cwd=ROOT, check=True)
+    """The program `whisker`."""
+    subprocess.run(["cargo", "build", "--quiet", "--release", "--bin", "whisker"], cwd=ROOT, check=True)
     return ROOT / "target/release/whisker"
 
 

@@ -1,7 +1,7 @@
-"""The report's page in a real browser: everything is there and visible, nothing is fetched, the console stays empty.
+"""Page of the report in a real browser: complete, visible, without requests to other servers, with an empty console.
 
-The page is `$WHISKER_REPORT`, or else every `results/*/index.html`. Without Chromium or without a page the tests are
-skipped with the reason, unless `WHISKER_REQUIRE_BROWSER=1`: then they fail.
+The page is `$WHISKER_REPORT`, or else every `results/*/index.html`. Without Chromium or a page the tests are skipped with the
+reason, or fail if `WHISKER_REQUIRE_BROWSER=1`.
 """
 
 import functools
@@ -30,7 +30,7 @@ VIEWPORTS = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 390, 
 
 
 def report_pages() -> list[Path]:
-    """Pages to be tested; a single absent one where there is none, so that the tests say so."""
+    """Pages to be tested; if there is none, the path of a missing one, for the reason of the skipped tests."""
     named = os.environ.get("WHISKER_REPORT")
     if named:
         return [Path(named).resolve()]
@@ -38,7 +38,7 @@ def report_pages() -> list[Path]:
 
 
 def unavailable(reason: str) -> None:
-    """Skip, or fail where a browser is required."""
+    """Skips the test, or fails if a browser is required."""
     if os.environ.get("WHISKER_REQUIRE_BROWSER") == "1":
         pytest.fail(reason)
     print(f"skipped: {reason}")
@@ -47,7 +47,7 @@ def unavailable(reason: str) -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator:
-    """Debian's Chromium, headless."""
+    """Chromium, headless."""
     executable = shutil.which("chromium") or shutil.which("chromium-browser")
     if executable is None:
         unavailable("no chromium on the PATH (Debian: apt-get install chromium)")
@@ -62,15 +62,15 @@ def browser() -> Iterator:
 
 
 class QuietHandler(http.server.SimpleHTTPRequestHandler):
-    """Serves files and keeps still about it."""
+    """Serves files without logging."""
 
     def log_message(self, format: str, *args: object) -> None:
-        """Write nothing."""
+        """Writes no log."""
 
 
 @pytest.fixture(params=report_pages(), ids=lambda page: page.parent.name)
 def report(request: pytest.FixtureRequest) -> Path:
-    """The file of a page."""
+    """File of a page."""
     page: Path = request.param
     if not page.is_file():
         unavailable(f"{page} does not exist; draw it with: whisker report {page.parent}")
@@ -79,7 +79,7 @@ def report(request: pytest.FixtureRequest) -> Path:
 
 @pytest.fixture
 def address(report: Path) -> Iterator[str]:
-    """Address of the page, served from its folder on loopback: a request that the page makes would be seen."""
+    """Address of the page, served from its folder on loopback, so that all requests of the page are observed."""
     handler = functools.partial(QuietHandler, directory=str(report.parent))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -89,7 +89,7 @@ def address(report: Path) -> Iterator[str]:
 
 @pytest.fixture(params=VIEWPORTS)
 def opened(browser, address: str, request: pytest.FixtureRequest) -> Iterator:
-    """The page, loaded and at rest, with lists of its console messages and requests."""
+    """The loaded page with lists of its console messages and requests."""
     page = browser.new_page(viewport=VIEWPORTS[request.param])
     page.console_lines, page.requests = [], []
     page.on("console", lambda message: page.console_lines.append(message.text))
@@ -101,13 +101,13 @@ def opened(browser, address: str, request: pytest.FixtureRequest) -> Iterator:
     page.close()
 
 
-def test_nothing_is_fetched_and_the_console_stays_empty(opened, address):
+def test_there_are_no_requests_and_the_console_is_empty(opened, address):
     outside = [url for url in opened.requests if url != address and not url.startswith("data:")]
     assert outside == []
     assert opened.console_lines == []
 
 
-def test_every_figure_is_there_and_visible(opened, report):
+def test_every_figure_is_visible(opened, report):
     names = sorted(drawing.stem for drawing in (report.parent / "figures").glob("*.svg"))
     assert len(names) >= 4
     assert opened.locator("figure svg").count() == len(names)
@@ -142,7 +142,7 @@ def test_the_summary_comes_first(opened):
     assert opened.locator("main section").first.get_attribute("id") == "summary"
 
 
-def test_the_sweeps_are_shown_still_and_lead_to_their_animations(opened, address, report):
+def test_the_stills_of_sweeps_link_to_their_animations(opened, address, report):
     moving = sorted(file.name for file in (report.parent / "animations").glob("*.webp"))
     links = opened.locator("section#sweeps a")
     assert sorted(link.get_attribute("href") for link in links.all()) == [f"animations/{name}" for name in moving]
@@ -265,7 +265,7 @@ def test_the_replay_shows_every_trial_and_estimator(opened, report):
     assert opened.console_lines == []
 
 
-def test_the_replay_is_a_slide_show_for_readers_who_want_less_motion(browser, address):
+def test_the_replay_is_a_slide_show_with_reduced_motion(browser, address):
     page = browser.new_page(reduced_motion="reduce")
     page.goto(address)
     replay_part(page, "play").click()
@@ -302,7 +302,7 @@ def test_linked_files_exist(opened, address):
         assert opened.request.get(link).ok, link
 
 
-def test_stand_alone_figures_bring_their_font(browser, address):
+def test_stand_alone_figures_embed_their_font(browser, address):
     page = browser.new_page()
     page.goto(address)
     links = page.evaluate("[...document.querySelectorAll('figcaption a')].map(link => link.href)")

@@ -1,9 +1,9 @@
-"""Recordings, the live node and the Foxglove feed against programs of others.
+"""Recordings, live node and Foxglove feed with third-party programs.
 
 These are `rosbags`, `mcap-ros2-support`, `rosless`, `cyclonedds` and `robo-ws-bridge`.
 
-They are installed only where `WHISKER_FOREIGN=1` asks for it, into a virtual environment of their own. The node runs in a network
-namespace that has nothing but its loopback, so nobody else hears it; the feed is bound to the loopback.
+They are installed only if `WHISKER_FOREIGN=1`, into a virtual environment of their own. The node runs in a network namespace with
+only a loopback interface, which isolates it from other nodes; the feed is bound to the loopback interface.
 """
 
 import csv
@@ -40,7 +40,7 @@ COLUMNS = {
     "/truth/force_n": "truth_force_n",
     "/truth/tangent_rad": "truth_tangent_rad",
 }
-"""Column of the trace whose numbers a topic holds."""
+"""Column of the trace that a topic contains."""
 
 STREAM_S, RATE_HZ = 60, 800
 
@@ -51,12 +51,12 @@ in_a_namespace = pytest.mark.skipif(
     os.geteuid() != 0 or not shutil.which("unshare"), reason="a network namespace needs root and unshare"
 )
 
-pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason="WHISKER_FOREIGN=1 installs programs of others")
+pytestmark = pytest.mark.skipif(os.environ.get("WHISKER_FOREIGN") != "1", reason="WHISKER_FOREIGN=1 installs third-party programs")
 
 
 @pytest.fixture(scope="module")
 def python() -> Path:
-    """A Python that has the programs of others."""
+    """A Python interpreter with the third-party programs."""
     complete, packages = VENV / "complete", "\n".join(PACKAGES)
     if not complete.exists() or complete.read_text() != packages:
         subprocess.run([sys.executable, "-m", "venv", VENV], check=True)
@@ -65,56 +65,56 @@ def python() -> Path:
     return PYTHON
 
 
-def built(package: str, program: str, *options: str) -> Path:
-    """A program of this project."""
-    command = ["cargo", "build", "--quiet", "--release", "--package", package, "--bin", program, *options]
+def built(program: str, *options: str) -> Path:
+    """Builds a program of this project."""
+    command = ["cargo", "build", "--quiet", "--release", "--bin", program, *options]
     subprocess.run(command, cwd=ROOT, check=True)
     return ROOT / "target/release" / program
 
 
 @pytest.fixture(scope="module")
 def whisker() -> Path:
-    """The command."""
-    return built("whisker-cli", "whisker")
+    """The program `whisker`."""
+    return built("whisker")
 
 
 @pytest.fixture(scope="module")
 def node() -> Path:
-    """The node, with the feed."""
-    return built("ros2-node", "ros2-node", "--features", "foxglove")
+    """The node with the feed."""
+    return built("ros2-node", "--package", "ros2-node", "--features", "foxglove")
 
 
 def output(*command: str | Path) -> str:
-    """What a command prints."""
+    """Standard output of a command, which must succeed."""
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 Totals = dict[str, tuple[int, float]]
-"""Number of messages of a topic, and the sum of their numbers."""
+"""Number of messages of a topic, and the sum of their values."""
 
 
 def totals(lines: str) -> Totals:
-    """What `read_bag.py` prints."""
+    """Totals printed by `read_bag.py`."""
     return {topic: (int(count), float(total)) for topic, count, total in map(str.split, lines.splitlines())}
 
 
 def totals_of_trace() -> Totals:
-    """What stands in the trace."""
+    """Totals of the trace."""
     rows = list(csv.DictReader(TRACE.open()))
     numbers = {topic: [float(row[column]) for row in rows if row[column]] for topic, column in COLUMNS.items()}
     return {topic: (len(of_topic), math.fsum(of_topic)) for topic, of_topic in numbers.items()}
 
 
 @pytest.mark.parametrize("reader", ["rosbags", "mcap_ros2"])
-def test_others_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
+def test_third_party_readers_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
     assert totals(output(python, FOREIGN / "read_bag.py", folder, reader)) == totals_of_trace()
 
 
-def test_a_recording_of_others_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
+def test_a_third_party_recording_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
     folder, out = tmp_path / "theirs", tmp_path / "log"
     output(python, FOREIGN / "write_bag.py", folder, "openwhisker", "8000")
     assert "8000" not in output(whisker, "bag", "info", folder)  # in messages of 80 readings
@@ -125,7 +125,7 @@ def test_a_recording_of_others_becomes_a_log(python: Path, whisker: Path, tmp_pa
 
 
 @in_a_namespace
-def test_a_node_of_others_receives_every_message(python: Path, node: Path, tmp_path: Path) -> None:
+def test_a_third_party_node_receives_every_message(python: Path, node: Path, tmp_path: Path) -> None:
     folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
     output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
     script = f"""
@@ -139,7 +139,7 @@ def test_a_node_of_others_receives_every_message(python: Path, node: Path, tmp_p
 
 
 @in_a_namespace
-def test_a_call_of_others_runs_the_routine(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+def test_a_third_party_service_call_runs_the_routine(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
     printer, sensor = tmp_path / "printer", tmp_path / "sensor"
     script = f"""
         {LOOPBACK}
@@ -157,7 +157,7 @@ def test_a_call_of_others_runs_the_routine(python: Path, whisker: Path, node: Pa
 
 @contextmanager
 def fed(node: Path, *arguments: str | Path) -> Iterator[str]:
-    """The address of a feed, while the node runs."""
+    """Address of a feed while the node runs."""
     process = subprocess.Popen([node, *arguments, "--foxglove=127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
     try:
         yield process.stdout.readline().strip()
@@ -166,22 +166,22 @@ def fed(node: Path, *arguments: str | Path) -> Iterator[str]:
         process.wait(30)
 
 
-def test_a_listener_of_others_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+def test_a_third_party_listener_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
     with fed(node, "play", folder, "--wait-for", "/moment") as url:
         assert totals(output(python, FOREIGN / "read_bag.py", url, "foxglove")) == totals_of_trace()
 
 
-def test_a_listener_of_others_receives_every_message_of_a_minute(python: Path, node: Path, tmp_path: Path) -> None:
+def test_a_third_party_listener_receives_every_message_of_a_minute(python: Path, node: Path, tmp_path: Path) -> None:
     folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
     output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
     with fed(node, "play", folder, "--wait-for", "/field") as url:
-        heard = totals(output(python, FOREIGN / "read_bag.py", url, "foxglove"))
-    assert heard == {"/field": (expected, expected * (expected - 1) / 2)}
+        received = totals(output(python, FOREIGN / "read_bag.py", url, "foxglove"))
+    assert received == {"/field": (expected, expected * (expected - 1) / 2)}
 
 
-def test_a_listener_of_others_runs_the_routine(python: Path, whisker: Path, node: Path) -> None:
+def test_a_third_party_listener_runs_the_routine(python: Path, whisker: Path, node: Path) -> None:
     with subprocess.Popen([whisker, "platform", "emulate"], stdout=subprocess.PIPE, text=True) as rig:
         ports = dict(rig.stdout.readline().split() for _ in range(2))
         run = ["run", "--printer", ports["printer"], "--sensor", ports["sensor"], "--speed", "15000"]

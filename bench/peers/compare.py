@@ -1,11 +1,11 @@
-"""Compares this project's filters with those of others: first what they estimate, then how long a step takes.
+"""Comparison of this project's filters with other implementations: estimates first, then time per step.
 
 Usage: compare.py PEERS TRACE CALIBRATION DOCUMENT
 
-PEERS is the program built from the Cargo workspace beside this file. Fails where the Kalman filters do not agree to rounding,
-or the particle filters not within what chance explains. Otherwise the table of times replaces the one in DOCUMENT. Makers take
-turns, round by round, and a ratio is that of one round; so it holds although the machine's speed drifts. Times are the
-processor's: other programs are not in them.
+PEERS is the program built from the Cargo workspace beside this file. Fails if the Kalman filters do not agree to rounding, or the
+particle filters not within statistical error. Otherwise the table of times in DOCUMENT is replaced. Implementations alternate in
+each round, and ratios are taken within a round, so that drift of the machine's speed cancels. Times are processor times, which
+exclude other programs.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
-# One thread for all: a step's matrices are far too small for more.
+# One thread for all implementations: the matrices of a step are too small for more.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
@@ -31,11 +31,11 @@ ROUNDS = 5
 SEEDS = 20
 PASSES = 3
 
-# Kalman filters of one kind compute the same in another order.
+# Kalman filters of one kind perform the same computation in another order.
 RELATIVE_TOLERANCE = 1e-6
-# The part of the trace, from its start, in which the particle filters still find the contact.
+# Share of the trace, from its start, in which the particle filters converge.
 START_SHARE = 0.2
-# Standard errors of the mean by which the average errors of two particle filters may differ.
+# Allowed difference of the mean errors of two particle filters, in standard errors.
 CHANCE = 4.0
 
 BEGIN, END = "<!-- peers: begin -->", "<!-- peers: end -->"
@@ -50,7 +50,7 @@ Answers = dict[tuple[str, str], tuple[float, list[Estimates]]]
 
 
 def main() -> int:
-    """The command."""
+    """Runs the comparison; returns the exit code."""
     parser = argparse.ArgumentParser()
     for name in ("peers", "trace", "calibration", "document"):
         parser.add_argument(name, type=Path)
@@ -72,14 +72,14 @@ def main() -> int:
 
 
 def run_round(arguments: argparse.Namespace) -> tuple[Problem, Answers]:
-    """Every filter's answer: time of a step in s, and estimates, one a seed."""
+    """Results of every filter: time per step (s), and estimates, one per seed."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "problem.json"
         command = [arguments.peers, arguments.trace, arguments.calibration, str(SEEDS), file]
-        said = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
+        printed = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
         problem = Problem(json.loads(file.read_text()))
     answers: Answers = {}
-    for answer in json.loads(said):
+    for answer in json.loads(printed):
         estimates = [as_estimates(each) for each in answer["estimates"]]
         answers[answer["maker"], answer["filter"]] = (answer["step_s"], estimates)
     answers["filterpy", "ekf"] = timed(lambda _: filterpy_ekf(problem), 1)
@@ -89,13 +89,13 @@ def run_round(arguments: argparse.Namespace) -> tuple[Problem, Answers]:
 
 
 def as_estimates(steps: list[dict[str, list[float]]]) -> Estimates:
-    """Estimates out of JSON."""
+    """Converts estimates from JSON."""
     means = np.array([step["mean_m"] for step in steps])
     return Estimates(means, np.array([step["covariance_m2"] for step in steps]).reshape(-1, 2, 2))
 
 
 def timed(run: Callable[[int], Estimates], seeds: int) -> tuple[float, list[Estimates]]:
-    """The fastest pass in processor time, a step, and the estimates of each seed."""
+    """Processor time per step of the fastest pass, and the estimates of each seed."""
     estimates, fastest_s = [], np.inf
     for seed in range(max(seeds, PASSES)):
         started = time.thread_time()
@@ -105,7 +105,7 @@ def timed(run: Callable[[int], Estimates], seeds: int) -> tuple[float, list[Esti
 
 
 def disagreements(problem: Problem, answers: Answers) -> list[str]:
-    """What does not agree, in words."""
+    """Descriptions of all disagreements."""
     found = []
     for kind in ("ekf", "ukf"):
         ours = answers["whisker", kind][1][0]
@@ -121,22 +121,22 @@ def disagreements(problem: Problem, answers: Answers) -> list[str]:
     for maker, theirs_m in errors_m.items():
         ours_m = errors_m["whisker"]
         error_m = np.sqrt((ours_m.var(ddof=1) + theirs_m.var(ddof=1)) / SEEDS)
-        said = f"{1e3 * theirs_m.mean():.3f} mm, sd {1e3 * theirs_m.std(ddof=1):.3f} mm over seeds"
-        print(f"particle: {maker} errs by {said}", file=sys.stderr)
+        error = f"{1e3 * theirs_m.mean():.3f} mm, sd {1e3 * theirs_m.std(ddof=1):.3f} mm over seeds"
+        print(f"particle: {maker} has an error of {error}", file=sys.stderr)
         if not abs(theirs_m.mean() - ours_m.mean()) <= CHANCE * error_m:
-            found.append(f"the particle filter of {maker} errs by {said}, ours by {1e3 * ours_m.mean():.3f} mm")
+            found.append(f"particle: {maker} has an error of {error}, expected about {1e3 * ours_m.mean():.3f} mm")
     return found
 
 
 def rms_m(problem: Problem, estimates: list[Estimates]) -> np.ndarray:
-    """Root mean square error of the contact behind the start, one a seed."""
+    """Root mean square error of the contact after convergence (m), one per seed."""
     start = int(START_SHARE * len(problem.truth_m))
     apart_m = np.array([each.mean_m[start:] - problem.truth_m[start:] for each in estimates])
     return np.sqrt((apart_m**2).sum(axis=2).mean(axis=1))
 
 
 def as_markdown(times: dict[tuple[str, str], list[float]], steps: int, trace: str) -> str:
-    """The table, with what it was measured on."""
+    """Table in Markdown, with the conditions of the measurement."""
     lines = ["| filter | here | other | ratio (median of rounds, least to most) |", "| --- | --- | --- | --- |"]
     for kind, makers in MAKERS.items():
         ours = np.array(times["whisker", kind])
@@ -156,19 +156,19 @@ def as_markdown(times: dict[tuple[str, str], list[float]], steps: int, trace: st
 
 
 def as_time(seconds: np.ndarray) -> str:
-    """The median, in a unit that suits it."""
+    """Median in a suitable unit."""
     median_s = float(np.median(seconds))
     return f"{1e6 * median_s:.3g} µs" if median_s > 1e-6 else f"{1e9 * median_s:.3g} ns"
 
 
 def processor() -> str:
-    """What the machine says that it is."""
+    """Model of the processor and number of cores."""
     names = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line]
     return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores"
 
 
 def replace(document: Path, table: str) -> None:
-    """Puts the table between the marks of the document."""
+    """Replaces the table between the marks of the document."""
     before, _, rest = document.read_text().partition(BEGIN)
     _, found, after = rest.partition(END)
     if not found:

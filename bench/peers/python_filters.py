@@ -1,4 +1,4 @@
-"""filterpy's Kalman filters and a particle filter in NumPy, on the problem that `peers` writes."""
+"""Kalman filters of filterpy and a particle filter in NumPy, on the problem that `peers` writes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,18 +13,18 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Estimates:
-    """What a filter believes after each reading: means (steps x 2, in m) and covariances (steps x 2 x 2, in m2)."""
+    """Posterior after each reading: means (steps x 2, m) and covariances (steps x 2 x 2, m^2)."""
 
     mean_m: Array
     covariance_m2: Array
 
 
 class Problem:
-    """The problem's numbers as arrays; `src/problem.rs` says what they mean."""
+    """Numbers of the problem as arrays, as defined in `src/problem.rs`."""
 
     def __init__(self, numbers: dict[str, Any]) -> None:
         steps = numbers["steps"]
-        # Matrices are written column by column.
+        # Matrices are stored by columns.
         self.turn = np.array([step["turn"] for step in steps]).reshape(-1, 2, 2).transpose(0, 2, 1)
         self.shift_m = np.array([step["shift_m"] for step in steps])
         self.reading_n_m = np.array([step["reading_n_m"] for step in steps])
@@ -40,7 +40,7 @@ class Problem:
 
 
 class Polynomial:
-    """The sensor model in powers of the scaled coordinates, which NumPy evaluates faster than Chebyshev polynomials."""
+    """Sensor model in powers of the scaled coordinates, which NumPy evaluates faster than Chebyshev polynomials."""
 
     def __init__(self, model: dict[str, Any]) -> None:
         count = model["degree"] + 1
@@ -52,12 +52,12 @@ class Polynomial:
         self.exponents = np.arange(count)
 
     def reading_n_m(self, x: Array) -> float:
-        """Reading of one contact."""
+        """Reading for one contact."""
         u, v = (x - self.centre_m) / self.scale_m
         return float(u**self.exponents @ self.coefficients @ v**self.exponents)
 
     def gradient_n(self, x: Array) -> Array:
-        """Its derivatives, 1 x 2."""
+        """Gradient of the reading, 1 x 2."""
         u, v = (x - self.centre_m) / self.scale_m
         inner = self.exponents[1:]
         slope_u = (inner * u ** (inner - 1)) @ self.coefficients[1:] @ v**self.exponents / self.scale_m[0]
@@ -74,7 +74,7 @@ def filterpy_ekf(problem: Problem) -> Estimates:
     for turn, shift_m, reading_n_m in zip(problem.turn, problem.shift_m, problem.reading_n_m, strict=True):
         found.F = turn
         found.predict()
-        # Its state moves linearly; what the motion shifts is added by hand.
+        # Its prediction is linear; the displacement by the motion is added separately.
         found.x = found.x + shift_m
         found.update(np.array([reading_n_m]), model.gradient_n, lambda x: np.array([model.reading_n_m(x)]))
         means.append(found.x)
@@ -106,8 +106,8 @@ def filterpy_ukf(problem: Problem) -> Estimates:
 
 
 def numpy_particle(problem: Problem, seed: int) -> Estimates:
-    """A particle filter on whole arrays, one row a coordinate, with what a step needs allocated once."""
-    # The generator with which NumPy draws normal numbers fastest: 14 microseconds for 2000, its default 17.
+    """Particle filter on whole arrays with one row per coordinate; all buffers are allocated once."""
+    # The fastest of NumPy's generators for normal numbers: 14 us for 2000, instead of 17 us with the default one.
     rng = np.random.Generator(np.random.SFC64(seed))
     count, model = problem.particles, problem.model
     fewest, step_sd_m = problem.resample_share * count, np.sqrt(problem.wander_m2)

@@ -1,7 +1,6 @@
-"""SciPy's Butterworth filters, which the design in Rust is compared with.
+"""Butterworth filters of SciPy, the reference of the design in Rust.
 
-`python sim/tests/test_butterworth.py` writes the three golden files anew; the crates `whisker` and
-`platform` test themselves against them.
+`python sim/tests/test_butterworth.py` writes the three golden files, with which the Rust crates are tested.
 """
 
 import csv
@@ -23,7 +22,7 @@ DESIGNS = {
     "first_order": (1, 5.0, 12.0, 888.0),
     "even_order": (4, 20.0, 60.0, 1000.0),
 }
-"""Order of the prototype, edges of the band and sampling rate, both in Hz."""
+"""Order of the prototype, edges of the band (Hz), sampling rate (Hz)."""
 
 LOW_PASS_DESIGNS = {
     "published": (2, 5.0, 888.0),
@@ -31,7 +30,7 @@ LOW_PASS_DESIGNS = {
     "odd": (3, 30.0, 800.0),
     "high_order": (6, 40.0, 800.0),
 }
-"""Order, edge and sampling rate, both in Hz."""
+"""Order, edge (Hz), sampling rate (Hz)."""
 
 
 def sections(design):
@@ -41,13 +40,13 @@ def sections(design):
 
 
 def filtered():
-    """An input (200,) and the output of every design for it, by name."""
+    """An input (200,) and its output of every design, by name."""
     values = np.random.default_rng(4).standard_normal(200)
     return {"input": values} | {design: signal.sosfilt(sections(design), values) for design in DESIGNS}
 
 
 def low_passed():
-    """The same input, and for each low-pass what it makes of it, as it comes and with zero phase (forwards and backwards)."""
+    """The same input and its output of every low-pass, causal and with zero phase (forwards and backwards)."""
     values = filtered()["input"]
     columns = {"input": values}
     for design, (order, edge_hz, rate_hz) in LOW_PASS_DESIGNS.items():
@@ -77,7 +76,7 @@ def write():
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_regress_golden_filters(design):
-    """The files hold what SciPy says today, to rounding."""
+    """The files equal the results of the installed SciPy, to rounding."""
     with SECTIONS.open(newline="") as file:
         kept = [
             [float(row[key]) for key in ("b0", "b1", "b2", "a1", "a2")] for row in csv.DictReader(file) if row["design"] == design

@@ -1,4 +1,4 @@
-"""What a trace says of its own truth: the certificate, and the flags of contacts that are not single."""
+"""Certificate of a trace, and flags of contacts at several points."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ def certified(run, simulated):
 
 
 def test_verif_quasi_static_instants():
-    """Not the first moments of a contact, nor its last, nor those about a fast run along the whisker or a second place."""
+    """Excluded are start and end of a contact, and instants near a fast contact or a second contact point."""
     time_s = np.concatenate((np.arange(200), np.arange(300, 600))) * 0.004
     arc_m = np.where(np.arange(500) < 300, 0.05, 0.04)
     slow = quasi_static(contacts(time_s, arc_m, np.arange(500) != 400))
@@ -34,8 +34,8 @@ def test_verif_quasi_static_instants():
     assert np.all(slow[413:])
 
 
-def test_val_certificate_keeps_the_bars(make_run):
-    """Within the bars of the default settings, at as many instants as a certificate takes."""
+def test_val_certificate_keeps_the_bounds(make_run):
+    """The bounds of the default settings are kept at the full number of samples."""
     run = make_run()
     certificate = certified(run, simulate(run))
     assert certificate.sampled == 50
@@ -47,7 +47,7 @@ def test_val_certificate_keeps_the_bars(make_run):
     assert certificate.penetration_worst_m < 5e-6
 
 
-def test_verif_certificate_notices_a_wrong_reading_and_a_wrong_place(make_run):
+def test_verif_certificate_detects_a_wrong_reading_and_a_wrong_contact_point(make_run):
     run = make_run()
     simulated = simulate(run)
     stiffer = certified(run, dataclasses.replace(simulated, rotations_rad=1.01 * simulated.rotations_rad))
@@ -58,7 +58,7 @@ def test_verif_certificate_notices_a_wrong_reading_and_a_wrong_place(make_run):
 
 
 def test_verif_certificate_without_a_quasi_static_instant(make_run):
-    """A contact too short for quasi-static instants has no figures, and says so by null."""
+    """For a contact without quasi-static instants all figures are `None`."""
     run = make_run()
     simulated = simulate(run)
     brief = np.zeros_like(simulated.touching)
@@ -70,8 +70,8 @@ def test_verif_certificate_without_a_quasi_static_instant(make_run):
         assert certificate.moment_rms is certificate.surface_worst_m is certificate.penetration_worst_m is None
 
 
-def test_val_contact_in_two_places_is_flagged(make_run):
-    """A curved whisker that rolls over a flat on its concave side touches both ends for a while; on a circle it touches once."""
+def test_val_contact_at_two_points_is_flagged(make_run):
+    """A curved whisker that rolls over a flat on its concave side temporarily touches both ends; a circle is touched once."""
     flat = {"shape": "rectangle", "width_m": 0.02, "height_m": 0.02, "yaw_rad": 0.7}
     motion = {"kind": "lateral_sweep", "contact_arc_m": 0.05, "stroke_m": 0.01, "strokes": 1, "peak_speed_m_s": 0.01}
     rolling = simulate(make_run(whisker="curved", object=flat, motion=motion))

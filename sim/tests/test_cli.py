@@ -1,4 +1,4 @@
-"""The command line: wrong input, exit codes, interruption."""
+"""Command line: invalid input, exit codes, interruption."""
 
 import json
 import os
@@ -55,17 +55,10 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_robust_wrong_scene(write_scene, tmp_path, capsys, case):
-    """One line on stderr that names the file, the key, what was expected and what was found; exit code 2."""
+def test_robust_wrong_scene(write_scene, tmp_path, assert_rejected, case):
+    """The error states file, key, expected and found values."""
     changes, words = WRONG[case]
-    path = write_scene(**changes).rename(tmp_path / "scene.json")
-    assert main(["check", str(path)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith(f"error: {path}")
-    assert captured.err.count("\n") == 1
-    for word in words:
-        assert word in captured.err
+    assert_rejected(write_scene(**changes).rename(tmp_path / "scene.json"), words)
 
 
 RAW = {
@@ -81,16 +74,11 @@ RAW = {
 
 
 @pytest.mark.parametrize("case", RAW)
-def test_robust_wrong_document(tmp_path, capsys, case):
+def test_robust_wrong_document(tmp_path, assert_rejected, case):
     text, words = RAW[case]
     path = tmp_path / "scene.json"
     path.write_text(text)
-    assert main(["check", str(path)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith(f"error: {path}")
-    assert error.count("\n") == 1
-    for word in words:
-        assert word in error
+    assert_rejected(path, words)
 
 
 def test_robust_files_that_cannot_be_read(tmp_path, capsys):
@@ -108,7 +96,7 @@ def test_robust_repeated_trace_names(write_scene, tmp_path, capsys):
 
 
 def test_robust_names_that_a_recording_takes(write_scene, tmp_path, capsys):
-    """A trace may not be called as one of the whiskers of a recording in the same suite."""
+    """In a suite, a trace must not have the name of a whisker's trace of a recording."""
     (tmp_path / "arm.json").write_text(json.dumps(SHORT))
     write_scene(name="short_left_1")
     path = tmp_path / "suite.json"
@@ -121,7 +109,7 @@ def test_robust_names_that_a_recording_takes(write_scene, tmp_path, capsys):
 
 
 def test_robust_errors_about_no_key_are_one_line(write_scene, capsys, monkeypatch):
-    """What a plan raises of itself names the file, and a key where it is about one."""
+    """A general error of a plan states the file."""
 
     def fail(_):
         raise ValueError("Singular matrix")
@@ -134,7 +122,7 @@ def test_robust_errors_about_no_key_are_one_line(write_scene, capsys, monkeypatc
 
 
 def test_robust_failed_trace_among_good_ones(write_scene, tmp_path, capsys):
-    """A sweep that slips off the tip fails, is named with its time, leaves no files, and the others are finished: exit code 3."""
+    """A sweep that slips off the tip fails with name and time and leaves no files; the others are finished: exit code 3."""
     good = write_scene()
     bad = write_scene(name="slips", whisker="curved", motion={**SWEEP, "contact_arc_m": 0.076, "stroke_m": 0.02})
     out = tmp_path / "out"
@@ -147,7 +135,7 @@ def test_robust_failed_trace_among_good_ones(write_scene, tmp_path, capsys):
 
 
 def test_robust_interruption_leaves_whole_traces(tmp_path):
-    """Ctrl-C ends with code 130; every trace that exists is complete."""
+    """Ctrl-C ends with code 130; all existing traces are complete."""
     command = [sys.executable, "-m", "whisker_sim", "simulate", str(SCENES / "suites" / "standard.json"), "--out", str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "sim")}
     process = subprocess.Popen([*command, "--jobs", "2"], env=environment, stderr=subprocess.PIPE, start_new_session=True)
@@ -165,12 +153,12 @@ def test_robust_interruption_leaves_whole_traces(tmp_path):
     )
 
 
-def test_verif_suites_are_good(capsys):
+def test_verif_suites_are_valid(capsys):
     assert main(["check", *(str(path) for path in sorted((SCENES / "suites").glob("*.json")))]) == 0
     assert "suite of 34 traces" in capsys.readouterr().out
 
 
-def test_verif_every_scene_is_good(capsys):
+def test_verif_every_scene_is_valid(capsys):
     scenes = sorted(SCENES.glob("*.json"))
     assert main(["check", *map(str, scenes)]) == 0
     assert all(json.loads(path.read_text())["name"] == path.stem for path in scenes)

@@ -1,4 +1,4 @@
-"""Whole traces against the exact elastica, and the truth against brute force."""
+"""Complete traces against the exact elastica, and the ground truth against brute force."""
 
 import json
 from itertools import pairwise
@@ -31,7 +31,7 @@ STEEP = {"preset": "straight", "name": "steep", "root_diameter_m": 0.0003, "tip_
 
 @pytest.mark.parametrize("case", CASES)
 def test_val_moment_against_the_elastica(make_run, case):
-    """Base moment within 0.05 % of its range, contact within micrometres, at instants after the impact has died."""
+    """Base moment within 0.05 % of its range and contact within micrometres, at instants after the impact has decayed."""
     run = make_run(**CASES[case])
     simulated = simulate(run)
     whisker, disc = run.scene.resolved_whisker, run.scene.object
@@ -55,7 +55,7 @@ def test_val_moment_against_the_elastica(make_run, case):
 
 
 def test_verif_reading_has_no_jumps(make_run):
-    """Between samples the reading's slope changes smoothly, though the contact runs over links and capsules."""
+    """The slope of the reading is smooth, although the contact passes links and capsules."""
     simulated = simulate(make_run(whisker="curved", object={"shape": "circle", "radius_m": 0.05}))
     touch = int(np.argmax(simulated.touching)) + 75
     reading = simulated.rotations_rad[touch:, 0]
@@ -70,13 +70,13 @@ def test_verif_reading_has_no_jumps(make_run):
             "face": "right",
             "object": {"shape": "rectangle", "width_m": 0.03, "height_m": 0.03, "yaw_rad": 0.35},
         },
-        # So steep a taper moves the contact on the circle by 0.07 mm.
+        # This taper displaces the contact on the circle by 0.07 mm.
         {"whisker": STEEP, "object": {"shape": "circle", "radius_m": 0.05}},
     ],
     ids=["corner", "steep"],
 )
 def test_verif_nearest_contact_against_brute_force(make_run, settings):
-    """The contact is where, of a dense sampling of the centre line, the distance less the radius is least."""
+    """The contact is at the minimum of distance less radius over a dense sampling of the centre line."""
     run = make_run(**settings)
     simulated = simulate(run)
     rows = np.flatnonzero(simulated.touching)[::40]
@@ -84,15 +84,14 @@ def test_verif_nearest_contact_against_brute_force(make_run, settings):
     truth = nearest_contact(line, run.scene.object)
     arcs_m = np.linspace(0.0, run.scene.resolved_whisker.length_m, 8001)
     for index in range(len(rows)):
-        one = line.rows(np.full(len(arcs_m), index))
-        _, distance_m = run.scene.object.closest(one.at(arcs_m)[0])
+        _, distance_m = run.scene.object.closest(line.at(arcs_m, np.full(len(arcs_m), index))[0])
         clearance_m = distance_m - run.scene.resolved_whisker.radius_m(arcs_m)
         assert abs(arcs_m[np.argmin(clearance_m)] - truth.arc_m[index]) < 1.5e-5
 
 
 @pytest.mark.parametrize("name", ["pin_straight", "pin_curved", "circle_15_curved", "octagon_straight", "rectangle_curved"])
 def test_verif_standard_trials_hold_their_contact(name):
-    """From 50 ms after the first touch the contact lasts to the end, on the side, with micrometres of penetration."""
+    """From 50 ms after the first contact to the end the whisker touches, not at the tip, with micrometres of penetration."""
     _, (run,) = load_runs(SCENES / f"{name}.json")
     simulated = simulate(run)
     touch = int(np.argmax(simulated.touching))
@@ -103,14 +102,14 @@ def test_verif_standard_trials_hold_their_contact(name):
 
 
 def test_robust_deep_penetration_fails_the_run(make_run, monkeypatch):
-    """A contact that is softer than the bound allows is an error with its instant, not a result."""
+    """A penetration above the bound is an error that states its time."""
     monkeypatch.setattr("whisker_sim.simulate._PENETRATION_LIMIT_M", 1e-9)
     with pytest.raises(SimulationError, match=r"penetration of \S+ m at \d+\.\d+ s"):
         simulate(make_run())
 
 
 def test_verif_calibration_strata():
-    """One push in every stratum of the arc length, none of them slipping off the tip."""
+    """There is one push in every stratum of the arc length, and none slips off the tip."""
     _, (run,) = load_runs(SCENES / "calibration_curved_concave.json")
     motion = run.scene.motion
     plan = motion.plan(run.scene.stage())

@@ -1,4 +1,4 @@
-"""Contacts that are made and lost, on a base that vibrates."""
+"""Contact events, made and lost on a vibrating base."""
 
 from itertools import pairwise
 
@@ -15,8 +15,8 @@ from conftest import SCENES
 STEP_S = 0.0005
 
 
-def test_val_vibration_has_the_spectrum_it_names():
-    """Acceleration of the root mean square asked for, in the band and nowhere else, risen from rest."""
+def test_val_vibration_has_the_specified_spectrum():
+    """Acceleration with the specified root mean square in the band and none elsewhere, starting from rest."""
     vibration = Vibration(acceleration_m_s2=0.5, low_hz=10.0, high_hz=40.0)
     displacement_m = vibration.displacement_m(20_000, STEP_S, np.random.default_rng(0))
     assert np.array_equal(displacement_m[0], (0.0, 0.0))
@@ -43,7 +43,7 @@ def test_robust_vibration_out_of_range(make_run, vibration, expected):
         simulate(make_run(vibration=vibration))
 
 
-def test_verif_vibration_leaves_the_motion_as_it_is(make_run):
+def test_verif_vibration_does_not_change_the_motion(make_run):
     motion = {"kind": "lift_offs", "strokes": 2, "arc_min_m": 0.05, "arc_max_m": 0.06}
     calm = make_run(motion=motion).scene.plan()
     shaken = make_run(motion=motion, vibration={"acceleration_m_s2": 0.7}).scene.plan()
@@ -53,8 +53,8 @@ def test_verif_vibration_leaves_the_motion_as_it_is(make_run):
     assert added_m[2] == 0.0
 
 
-def test_verif_free_whisker_shakes_by_three_per_cent():
-    """The vibration of the suite makes the free whisker's reading as large as the suite says: 3 % of the largest, about."""
+def test_verif_reading_of_the_free_whisker_vibrates_by_three_per_cent():
+    """The vibration of the suite causes a background RMS of about 3 % of the largest reading."""
     _, runs = load_runs(SCENES / "suites" / "contact_events.json")
     shaken = []
     for run in runs[::3]:
@@ -67,7 +67,7 @@ def test_verif_free_whisker_shakes_by_three_per_cent():
 
 
 def test_verif_strokes_end_in_lift_offs_of_both_kinds(make_run):
-    """As many contacts as strokes, and every other one reaches the tip."""
+    """There are as many contacts as strokes, and every second one reaches the tip."""
     motion = {"kind": "lift_offs", "strokes": 4, "arc_min_m": 0.05, "arc_max_m": 0.06}
     simulated = simulate(make_run(motion=motion, object={"shape": "pin"}))
     lasting = np.flatnonzero(np.convolve(simulated.touching, np.ones(10)) == 0)

@@ -1,4 +1,4 @@
-"""Traces on disk: format, determinism, golden files."""
+"""Files of traces: format, determinism, golden files."""
 
 import csv
 import io
@@ -19,7 +19,7 @@ GOLDEN = REPOSITORY / "datasets" / "golden"
 
 
 def test_verif_csv_formatting():
-    """Fixed decimals, an empty field for what is unknown, no negative zero."""
+    """Fixed decimals, empty fields for unknown values, no negative zero."""
     text = format_csv([np.array([0.0, -1e-9, 1.25]), np.array([np.nan, 1.0, -0.0])], (("a_m", 4), ("b", 0)))
     assert text == b"a_m,b\n0.0000,\n0.0000,1\n1.2500,0\n"
 
@@ -65,7 +65,7 @@ def test_verif_rows_and_sidecar_follow_the_format(golden_twice):
 
 @pytest.mark.skipif(mujoco.__version__ != "3.17.0", reason="golden traces belong to MuJoCo 3.17.0")
 def test_regress_golden_traces(golden_twice):
-    """Equal bytes; on a processor whose sine differs in the last bit, equal to nanometres."""
+    """Equal bytes, or equal to nanometres on a machine whose elementary functions round differently."""
     for name in ("golden_circle", "golden_pin"):
         assert (golden_twice[0] / f"{name}.contour.csv").read_bytes() == (GOLDEN / f"{name}.contour.csv").read_bytes()
         made, kept = (golden_twice[0] / f"{name}.csv").read_bytes(), (GOLDEN / f"{name}.csv").read_bytes()
@@ -100,7 +100,7 @@ def test_verif_up_to_date_traces_are_left_alone(write_scene, tmp_path, capsys):
 
 
 def test_verif_seeds_name_the_traces_however_many_there_are(tmp_path):
-    """A suite that names seeds gets them into the names, a single one as well; the Rust side reads the same names."""
+    """Names of traces contain the seed if the suite states seeds; the Rust side reads the same names."""
     scene = json.loads((SCENES / "golden_pin.json").read_text())
     (tmp_path / "scene.json").write_text(json.dumps(scene))
     for seeds, names in [(None, ["golden_pin"]), ([3], ["golden_pin_03"]), ([0, 112], ["golden_pin_00", "golden_pin_112"])]:

@@ -1,4 +1,4 @@
-"""Scenes and suites from strangers: read as what they mean, or refused with one error; nothing is written elsewhere."""
+"""Arbitrary scenes and suites: read as they are, or rejected with one error; no file is written outside the given folder."""
 
 import json
 import math
@@ -44,7 +44,7 @@ QUICK = settings(max_examples=100, deadline=None, suppress_health_check=[HealthC
 
 
 def one_error(read):
-    """What `read` gives; None where it refuses with one line."""
+    """Result of `read`, or `None` if it raises an error of one line."""
     try:
         return read()
     except InputError as error:
@@ -64,7 +64,7 @@ def test_robust_any_bytes(tmp_path, content):
 @QUICK
 @given(key=st.sampled_from(KEYS), value=DOCUMENTS)
 def test_robust_any_value_of_a_key(tmp_path, key, value):
-    """What a scene lets through stands in it as it was written."""
+    """An accepted value is stored as it was written."""
     path = tmp_path / "scene.json"
     path.write_text(json.dumps({**SWEEP, key: value}))
     loaded = one_error(lambda: load_runs(path))
@@ -100,7 +100,7 @@ def _is_beyond_64_bits(document) -> bool:
         r"[-+]?(NaN|Infinity|inf|0x1p3|1_0|[٠-٩]+|01|1e999|\.5|5\.|[0-9]{1,3}(\.[0-9]{1,3})?(e[+-]?[0-9]{1,3})?)", fullmatch=True
     )
 )
-def test_robust_numbers_mean_what_they_say(tmp_path, number):
+def test_robust_numbers_are_read_exactly(tmp_path, number):
     path = tmp_path / "scene.json"
     path.write_text(json.dumps(SWEEP)[:-1] + f', "duration_s": {number}}}', encoding="utf-8")
     value = one_error(lambda: read_json(path)[0]["duration_s"])
@@ -120,8 +120,8 @@ def test_robust_a_key_twice(tmp_path, text):
 
 @pytest.mark.parametrize("name", ["../x", "/tmp/x", "x/../../y", "", "a\nb", "a\n", "a\0b", "."])
 @pytest.mark.parametrize("key", ["name", "group", "whisker"])
-def test_robust_names_do_not_lead_out_of_the_folder(tmp_path, capsys, key, name):
-    """Group and whisker name a picture."""
+def test_robust_names_do_not_leave_the_folder(tmp_path, capsys, key, name):
+    """Names of group and whisker are part of a picture's name."""
     path = tmp_path / f"{SWEEP['name']}.json"
     path.write_text(json.dumps({**SWEEP, key: {"preset": "straight", "name": name} if key == "whisker" else name}))
     assert main(["check", str(path)]) == 2

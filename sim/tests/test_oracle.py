@@ -1,4 +1,4 @@
-"""The oracle by SciPy: published values, closed forms, and the golden cases that the oracle in Rust is tested with too."""
+"""SciPy's elastica: published values, closed forms, and the golden cases that also test the solver in Rust."""
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ def test_val_mattiasson(load, deflection, shortening):
 
 
 def test_val_small_deflection():
-    """Root and wire in series, and the straight line beyond the contact."""
+    """Root and wire in series, and a straight line beyond the contact."""
     arc_m, force_n = 0.05, 1e-8
     contact = static_contact(STRAIGHT, arc_m, force_n)
     root_rad = force_n * arc_m / STRAIGHT.root_stiffness_n_m_rad
@@ -40,7 +40,7 @@ def test_val_tapered_cone():
 
 
 def test_regress_golden_cases():
-    """The file holds the cases of its seed, and this oracle's answers to them, to 1e-10."""
+    """The file contains the cases of its seed and their solutions, to 1e-10."""
     cases = list(read_cases(GOLDEN))
     assert len(cases) == GOLDEN_CASES
     for index, (whisker, (arc_m, along_n, left_n), answer) in enumerate(cases):

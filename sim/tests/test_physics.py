@@ -1,4 +1,4 @@
-"""A small part of the physics studies: the fast oracle against SciPy's, the chain's convergence, the beam, the claims."""
+"""Excerpt of the physics studies: the solver in NumPy against SciPy's, convergence of the chain, the beam, the claims."""
 
 import msgspec
 import numpy as np
@@ -7,10 +7,10 @@ import pytest
 from whisker_sim.elastica import loaded, touching
 from whisker_sim.motions import Stage
 from whisker_sim.physics import convergence, disturbance, frequencies, ringing, standing
-from whisker_sim.physics.__main__ import main
 from whisker_sim.physics.cases import TAPERED, WHISKERS
+from whisker_sim.physics.command import main
 from whisker_sim.physics.scipy_elastica import contact_with_disc, static_contact
-from whisker_sim.physics.study import Bar
+from whisker_sim.physics.study import Claim
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS
 
@@ -19,7 +19,7 @@ OF_EVERY_KIND = [*(whisker for _, whisker in PRESETS.values()), TAPERED]
 
 @pytest.mark.parametrize("whisker", OF_EVERY_KIND, ids=lambda whisker: whisker.name)
 def test_val_oracle_against_scipy(whisker):
-    """Both oracles agree to 1e-9 in moment, point and angle, for loads to either side."""
+    """Both solvers agree to 1e-9 in moment, point and angle, for loads to either side."""
     rng = np.random.default_rng(5)
     arc_m = rng.uniform(0.2, 0.95, 8) * whisker.length_m
     force_n = rng.uniform(-1e-3, 1e-3, 8)
@@ -33,7 +33,7 @@ def test_val_oracle_against_scipy(whisker):
 
 @pytest.mark.parametrize(("name", "face", "height_m"), [("curved", 1, 0.02), ("tapered", 1, 0.01), ("tapered", -1, -0.01)])
 def test_val_contact_against_scipy(name, face, height_m):
-    """Both oracles find the same contact with a disc."""
+    """Both solvers find the same contact with a disc."""
     whisker, disc = WHISKERS[name], Circle(radius_m=0.015, center_m=(0.05, height_m))
     arc_m, force_n, exact = contact_with_disc(whisker, np.array(disc.center_m), disc.radius_m, face, (0.05, 3e-4))
     found = touching(whisker, disc, face, np.zeros((1, 3)), np.array([0.051]), np.array([2.5e-4]))
@@ -43,15 +43,15 @@ def test_val_contact_against_scipy(name, face, height_m):
     assert found.moment_n_m[0] == pytest.approx(exact.moment_n_m, rel=1e-8)
 
 
-def test_robust_oracle_says_when_there_is_no_contact():
-    """An object out of reach has no solution, and it is said so."""
+def test_robust_an_object_out_of_reach_is_unsolved():
+    """The solver marks a case without contact as unsolved."""
     far = Circle(radius_m=0.015, center_m=(0.05, 0.2))
     found = touching(WHISKERS["straight"], far, 1, np.zeros((1, 3)), np.array([0.05]), np.array([1e-4]))
     assert not found.solved[0]
 
 
 def test_val_chain_at_rest_is_of_second_order():
-    """Straight whisker pushed 10 mm by a pin: half the segment's length, a quarter of the error."""
+    """Straight whisker deflected 10 mm by a pin: half of the segment length, a quarter of the error."""
     stage = Stage(WHISKERS["straight"], convergence.OBJECTS["pin"], 1, 0.001, None, np.random.default_rng())
     poses, exact = convergence.pushed(stage, 0.01)
     errors = []
@@ -64,7 +64,7 @@ def test_val_chain_at_rest_is_of_second_order():
 
 
 def test_val_frequencies_of_the_beam():
-    """The characteristic equation has its known limits, and the chain's frequencies lie within 0.1 % of the beam's."""
+    """The characteristic equation has its known limits; the frequencies of the chain are within 0.1 % of those of the beam."""
     whisker = WHISKERS["straight"]
     clamped = msgspec.structs.replace(whisker, root_stiffness_n_m_rad=1e6)
     scale = frequencies.beam_hz(clamped, 3) / frequencies.beam_hz(clamped, 3)[0]
@@ -72,29 +72,29 @@ def test_val_frequencies_of_the_beam():
     np.testing.assert_allclose(frequencies.chain_hz(whisker, 3), frequencies.beam_hz(whisker, 3), rtol=1e-3)
 
 
-def test_val_ringing_decays_as_the_damping_says():
-    """Decay within 1 % of 2 / (w^2 (h + tau)); the energy never grows."""
+def test_val_ringing_decays_with_the_expected_time_constant():
+    """Decay within 1 % of 2 / (w^2 (h + tau)); the energy never increases."""
     row, _ = ringing.release("test", 2e-3, 0.001)
     assert row.decay_s == pytest.approx(row.expected_decay_s, rel=0.01)
     assert row.energy_growth < 1e-12
 
 
-def test_verif_a_bar_without_a_figure_does_not_hold():
-    assert not Bar("id", "claim", float("nan"), "<=", 1.0, "").holds
-    assert not Bar("id", "claim", float("nan"), ">=", 1.0, "").holds
+def test_verif_a_claim_without_a_value_does_not_hold():
+    assert not Claim("id", "claim", float("nan"), "<=", 1.0, "").holds
+    assert not Claim("id", "claim", float("nan"), ">=", 1.0, "").holds
 
 
 @pytest.mark.parametrize("field", ["drift_m", "creep_m", "slides_at_n", "tips_at_n"])
-def test_verif_a_study_with_one_figure_missing_fails(field):
-    """One row in which the object does not give way, say, beside others that are perfect: its claim does not hold."""
+def test_verif_a_study_with_a_missing_value_fails(field):
+    """A claim does not hold if one of its rows has no value, such as an object that does not move."""
     good = standing.Row(0.02, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-    assert all(bar.holds for bar in standing.STUDY.conclude([good, good]).bars)
+    assert all(claim.holds for claim in standing.STUDY.conclude([good, good]).claims)
     for rows in ([good, good._replace(**{field: float("nan")})], [good._replace(**{field: float("nan")}), good]):
-        assert sum(not bar.holds for bar in standing.STUDY.conclude(rows).bars) == 1
+        assert sum(not claim.holds for claim in standing.STUDY.conclude(rows).claims) == 1
 
 
-def test_verif_what_moves_the_object_is_claimed_of_single_sweeps():
-    """A thick wire, or a fast base, that throws the object over does not make up for the preset's that would leave it alone."""
+def test_verif_claims_of_displaced_objects_are_about_single_sweeps():
+    """A sweep with a thick wire or a fast base that displaces the object does not support a claim about the preset's wire."""
     rows = []
     for tasks in (disturbance._BY_APPROACH, disturbance._BY_STIFFNESS, disturbance._BY_SPEED):
         for task in tasks:
@@ -107,7 +107,7 @@ def test_verif_what_moves_the_object_is_claimed_of_single_sweeps():
                 )
             )
     rows += [disturbance.Column(root, 1.0, 1.0) for root in disturbance.ROOTS_N_M_RAD]
-    holds = {bar.id: bar.holds for bar in disturbance.STUDY.conclude(rows).bars}
+    holds = {claim.id: claim.holds for claim in disturbance.STUDY.conclude(rows).claims}
     assert not holds["disturbance_head_on"]
     assert not holds["disturbance_stiffer"]
 

@@ -1,4 +1,4 @@
-"""One exam that every shape, motion and whisker of the registries must pass."""
+"""Common tests that every shape, motion and whisker of the registries must pass."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ MOTIONS = {motion.__struct_config__.tag: motion for motion in AnyMotion.__args__
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_verif_shape_geometry(name):
-    """Outline, support point and signed distance agree with one another."""
+    """Outline, support point and signed distance are consistent."""
     shape = SHAPES[name](center_m=(0.003, -0.002), **SHAPES[name].example)
     outline = shape.outline_m()
     assert np.array_equal(outline[0], outline[-1])
@@ -57,7 +57,7 @@ def _crossings(points, outline):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_verif_shape_in_the_simulator(make_run, name):
-    """A sweep over the shape runs without a warning, and MuJoCo's geometry is where the outline is."""
+    """A sweep over the shape runs without a warning, and MuJoCo's geometry coincides with the outline."""
     run = make_run(object={"shape": name, **SHAPES[name].example})
     simulated = simulate(run)
     assert np.mean(simulated.touching) > 0.5
@@ -70,7 +70,7 @@ def test_verif_shape_in_the_simulator(make_run, name):
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("face", ["left", "right"])
 def test_verif_motion(make_run, name, face):
-    """The motion starts at rest and free, keeps its promises, and its plan has no jumps."""
+    """The motion starts at rest and without contact, keeps its guarantees, and its plan is smooth."""
     duration = {"duration_s": 1.5} if MOTIONS[name].needs_duration else {}
     run = make_run(face=face, object={"shape": "pin"}, motion={"kind": name, **MOTIONS[name].example}, **duration)
     plan = run.scene.motion.plan(run.scene.stage())
@@ -86,7 +86,7 @@ def test_verif_motion(make_run, name, face):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_verif_whisker(make_run, name):
-    """The whisker runs without a warning and touches where it should."""
+    """The whisker runs without a warning and is touched at the planned arc length."""
     arc_m = 0.6 * PRESETS[name][1].length_m
     simulated = simulate(
         make_run(whisker=name, motion={"kind": "lateral_sweep", "contact_arc_m": arc_m, "stroke_m": 0.1 * arc_m, "strokes": 1})

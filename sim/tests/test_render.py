@@ -1,4 +1,4 @@
-"""Pictures of sweeps: what they show, that they are kept and redone, and that no graphics driver is needed."""
+"""Pictures of sweeps: content, provenance, determinism; no graphics driver is needed."""
 
 import json
 
@@ -8,26 +8,26 @@ from PIL import Image
 
 from whisker_sim import drawing
 from whisker_sim.cli import main
-from whisker_sim.drawing import Drawing
+from whisker_sim.drawing import SweepRenderer
 from whisker_sim.shapes import AnyShape
 from whisker_sim.simulate import simulate
 
-from conftest import SCENES
+from conftest import SCENES, SWEEP
 
-COLOURS = {"whisker": (213, 94, 0), "contact and force": (0, 114, 178), "contacts so far": (0, 158, 115), "object": (226, 230, 235)}
+COLOURS = {"whisker": (213, 94, 0), "contact and force": (0, 114, 178), "contacts": (0, 158, 115), "object": (226, 230, 235)}
 
 
 def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> np.ndarray:
-    """Places (n, 2) of a colour in the drawn field, y before x."""
+    """Positions (n, 2) of a colour in the view, y before x."""
     values = np.asarray(picture.convert("RGB"))[drawing._CAPTION_HEIGHT : -drawing._LEGEND_HEIGHT]
     return np.argwhere(np.all(values == colour, axis=-1)) + np.array((drawing._CAPTION_HEIGHT, 0))
 
 
 @pytest.mark.parametrize("shape", AnyShape.__args__, ids=lambda shape: shape.__struct_config__.tag)
 def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
-    """Whisker, object, contact and the contacts so far are seen; the animation tells the time in 50 ms."""
+    """Whisker, object, contact and previous contacts are visible; the animation has 12.5 frames per second."""
     example = {"shape": shape.__struct_config__.tag, **shape.example}
-    scene = str(write_scene(object=example))
+    scene = str(write_scene(object=example, motion={**SWEEP["motion"], "strokes": 2}))
     still, moving = tmp_path / "a.png", tmp_path / "a.webp"
     assert main(["render", scene, "--out", str(still)]) == 0
     assert main(["render", scene, "--out", str(moving)]) == 0
@@ -37,14 +37,14 @@ def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
     with Image.open(moving) as animation:
         assert animation.n_frames > 20
         animation.load()
-        assert animation.info["duration"] == pytest.approx(50, abs=3)
+        assert animation.info["duration"] == pytest.approx(80)
         assert len(pixels(animation, COLOURS["contact and force"])) == 0, "nothing is touched at first"
 
 
 def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object(make_run):
     run = make_run()
     simulated = simulate(run)
-    sweep = Drawing(run)
+    sweep = SweepRenderer(run, simulated)
     row = int(np.argmax(simulated.force_n))
     arrows_m = sweep._arrow_end_m - simulated.truth.surface_m
     lengths_m = np.hypot(*arrows_m.T)
@@ -53,22 +53,25 @@ def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object
     np.testing.assert_allclose(distance_m, lengths_m[simulated.touching], atol=1e-7)
 
 
-def test_verif_a_drawn_contact_lies_where_the_truth_is(make_run):
-    """The ring's middle is the true point to a pixel. The object lies above, so that the arrow leaves the ring downwards."""
+def test_verif_a_drawn_contact_is_at_the_true_point(make_run):
+    """The centre of the ring is the true point to a pixel.
+
+    The object is above it, so that the arrow points downwards from the ring.
+    """
     run = make_run()
     simulated = simulate(run)
-    sweep = Drawing(run)
+    sweep = SweepRenderer(run, simulated)
     row = int(np.flatnonzero(simulated.touching)[0])
-    (picture,) = sweep.pictures([row])
+    (picture,) = sweep.frames([row])
     ring = pixels(picture, COLOURS["contact and force"])
     top, (left, right) = ring[:, 0].min(), (ring[:, 1].min(), ring[:, 1].max() + 1)
     middle = (0.5 * (left + right), top + drawing._RING_RADIUS)
-    np.testing.assert_allclose(middle, sweep._on_paper(simulated.truth.surface_m[row]), atol=1.0)
+    np.testing.assert_allclose(middle, sweep._to_pixels(simulated.truth.surface_m[row]), atol=1.0)
 
 
 @pytest.fixture
 def suite(write_scene, tmp_path):
-    """A suite of a calibration, and of three trials in two sets."""
+    """A suite of a calibration and of three trials in two sets."""
     write_scene(name="grid", role="calibration")
     for name, group in (("first", "one"), ("second", "one"), ("third", "two")):
         write_scene(name=name, group=group)
@@ -99,6 +102,35 @@ def test_verif_a_suite_is_drawn_once_for_each_group_and_whisker(suite, tmp_path,
     assert "up to date" not in capsys.readouterr().err
 
 
+def test_verif_simulate_draws_the_animations_of_a_suite(suite, tmp_path, capsys):
+    """The same files as by `render`, from the simulation of the traces; only missing files are made."""
+    out, animations, rendered = tmp_path / "out", tmp_path / "animations", tmp_path / "rendered"
+    command = ["simulate", str(suite), "--out", str(out), "--animations", str(animations), "--jobs", "2"]
+    assert main(command) == 0
+    assert main(["render", str(suite), "--out", str(rendered), "--jobs", "2"]) == 0
+    assert {path.name for path in out.glob("*.csv") if "contour" not in path.name} == {
+        *("first.csv", "grid.csv", "second.csv", "third.csv")
+    }
+    assert _contents(animations) == _contents(rendered)
+
+    (animations / "two.straight.png").unlink()
+    kept = {path: path.stat().st_mtime_ns for path in (*out.iterdir(), animations / "one.straight.webp")}
+    capsys.readouterr()
+    assert main(command) == 0
+    error = capsys.readouterr().err
+    assert error.count("up to date") == 3
+    assert "two.straight: drawn from third" in error
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert _contents(animations) == _contents(rendered)
+    scene = str(tmp_path / "first.json")
+    assert main(["simulate", scene, "--out", str(out), "--animations", str(animations)]) == 2
+    assert "expected a suite with --animations, found a scene" in capsys.readouterr().err
+
+
+def _contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
 def test_verif_the_same_sweep_gives_the_same_bytes(write_scene, tmp_path):
     scene = str(write_scene())
     for ending in ("png", "gif", "webp"):
@@ -108,7 +140,7 @@ def test_verif_the_same_sweep_gives_the_same_bytes(write_scene, tmp_path):
         assert files[0].read_bytes() == files[1].read_bytes()
 
 
-def test_robust_a_picture_needs_a_known_ending(capsys, tmp_path):
+def test_robust_a_picture_needs_a_known_suffix(capsys, tmp_path):
     assert main(["render", str(SCENES / "golden_circle.json"), "--out", str(tmp_path / "a.txt")]) == 2
     error = capsys.readouterr().err
     assert ".png, .gif or .webp, found '.txt'" in error

@@ -1,4 +1,4 @@
-"""The calibration rig: the printed whisker, the routine, and the table from which it is played."""
+"""Calibration rig: the printed whisker, the routine, and the table of readings."""
 
 import json
 
@@ -12,7 +12,7 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.motions import Stage
 from whisker_sim.physics.frequencies import chain_hz
 from whisker_sim.physics.rig import beam_rad_m, pushes
-from whisker_sim.rig.__main__ import main
+from whisker_sim.rig.command import main
 from whisker_sim.rig.files import Axes, make_rig, ringing_of
 from whisker_sim.rig.magnet import Magnet, Magnetometer, field_of
 from whisker_sim.rig.table import Axis, grid
@@ -32,14 +32,14 @@ def stage() -> Stage:
 
 
 def routine(**changes):
-    """A run of the routine with parameters of the motion replaced."""
+    """A run of the routine with replaced parameters of the motion."""
     (run,) = load_runs(ROUTINE)[1]
     motion = msgspec.structs.replace(run.scene.motion, **changes)
     return msgspec.structs.replace(run, scene=msgspec.structs.replace(run.scene, motion=motion))
 
 
 def test_verif_the_documented_call_visits_16_places(stage):
-    """From 5 mm off the tip to 45 mm from the root, each 6 mm and what the ruler is ahead beyond the centre line."""
+    """From 5 mm off the tip to 45 mm from the root, each 6 mm plus the lead of the ruler beyond the centre line."""
     motion = load_runs(ROUTINE)[1][0].scene.motion
     plan = motion.plan(stage)
     assert len(plan.touching) == 16
@@ -47,12 +47,12 @@ def test_verif_the_documented_call_visits_16_places(stage):
         held = plan.poses[round(start_s / stage.timestep_s) : round(end_s / stage.timestep_s)]
         assert end_s - start_s == pytest.approx(3.0)
         assert np.ptp(held, axis=0) == pytest.approx(0.0, abs=1e-15)
-        # The ruler's edge lies at World's origin, the undeflected centre line on the base's x axis.
+        # The ruler's edge is at the origin of World, the undeflected centre line on the x axis of the base.
         assert held[0] == pytest.approx((-distance_m, -0.009, 0.0), abs=1e-9)
 
 
 def test_verif_moves_are_those_of_a_printer(stage):
-    """At most 2000 mm/min, reached and left with an even acceleration of 1 m/s2."""
+    """Moves reach 2000 mm/min at most, with a constant acceleration and deceleration of 1 m/s2."""
     motion = msgspec.structs.replace(load_runs(ROUTINE)[1][0].scene.motion, increments_y=1)
     velocity_m_s = np.diff(motion.plan(stage).poses[:, :2], axis=0) / stage.timestep_s
     assert np.max(np.hypot(*velocity_m_s.T)) == pytest.approx(2.0 / 60.0, rel=1e-3)
@@ -76,7 +76,7 @@ def test_verif_steps_across_the_whisker_end_where_one_step_would(stage):
         ({"increments_y": -1}, ["increments_y", ">= 0"]),
     ],
 )
-def test_robust_a_routine_that_cannot_be(tmp_path, capsys, changes, words):
+def test_robust_an_impossible_routine(tmp_path, capsys, changes, words):
     scene = json.loads(ROUTINE.read_text())
     scene["motion"] |= changes
     path = tmp_path / "scene.json"
@@ -90,7 +90,7 @@ def test_robust_a_routine_that_cannot_be(tmp_path, capsys, changes, words):
 
 @pytest.mark.parametrize("distance_m", [0.03, 0.09, 0.145])
 def test_val_the_beams_formula_against_its_integral(distance_m):
-    """With the shaft's compliance int (d - s)^2 / EI ds by quadrature."""
+    """With the compliance of the shaft, int (d - s)^2 / EI ds, by quadrature."""
     bending_per_m4 = PRINTED.youngs_modulus_pa * np.pi / 64.0
     shaft_m_n, _ = quad(lambda s: (distance_m - s) ** 2 / (bending_per_m4 * float(PRINTED.diameter_m(s)) ** 4), 0.0, distance_m)
     hinge_m_n = distance_m**2 / PRINTED.root_stiffness_n_m_rad
@@ -99,9 +99,9 @@ def test_val_the_beams_formula_against_its_integral(distance_m):
 
 
 def test_val_simulated_pushes_against_table_and_beam(stage):
-    """MuJoCo's root comes to rest where the elastica does, to 0.1 %, and turns while the ruler moves as the beam says, to 1 %.
+    """MuJoCo's root at rest agrees with the elastica to 0.1 %, and while the ruler moves with the beam to 1 %.
 
-    The table is for a base that does not yield; MuJoCo's drive gives way by up to 0.5 mrad and 10 um at the deepest push.
+    The table assumes a rigid base; MuJoCo's drive yields by up to 0.5 mrad and 10 um at the deepest push.
     """
     rows = pushes(routine(increments_y=2, hold_s=0.8))
     for row in rows:
@@ -112,7 +112,7 @@ def test_val_simulated_pushes_against_table_and_beam(stage):
 
 
 def test_val_small_pushes_of_the_table_against_the_beam(stage):
-    """Rotation and bend share a small push; moment and force are those of the hinge."""
+    """Rotation and bending share a small push; moment and force are those of the hinge."""
     contacts_m, push_m = np.array([0.03, 0.075, 0.12, 0.145]), 2e-4
     table = grid(stage, contacts_m, np.array([0.0, push_m]))
     beam = np.array([beam_rad_m(PRINTED, contact_m) for contact_m in contacts_m])
@@ -124,7 +124,7 @@ def test_val_small_pushes_of_the_table_against_the_beam(stage):
 
 
 def test_verif_beyond_the_tip_the_table_is_empty(stage):
-    """The ruler slips off sooner the nearer it is to the tip, and does not come back."""
+    """The ruler slips off the tip at a smaller depth the nearer it is to it, and does not return."""
     table = grid(stage, np.array([0.1, 0.149, 0.1498, 0.15]), np.arange(17) * 1e-3)
     held = np.isfinite(table.rotation_rad)
     assert np.all(held[0])
@@ -135,13 +135,16 @@ def test_verif_beyond_the_tip_the_table_is_empty(stage):
 
 
 def test_robust_a_contact_that_is_lost_away_from_the_tip_is_an_error(stage):
-    """A push as deep as the shaft is long cannot be followed at its root."""
+    """There is no solution for a push near the root as deep as the length of the shaft."""
     with pytest.raises(SimulationError, match=r"finds no contact at 0\.02 m and a depth of"):
         grid(stage, np.array([0.02]), np.array([0.0, 0.15]))
 
 
 def test_val_counts_are_those_of_a_dipole():
-    """Per rotation at rest, by differences of B = mu0 / (4 pi r^3) (3 (m . u) u - m), the sensor turned about the whisker."""
+    """Counts per rotation at rest by differences of B = mu0 / (4 pi r^3) (3 (m . u) u - m).
+
+    The sensor is rotated about the whisker.
+    """
     magnet, sensor = Magnet(), Magnetometer()
 
     def counts(rotation_rad: float) -> np.ndarray:
@@ -151,7 +154,7 @@ def test_val_counts_are_those_of_a_dipole():
         towards = place_m / distance_m
         field_t = 1e-7 * magnet.moment_a_m2 / distance_m**3 * (3.0 * (along @ towards) * towards - along)
         cos, sin = np.cos(sensor.askew_rad), np.sin(sensor.askew_rad)
-        # The sensor's z axis lies along the whisker.
+        # The sensor's z axis is along the whisker.
         x_t, y_t = cos * field_t[2] - sin * field_t[1], cos * field_t[1] + sin * field_t[2]
         return np.array((x_t, y_t, field_t[0])) / sensor.tesla_per_count
 
@@ -160,7 +163,7 @@ def test_val_counts_are_those_of_a_dipole():
 
 
 def test_val_ringing_after_release():
-    """Frequency of the chain's first mode, damped; time constant 2 / (w^2 (tau + h))."""
+    """Damped frequency of the first mode of the chain; time constant 2 / (w^2 (tau + h))."""
     timestep_s = 0.00025
     ringing = ringing_of(PRINTED, timestep_s)
     omega_rad_s = 2.0 * np.pi * float(chain_hz(PRINTED, 1)[0])
@@ -170,8 +173,8 @@ def test_val_ringing_after_release():
     assert ringing.decay_s == pytest.approx(2.0 / (omega_rad_s**2 * damping_s), rel=2e-2)
 
 
-def test_regress_the_committed_table_is_what_is_made_now():
-    """But for the last digits, in which machines differ."""
+def test_regress_the_committed_table():
+    """The committed table equals the present one except for the last digits, which may differ between machines."""
     kept = json.loads((DATA / "rig.json").read_bytes())
     rig, rows = make_rig(load_runs(ROUTINE)[1][0].scene, Axes())
     made = msgspec.to_builtins(rig)
@@ -196,7 +199,7 @@ def test_verif_the_file_is_a_full_sorted_grid():
     np.testing.assert_allclose(rows[:, 1], np.tile(push, len(contact)), atol=1e-12)
 
 
-def test_robust_the_command_wants_one_scene(tmp_path, capsys):
+def test_robust_the_command_requires_a_scene(tmp_path, capsys):
     suite = SCENES / "suites/rig.json"
     assert main(["--scene", str(suite), "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err

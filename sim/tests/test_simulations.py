@@ -1,4 +1,4 @@
-"""Named settings of the simulation: in scenes, on the command line, in sidecars."""
+"""Named simulation settings in scenes, on the command line and in sidecars."""
 
 import json
 
@@ -13,7 +13,7 @@ from whisker_sim.scene import SIMULATIONS, Simulation
 
 @pytest.mark.parametrize("name", SIMULATIONS)
 def test_verif_a_name_stands_for_its_settings(write_scene, name):
-    """Once read, a scene holds the settings, whether they were named or given."""
+    """After reading, a scene contains the settings, whether they were named or given."""
     _, settings = SIMULATIONS[name]
     _, (named,) = load_runs(write_scene(simulation=name))
     _, (given,) = load_runs(write_scene(simulation=msgspec.to_builtins(settings)))
@@ -33,19 +33,13 @@ def test_verif_without_settings_the_default_ones(make_run):
         ({"timestep_s": 0.1}, ["simulation.timestep_s", "<= 0.002", "found 0.1"]),
     ],
 )
-def test_robust_wrong_settings(write_scene, tmp_path, capsys, settings, words):
-    path = write_scene(simulation=settings).rename(tmp_path / "scene.json")
-    assert main(["check", str(path)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith(f"error: {path}")
-    assert error.count("\n") == 1
-    for word in words:
-        assert word in error
+def test_robust_wrong_settings(write_scene, tmp_path, assert_rejected, settings, words):
+    assert_rejected(write_scene(simulation=settings).rename(tmp_path / "scene.json"), words)
 
 
 def test_verif_settings_for_a_whole_suite_go_to_a_folder_of_their_own(write_scene, tmp_path, monkeypatch):
-    """The sidecar states the settings, and the suite's own folder stays as it is."""
-    monkeypatch.setattr(cli, "_DATASETS", tmp_path / "datasets")
+    """The sidecar states the settings; the default folder of the suite is not changed."""
+    monkeypatch.setattr(cli, "DATASETS", tmp_path / "datasets")
     entry = {"scene": write_scene().name}
     suite = tmp_path / "suite.json"
     suite.write_text(json.dumps({"format": 1, "name": "mine", "scenes": [entry]}))
@@ -56,7 +50,7 @@ def test_verif_settings_for_a_whole_suite_go_to_a_folder_of_their_own(write_scen
 
 
 def test_robust_traces_with_other_settings_are_kept(write_scene, tmp_path, capsys):
-    """A folder that holds traces of the default settings is not overwritten with fast ones, unless by force."""
+    """Traces with other simulation settings are only overwritten with `--force`."""
     command = ["simulate", str(write_scene()), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert main(command) == 0
     kept = (tmp_path / "out/sweep.csv").read_bytes()

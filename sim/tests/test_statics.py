@@ -1,4 +1,4 @@
-"""The whisker against theory: large deflections, undeflected shape, natural frequencies."""
+"""Whisker against theory: large deflections, undeflected shape, natural frequencies."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ BENDING_N_M2 = STRAIGHT.youngs_modulus_pa * np.pi * STRAIGHT.root_diameter_m**4 
 
 
 def chain_deflection(whisker: Whisker, load: float) -> float:
-    """Deflection w / L of MuJoCo's chain, clamped at the root, under P L^2 / EI = `load`: the root of K q = J^T f."""
+    """Deflection w / L of MuJoCo's chain, clamped at the root, under P L^2 / EI = `load`: solution of K q = J^T f."""
     model = build_model(whisker, FAR_AWAY, 0.0005)
     data = mujoco.MjData(model)
     first = model.joint("hinge_1").dofadr[0]
@@ -49,7 +49,7 @@ def chain_deflection(whisker: Whisker, load: float) -> float:
 # Mattiasson (1981), cantilever under a transverse load P at its tip: P L^2 / EI and the deflection w / L.
 @pytest.mark.parametrize(("load", "expected"), [(1.0, 0.30172), (2.0, 0.49346), (5.0, 0.71379), (10.0, 0.81061)])
 def test_val_tip_load_against_mattiasson(load, expected):
-    """The error falls with the square of the segment's length, to 4e-4 or less at the default of 40 segments."""
+    """The error decreases with the square of the segment length, to 4e-4 at most at the default of 40 segments."""
     errors = [
         abs(chain_deflection(msgspec.structs.replace(STRAIGHT, segments=segments), load) / expected - 1.0)
         for segments in (10, 20, 40)
@@ -59,7 +59,7 @@ def test_val_tip_load_against_mattiasson(load, expected):
 
 
 def test_val_oracle_against_the_clamped_rod():
-    """M r / EI = 3.0063 th - 0.0341 th^2 - 0.6683 th^3 for a clamped straight rod met at polar angle th and distance r."""
+    """M r / EI = 3.0063 th - 0.0341 th^2 - 0.6683 th^3 for a clamped straight rod with its contact at (r, th)."""
     clamped = msgspec.structs.replace(STRAIGHT, root_stiffness_n_m_rad=1e9)
     for force_n in (1e-3, 3e-3, 6e-3):
         contact = static_contact(clamped, 0.05, force_n)
@@ -90,7 +90,7 @@ TAPERED = msgspec.structs.replace(
 
 @pytest.mark.parametrize("whisker", [*(whisker for _, whisker in PRESETS.values()), TAPERED], ids=lambda whisker: whisker.name)
 def test_verif_center_line_is_that_of_the_model(whisker):
-    """The centre line through the links' middles agrees with MuJoCo's bodies, at rest and bent."""
+    """The centre line through the middles of the links agrees with MuJoCo's bodies, at rest and bent."""
     model = build_model(whisker, FAR_AWAY, 0.0005)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(1)
@@ -119,7 +119,7 @@ def test_verif_center_line_is_that_of_the_model(whisker):
 
 
 def test_verif_compliance_and_mass_of_a_taper():
-    """Closed forms against a fine sum."""
+    """Closed forms against a fine numerical sum."""
     s = (np.arange(20000) + 0.5) / 20000 * TAPERED.length_m
     step_m, d = TAPERED.length_m / 20000, TAPERED.diameter_m(s)
     compliance = np.sum(64.0 * step_m / (np.pi * TAPERED.youngs_modulus_pa * d**4))

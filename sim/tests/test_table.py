@@ -1,4 +1,4 @@
-"""Objects that stand free: at rest, sliding, tipping, as statics and Newton say; and what a whisker does to them."""
+"""Free-standing objects at rest, sliding and tipping, against statics and Newton's law; and their disturbance by a whisker."""
 
 import xml.etree.ElementTree as ET
 
@@ -38,7 +38,7 @@ def run(model, data, duration_s):
 
 @pytest.mark.parametrize("name", [name for name, shape in SHAPES.items() if shape.upright])
 def test_verif_every_upright_shape_stands_still(name):
-    """Once on its feet an object stays within a nanometre, wherever it is put and however it is turned."""
+    """After settling, an object stays within a nanometre, regardless of its pose."""
     free = FreeObject("thing", SHAPES[name](center_m=(0.1, -0.2), **{"yaw_rad": 0.3, **SHAPES[name].example}), 0.02, 0.03)
     model = model_of(free)
     data = mujoco.MjData(model)
@@ -57,7 +57,7 @@ def test_robust_an_object_without_upright_sides_is_refused():
 
 
 def test_val_inertia_is_that_of_the_solid():
-    """A block's, m (a^2 + b^2) / 12 about each axis, and a cylinder's, m R^2 / 2 about its own."""
+    """A block has m (a^2 + b^2) / 12 about each axis, a cylinder m R^2 / 2 about its own."""
     block = FreeObject("block", Rectangle(width_m=0.04, height_m=0.06), 0.3, 0.1)
     round_one = cylinder(0.3)
     model = model_of(block, msgspec.structs.replace(round_one, name="round"))
@@ -68,8 +68,8 @@ def test_val_inertia_is_that_of_the_solid():
     assert np.min(inertia_kg_m2[1]) == pytest.approx(0.5 * 0.3 * 0.015**2, rel=3e-4)
 
 
-def test_val_a_pushed_object_slides_as_newton_says():
-    """Under 1.5 mu m g it accelerates with 0.5 mu g, whichever way it is pushed."""
+def test_val_a_pushed_object_slides_by_newtons_law():
+    """Under 1.5 mu m g the acceleration is 0.5 mu g, in every direction."""
     free = FreeObject("block", Rectangle(width_m=0.06, height_m=0.06), 0.02, 0.01)
     for direction in np.radians((0.0, 45.0, 100.0)):
         model = model_of(free)
@@ -84,7 +84,7 @@ def test_val_a_pushed_object_slides_as_newton_says():
         assert np.arctan2(moved[1], moved[0]) == pytest.approx(direction, abs=0.01)
 
 
-def test_val_objects_give_way_where_statics_says():
+def test_val_objects_slide_and_tip_at_the_limits_of_statics():
     row = standing(0.02)
     assert row.slides_at_n == pytest.approx(row.expected_slides_at_n, rel=0.01)
     assert row.tips_at_n == pytest.approx(row.expected_tips_at_n, rel=0.01)
@@ -92,8 +92,8 @@ def test_val_objects_give_way_where_statics_says():
     assert row.creep_m < 1e-8
 
 
-def test_verif_displacement_tells_yaw_from_tilt():
-    """A turn about the vertical, then a tilt about a horizontal axis."""
+def test_verif_displacement_separates_yaw_and_tilt():
+    """A rotation about the vertical, then a tilt about a horizontal axis."""
     model = model_of(FreeObject("block", Rectangle(yaw_rad=2.0, width_m=0.04, height_m=0.06), 0.02, 0.1))
     data = mujoco.MjData(model)
     turn, tilt, pose = np.empty(4), np.empty(4), np.empty(4)
@@ -105,7 +105,7 @@ def test_verif_displacement_tells_yaw_from_tilt():
     np.testing.assert_allclose(displacement(model, data.qpos, "block"), (3e-3, 0.0, 0.0, -2.5, 0.2), atol=1e-12)
 
 
-def test_val_a_held_straight_whisker_buckles_as_euler_says():
+def test_val_a_held_straight_whisker_buckles_at_eulers_load():
     row = disturbance.column(0.17e-3)
     assert row.held_force_n == pytest.approx(row.euler_n, rel=0.005)
     clamped = msgspec.structs.replace(disturbance.STRAIGHT, root_stiffness_n_m_rad=1e6)
@@ -113,7 +113,7 @@ def test_val_a_held_straight_whisker_buckles_as_euler_says():
     assert disturbance.euler_n(clamped) == pytest.approx(20.19073 * bending_n_m2 / 0.08**2, rel=1e-5)
 
 
-def test_val_soft_whiskers_leave_objects_and_stiff_ones_tip_them():
+def test_val_soft_whiskers_do_not_displace_objects_and_stiff_ones_tip_them():
     soft = disturbance.sweep(disturbance.CURVED, 0.02, np.radians(60.0), 0.0)
     assert soft.moved_m < 1e-7
     assert soft.peak_force_n < 0.1 * soft.tips_at_n

@@ -1,7 +1,7 @@
-"""Whisker sweeps in MuJoCo: scenes in, traces with ground truth out.
+"""Simulation of whisker sweeps in MuJoCo: scenes are read, traces with ground truth are written.
 
-Every quantity is in SI units and carries its unit in its name; `datasets/FORMAT.md` specifies the files. The one place that
-leaves SI is `model`, which builds the MuJoCo model in millimetres, grams and seconds.
+All quantities are in SI units, stated in their names; `datasets/FORMAT.md` specifies the files. Only the MuJoCo model, built by
+`model`, is in millimetres, grams and seconds.
 """
 
 __version__ = "0.1.0"

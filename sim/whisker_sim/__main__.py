@@ -1,14 +1,14 @@
-"""Entry point of `python -m whisker_sim`."""
+"""Entry point of `python -m whisker_sim` and of `whisker-sim`."""
 
-import signal
 import sys
 
-# The libraries take a moment to load; an interrupt in it ends the program as it ends any other, without a traceback.
-_heard = signal.signal(signal.SIGINT, signal.SIG_DFL)
+from whisker_sim.startup import start
 
-from whisker_sim.cli import main  # noqa: E402
 
-signal.signal(signal.SIGINT, _heard)
+def main() -> int:
+    """Runs the command line; returns the exit code."""
+    return start("whisker_sim.cli")
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,10 +1,13 @@
-"""What every trace says of its own truth: how far it lies from the exact quasi-static whisker.
+"""Certificate of a trace: deviation of its ground truth from the exact quasi-static whisker.
 
-An instant counts as quasi-static when the whisker has touched for `SETTLING_S` without a break and does so for another `LEAVING_S`,
-and when for `CALM_S` the contact has been a single one, not at the tip, that runs along the whisker no faster than
-`CONTACT_SPEED_M_S`. A faster contact lags, for the whisker's hinges are damped; and where a straight whisker runs over the flat of
-a polygon, from one corner to the next within some 30 ms, its inertia counts and the place of the contact on the flat is all but
-undetermined.
+An instant is quasi-static if
+
+- the whisker has touched without interruption for `SETTLING_S` before and `LEAVING_S` after it, and
+- for `CALM_S` before it there was a single contact, not at the tip, that moved along the whisker at `CONTACT_SPEED_M_S` at most.
+
+A faster contact lags behind the quasi-static one, because the whisker's hinges are damped. When a straight whisker passes over the
+flat of a polygon, from one corner to the next within about 30 ms, its inertia matters and the position of the contact on the flat
+is ill-conditioned.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,68 +30,68 @@ _SAMPLES = 50
 
 
 class Certificate(msgspec.Struct, frozen=True):
-    """Disagreement with the elastica at a sample of the quasi-static instants; null where there are none."""
+    """Deviation from the elastica at a sample of the quasi-static instants; `None` if there are no such instants."""
 
     touching: int
-    """Rows in contact."""
+    """Number of rows in contact."""
     tip: int
-    """Rows in contact at the tip."""
+    """Number of rows in contact at the tip."""
     split: int
-    """Rows in contact in places apart from one another."""
+    """Number of rows with contacts at separate points."""
     quasi_static: int
     sampled: int
-    """Quasi-static rows that were solved again, spread evenly over them."""
+    """Number of quasi-static rows compared with the elastica, evenly spaced among them."""
     unsolved: int
-    """Sampled rows for which the elastica finds no contact in one place."""
+    """Number of sampled rows for which the elastica has no single-point contact."""
     moment_rms: float | None
-    """Relative to the trace's largest moment."""
+    """Relative to the largest moment of the trace."""
     moment_worst: float | None
     surface_rms_m: float | None
     surface_worst_m: float | None
     arc_rms_m: float | None
     arc_worst_m: float | None
     penetration_worst_m: float | None
-    """Of the smooth whisker."""
+    """Of the smooth surface of the whisker."""
 
 
 class Contacts(NamedTuple):
-    """The instants of contact of a trace, n of them, as the simulator had them; World."""
+    """Simulated states at the n instants of contact of a trace, in World."""
 
     time_s: Array
     base_pose: Array
-    """(n, 3): x, y, yaw."""
+    """Poses (n, 3) of the base: x, y (m), yaw (rad)."""
     moment_n_m: Array
     contact_m: Array
-    """Points (n, 2) of the centre line."""
+    """Contact points (n, 2) on the centre line."""
     surface_m: Array
-    """Points (n, 2) of the object's surface."""
+    """Contact points (n, 2) on the object's surface."""
     arc_m: Array
     force_n: Array
     on_the_side: NDArray[np.bool_]
-    """Whether the contact is a single one and not at the tip (n,)."""
+    """Whether there is a single contact, not at the tip (n,)."""
     recording_end_s: float
 
     def at(self, rows: NDArray[np.intp]) -> "Contacts":
-        """The instants `rows` alone."""
+        """The instants `rows`."""
         return Contacts(*(values[rows] for values in self[:-1]), self.recording_end_s)
 
 
 class Disagreement(NamedTuple):
-    """Simulator minus elastica, at n instants; it means nothing where the elastica has no solution."""
+    """Simulation minus elastica at n instants; undefined where the elastica has no solution."""
 
     moment_n_m: Array
     surface_m: Array
-    """Distances (n,) of the surface points."""
+    """Distances (n,) between the surface points."""
     arc_m: Array
     penetration_m: Array
-    """Penetration of the simulated whisker's smooth surface (n,)."""
+    """Penetration (n,) of the smooth surface of the simulated whisker."""
     exact: Touching
 
 
 def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Simulated, vibrates: bool) -> Certificate:
-    """Solves a sample of the quasi-static instants of `simulated` again, each with the one of `shapes` that is nearest.
+    """Compares a sample of the quasi-static instants of `simulated` with the elastica, each for the nearest of `shapes`.
 
-    On a base that vibrates none is quasi-static, for the whisker never comes to rest.
+    If the base vibrates, no instant is quasi-static, because the whisker never comes to rest.
     """
     contacts = contacts_of(whisker, simulated)
     slow = np.flatnonzero(quasi_static(contacts) & (not vibrates))
@@ -121,7 +124,7 @@ def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Sim
 
 
 def contacts_of(whisker: Whisker, simulated: Simulated) -> Contacts:
-    """The instants of contact of `simulated`."""
+    """States of `simulated` at its instants of contact."""
     rows = np.flatnonzero(simulated.touching)
     return Contacts(
         time_s=simulated.time_s[rows],
@@ -137,7 +140,7 @@ def contacts_of(whisker: Whisker, simulated: Simulated) -> Contacts:
 
 
 def quasi_static(contacts: Contacts) -> NDArray[np.bool_]:
-    """Which of the instants (n,) are quasi-static."""
+    """Mask (n,) of the quasi-static instants."""
     time_s, arc_m = contacts.time_s, contacts.arc_m
     if len(time_s) < 2:
         return np.zeros(len(time_s), dtype=bool)
@@ -147,20 +150,20 @@ def quasi_static(contacts: Contacts) -> NDArray[np.bool_]:
     hasty = ~contacts.on_the_side | ((speed_m_s > CONTACT_SPEED_M_S) & ~broken)
     started_s = np.maximum.accumulate(np.where(broken, time_s, -np.inf))
     hasty_s = np.maximum.accumulate(np.where(hasty, time_s, -np.inf))
-    # The instant before a fast one belongs to it.
+    # The row before a fast one counts as fast, because the speed is a difference of two rows.
     calm = (time_s - hasty_s >= CALM_S) & ~np.append(hasty[1:], False)
     ends = np.append(broken[1:], True)
     ended_s = np.minimum.accumulate(np.where(ends, time_s, np.inf)[::-1])[::-1]
-    # A contact that lasts to the end of the recording does not break there.
+    # A contact that lasts until the end of the recording is not interrupted there.
     lasts = (ended_s - time_s >= LEAVING_S) | (ended_s == contacts.recording_end_s)
     return (time_s - started_s >= SETTLING_S) & lasts & calm
 
 
 def disagreement(whisker: Whisker, shape: Shape, face: str, contacts: Contacts) -> Disagreement:
-    """Solves every instant again: looked for near the simulator's contact, then near those of the solved neighbours.
+    """Solves the elastica at every instant from the simulated contact; retries unsolved instants from solved neighbours.
 
-    The force to begin with is that of the simulator's reading, for the contact's own force lags by the damping of whisker and
-    solver, and a per cent of force moves a deflected whisker by more than its thickness.
+    The initial force follows from the simulated reading, because the simulated contact force lags by the damping of whisker and
+    solver, and an error of 1 % in the force displaces a deflected whisker by more than its diameter.
     """
     side = 1 if face == "left" else -1
 
@@ -193,5 +196,5 @@ def _largest(values: Array) -> float | None:
 
 
 def _figure(value: float) -> float:
-    """To four significant digits: what is left beyond them differs from one machine to another."""
+    """Rounds to four significant digits; further digits may differ between machines."""
     return float(f"{value:.3e}")

@@ -1,8 +1,8 @@
-"""Work on the machines of a Dask cluster, whose workers share the client's folders.
+"""Jobs on the machines of a Dask cluster, whose workers share the client's folders.
 
-Dask does a task again whose worker it takes for dead, and that worker may go on. So a task that simulates writes into a folder of
-its own, from which the client alone takes files in; and a share of an evaluation leaves files that say the same whoever wrote them.
-Nothing is lost, counted twice or seen half-written.
+If Dask considers a worker dead, it runs the worker's tasks again, and the worker may continue meanwhile. Therefore each simulation
+task writes into a folder of its own, from which only the client moves files to their destination; and the files of a share of an
+evaluation have the same bytes on every worker. No result is lost, counted twice or visible half-written.
 """
 
 import ctypes
@@ -26,69 +26,71 @@ from typing import Any
 
 from distributed import Client, Future, KilledWorker, as_completed, get_worker
 
-from whisker_sim.chores import FAILED, GOOD, WRONG_INPUT, Chore, Crew, Outcome, progress
 from whisker_sim.errors import InputError, WhiskerSimError
+from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Executor, Items, Job, Outcome
+from whisker_sim.progress import Progress
 from whisker_sim.runs import Run
 from whisker_sim.trace import generator
 
 _ANSWER_S = 10
-"""A scheduler that is there answers within this time."""
+"""Timeout of the connection to the scheduler."""
 _SHARES_A_THREAD = 4
-"""Shares of an evaluation for each thread of the workers: few wait long for the last, and little is lost with a worker."""
+"""Shares of an evaluation per thread of the workers: small enough to balance the load and to lose little with a worker."""
 
-# MuJoCo's warnings are gathered by process: the threads of a worker take turns.
-_turn = Lock()
+# MuJoCo's warnings are collected per process, so that the threads of a worker simulate one at a time.
+_lock = Lock()
 
 
-def crew(address: str) -> Crew:
-    """The workers of the scheduler at `address`, as a crew."""
+def cluster_executor(address: str) -> Executor:
+    """An executor of the workers of the scheduler at `address`."""
     return partial(_on_cluster, address)
 
 
-def _on_cluster(address: str, chore: Chore, waiting: list[tuple[Path, Run]]) -> Iterator[Outcome]:
-    # The working directory of a worker is another one.
-    waiting = [(folder.resolve(), run) for folder, run in waiting]
-    with _part_folders({folder for folder, _ in waiting}) as parts, _connected(address) as client:
-        made_by = _generator()
+def _on_cluster(address: str, job: Job, items: Items, progress: Progress) -> Iterator[Outcome]:
+    # Workers have another working directory.
+    items = [(folder.resolve(), run) for folder, run in items]
+    with _part_folders({folder for folder, _ in items}) as parts, _connected(address) as client:
+        progress.start(())
+        expected = _generator()
         tasks = {
-            client.submit(_task(_make_apart, made_by, chore.make, parts[folder], run), pure=False): (folder, run)
-            for folder, run in waiting
+            client.submit(_task(_make_apart, expected, job.make, parts[folder], run), pure=False): (folder, run)
+            for folder, run in items
         }
         for future in as_completed(list(tasks), loop=client.loop):
             folder, run = tasks.pop(future)
             try:
                 outcome, part = _result(future)
             except KilledWorker as killed:
-                yield Outcome(FAILED, f"error: {run.path}: {run.name}: {killed.allowed_failures + 1} workers died over it")
+                yield Outcome(FAILED, f"error: {run.path}: {run.name}: {killed.allowed_failures + 1} workers died on this task")
                 continue
-            if outcome.code == GOOD:
-                _take_in(part, folder, f"{chore.name(run)}.json")
+            if outcome.code == SUCCESS:
+                _move_files(part, folder, f"{job.name(run)}.json")
             yield outcome
 
 
-def _make_apart(made_by: str, make: Callable[[Path, Run], Outcome], parts: Path, run: Run) -> tuple[Outcome, Path]:
-    """On a worker: makes what is wanted of `run` in a folder of its own below `parts`; gives that folder too."""
-    _admit(made_by, _generator(), parts)
-    with _turn, tempfile.TemporaryDirectory(dir=get_worker().local_directory) as own:
+def _make_apart(expected: str, make: Callable[[Path, Run], Outcome], parts: Path, run: Run) -> tuple[Outcome, Path]:
+    """On a worker: makes the files of `run` in a folder of its own below `parts`; returns the outcome and that folder."""
+    _check_worker(expected, _generator(), parts)
+    with _lock, tempfile.TemporaryDirectory(dir=get_worker().local_directory) as own:
         outcome = make(Path(own), run)
-        # Where the client has long done without this worker, its folder is gone and nothing is left behind.
+        # If the client has finished without this worker, `parts` does not exist any more and no file is left behind.
         part = Path(tempfile.mkdtemp(dir=parts))
         shutil.copytree(own, part, dirs_exist_ok=True)
     return outcome, part
 
 
 def _generator() -> str:
-    """All but the scene that determines the bytes of a trace."""
-    made_by = generator()
+    """Versions that determine the bytes of a trace, apart from its scene."""
+    own = generator()
     return (
-        f"whisker_sim {made_by.version} (commit {made_by.git_commit}, sources {made_by.source_sha256}), "
-        f"MuJoCo {made_by.mujoco}, NumPy {version('numpy')}"
+        f"whisker_sim {own.version} (commit {own.git_commit}, sources {own.source_sha256}), "
+        f"MuJoCo {own.mujoco}, NumPy {version('numpy')}"
     )
 
 
-def _take_in(part: Path, folder: Path, last: str) -> None:
-    """Moves the files of `part` to `folder`, the one that says that all is there as the last."""
-    # Whatever describes files must not stand beside others: a recording has a sidecar a whisker, and one of its own.
+def _move_files(part: Path, folder: Path, last: str) -> None:
+    """Moves the files of `part` to `folder`; the file `last`, which marks them as complete, is moved last."""
+    # An old sidecar must not remain beside new files: a recording has one sidecar per whisker, and one of its own.
     paths = sorted(part.iterdir(), key=lambda path: (path.name == last, path.suffix == ".json"))
     for path in paths:
         if path.suffix == ".json":
@@ -98,7 +100,7 @@ def _take_in(part: Path, folder: Path, last: str) -> None:
 
 
 def evaluate(address: str, program: Path, shares: int | None, arguments: list[str]) -> int:
-    """Has workers do the shares of `whisker evaluate` with these arguments, and puts the run together here; gives the exit code."""
+    """Runs the shares of `whisker evaluate` on the workers and merges them here; returns the exit code."""
     expected, here = _program(program), Path.cwd()
     command = [str(program), "evaluate", *arguments]
     with _part_folders([here]) as parts, _connected(address) as client:
@@ -107,38 +109,41 @@ def evaluate(address: str, program: Path, shares: int | None, arguments: list[st
             client.submit(_task(_do_share, expected, command, share, parts[here]), pure=False): share
             for share in (f"{number}/{shares}" for number in range(1, shares + 1))
         }
-        with progress("evaluate", "share", shares) as report:
+        with Progress("evaluate", "share", shares) as progress:
             for future in as_completed(list(tasks), loop=client.loop):
                 share = tasks.pop(future)
                 try:
                     _result(future)
                 except KilledWorker as killed:
-                    raise WhiskerSimError(f"share {share}: {killed.allowed_failures + 1} workers died over it") from None
-                report(Outcome(GOOD, f"share {share}: done"))
+                    raise WhiskerSimError(f"share {share}: {killed.allowed_failures + 1} workers died on this task") from None
+                progress.finish(f"share {share}: done")
     code = subprocess.run(command).returncode
     return code if code >= 0 else FAILED
 
 
 def _do_share(expected: str, command: list[str], share: str, parts: Path) -> None:
-    """On a worker: does a share of an evaluation, in the client's working directory."""
-    _admit(expected, _program(Path(command[0])), parts)
+    """On a worker: runs a share of an evaluation in the client's working directory."""
+    _check_worker(expected, _program(Path(command[0])), parts)
     done = subprocess.run(
         [*command, "--share", share],
         cwd=parts.parent,
-        # A task has one of the worker's threads.
+        # A task occupies one of the worker's threads.
         env=os.environ | {"RAYON_NUM_THREADS": "1"},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         preexec_fn=_die_with_worker if sys.platform == "linux" else None,
     )
-    if done.returncode != GOOD:
-        said = done.stderr.partition("error: ")[2].partition("\n")[0] or f"whisker ended with {done.returncode}"
-        raise (InputError if done.returncode == WRONG_INPUT else WhiskerSimError)(said)
+    if done.returncode != SUCCESS:
+        message = done.stderr.partition("error: ")[2].partition("\n")[0] or f"whisker ended with {done.returncode}"
+        raise (InputError if done.returncode == WRONG_INPUT else WhiskerSimError)(message)
 
 
 def _program(path: Path) -> str:
-    """What determines the bytes of results, beside the inputs; raises `InputError` where there is no such program."""
+    """Path and hash of the program, which determine the bytes of results apart from the inputs.
+
+    Raises `InputError` if there is no such program.
+    """
     try:
         return f"{path} with the SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
     except OSError as error:
@@ -146,23 +151,23 @@ def _program(path: Path) -> str:
 
 
 def _die_with_worker() -> None:
-    """Has the kernel end a child when the worker is killed, which would else go on for nobody."""
+    """Makes the kernel end a child process when its worker is killed."""
     set_parent_death_signal = 1
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
-def _admit(expected: str, found: str, parts: Path) -> None:
-    """Raises `WhiskerSimError` on a worker that would make other bytes than the client, or does not share its folders."""
+def _check_worker(expected: str, found: str, parts: Path) -> None:
+    """Raises `WhiskerSimError` if the worker's versions differ from the client's, or it does not share the client's folders."""
     worker = get_worker().address
     if found != expected:
-        raise WhiskerSimError(f"worker {worker}: expected what the client has, {expected}; found {found}")
+        raise WhiskerSimError(f"worker {worker}: expected the client's {expected}; found {found}")
     if not parts.is_dir():
         raise WhiskerSimError(f"worker {worker}: expected the client's folder {parts.parent}, found none; they must share it")
 
 
 @contextmanager
 def _part_folders(folders: Iterable[Path]) -> Iterator[dict[Path, Path]]:
-    """Makes a hidden folder in each of `folders`, by which workers know it for the client's, and removes it at its end."""
+    """Creates a hidden folder in each of `folders`, by which workers recognise the client's folder, and removes it at the end."""
     parts = {folder: folder / ".parts" for folder in folders}
 
     def remove() -> None:
@@ -180,8 +185,8 @@ def _part_folders(folders: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 @contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """A client of the scheduler at `address`, which has a worker; raises `WhiskerSimError` where none answers."""
-    # What goes wrong becomes one line for people.
+    """A client of the scheduler at `address`, which has at least one worker; raises `WhiskerSimError` if none answers."""
+    # Errors are reported as one line.
     logging.disable(logging.CRITICAL)
     try:
         client = Client(address, timeout=_ANSWER_S, set_as_default=False)
@@ -197,7 +202,7 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _task(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-    """A call as a task. What a worker lacks for it fails the task; Dask by itself would end the worker as it reads the call."""
+    """A call as a task. A package that a worker lacks fails the task; Dask would otherwise end the worker as it reads the call."""
     packed = pickle.dumps((function, arguments))
 
     def task() -> Any:
@@ -208,13 +213,13 @@ def _task(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
 
 
 def _result(future: Future) -> Any:
-    """What a task gave; raises `KilledWorker`, or what ends the whole work as an error for people."""
+    """Result of a task; raises `KilledWorker`, or an error that ends the job with one line."""
     try:
         return future.result()
     except (KilledWorker, WhiskerSimError, OSError):
         raise
     except CancelledError:
-        raise WhiskerSimError("the scheduler is gone; what is finished is kept") from None
+        raise WhiskerSimError("the scheduler is gone; finished files are kept") from None
     except Exception as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise WhiskerSimError(f"a worker failed; it needs the packages and the PYTHONPATH that the client has: {said}") from None
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        raise WhiskerSimError(f"a worker failed; it needs the packages and the PYTHONPATH that the client has: {message}") from None

@@ -1,4 +1,4 @@
-"""Strict reading of JSON documents into typed structs, with errors that say where and what."""
+"""Strict reading of JSON documents into typed structs; errors state file, line, column and key."""
 
 import json
 import re
@@ -14,15 +14,15 @@ T = TypeVar("T")
 _UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(?P<key>[^`]*)`(?: - at `(?P<path>[^`]*)`)?")
 _MISSING_FIELD = re.compile(r"Object missing required field `(?P<key>[^`]*)`(?: - at `(?P<path>[^`]*)`)?")
 _OTHER = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
-# What the structs' own checks raise: the key, relative to the struct, then what is wrong.
+# Message of a struct's own check: the key, relative to the struct, then the error.
 _KEYED = re.compile(r"(?P<keys>[a-z0-9_]+(\.[a-z0-9_]+)*): (?P<text>.*)", re.DOTALL)
 _PATH_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
 
 
 def read_json(path: Path) -> tuple[Any, str]:
-    """Parses the JSON document at `path`; gives the value and the text.
+    """Parses the JSON document at `path`; returns the value and the text.
 
-    Raises `InputError` where the file cannot be read, is not UTF-8 or not JSON, repeats a key, or holds NaN or an infinity.
+    Raises `InputError` if the file cannot be read, is not UTF-8 or not JSON, repeats a key, or contains NaN or an infinity.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -59,7 +59,7 @@ def read_json(path: Path) -> tuple[Any, str]:
 
 
 def read_document(path: Path, kind: type[T]) -> T:
-    """Reads the JSON document at `path` as the struct `kind`; raises `InputError` where it is not one."""
+    """Reads the JSON document at `path` as the struct `kind`; raises `InputError` if it does not match."""
     value, text = read_json(path)
     try:
         return msgspec.convert(value, kind)
@@ -68,16 +68,16 @@ def read_document(path: Path, kind: type[T]) -> T:
 
 
 def located(path: Path, message: str) -> InputError:
-    """The error for a `message` about the document at `path`.
+    """The error about the document at `path` with the text `message`.
 
-    Where it has the form `key.key: what is wrong`, with the key's position.
+    If the message has the form `key.key: text`, the position of the key is added.
     """
     _, text = read_json(path)
     return InputError(f"{path}{_keyed(message, text, [])}")
 
 
 def to_json(value: Any) -> bytes:
-    """Encodes `value` as the project writes JSON: two spaces of indentation, shortest floats, a newline at the end."""
+    """Encodes `value` in the JSON style of the project: indentation of two spaces, shortest floats, newline at the end."""
     return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
 
 
@@ -135,7 +135,7 @@ def _brief(value: Any) -> str:
 
 
 def _position(text: str, path: list[str | int]) -> str:
-    """`:line:column` of the key that ends `path`, found by following its keys through the text; empty for the document."""
+    """`:line:column` of the last key of `path`, found by searching the text for its keys in turn; empty for the whole document."""
     start, found = 0, None
     for step in path:
         if isinstance(step, str):
@@ -156,7 +156,7 @@ def _line_and_column(text: str, offset: int) -> str:
 
 
 def _types_at(kind: Any, path: list[str | int]) -> list[msgspec.inspect.Type]:
-    """The types that may stand at `path` of a document of type `kind`."""
+    """Types that are allowed at `path` of a document of type `kind`."""
     types = _alternatives(msgspec.inspect.type_info(kind))
     for step in path:
         following: list[msgspec.inspect.Type] = []
@@ -185,7 +185,7 @@ def _known_keys(value: Any, path: list[str | int], kind: type) -> list[str]:
 
 
 def _choices(kind: type, path: list[str | int]) -> list[str]:
-    """The values that a tag or a literal at `path` may take."""
+    """Allowed values of a tag or a literal at `path`."""
     *parent, last = path
     tags = [
         str(candidate.tag)

@@ -1,7 +1,7 @@
-"""A sweep on paper: a plan view of whisker, object, contact and force, drawn from the truth of the trace.
+"""Plan view of a sweep: whisker, object, contact and force, drawn from the ground truth of the trace.
 
-The physics is planar, so a plan view shows all of it. It needs no graphics driver. Points of World are in metres; all other
-lengths are pixels of the finished picture, x to the right and y down.
+The physics is planar, so that a plan view is complete. No graphics driver is needed. Points of World are in metres; all other
+lengths are pixels of the final frame, x to the right and y down.
 """
 
 import functools
@@ -15,13 +15,13 @@ from PIL import Image, ImageDraw, ImageFont
 
 from whisker_sim.model import MM_PER_M
 from whisker_sim.runs import Run
-from whisker_sim.simulate import simulate
+from whisker_sim.simulate import Simulated
 from whisker_sim.truth import CenterLine
 from whisker_sim.whisker import Array
 
 Colour = tuple[int, int, int]
 
-# Pictures are drawn larger and shrunk, which smooths every edge.
+# Frames are drawn larger and reduced, which smooths all edges.
 _OVERSAMPLING = 3
 _WIDTH, _MOST_FIELD_HEIGHT, _MARGIN = 640, 400, 16
 _CAPTION_HEIGHT, _LEGEND_HEIGHT = 40, 44
@@ -31,43 +31,42 @@ _RING_RADIUS, _TRACE_RADIUS = 6.0, 2.0
 _HEAD_LENGTH, _HEAD_HALF_WIDTH = 10.0, 4.5
 _BASE_LENGTH, _BASE_HALF_WIDTH = 9.0, 6.0
 _FIELD_BORDER = 12.0
-"""Space around what is framed; the base's block behind the root lies within it."""
+"""Margin around the view; the block of the base behind the root is within it."""
 _LONGEST_SAMPLE = 70.0
-"""Longest sample of a force or a length in the legend."""
+"""Maximum length of the sample of a force or a length in the legend."""
 _ARROW_SHARE = 0.2
-"""Length of the arrow of the largest force, as a share of the whisker's length."""
+"""Length of the arrow of the largest force, relative to the length of the whisker."""
 _BEYOND_SHARE = 0.3
-"""How far the object is shown beyond the whisker's reach, as a share of the whisker's length."""
+"""Extent of the object beyond the reach of the whisker that is shown, relative to the length of the whisker."""
 
-# Colours that people of any colour vision tell apart: Okabe and Ito, "Color Universal Design", 2008.
+# Distinguishable with any colour vision: Okabe and Ito, "Color Universal Design", 2008.
 VERMILION, BLUE, GREEN = (213, 94, 0), (0, 114, 178), (0, 158, 115)
 _PAPER, _INK, _BODY, _EDGE = (255, 255, 255), (40, 40, 40), (226, 230, 235), (128, 137, 148)
 _SHADES = 7
-"""Shades from one colour to another that meets it at an edge."""
+"""Number of shades between two adjacent colours."""
 
 
-class Drawing:
-    """A simulated sweep, ready to be drawn at any instant."""
+class SweepRenderer:
+    """Frames of a simulated sweep."""
 
     sources = (Path(__file__),)
-    frames_hz = 20.0
+    frames_hz = 12.5
     lossless = True
-    """Flat colours are smaller without loss than with it."""
+    """Flat colours compress better without loss."""
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
-        simulated = self._simulated = simulate(run)
+    def __init__(self, run: Run, simulated: Simulated) -> None:
+        self.run, self._simulated = run, simulated
         whisker, truth = run.scene.resolved_whisker, simulated.truth
         self._line_m = CenterLine.from_joints(whisker, simulated.base_pose, simulated.rotations_rad).points_m
         largest_n = np.max(simulated.force_n)
         self._m_per_n = _ARROW_SHARE * whisker.length_m / largest_n if largest_n > 0.0 else 0.0
-        # Without friction the force is normal to the surface: it points from there to the centre line.
+        # Without friction the force is normal to the surface, along the line from there to the centre line.
         offset_m = truth.contact_m - truth.surface_m
         distance_m = np.hypot(*offset_m.T)
         arrow_m = offset_m / np.where(distance_m > 0.0, distance_m, 1.0)[:, None]
         arrow_m *= (self._m_per_n * simulated.force_n)[:, None]
         self._arrow_end_m = truth.surface_m + arrow_m
-        self._frame_in()
+        self._fit_view()
         self._font = ImageFont.load_default(_OVERSAMPLING * _FONT_SIZE)
 
     @property
@@ -77,41 +76,41 @@ class Drawing:
 
     @property
     def still_row(self) -> int:
-        """The instant of the largest reading; of several within 1 % of it the last, by when the most contacts are traced."""
+        """Row of the largest reading; the last of several within 1 %, because most contacts have been traced by then."""
         reading = np.abs(self._simulated.rotations_rad[:, 0])
         return int(np.flatnonzero(reading >= 0.99 * np.max(reading))[-1])
 
-    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
-        """The pictures at `rows`, which rise; each shows the contact points up to its own."""
+    def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+        """Frames at `rows`, which ascend; each shows the previous contact points."""
         truth, touching = self._simulated.truth, self._simulated.touching
-        backdrop = self._backdrop()
+        background = self._background()
         traced = 0
         for row in rows:
-            pen = _Pen(backdrop)
+            pen = _Pen(background)
             for surface_m in truth.surface_m[traced : row + 1][touching[traced : row + 1]]:
-                pen.dot(self._on_paper(surface_m), _TRACE_RADIUS, GREEN)
+                pen.dot(self._to_pixels(surface_m), _TRACE_RADIUS, GREEN)
             traced = row + 1
-            picture = backdrop.copy()
+            picture = background.copy()
             self._draw_instant(_Pen(picture), row)
             yield picture.reduce(_OVERSAMPLING).quantize(palette=_palette(), dither=Image.Dither.NONE)
 
     def _draw_instant(self, pen: "_Pen", row: int) -> None:
         simulated = self._simulated
-        pen.line(self._on_paper(self._line_m[row]), _WHISKER_WIDTH, VERMILION)
+        pen.line(self._to_pixels(self._line_m[row]), _WHISKER_WIDTH, VERMILION)
         x_m, y_m, yaw_rad = simulated.base_pose[row]
         back = -np.array((math.cos(yaw_rad), -math.sin(yaw_rad)))
         side = _BASE_HALF_WIDTH * np.array((-back[1], back[0]))
-        root, end = (self._on_paper(np.array((x_m, y_m))) + length * back for length in (0.0, _BASE_LENGTH))
+        root, end = (self._to_pixels(np.array((x_m, y_m))) + length * back for length in (0.0, _BASE_LENGTH))
         pen.polygon(np.array((root - side, root + side, end + side, end - side)), _INK)
         if simulated.touching[row]:
-            surface = self._on_paper(simulated.truth.surface_m[row])
-            pen.arrow(surface, self._on_paper(self._arrow_end_m[row]), BLUE)
+            surface = self._to_pixels(simulated.truth.surface_m[row])
+            pen.arrow(surface, self._to_pixels(self._arrow_end_m[row]), BLUE)
             pen.ring(surface, _RING_RADIUS, BLUE)
         time = f"t = {simulated.time_s[row]:.2f} s"
         pen.text((_WIDTH - _MARGIN, _CAPTION_HEIGHT / 2), time, self._font, anchor="rm")
 
-    def _frame_in(self) -> None:
-        """Chooses the part of the plane that is shown: all the whisker's ways, and the object near them."""
+    def _fit_view(self) -> None:
+        """Chooses the section of the plane that is shown: the reach of the whisker, and the object near it."""
         simulated = self._simulated
         reached_m = np.concatenate((self._line_m.reshape(-1, 2), self._arrow_end_m[simulated.touching]))
         low_m, high_m = reached_m.min(axis=0), reached_m.max(axis=0)
@@ -124,20 +123,20 @@ class Drawing:
         self._bottom = _CAPTION_HEIGHT + math.ceil(self._per_m * height_m + 2.0 * _FIELD_BORDER)
         self._center_m = 0.5 * (low_m + high_m)
 
-    def _on_paper(self, points_m: Array) -> Array:
+    def _to_pixels(self, points_m: Array) -> Array:
         """Points (..., 2) of World in pixels."""
         center = (0.5 * _WIDTH, 0.5 * (_CAPTION_HEIGHT + self._bottom))
         return center + self._per_m * (points_m - self._center_m) * (1.0, -1.0)
 
-    def _backdrop(self) -> Image.Image:
-        """What stays, oversampled: the object, the name and the legend."""
+    def _background(self) -> Image.Image:
+        """Constant part of all frames, oversampled: object, name and legend."""
         height = self._bottom + _LEGEND_HEIGHT
         picture = Image.new("RGB", (_OVERSAMPLING * _WIDTH, _OVERSAMPLING * height), _PAPER)
         pen = _Pen(picture)
-        outline = self._on_paper(self.run.scene.object.outline_m())
+        outline = self._to_pixels(self.run.scene.object.outline_m())
         pen.polygon(outline, _BODY)
         pen.line(outline, _THIN_WIDTH, _EDGE)
-        # The object may reach over the field's edges.
+        # The object may extend beyond the edges of the view.
         for top, bottom in ((0, _CAPTION_HEIGHT), (self._bottom, height)):
             pen.polygon(np.array(((0, top), (_WIDTH, top), (_WIDTH, bottom), (0, bottom))), _PAPER)
         pen.text((_MARGIN, _CAPTION_HEIGHT / 2), self.run.name, self._font, anchor="lm")
@@ -145,7 +144,7 @@ class Drawing:
         return picture
 
     def _draw_legend(self, pen: "_Pen", y: float) -> None:
-        """A row of samples, each with what it means, spread over the width."""
+        """Draws a row of labelled samples, spread over the width."""
         bar_m = _largest_round(_LONGEST_SAMPLE / self._per_m)
         bar = self._per_m * bar_m
 
@@ -167,7 +166,7 @@ class Drawing:
         samples: list[tuple[Callable[[float], None], float, str]] = [
             (whisker, 22.0, "whisker"),
             (contact, 2.0 * _RING_RADIUS, "contact"),
-            (trace, 18.0 + 2.0 * _TRACE_RADIUS, "contacts so far"),
+            (trace, 18.0 + 2.0 * _TRACE_RADIUS, "previous contacts"),
             (scale, bar, f"{MM_PER_M * bar_m:g} mm"),
         ]
         if self._m_per_n > 0.0:
@@ -190,7 +189,7 @@ class Drawing:
 
 
 class _Pen:
-    """Draws on an oversampled picture, in pixels of the finished one."""
+    """Draws on an oversampled picture, in pixels of the final frame."""
 
     def __init__(self, picture: Image.Image) -> None:
         self._draw = ImageDraw.Draw(picture)
@@ -208,11 +207,11 @@ class _Pen:
         self._draw.ellipse(_box(center, radius), fill=colour)
 
     def ring(self, center: Iterable[float], radius: float, colour: Colour) -> None:
-        """A circle, through which one sees what lies below."""
+        """A circle with a transparent interior."""
         self._draw.ellipse(_box(center, radius), outline=colour, width=round(_OVERSAMPLING * _RING_WIDTH))
 
     def arrow(self, start: Array, end: Array, colour: Colour) -> None:
-        """An arrow with its point at `end`; a short one is all head."""
+        """An arrow with its tip at `end`; a short one consists of the head only."""
         length = float(np.hypot(*(end - start)))
         if length == 0.0:
             return
@@ -224,7 +223,7 @@ class _Pen:
         self.polygon(np.array((end, neck + wing, neck - wing)), colour)
 
     def text(self, position: tuple[float, float], text: str, font: ImageFont.FreeTypeFont, anchor: str) -> None:
-        """Text at `position`; `anchor` as Pillow names it."""
+        """Text at `position`, with an `anchor` as defined by Pillow."""
         self._draw.text(tuple(_oversampled(np.array(position))), text, fill=_INK, font=font, anchor=anchor)
 
 
@@ -238,14 +237,14 @@ def _box(center: Iterable[float], radius: float) -> list[float]:
 
 
 def _largest_round(most: float) -> float:
-    """The largest number that is 1, 2 or 5 times a power of ten and at most `most`, which is above zero."""
+    """The largest number of the form 1, 2 or 5 times a power of ten that does not exceed `most` > 0."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(factor * power for factor in (1.0, 2.0, 5.0) if factor == 1.0 or factor * power <= most)
 
 
 @functools.cache
 def _palette() -> Image.Image:
-    """The colours of every picture, and the shades between those that meet: files stay small, and colours do not flicker."""
+    """Colours of all frames and the shades between adjacent ones, which keeps files small and colours constant over time."""
     on_top = (VERMILION, BLUE, GREEN, _INK, _EDGE)
     meeting = [*itertools.product(on_top, (_PAPER, _BODY)), *itertools.combinations((VERMILION, BLUE, GREEN), 2)]
     colours = {

@@ -1,15 +1,15 @@
-"""The exact quasi-static whisker, for many base poses at once.
+"""Exact quasi-static whisker, for many base poses at once.
 
-A frictionless contact at the arc length s_c pushes the rod with a force F normal to its surface; past the contact the rod is
-unloaded. With the contact at the origin and the force along +y, walk from s_c back to the root:
+A frictionless contact at the arc length s_c loads the rod with a force F normal to its surface; beyond the contact the rod is
+unloaded. With the contact at the origin and the force along +y, the equations are integrated from s_c back to the root:
 
     dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + M(s) / EI(s),  M(s) = -x(s) F.
 
-At s_c the angle t is that between the tangent and the surface: zero but on a tapered rod, whose surface leans on the centre line
-by asin r', r(s) being the radius. The root's bending moment M(0) turns the compliant root by M(0) / k. That gives shape and load
-of the rod for each (s_c, F), an initial-value problem. The contact with an object is the pair (s_c, F) for which the two surfaces
-touch and their normals are opposite. Nothing of the simulator is used but the whisker's parameters and the shapes' signed
-distances.
+The angle t at s_c is that between the tangent and the surface: zero except on a tapered rod, whose surface is inclined to the
+centre line by asin r', where r(s) is the radius. The bending moment M(0) at the root rotates the compliant root by M(0) / k. For
+given (s_c, F) this is an initial-value problem for shape and load of the rod. The contact with an object is the pair (s_c, F) for
+which the two surfaces touch and their normals are opposite. The only inputs shared with the simulator are the parameters of the
+whisker and the signed distances of the shapes.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from whisker_sim.shapes import Shape
 from whisker_sim.whisker import Array, Whisker
 
 _STEPS = 128
-"""Steps of the Runge-Kutta rule in each piece of constant pre-curvature; the moment is then good to 1e-9 of its value."""
+"""Runge-Kutta steps in each piece of constant pre-curvature; the relative error of the moment is then 1e-9."""
 _ITERATIONS = 40
 _TOLERANCE = 1e-10
 _DIFFERENCE = 1e-7
@@ -34,16 +34,16 @@ class Loaded:
     """Whiskers in Base, each under one force; n cases."""
 
     point_m: Array
-    """Points (n, 2) of the centre line where the forces act."""
+    """Points of application (n, 2) of the forces, on the centre line."""
     tangent_rad: Array
     """Tangent angles (n,) there."""
     moment_n_m: Array
-    """Bending moments (n,) at the root: root stiffness times the root's rotation."""
+    """Bending moments (n,) at the root: root stiffness times root rotation."""
 
 
 @dataclass(frozen=True)
 class Touching:
-    """Whiskers that touch an object, in World; n cases."""
+    """Whiskers in contact with an object, in World; n cases."""
 
     arc_m: Array
     force_n: Array
@@ -55,10 +55,10 @@ class Touching:
     tangent_rad: Array
     moment_n_m: Array
     solved: NDArray[np.bool_]
-    """Whether the equations hold (n,); elsewhere the other fields mean nothing."""
+    """Whether the equations are satisfied (n,); otherwise the other fields are undefined."""
 
     def replaced(self, rows: NDArray[np.intp], other: "Touching") -> "Touching":
-        """The same with the cases `rows` taken from `other`."""
+        """A copy with the cases `rows` taken from `other`."""
         values = {field.name: getattr(self, field.name).copy() for field in fields(self)}
         for name, value in values.items():
             value[rows] = getattr(other, name)
@@ -72,7 +72,7 @@ class Touching:
 def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: float = 0.0) -> Loaded:
     """The whisker under forces `force_n` (n,), positive to the left, at the arc lengths `arc_m` (n,).
 
-    The forces are across the whisker, or turned from there by `lean_rad`, counter-clockwise.
+    The forces are perpendicular to the whisker, or rotated from there by `lean_rad` (counter-clockwise).
     """
     x, y = np.zeros_like(arc_m), np.zeros_like(arc_m)
     t = np.full_like(arc_m, -lean_rad)
@@ -80,7 +80,7 @@ def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: float = 0.0
     starts_m = np.concatenate(([0.0], ends_m[:-1]))
     bending_per_m4 = whisker.youngs_modulus_pa * np.pi / 64.0
     for start_m, end_m, arc in zip(starts_m[::-1], ends_m[::-1], whisker.curvature[::-1], strict=True):
-        # A case whose contact lies before this piece walks through it with a step of zero.
+        # If the contact lies nearer to the root than this piece, its step is zero.
         near_m = np.clip(arc_m, start_m, end_m)
         step_m = (start_m - near_m) / _STEPS
 
@@ -107,17 +107,17 @@ def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: float = 0.0
 
 @np.errstate(over="ignore", invalid="ignore")
 def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Array, force_n: Array) -> Touching:
-    """Whiskers on base poses (n, 3) in contact with `shape` on their side `face` (+1 left), by Newton's method.
+    """Whiskers with base poses (n, 3) in contact with `shape` on their side `face` (+1 left), by Newton's method.
 
-    `arc_m` and `force_n` (n,) are first guesses of arc length and magnitude of the force. The unknowns are scaled by the
-    whisker's length and by EI / L^2 at its root; their Jacobian is one of finite differences.
+    `arc_m` and `force_n` (n,) are initial guesses of the arc length and the magnitude of the force. The unknowns are scaled by the
+    length of the whisker and by EI / L^2 at its root; the Jacobian consists of forward differences.
     """
     bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.root_diameter_m**4 / 64.0
     scale = np.array((whisker.length_m, -face * bending_n_m2 / whisker.length_m**2))
     lean_rad = face * float(np.arcsin(whisker.radius_slope))
 
     def state(unknown: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Loaded]:
-        """Gap between the surfaces in lengths, angle from one normal to the other's opposite (m, 2); contact, surface, load."""
+        """Gap of the surfaces in lengths and angle between opposite normals (m, 2); contact points, surface points, loads."""
         arc_m = np.clip(unknown[:, 0], 1e-3, 1.0) * scale[0]
         load = loaded(whisker, arc_m, unknown[:, 1] * scale[1], lean_rad)
         x, y, yaw = poses[rows].T
@@ -137,10 +137,10 @@ def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Arr
     pending = np.arange(len(arc_m))
     for _ in range(_ITERATIONS):
         guess = unknown[pending]
-        # One batch for the residual and its neighbours: a walk along the rod costs the same for few cases as for many.
+        # Residual and shifted residuals form one batch: an integration costs about the same for few cases as for many.
         neighbours = (guess + _DIFFERENCE * np.array(((0, 0), (1, 0), (0, 1)))[:, None]).reshape(-1, 2)
         residual, *shifted = np.split(state(neighbours, np.tile(pending, 3))[0], 3)
-        # A case gone astray has no finite residual; it stays unsolved, and needs no warning.
+        # A diverged case has no finite residual; it remains unsolved and needs no warning.
         with np.errstate(invalid="ignore"):
             jacobian = np.stack([(other - residual) / _DIFFERENCE for other in shifted], axis=-1)
         update = _solve(jacobian, residual)
@@ -162,7 +162,7 @@ def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Arr
 
 
 def _damping(residual_of: Callable[[Array, NDArray[np.intp]], Array], guess: Array, update: Array, residual: Array) -> Array:
-    """Shares (n, 1) of the updates to take: halved until the residual falls, as it need not where an outline has corners."""
+    """Step sizes (n, 1), halved until the residual decreases; at the corners of an outline it may not."""
     share = np.ones((len(guess), 1))
     before = np.hypot(*residual.T)
     rows = np.arange(len(guess))
@@ -176,7 +176,7 @@ def _damping(residual_of: Callable[[Array, NDArray[np.intp]], Array], guess: Arr
 
 
 def _solve(matrix: Array, right: Array) -> Array:
-    """Solutions (n, 2) of n systems of two equations, by Cramer's rule; NaN where a matrix is singular."""
+    """Solutions (n, 2) of n systems of two equations by Cramer's rule; NaN for singular matrices."""
     (a, b), (c, d) = np.moveaxis(matrix, 0, -1)
     determinant = a * d - b * c
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,13 +1,13 @@
-"""The errors that reach the user, each as one line."""
+"""Errors that are reported to the user as one line."""
 
 
 class WhiskerSimError(Exception):
-    """Base of the errors that are reported as one line and not as a traceback."""
+    """Base class of the errors that are reported as one line, without a traceback."""
 
 
 class InputError(WhiskerSimError):
-    """A file or an argument is wrong. The message names file, line, key, what was expected and what was found."""
+    """Invalid file or argument. The message states file, line, key, expected and found values."""
 
 
 class SimulationError(WhiskerSimError):
-    """A trace could not be simulated as its scene promises. The message names the time."""
+    """Failed simulation of a trace. The message states the time."""

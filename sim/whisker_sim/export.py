@@ -1,4 +1,4 @@
-"""A scene as plain MJCF, for MuJoCo's own viewer and other programs."""
+"""Export of scenes as plain MJCF, for MuJoCo's viewer and other programs."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -19,17 +19,17 @@ from whisker_sim.whisker import Array
 
 
 class Start(NamedTuple):
-    """A model where its scene starts."""
+    """A model in its start pose."""
 
     model: ET.Element
     controls: str
-    """What its controls are, in a few words with units."""
+    """Description of the controls with their units."""
 
 
 def export(run: Run, path: Path, start_of: Callable[[Run], Start]) -> None:
-    """Writes the model that is simulated as one MJCF file that needs no other, as `start_of` gives it.
+    """Writes the simulated model, as returned by `start_of`, to one self-contained MJCF file.
 
-    Raises `InputError` where `path` does not end in `.xml`, or the motion does not fit the scene.
+    Raises `InputError` if `path` does not end in `.xml`, or the motion does not fit the scene.
     """
     if path.suffix != ".xml":
         raise InputError(f"{path}: expected a name that ends in .xml, found '{path.suffix}'")
@@ -39,7 +39,7 @@ def export(run: Run, path: Path, start_of: Callable[[Run], Start]) -> None:
         raise located(run.path, str(error)) from None
     start.model.set("model", run.name)
     ET.indent(start.model)
-    # Two hyphens in a row would end the comment.
+    # Two consecutive hyphens would end the comment.
     name = run.name.replace("--", "- -")
     about = f"""<!--
   Scene {name}, written by whisker_sim {whisker_sim.__version__}.
@@ -52,11 +52,11 @@ def export(run: Run, path: Path, start_of: Callable[[Run], Start]) -> None:
 
 
 def sweep_at_start(run: Run) -> Start:
-    """The model of a sweep, with the base where the motion begins.
+    """The model of a sweep, with zero coordinates at the start of the motion.
 
-    The base's coordinates count from there, along World's axes. MuJoCo starts every coordinate, and every integrator of a
-    servo, at zero, and a viewer that opened the model with the base in World's origin would find it inside the object.
-    Raises `ValueError` where the motion does not fit the scene.
+    The coordinates of the base count from the start pose, along the axes of World: MuJoCo initialises all coordinates and servo
+    integrators to zero, and with the base at the origin of World the whisker would be inside the object. Raises `ValueError` if the
+    motion does not fit the scene.
     """
     scene = run.scene
     pose = scene.plan().poses[0]
@@ -66,20 +66,20 @@ def sweep_at_start(run: Run) -> Start:
 
 
 def passage_at_start(run: Run) -> Start:
-    """The model of a scene with an arm; raises `ValueError` where the arm cannot do what is asked."""
+    """The model of a scene with an arm in its start pose; raises `ValueError` if the arm cannot follow the path."""
     root = ET.fromstring(build_arm_mjcf(run.scene, run.scene.plan().q_rad[0]))
-    return Start(root, "the angles of the joints in rad, from where they start, and their speeds in rad/s")
+    return Start(root, "the joint angles in rad, relative to the start pose, and the joint speeds in rad/s")
 
 
 def _put_base_at(root: ET.Element, pose: Array) -> None:
-    """Moves the base onto a fixed body at `pose` (x and y in metres, yaw in radians, in World)."""
+    """Attaches the base to a fixed body at `pose` (x and y in m, yaw in rad, in World)."""
     x_m, y_m, yaw_rad = pose
     world = root.find("worldbody")
     base = world.find("body[@name='base']")
     world.remove(base)
     start = {"pos": mjcf(MM_PER_M * x_m, MM_PER_M * y_m, 0.0), "euler": mjcf(0.0, 0.0, yaw_rad)}
     ET.SubElement(world, "body", start, name="start").append(base)
-    # World's axes, seen from the turned body.
+    # Axes of World in the frame of the rotated body.
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     base.find("joint[@name='base_x']").set("axis", mjcf(cos, -sin, 0.0))
     base.find("joint[@name='base_y']").set("axis", mjcf(sin, cos, 0.0))

@@ -1,4 +1,4 @@
-"""An object that stands free on the table, as a scene gives it. `table` builds it."""
+"""Free-standing objects of a scene; `table` builds their models."""
 
 from typing import Annotated
 
@@ -9,14 +9,14 @@ from whisker_sim.whisker import Length, Positive
 
 
 class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An object that stands free on the table."""
+    """An object that stands freely on the table."""
 
     name: Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]*\Z", max_length=40)]
     object: AnyShape
     mass_kg: Positive
     height_m: Length
     friction: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.5
-    """Coulomb's coefficient between object and table."""
+    """Coefficient of Coulomb friction between object and table."""
 
     def __post_init__(self) -> None:
         if not self.object.upright:

@@ -1,17 +1,18 @@
-"""The MuJoCo model: a chain of hinged links on a moving base, and one fixed object.
+"""MuJoCo model of a whisker, a chain of hinged links on a moving base, and of one fixed object.
 
-Mechanics. The rod is cut into N segments of length l, each bent at its midpoint by one hinge whose compliance is that of the
-segment, int ds/EI; so there are N hinges and N + 1 links, the first and the last of half length. Links are rigid pieces of the
-undeflected rod, so that the chain at rest lies on the undeflected shape exactly. At the joint between two segments, in the
-middle of a link, position and tangent are those of the rod to second order in l. The compliant root is one more hinge.
+Mechanics. The rod is cut into N segments of length l. Each segment bends at its midpoint by one hinge with the compliance of the
+segment, int ds/EI; the chain thus has N hinges and N + 1 links, of which the first and the last have half length. Links are rigid
+pieces of the undeflected rod, so that the chain at rest coincides with the undeflected shape. At the boundary between two
+segments, in the middle of a link, position and tangent equal those of the rod to second order in l. The compliant root is an
+additional hinge.
 
-Units. The model is in millimetres, grams and seconds, hence micronewtons and nanonewton metres. In SI the links' inertias fall
-below the smallest value MuJoCo accepts.
+Units. The model is in millimetres, grams and seconds, hence micronewtons and nanonewton metres. In SI units the inertias of the
+links would be below MuJoCo's minimum.
 
-Contact. Contact is frictionless, and soft over a micrometre. A curved link carries short capsules along its undeflected arc: at a
-frictionless contact the bending moment vanishes, so the rod has its undeflected curvature just there. A tapered link carries
-capsules along both flanks of its cone, for one along its centre line would be as thick at either end: a flight of steps, on
-whose edges the contact's normal leans several times as far as the cone's.
+Contact. Contact is frictionless and has a softness of about a micrometre. A curved link carries short capsules along its
+undeflected arc: the bending moment vanishes at a frictionless contact, so the rod has its undeflected curvature there. A tapered
+link carries capsules along both flanks of its cone. Capsules along its centre line would form a staircase, on whose edges the
+contact normal deviates by several times the cone's half angle.
 """
 
 import functools
@@ -35,36 +36,36 @@ N_PER_UN = 1e-6
 NNM_PER_NM = 1e9
 
 _CAPSULES_PER_LINK_AND_SEGMENT = 0.15
-"""A capsule's flank tilts against the rod by half its share of the curvature. With six capsules a link at 40 segments the tilt
-hardly shows, and with ever more in finer chains it falls like all other errors, with the square of the segments' length."""
+"""The surface of a capsule is tilted against the rod by up to half of its share of the curvature. With six capsules per link at 40
+segments the tilt is negligible; in finer chains it decreases with the square of the segment length, as all other errors do."""
 _CONTACT_DAMPING_RATIO = 1.5
-"""Above one, lest a whisker that is pulled along the object jumps off where one capsule meets the next."""
-# A base this heavy and this stiff keeps its course to a micrometre, whatever the whisker does; it lags its command by 4 ms.
+"""Above one, so that a whisker dragged along the object does not lose contact between two capsules."""
+# With this mass and stiffness the whisker deflects the base by a micrometre at most; the base lags behind its command by 4 ms.
 _BASE_MASS_G = 100.0
 _BASE_INERTIA_G_MM2 = 1e5
 _BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
 
-PLACES = 8
+POINTS = 8
 
-SENSOR_COLUMNS = 4 + 6 * PLACES
-SENSORS = {"force": slice(0, 3), "distance": 3, "places": slice(4, 4 + 6 * PLACES)}
-"""Columns of the sensor data: net contact force in micronewtons; smallest distance in millimetres; force in micronewtons and place
-in millimetres, in World, of each of the strongest contacts, zero where there are fewer."""
+SENSOR_COLUMNS = 4 + 6 * POINTS
+SENSORS = {"force": slice(0, 3), "distance": 3, "points": slice(4, 4 + 6 * POINTS)}
+"""Columns of the sensor data: net contact force (uN); smallest distance (mm); force (uN) and position (mm), in World, of each of
+the `POINTS` strongest contacts, zero for missing ones."""
 
 
 def build_model(whisker: Whisker, shape: Shape, timestep_s: float) -> mujoco.MjModel:
     """Compiles the model of `whisker` and the object `shape`.
 
-    Coordinates: base x and y in millimetres, base yaw, root rotation, then the hinges' rotations, all from the undeflected
-    whisker with its base at World's origin. Controls: velocities of the base's three coordinates.
+    Coordinates: base x and y (mm), base yaw, root rotation, then hinge rotations (rad), relative to the undeflected whisker with
+    its base at the origin of World. Controls: velocities of the three coordinates of the base.
 
-    Raises `SimulationError` where MuJoCo rejects the model, as it does with links too small to weigh anything.
+    Raises `SimulationError` if MuJoCo rejects the model, as for links of too small a mass.
     """
     return compiled(build_mjcf(whisker, shape, timestep_s))
 
 
 def compiled(model: str) -> mujoco.MjModel:
-    """Compiles MJCF; raises `SimulationError` where MuJoCo rejects it."""
+    """Compiles MJCF; raises `SimulationError` if MuJoCo rejects it."""
     try:
         return mujoco.MjModel.from_xml_string(model)
     except ValueError as error:
@@ -86,7 +87,7 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
 
 
 def new_model(name: str, timestep_s: float, extent_m: float) -> ET.Element:
-    """An MJCF model with an empty `asset` and `worldbody`, set up as whiskers need it."""
+    """An MJCF model with an empty `asset` and `worldbody` and the options that whiskers need."""
     root = ET.Element("mujoco", model=name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     option = ET.SubElement(
@@ -99,7 +100,7 @@ def new_model(name: str, timestep_s: float, extent_m: float) -> ET.Element:
         jacobian="dense",
         tolerance="1e-12",
     )
-    # The native collider of 3.17 lets a capsule that lies along a prism's face sink in by tens of micrometres.
+    # The native collider of MuJoCo 3.17 lets a capsule that lies along a prism's face penetrate by tens of micrometres.
     ET.SubElement(option, "flag", nativeccd="disable")
     ET.SubElement(root, "statistic", center="0 0 0", extent=mjcf(MM_PER_M * extent_m))
     visual = ET.SubElement(root, "visual")
@@ -112,10 +113,10 @@ def new_model(name: str, timestep_s: float, extent_m: float) -> ET.Element:
 
 
 def add_contact_sensors(sensor: ET.Element, pair: dict[str, str], prefix: str = "") -> None:
-    """Adds the sensors whose columns `SENSORS` tells, of the contacts between the `pair`, to MJCF's `sensor`."""
+    """Adds the sensors of `SENSORS` for the contacts of `pair` to MJCF's `sensor`."""
     ET.SubElement(sensor, "contact", pair, name=f"{prefix}net", num="1", reduce="netforce", data="force")
     ET.SubElement(sensor, "contact", pair, name=f"{prefix}nearest", num="1", reduce="mindist", data="dist")
-    ET.SubElement(sensor, "contact", pair, name=f"{prefix}places", num=str(PLACES), reduce="maxforce", data="force pos")
+    ET.SubElement(sensor, "contact", pair, name=f"{prefix}points", num=str(POINTS), reduce="maxforce", data="force pos")
 
 
 def _add_object(world: ET.Element, shape: Shape) -> None:
@@ -136,7 +137,7 @@ def _add_base(world: ET.Element) -> ET.Element:
 
 
 def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: str = "") -> None:
-    """Adds `whisker` to the body `base`, whose frame is its Base; the names of its bodies and joints begin with `prefix`."""
+    """Adds `whisker` to the body `base`, whose frame is its Base. Names of bodies and joints begin with `prefix`."""
     length_m, step_m = whisker.length_m, whisker.segment_m
     hinges_m = (np.arange(whisker.segments) + 0.5) * step_m
     ends_m = np.concatenate(([0.0], hinges_m, [length_m]))
@@ -186,9 +187,9 @@ def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: s
 
 
 def _capsules(whisker: Whisker, frame: "_RestFrame", cuts_m: Array) -> Iterator[tuple[Array, Array, float]]:
-    """Ends (2,), in `frame`, and radii of the capsules of the pieces between `cuts_m`, in millimetres.
+    """End points (2,), in `frame`, and radii (mm) of the capsules between `cuts_m`.
 
-    A piece that tapers has two, as thick as its thinner end, inside the cone along either flank.
+    A tapered piece has two capsules with the radius of its thinner end, tangent to either flank of the cone.
     """
     points_mm, radii_mm = MM_PER_M * frame.local(whisker.rest_point_m(cuts_m)), MM_PER_M * whisker.radius_m(cuts_m)
     for (a, a_mm), (b, b_mm) in pairwise(zip(points_mm, radii_mm, strict=True)):
@@ -203,19 +204,19 @@ def _capsules(whisker: Whisker, frame: "_RestFrame", cuts_m: Array) -> Iterator[
 
 
 def _add_inertial(body: ET.Element, whisker: Whisker, frame: "_RestFrame", start_m: float, end_m: float) -> None:
-    """Mass of the link from slices of its arc; each slice is a point mass, which is exact to the square of a slice's share."""
+    """Adds mass and inertia of the link, summed over point masses of equal slices of its arc."""
     cuts_m = np.linspace(start_m, end_m, 17)
     masses_g = G_PER_KG * whisker.mass_kg(cuts_m[:-1], cuts_m[1:])
     points_mm = MM_PER_M * frame.local(whisker.rest_point_m(0.5 * (cuts_m[:-1] + cuts_m[1:])))
     mass_g = masses_g.sum()
     center_mm = masses_g @ points_mm / mass_g
     inertia_g_mm2 = masses_g @ np.sum((points_mm - center_mm) ** 2, axis=1)
-    # Only the axis out of the plane matters; equal values on the others satisfy the triangle inequality.
+    # Only the inertia about the normal of the plane has an effect; equal values satisfy the triangle inequality.
     ET.SubElement(body, "inertial", pos=mjcf(*center_mm, 0.0), mass=mjcf(mass_g), diaginertia=mjcf(*[inertia_g_mm2] * 3))
 
 
 def _add_actuators(root: ET.Element) -> None:
-    """Position servos behind an integrator: the base has a velocity, which a teleported base would hide from the contact."""
+    """Adds position servos behind an integrator: the base then has a velocity, which contact damping depends on."""
     actuator = ET.SubElement(root, "actuator")
     for joint, inertia in (("base_x", _BASE_MASS_G), ("base_y", _BASE_MASS_G), ("base_yaw", _BASE_INERTIA_G_MM2)):
         ET.SubElement(
@@ -230,7 +231,7 @@ def _add_actuators(root: ET.Element) -> None:
 
 @dataclass(frozen=True)
 class _RestFrame:
-    """Frame of a link in the undeflected whisker, relative to Base."""
+    """Frame of a link of the undeflected whisker, relative to Base."""
 
     origin_m: Array
     angle_rad: float

@@ -1,45 +1,155 @@
-"""What comes of a run: a trace, or a recording of several whiskers. One row a kind of scene."""
+"""Products of a run, a trace or a recording of several whiskers, and the jobs that make them. One row per kind of scene."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 
 from whisker_sim import trace
 from whisker_sim.arm import recording
-from whisker_sim.arm.picture import PassageDrawing, replayed_passage
+from whisker_sim.arm.picture import PassageRenderer, replayed_passage
 from whisker_sim.arm.scene import ArmScene
-from whisker_sim.drawing import Drawing
+from whisker_sim.arm.simulate import simulate_passage
+from whisker_sim.drawing import SweepRenderer
+from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.export import Start, passage_at_start, sweep_at_start
-from whisker_sim.render import Pictures, replayed_sweep
-from whisker_sim.runs import Run
+from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Job, Outcome
+from whisker_sim.progress import part
+from whisker_sim.render import Renderer, check_format, is_rendered, render, render_set, replayed_sweep
+from whisker_sim.runs import Run, set_name
 from whisker_sim.scene import Scene
+from whisker_sim.simulate import simulate
 from whisker_sim.whisker import Array
 
 
 class Product(NamedTuple):
-    """What can be made of a run of one kind."""
+    """Operations on the runs of one kind of scene."""
 
-    make: Callable[[Path, Run], str]
-    """Simulates and writes the files into a folder; gives one line for people."""
+    simulate: Callable[[Run], Any]
+    """Simulates the run."""
+    write: Callable[[Path, Run, Any], str]
+    """Writes the files of a simulated run into a folder; returns one line of text for the user."""
     is_up_to_date: Callable[[Path, Run], bool]
-    """Whether a folder holds just the files that `make` would write."""
-    draw: type[Pictures]
-    """Simulates, and makes ready to be drawn."""
-    replay: Callable[[Run], tuple[mujoco.MjModel, Array]]
-    """Simulates; gives the model and its coordinates (n, nq) at every row."""
+    """Whether a folder holds exactly the files that `write` would write."""
+    renderer: type[Renderer]
+    """Draws a simulated run."""
+    replay: Callable[[Run, Any], tuple[mujoco.MjModel, Array]]
+    """Model and coordinates (n, nq) of a simulated run at every row."""
     start: Callable[[Run], Start]
-    """The model where it starts, to be exported."""
+    """Model in its start pose, for export."""
 
 
 PRODUCTS: dict[type, Product] = {
-    Scene: Product(trace.make, trace.is_up_to_date, Drawing, replayed_sweep, sweep_at_start),
-    ArmScene: Product(recording.make, recording.is_up_to_date, PassageDrawing, replayed_passage, passage_at_start),
+    Scene: Product(simulate, trace.write_trace, trace.is_up_to_date, SweepRenderer, replayed_sweep, sweep_at_start),
+    ArmScene: Product(
+        simulate_passage, recording.write_recording, recording.is_up_to_date, PassageRenderer, replayed_passage, passage_at_start
+    ),
 }
-"""The products by the kind of scene."""
+"""Products by kind of scene."""
 
 
 def product_of(run: Run) -> Product:
-    """What comes of `run`."""
+    """Operations on `run`."""
     return PRODUCTS[type(run.scene)]
+
+
+def replayed(run: Run) -> tuple[mujoco.MjModel, Array]:
+    """Simulates `run`; returns the model and its coordinates (n, nq) at every row."""
+    product = product_of(run)
+    return product.replay(run, product.simulate(run))
+
+
+def trace_job(force: bool, animations: Path | None = None, drawn: frozenset[str] = frozenset()) -> Job:
+    """The job that makes traces and recordings and, from the same simulation, animations of the runs named in `drawn`.
+
+    `force` makes up-to-date files again.
+    """
+
+    def is_up_to_date(folder: Path, run: Run) -> bool:
+        product = product_of(run)
+        drawing = run.name in drawn and not is_rendered(animations, run, product.renderer)
+        return product.is_up_to_date(folder, run) and not drawing
+
+    make = partial(make_trace, force=force, animations=animations, drawn=drawn)
+    return Job("simulate", "trace", lambda run: run.name, is_up_to_date, make)
+
+
+def animation_job() -> Job:
+    """The job that draws an animation and a still of each set."""
+
+    def is_up_to_date(folder: Path, run: Run) -> bool:
+        return is_rendered(folder, run, product_of(run).renderer)
+
+    return Job("render", "animation", set_name, is_up_to_date, _make_animation)
+
+
+def picture_job(path: Path) -> Job:
+    """The job that draws one run into the file `path`."""
+    return Job("render", "picture", lambda _: path.stem, lambda *_: False, partial(_make_picture, path))
+
+
+def make_trace(
+    folder: Path, run: Run, force: bool = False, animations: Path | None = None, drawn: frozenset[str] = frozenset()
+) -> Outcome:
+    """Simulates `run`; writes its trace into `folder` and its animation into `animations` unless they are up to date."""
+    product = product_of(run)
+
+    def work() -> str:
+        draws = run.name in drawn and (force or not is_rendered(animations, run, product.renderer))
+        simulation_share = 0.5 if draws else 0.9
+        with part(0.0, simulation_share):
+            simulated = product.simulate(run)
+        lines = []
+        if force or not product.is_up_to_date(folder, run):
+            lines.append(product.write(folder, run, simulated))
+        if draws:
+            with part(simulation_share, 1.0):
+                render_set(animations, product.renderer(run, simulated))
+            lines.append(f"{set_name(run)}: drawn from {run.name}")
+        return "\n".join(lines)
+
+    return _outcome(run, work)
+
+
+def _make_animation(folder: Path, run: Run) -> Outcome:
+    """Simulates `run` and draws it into `folder` for its set."""
+
+    def work() -> str:
+        renderer = _simulated_renderer(run)
+        with part(0.5, 1.0):
+            render_set(folder, renderer)
+        return f"{set_name(run)}: drawn from {run.name}"
+
+    return _outcome(run, work)
+
+
+def _make_picture(path: Path, _: Path, run: Run) -> Outcome:
+    """Simulates `run` and draws it into the file `path`."""
+
+    def work() -> str:
+        check_format(path)
+        renderer = _simulated_renderer(run)
+        with part(0.5, 1.0):
+            render(path, renderer)
+        return ""
+
+    return _outcome(run, work)
+
+
+def _simulated_renderer(run: Run) -> Renderer:
+    product = product_of(run)
+    with part(0.0, 0.5):
+        simulated = product.simulate(run)
+    return product.renderer(run, simulated)
+
+
+def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
+    """Outcome of `work` on `run`: its line of text, or its error."""
+    try:
+        return Outcome(SUCCESS, work())
+    except InputError as error:
+        return Outcome(WRONG_INPUT, f"error: {error}")
+    except WhiskerSimError as error:
+        return Outcome(FAILED, f"error: {run.path}: {run.name}: {error}")

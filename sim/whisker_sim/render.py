@@ -1,43 +1,47 @@
-"""Pictures of sweeps as files, still and moving; and MuJoCo's viewer."""
+"""Stills and animations of simulated runs, and MuJoCo's viewer."""
 
 import hashlib
 import io
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import mujoco
 import numpy as np
 import PIL
 from PIL import Image
 from PIL.ExifTags import Base as ExifTag
-from tqdm import tqdm
 
 import whisker_sim
 from whisker_sim.errors import InputError, SimulationError
 from whisker_sim.model import MM_PER_M, build_model
-from whisker_sim.runs import Run
-from whisker_sim.simulate import simulate
+from whisker_sim.progress import report_share
+from whisker_sim.runs import Run, set_name
+from whisker_sim.simulate import Simulated
 from whisker_sim.trace import inputs_sha256, write_atomically
 from whisker_sim.whisker import Array
 
+_FORMATS = (".png", ".gif", ".webp")
+_DRAWING_SHARE = 0.6
+"""Share of the frames' time in that of an animation; encoding takes the rest."""
 
-class Pictures(Protocol):
-    """A simulated run, ready to be drawn at any instant."""
+
+class Renderer(Protocol):
+    """Draws frames of a simulated run."""
 
     run: Run
     sources: ClassVar[tuple[Path, ...]]
-    """Files that say how it is drawn."""
+    """Source files that determine the frames."""
     frames_hz: ClassVar[float]
-    """Pictures a second of an animation."""
+    """Frame rate of an animation."""
     lossless: ClassVar[bool]
-    """Whether the colours are so few that an animation is best kept without loss."""
+    """Whether animations are encoded losslessly, which suits few flat colours."""
 
-    def __init__(self, run: Run) -> None:
-        """Simulates `run`."""
+    def __init__(self, run: Run, simulated: Any) -> None:
+        """Prepares the frames of `run`, which was simulated to `simulated`."""
 
     @property
     def rows(self) -> int:
@@ -45,117 +49,102 @@ class Pictures(Protocol):
 
     @property
     def still_row(self) -> int:
-        """The instant that is worth a still picture."""
+        """Row of the instant that a still shows."""
 
-    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
-        """The pictures at `rows`, which rise."""
+    def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+        """Frames at `rows`, which ascend."""
 
 
-def render(run: Run, path: Path, draw: type[Pictures]) -> None:
-    """Simulates `run` and draws it: `.png` one instant, `.gif` or `.webp` the whole in real time.
-
-    Raises `InputError` for another ending, and what `draw` raises, which simulates.
-    """
-    if path.suffix not in (".png", ".gif", ".webp"):
+def check_format(path: Path) -> None:
+    """Raises `InputError` if the suffix of `path` is not that of a picture."""
+    if path.suffix not in _FORMATS:
         raise InputError(f"{path}: expected a name that ends in .png, .gif or .webp, found '{path.suffix}'")
-    sweep = draw(run)
+
+
+def render(path: Path, renderer: Renderer) -> None:
+    """Writes a still (`.png`) or an animation in real time (`.gif`, `.webp`)."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".png":
-        _write_still(path, sweep)
+        _write_still(path, renderer)
     else:
-        _write_animation(path, sweep, shows_progress=sys.stderr.isatty())
+        _write_animation(path, renderer)
 
 
-def first_of_each_set(runs: Iterable[Run]) -> list[Run]:
-    """The first trial of every group with every whisker."""
-    first: dict[str, Run] = {}
-    for run in runs:
-        if run.scene.role == "trial":
-            first.setdefault(set_name(run), run)
-    return list(first.values())
+def render_set(folder: Path, renderer: Renderer) -> None:
+    """Writes the animation `<group>.<whisker>.webp` and the still `<group>.<whisker>.png` of a run's set into `folder`."""
+    for path in _set_paths(folder, renderer.run):
+        render(path, renderer)
 
 
-def render_set(folder: Path, run: Run, draw: type[Pictures]) -> None:
-    """Simulates `run` and writes, into `folder`, the animation `<group>.<whisker>.webp` and a still `<group>.<whisker>.png`."""
-    sweep = draw(run)
-    folder.mkdir(parents=True, exist_ok=True)
-    still, animation = _set_paths(folder, run)
-    _write_still(still, sweep)
-    _write_animation(animation, sweep, shows_progress=False)
+def is_rendered(folder: Path, run: Run, renderer: type[Renderer]) -> bool:
+    """Whether `folder` holds exactly the pictures that `render_set` would write, according to their provenance."""
+    return all(_description(path) == _provenance(run, renderer.sources) for path in _set_paths(folder, run))
 
 
-def is_rendered(folder: Path, run: Run, draw: type[Pictures]) -> bool:
-    """Whether `folder` holds just the pictures that `render_set` would write, by what they say of themselves."""
-    return all(_description(path) == _provenance(run, draw.sources) for path in _set_paths(folder, run))
-
-
-def view(run: Run, replay: Callable[[Run], tuple[mujoco.MjModel, Array]]) -> None:
-    """Simulates `run` and plays it in MuJoCo's viewer, over and over, until the window is closed."""
+def view(model: mujoco.MjModel, qpos: Array, rate_hz: float) -> None:
+    """Plays the coordinates `qpos` (n, nq), sampled at `rate_hz`, in MuJoCo's viewer repeatedly until its window is closed."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise SimulationError("the viewer needs a display, found none; `render` draws without one")
     import mujoco.viewer
 
-    model, qpos = replay(run)
     data = mujoco.MjData(model)
     with mujoco.viewer.launch_passive(model, data) as viewer:
         while viewer.is_running():
             start_s = time.monotonic()
-            while viewer.is_running() and (row := int(run.scene.rate_hz * (time.monotonic() - start_s))) < len(qpos):
+            while viewer.is_running() and (row := int(rate_hz * (time.monotonic() - start_s))) < len(qpos):
                 data.qpos[:] = qpos[row]
                 mujoco.mj_kinematics(model, data)
                 viewer.sync()
                 time.sleep(1.0 / 60.0)
 
 
-def replayed_sweep(run: Run) -> tuple[mujoco.MjModel, Array]:
-    """Simulates a sweep; gives the model and its coordinates (n, nq) at every row."""
-    simulated = simulate(run)
+def replayed_sweep(run: Run, simulated: Simulated) -> tuple[mujoco.MjModel, Array]:
+    """Model of a simulated sweep and its coordinates (n, nq) at every row."""
     model = build_model(run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s)
     return model, np.concatenate((simulated.base_pose * (MM_PER_M, MM_PER_M, 1.0), simulated.rotations_rad), axis=1)
 
 
-def _write_still(path: Path, sweep: Pictures) -> None:
-    """Writes the picture of one instant."""
-    (picture,) = sweep.pictures([sweep.still_row])
+def _write_still(path: Path, renderer: Renderer) -> None:
+    (frame,) = renderer.frames([renderer.still_row])
     buffer = io.BytesIO()
-    picture.save(buffer, "png", optimize=True, exif=_exif(sweep))
+    frame.save(buffer, "png", optimize=True, exif=_exif(renderer))
     write_atomically(path, buffer.getvalue())
 
 
-def _write_animation(path: Path, sweep: Pictures, shows_progress: bool) -> None:
-    """Writes the whole in real time, over and over."""
-    rate_hz = sweep.run.scene.rate_hz
-    stride = max(1, round(rate_hz / sweep.frames_hz))
-    rows = tqdm(range(0, sweep.rows, stride), unit="frame", desc="render", disable=not shows_progress)
-    first, *rest = sweep.pictures(rows)
-    options = {"lossless": sweep.lossless, "quality": 75, "method": 3, "exif": _exif(sweep)}
+def _write_animation(path: Path, renderer: Renderer) -> None:
+    """Writes an endless animation in real time."""
+    rate_hz = renderer.run.scene.rate_hz
+    stride = max(1, round(rate_hz / renderer.frames_hz))
+    rows = range(0, renderer.rows, stride)
+    frames = []
+    for index, frame in enumerate(renderer.frames(rows), 1):
+        frames.append(frame)
+        report_share(_DRAWING_SHARE * index / len(rows))
+    # Without loss, a low quality means little effort: half the time for files an eighth larger.
+    options = {"lossless": renderer.lossless, "quality": 0 if renderer.lossless else 75, "method": 3, "exif": _exif(renderer)}
     if path.suffix == ".gif":
-        options = {"comment": _provenance(sweep.run, sweep.sources)}
+        options = {"comment": _provenance(renderer.run, renderer.sources)}
     buffer = io.BytesIO()
     duration_ms = round(1e3 * stride / rate_hz)
+    first, *rest = frames
     first.save(buffer, path.suffix[1:], save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
     write_atomically(path, buffer.getvalue())
 
 
-def set_name(run: Run) -> str:
-    """Name of the pictures of a set, the trials of one group with one whisker. Neither holds a dot, so no two are the same."""
-    return f"{run.scene.group}.{run.scene.resolved_whisker.name}"
-
-
 def _set_paths(folder: Path, run: Run) -> tuple[Path, Path]:
-    """The still and the animation of a set."""
+    """Still and animation of a set."""
     return folder / f"{set_name(run)}.png", folder / f"{set_name(run)}.webp"
 
 
-def _exif(sweep: Pictures) -> Image.Exif:
+def _exif(renderer: Renderer) -> Image.Exif:
     exif = Image.Exif()
     exif[ExifTag.Software] = f"whisker_sim {whisker_sim.__version__}"
-    exif[ExifTag.ImageDescription] = _provenance(sweep.run, sweep.sources)
+    exif[ExifTag.ImageDescription] = _provenance(renderer.run, renderer.sources)
     return exif
 
 
 def _provenance(run: Run, sources: tuple[Path, ...]) -> str:
-    """What a picture says of itself: the name of the trace, and a hash of all that determines the picture."""
+    """Provenance stored in a picture: name of the trace, and hash of all inputs that determine the picture."""
     digest = hashlib.sha256(f"{inputs_sha256(run.scene)} {PIL.__version__}".encode())
     for source in (Path(__file__), *sources):
         digest.update(source.read_bytes())
@@ -163,7 +152,7 @@ def _provenance(run: Run, sources: tuple[Path, ...]) -> str:
 
 
 def _description(path: Path) -> str | None:
-    """What the picture at `path` says of itself; None where there is no picture."""
+    """Provenance stored in the picture at `path`; `None` if there is no picture."""
     try:
         with Image.open(path) as picture:
             return picture.getexif().get(ExifTag.ImageDescription)

@@ -1,6 +1,7 @@
-"""What scene and suite files stand for: the runs to be made."""
+"""Runs of the simulation that scene and suite files define."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ AnyScene = Scene | ArmScene
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One scene of a suite, and the seeds it is run with; without them, its own."""
+    """One scene of a suite with the seeds of its runs; by default the scene's own seed."""
 
     scene: str
     seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] | None = None
@@ -31,17 +32,17 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Run(msgspec.Struct, frozen=True):
-    """One trace, or one recording of several whiskers, to be made."""
+    """One run, which makes a trace or a recording of several whiskers."""
 
     name: str
     scene: AnyScene
-    """The scene, with the seed it is run with."""
+    """The scene with the seed of this run."""
     path: Path
-    """The scene's file."""
+    """File of the scene."""
 
 
 def load(path: Path) -> AnyScene | Suite:
-    """Reads a scene or a suite; raises `InputError` where the file is neither. One with an arm has the key `arm`."""
+    """Reads a scene or a suite; a scene with an arm has the key `arm`. Raises `InputError` if the file is neither."""
     value, _ = read_json(path)
     if not isinstance(value, dict):
         raise InputError(f"{path}: expected an object, found {type(value).__name__}")
@@ -50,7 +51,7 @@ def load(path: Path) -> AnyScene | Suite:
 
 
 def with_simulation(run: Run, simulation: Simulation) -> Run:
-    """The same run with other settings of the simulation; raises `InputError` where its rows do not fit their time step."""
+    """`run` with other simulation settings; raises `InputError` if its rows are not whole numbers of their time steps."""
     try:
         return msgspec.structs.replace(run, scene=msgspec.structs.replace(run.scene, simulation=simulation))
     except ValueError as error:
@@ -58,9 +59,9 @@ def with_simulation(run: Run, simulation: Simulation) -> Run:
 
 
 def load_runs(path: Path) -> tuple[str | None, list[Run]]:
-    """The traces that a scene or suite file stands for, and the suite's name.
+    """Name of the suite, or `None` for a scene, and the runs of a scene or suite file.
 
-    Raises `InputError`, also where two traces of a suite, or a trace and a recording, would have the same name.
+    Raises `InputError`, also if two traces or recordings of a suite have the same name.
     """
     document = load(path)
     if not isinstance(document, Suite):
@@ -83,3 +84,17 @@ def load_runs(path: Path) -> tuple[str | None, list[Run]]:
                 taken.add(made)
             runs.append(Run(name, msgspec.structs.replace(scene, seed=seed), scene_path))
     return document.name, runs
+
+
+def first_of_each_set(runs: Iterable[Run]) -> list[Run]:
+    """The first trial of each set, that is of each group with each whisker."""
+    first: dict[str, Run] = {}
+    for run in runs:
+        if run.scene.role == "trial":
+            first.setdefault(set_name(run), run)
+    return list(first.values())
+
+
+def set_name(run: Run) -> str:
+    """Name of the set of a run, `<group>.<whisker>`. Neither part contains a dot, so the names of sets differ."""
+    return f"{run.scene.group}.{run.scene.resolved_whisker.name}"

@@ -1,4 +1,4 @@
-"""Scenes: what is simulated, as people write it and as it is run."""
+"""Scenes, as they are written by users and as they are simulated."""
 
 import hashlib
 from typing import Annotated, Literal
@@ -16,20 +16,20 @@ Format = Literal[1]
 
 
 class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the physics is integrated."""
+    """Settings of the integration."""
 
     timestep_s: Annotated[float, msgspec.Meta(ge=1e-5, le=0.002)] = 0.0005
 
 
 SIMULATIONS: dict[str, tuple[str, Simulation]] = {
-    "default": ("what the bounds of the physics are stated for", Simulation()),
-    "fast": ("twice as fast, with at most twice those bounds", Simulation(timestep_s=0.001)),
+    "default": ("reference settings, for which the accuracy bounds are stated", Simulation()),
+    "fast": ("twice as fast; errors at most twice the bounds of the default", Simulation(timestep_s=0.001)),
 }
-"""Settings of the simulation by name, each with one line about it."""
+"""Simulation settings by name, each with a one-line description."""
 
 
 def resolve_simulation(choice: str | Simulation) -> Simulation:
-    """The settings that a scene names or gives; raises `ValueError` for an unknown name."""
+    """The settings that a scene names or contains; raises `ValueError` for an unknown name."""
     if isinstance(choice, Simulation):
         return choice
     if choice not in SIMULATIONS:
@@ -38,19 +38,33 @@ def resolve_simulation(choice: str | Simulation) -> Simulation:
 
 
 def check_rate(rate_hz: float, simulation: Simulation) -> None:
-    """Raises `ValueError` where a row is not a whole number of time steps."""
+    """Raises `ValueError` if a row is not a whole number of time steps."""
     steps = 1.0 / (rate_hz * simulation.timestep_s)
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
         raise ValueError(f"rate_hz: expected a whole number of time steps of {simulation.timestep_s} s a row, found {steps:g}")
 
 
 def random_stream(name: str, seed: int) -> np.random.Generator:
-    """The random stream of a scene, which follows from its name and seed alone."""
+    """The random stream of a scene, determined only by its name and seed."""
     return np.random.Generator(np.random.PCG64([int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big"), seed]))
 
 
-class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
-    """One experiment: a whisker, an object, a motion."""
+class SceneBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """Properties of all kinds of scenes, which have the fields `whisker`, `rate_hz` and `simulation`."""
+
+    @property
+    def resolved_whisker(self) -> Whisker:
+        """Parameters of the whisker."""
+        return resolve_whisker(self.whisker)
+
+    @property
+    def steps_per_row(self) -> int:
+        """Time steps between two rows of a trace."""
+        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
+
+
+class Scene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One experiment: whisker, object and motion."""
 
     format: Format
     name: Name
@@ -65,7 +79,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     duration_s: Positive | None = None
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
     simulation: str | Simulation = Simulation()
-    """A name stands for its settings: once read, a scene holds the settings themselves, and so does the sidecar of a trace."""
+    """A name is replaced by its settings on reading, so that a scene and the sidecar of a trace contain the settings themselves."""
 
     def __post_init__(self) -> None:
         resolve_whisker(self.whisker)
@@ -88,32 +102,22 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
         """Name of the object's shape in its registry."""
         return self.object.__struct_config__.tag
 
-    @property
-    def resolved_whisker(self) -> Whisker:
-        """The whisker's parameters."""
-        return resolve_whisker(self.whisker)
-
-    @property
-    def steps_per_row(self) -> int:
-        """Time steps between two rows of the trace."""
-        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
-
     def names(self, name: str) -> tuple[str, ...]:
-        """Names in the dataset of what a run called `name` makes."""
+        """Names in the dataset of the files of a run called `name`."""
         return (name,)
 
     def plan(self) -> Plan:
-        """The motion with what the vibration adds; raises `ValueError` where the scene's geometry does not allow it."""
+        """The motion with the added vibration; raises `ValueError` if the geometry of the scene does not allow it."""
         stage = self.stage()
         plan = self.motion.plan(stage)
         if self.vibration is None:
             return plan
-        # Drawn after the motion, so that it leaves the motion as it is.
+        # Drawn after the motion, so that the motion does not depend on it.
         added_m = self.vibration.displacement_m(len(plan.poses) - 1, stage.timestep_s, stage.rng)
         return msgspec.structs.replace(plan, poses=plan.poses + np.pad(added_m, ((0, 0), (0, 1))))
 
     def stage(self) -> Stage:
-        """What the motion may know."""
+        """Inputs of the motion."""
         return Stage(
             whisker=self.resolved_whisker,
             shape=self.object,

@@ -1,4 +1,4 @@
-"""Runs a scene: plans the motion, steps the physics, reads the truth."""
+"""Simulation of a scene: plans the motion, integrates the physics, computes the ground truth."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,51 +13,51 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSORS, build_model
 from whisker_sim.motions import Plan
 from whisker_sim.motions.base import REST_S
+from whisker_sim.progress import report_share
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
 from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
 from whisker_sim.whisker import Array
 
-# MuJoCo would write its warnings to a log file in the working directory; here they fail the trace.
+# By default MuJoCo writes warnings to a log file in the working directory; here a warning fails the trace.
 _warnings: list[str] = []
 mujoco.set_mju_user_warning(_warnings.append)
 
 _CHUNK_STEPS = 2000
-_APART_M = 1e-3
-"""Loaded places farther from one another than this are places of their own. The softness of the contact spreads a single one over
-some tenths of a millimetre."""
+_SPLIT_DISTANCE_M = 1e-3
+"""Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
 _PENETRATION_LIMIT_M = 20e-6
-"""Deeper than this the contact is not the rigid one that a scene stands for."""
+"""At larger penetrations the contact is not the rigid one that a scene describes."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """One trace: n rows at the logging rate. World and SI units unless the name says otherwise."""
+    """One simulated trace: n rows at the logging rate, in World and SI units unless stated otherwise."""
 
     time_s: Array
     base_pose: Array
-    """(n, 3): x, y, yaw."""
+    """(n, 3): x, y (m), yaw (rad)."""
     base_twist: Array
-    """(n, 3): velocity along the base's x and y, angular velocity; in Base."""
+    """(n, 3): velocity along the x and y axes of Base (m/s), angular velocity (rad/s); in Base."""
     rotations_rad: Array
-    """(n, N + 1): rotation of the root, then of the hinges."""
+    """(n, N + 1): rotations of the root and of the hinges."""
     touching: NDArray[np.bool_]
     force_n: Array
     nearest: NDArray[np.intp]
-    """Index of the object nearest to the whisker (n,): zero where there is one alone."""
+    """Index (n,) of the object nearest to the whisker; zero if there is only one."""
     truth: ContactTruth
-    """Of every row, for the nearest object; it has a meaning where the whisker touches."""
+    """Contact with the nearest object at every row; meaningful only at rows in contact."""
     split: NDArray[np.bool_]
-    """Whether the whisker touches in places apart from one another (n,): the one contact of `truth` is then but the nearest."""
+    """Whether the whisker touches at separate points (n,); `truth` is then the nearest contact only."""
     penetration_m: Array
-    """Penetration of the two surfaces (n,), zero while free."""
+    """Penetration of the two surfaces (n,); zero without contact."""
 
 
 def simulate(run: Run) -> Simulated:
     """Simulates `run`.
 
-    Raises `InputError` where the motion does not fit the scene, and `SimulationError` where the physics fails or the contact
-    is not what the motion promises.
+    Raises `InputError` if the motion does not fit the scene, and `SimulationError` if the physics fails or the contact is not the
+    one that the motion guarantees.
     """
     scene = run.scene
     try:
@@ -89,7 +89,7 @@ def simulate(run: Run) -> Simulated:
 
 
 def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
-    """Positions, velocities and sensor data at the logged instants, in the model's units."""
+    """Positions, velocities and sensor data at the logged instants, in the units of the model."""
     model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
     data = mujoco.MjData(model)
     poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
@@ -99,12 +99,12 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
 
 
 def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:
-    """Steps from the state of `data` with the controls (n, nu), one a step.
+    """Integrates from the state of `data` with the controls (n, nu), one per step, and logs every `stride` steps.
 
-    Gives positions, velocities and sensor data at the start and after every `stride` steps, in the model's units. Raises as `roll`
-    does.
+    Returns positions, velocities and sensor data at the start and after every `stride` steps, in the units of the model. Raises
+    `SimulationError` as `roll` does.
     """
-    # A step's sensor data belong to the state before the step, so one more step gives those of the last row.
+    # Sensor data of a step belong to the state before the step; one additional step gives those of the last row.
     controls = np.concatenate((controls[: len(controls) // stride * stride], np.zeros((1, model.nu))))
     start, states, sensors = full_state(model, data), [], []
     chunk = max(1, _CHUNK_STEPS // stride) * stride
@@ -118,7 +118,7 @@ def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: 
 
 
 def full_state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """MuJoCo's full physics state: time, then coordinates, velocities and what else there is."""
+    """MuJoCo's full physics state: time, coordinates, velocities and actuator states."""
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, state, spec)
@@ -126,10 +126,10 @@ def full_state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int) -> Iterator[tuple[Array, Array]]:
-    """Steps from the state of `data` with the controls (n, nu), one a step, and gives `chunk` steps at a time.
+    """Integrates from the state of `data` with the controls (n, nu), one per step; yields the results of `chunk` steps at a time.
 
-    Gives full physics states after each step, and sensor data, which belong to the state before it. Raises `SimulationError` where
-    MuJoCo warns or the state is not finite.
+    Yields full physics states after each step, and sensor data, which belong to the state before the step. Raises `SimulationError`
+    on a warning from MuJoCo or a state that is not finite.
     """
     _warnings.clear()
     state, timestep_s = full_state(model, data), model.opt.timestep
@@ -138,16 +138,17 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int
         warmstart = data.qacc_warmstart.copy()
         after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
         _check_physics(after[0], start * timestep_s, timestep_s)
+        report_share(min(1.0, (start + chunk) / len(controls)))
         yield after[0], readings[0]
         state = after[0][-1]
 
 
 def is_split(sensors: Array) -> NDArray[np.bool_]:
-    """Whether the loaded places lie apart from one another (n,), from one whisker's sensor data (n, columns of `SENSORS`).
+    """Mask (n,) of rows with contacts at separate points, from one whisker's sensor data (n, columns of `SENSORS`).
 
-    They do where the diagonal of the box around them is longer than `_APART_M`.
+    The contacts are separate if the diagonal of their bounding box exceeds `_SPLIT_DISTANCE_M`.
     """
-    slots = sensors[:, SENSORS["places"]].reshape(len(sensors), -1, 6)
+    slots = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)
     loaded = np.any(slots[:, :, :3] != 0.0, axis=-1)
     several = np.sum(loaded, axis=1) > 1
     points_mm, where = slots[several, :, 3:], loaded[several, :, None]
@@ -155,13 +156,13 @@ def is_split(sensors: Array) -> NDArray[np.bool_]:
     lowest = np.min(points_mm, axis=1, where=where, initial=np.inf)
     extent_mm = np.zeros(len(slots))
     extent_mm[several] = np.linalg.norm(highest - lowest, axis=1)
-    return extent_mm > MM_PER_M * _APART_M
+    return extent_mm > MM_PER_M * _SPLIT_DISTANCE_M
 
 
 def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:
     if _warnings:
         raise SimulationError(f"MuJoCo warns: {_warnings[0]}")
-    # What is not finite once stays so.
+    # A value that is not finite remains so.
     if not np.all(np.isfinite(states[-1])):
         finite = np.all(np.isfinite(states), axis=1)
         raise SimulationError(f"state is not finite at {start_s + timestep_s * (int(np.argmin(finite)) + 1):.4f} s")
@@ -176,7 +177,7 @@ def _check(simulated: Simulated, plan: Plan) -> None:
         lost = ~touching & (time_s >= start_s) & (time_s <= end_s)
         if np.any(lost):
             raise SimulationError(
-                f"contact lost at {time_s[np.argmax(lost)]:.3f} s; the motion promises it from {start_s:.3f} s to {end_s:.3f} s"
+                f"contact lost at {time_s[np.argmax(lost)]:.3f} s, expected from {start_s:.3f} s to {end_s:.3f} s"
             )
         deep = (simulated.penetration_m > _PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
         if np.any(deep):
@@ -186,7 +187,7 @@ def _check(simulated: Simulated, plan: Plan) -> None:
             )
     at_tip = touching & simulated.truth.tip
     if plan.may_slip_off:
-        promised = [(time_s >= start_s) & (time_s <= end_s) for start_s, end_s in plan.touching]
-        at_tip &= np.any(promised, axis=0)
+        guaranteed = [(time_s >= start_s) & (time_s <= end_s) for start_s, end_s in plan.touching]
+        at_tip &= np.any(guaranteed, axis=0)
     if np.any(at_tip):
         raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")

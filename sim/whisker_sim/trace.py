@@ -1,4 +1,4 @@
-"""The files of a trace: CSV, outline and sidecar, as `datasets/FORMAT.md` specifies them."""
+"""Files of a trace: rows (CSV), outline and sidecar, as specified in `datasets/FORMAT.md`."""
 
 import functools
 import hashlib
@@ -15,9 +15,10 @@ import numpy as np
 import whisker_sim
 from whisker_sim.certificate import Certificate, certify
 from whisker_sim.documents import to_json
+from whisker_sim.paths import IN_REPOSITORY
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
-from whisker_sim.simulate import Simulated, simulate
+from whisker_sim.simulate import Simulated
 from whisker_sim.whisker import Array, Whisker
 
 COLUMNS = (
@@ -41,26 +42,29 @@ COLUMNS = (
     ("truth_force_n", 12),
     ("truth_tangent_rad", 10),
 )
-"""Columns of a trace in order, with their decimals."""
+"""Columns of a trace in order, with their numbers of decimals."""
 
-# Modules and packages that look at data or show them to people; a change in them makes no trace out of date.
-_ONLOOKERS = {
+_WITHOUT_INFLUENCE = {
     "__main__.py",
     "arm/picture.py",
-    "chores.py",
     "cli.py",
     "cluster.py",
     "drawing.py",
     "export.py",
+    "jobs.py",
+    "paths.py",
     "physics",
     "products.py",
+    "progress.py",
     "render.py",
     "rig",
+    "startup.py",
 }
+"""Modules and packages that do not influence the bytes of a trace; a change in them makes no trace out of date."""
 
 
 class Generator(msgspec.Struct, frozen=True):
-    """What made a trace."""
+    """Versions of the program that made a trace."""
 
     name: str
     version: str
@@ -70,7 +74,7 @@ class Generator(msgspec.Struct, frozen=True):
 
 
 class Contour(msgspec.Struct, frozen=True):
-    """The outline that belongs to a trace."""
+    """Outline of the object of a trace."""
 
     file: str
     sha256: str
@@ -81,7 +85,7 @@ AnyScene = TypeVar("AnyScene")
 
 
 class Sidecar(msgspec.Struct, Generic[AnyScene], frozen=True):
-    """All that is known of a trace beside its rows."""
+    """Metadata of a trace."""
 
     format: int
     kind: str
@@ -99,36 +103,33 @@ class Sidecar(msgspec.Struct, Generic[AnyScene], frozen=True):
     inputs_sha256: str
     csv_sha256: str
     contour: Contour | None
-    """Null in a trace of a recording, which has the outlines of all its objects."""
+    """`None` in a trace of a recording, which has the outlines of all its objects."""
     certificate: Certificate
     recording: str | msgspec.UnsetType = msgspec.UNSET
-    """The recording of several whiskers to which the trace belongs; left out where there is none."""
+    """Name of the recording of several whiskers to which the trace belongs; omitted if there is none."""
 
 
-def make(folder: Path, run: Run) -> str:
-    """Simulates `run` and writes its trace into `folder`; gives one line for people."""
-    simulated = simulate(run)
-    write_trace(folder, run, simulated)
-    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
+def write_trace(folder: Path, run: Run, simulated: Simulated) -> str:
+    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json` into `folder`; returns one line of text for the user.
 
-
-def write_trace(folder: Path, run: Run, simulated: Simulated) -> None:
-    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json`, which says that all is there, into `folder`."""
+    The sidecar is last, so that its presence shows that the trace is complete.
+    """
     scene = run.scene
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
     contour, outline = contour_of(run.name, scene.object)
     certificate = certify(scene.resolved_whisker, [scene.object], scene.face, simulated, scene.vibration is not None)
     sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
     folder.mkdir(parents=True, exist_ok=True)
-    # A sidecar of before must not stand beside rows that it does not describe.
+    # An old sidecar must not remain beside rows that it does not describe.
     (folder / f"{run.name}.json").unlink(missing_ok=True)
     write_atomically(folder / f"{run.name}.csv", csv)
     write_atomically(folder / contour.file, outline)
     write_atomically(folder / f"{run.name}.json", to_json(sidecar))
+    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
 
 
 def contour_of(name: str, shape: Shape) -> tuple[Contour, bytes]:
-    """The outline of `shape` as the file `<name>.contour.csv`, and its bytes."""
+    """Outline of `shape` as the file `<name>.contour.csv`, and its content."""
     outline_m = shape.outline_m()
     outline = format_csv([outline_m[:, 0], outline_m[:, 1]], (("x_m", 10), ("y_m", 10)))
     return Contour(f"{name}.contour.csv", sha256(outline), shape.chord_error_m()), outline
@@ -144,7 +145,7 @@ def sidecar_of(
     certificate: Certificate,
     recording: str | msgspec.UnsetType = msgspec.UNSET,
 ) -> Sidecar[AnyScene]:
-    """The sidecar of the trace `name` with the rows `csv`."""
+    """Sidecar of the trace `name` with the rows `csv`."""
     return Sidecar(
         format=scene.format,
         kind="trace",
@@ -168,7 +169,7 @@ def sidecar_of(
 
 
 def is_up_to_date(folder: Path, run: Run) -> bool:
-    """Whether `folder` holds just the trace that `run` would make: same inputs, and files that match their hashes."""
+    """Whether `folder` holds exactly the trace of `run`: same inputs, and files that match their hashes."""
     try:
         sidecar = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())
         return bool(
@@ -181,7 +182,7 @@ def is_up_to_date(folder: Path, run: Run) -> bool:
 
 
 def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
-    """Values of all columns (n,) in order; NaN where a value is unknown."""
+    """Values (n,) of all columns in order; NaN for unknown values."""
     touching, truth = simulated.touching, simulated.truth
     root_rad = simulated.rotations_rad[:, 0]
     while_touching = [
@@ -205,7 +206,7 @@ def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
 
 
 def format_csv(values: list[Array], columns: tuple[tuple[str, int], ...]) -> bytes:
-    """CSV with a header and a fixed number of decimals a column; NaN is an empty field and -0 is 0."""
+    """CSV with a header and a fixed number of decimals per column; NaN becomes an empty field and -0 becomes 0."""
     fields = [_format(column, decimals) for column, (_, decimals) in zip(values, columns, strict=True)]
     lines = [",".join(name for name, _ in columns), *map(",".join, zip(*fields, strict=True))]
     return ("\n".join(lines) + "\n").encode()
@@ -218,9 +219,9 @@ def _format(values: Array, decimals: int) -> list[str]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Writes under a temporary name in the same folder and renames, so that a file that exists is complete.
+    """Writes a temporary file in the same folder and renames it, so that existing files are complete.
 
-    Raises `OSError` that names `path`, not the temporary file, which nobody asked for.
+    Raises `OSError` with the name `path` instead of that of the temporary file.
     """
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
@@ -237,32 +238,33 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def remove_leftovers(folder: Path, name: str) -> None:
-    """Removes what a generator that was killed left of the trace `name` under temporary names."""
+    """Removes temporary files of the trace `name` that a killed generator left."""
     for path in folder.glob(f".{name}.*.tmp"):
         path.unlink(missing_ok=True)
 
 
 def inputs_sha256(scene: msgspec.Struct) -> str:
-    """Hash of all that determines a trace: the scene with its seed, the generator's sources, the libraries' versions."""
-    made_by = generator()
-    return sha256(to_json([scene, made_by.source_sha256, made_by.mujoco, version("numpy")]))
+    """Hash of the inputs that determine a trace: scene with seed, sources of the generator, versions of the libraries."""
+    own = generator()
+    return sha256(to_json([scene, own.source_sha256, own.mujoco, version("numpy")]))
 
 
 @functools.cache
 def generator() -> Generator:
-    """What makes traces here and now."""
+    """The running generator."""
     package = Path(whisker_sim.__file__).parent
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         module = path.relative_to(package)
-        if _ONLOOKERS.isdisjoint((module.parts[0], module.as_posix())):
+        if _WITHOUT_INFLUENCE.isdisjoint((module.parts[0], module.as_posix())):
             digest.update(module.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), _git_commit(package), digest.hexdigest())
+    commit = _git_commit(package) if IN_REPOSITORY else None
+    return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), commit, digest.hexdigest())
 
 
 def _git_commit(folder: Path) -> str | None:
     try:
-        asked: Any = subprocess.run(
+        described: Any = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
             cwd=folder,
             capture_output=True,
@@ -272,9 +274,9 @@ def _git_commit(folder: Path) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return asked.stdout.strip()
+    return described.stdout.strip()
 
 
 def sha256(content: bytes) -> str:
-    """Hash of `content`, in hexadecimal digits."""
+    """SHA-256 of `content`, in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()

@@ -1,15 +1,15 @@
-"""Ground truth: the whisker's centre line from the joint angles, and where its surface is nearest to the object.
+"""Ground truth: the centre line that follows from the joint angles, and its contact point with the object.
 
-The centre line is the cubic Hermite curve through the middles of the links, where position and tangent of the chain are those of
-the rod (see `model`). It is smooth where the chain has corners, and takes the place of the solver's contact points, which jump
+The centre line is the cubic Hermite curve through the middles of the links, where position and tangent of the chain equal those of
+the rod (see `model`). It is smooth where the chain has corners. It is used instead of the solver's contact points, which jump
 from one capsule to the next.
 
-The whisker's surface is the envelope of circles about the centre line's points P(s), of the radius r(s). It is nearest to the
-object where the clearance dist(P(s)) - r(s) is least. There its slope, t n - r' with the tangent t and the object's outward normal
-n, is zero: on a tapered whisker the normal of the contact leans on the centre line as the surface does.
+The surface of the whisker is the envelope of circles of radius r(s) about the points P(s) of the centre line. The contact is at
+the minimum of the clearance dist(P(s)) - r(s), where its derivative t . n - r' vanishes, with the tangent t and the outward normal
+n of the object. On a tapered whisker the contact normal is thus inclined to the centre line as the surface is.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from whisker_sim.whisker import Array, Whisker
 
 _ARC_TOLERANCE_M = 1e-10
 _TIP_M = 1e-6
-"""A contact nearer to the end than this lies at the tip."""
+"""A contact within this distance of the end is at the tip."""
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,16 @@ class CenterLine:
     """Tangent angles (n, N + 1) at the nodes, continuous along the whisker and in time."""
     step_m: float
     radius_slope: float
-    """Change of the whisker's radius with the arc length."""
+    """Derivative of the whisker's radius with respect to arc length."""
 
     @classmethod
     def from_joints(cls, whisker: Whisker, base_pose: Array, rotations_rad: Array) -> "CenterLine":
-        """Builds centre lines from base poses (n, 3) and rotations (n, N + 1) of the root and the hinges."""
+        """Centre lines for base poses (n, 3) and rotations (n, N + 1) of root and hinges."""
         nodes_m = np.arange(whisker.segments + 1) * whisker.segment_m
         hinges_m = nodes_m[:-1] + 0.5 * whisker.segment_m
         rest_points_m, rest_angles_rad = whisker.rest_point_m(nodes_m), whisker.rest_angle_rad(nodes_m)
         hinge_points_m = whisker.rest_point_m(hinges_m)
-        # Rotation of each link against its undeflected direction; rest vectors turn by it.
+        # Rotation of each link relative to its undeflected direction.
         turn_rad = base_pose[:, 2:] + np.cumsum(rotations_rad, axis=1)
         pieces_m = turned(hinge_points_m - rest_points_m[:-1], turn_rad[:, :-1]) + turned(
             rest_points_m[1:] - hinge_points_m, turn_rad[:, 1:]
@@ -49,13 +49,9 @@ class CenterLine:
         points_m = base_pose[:, None, :2] + np.concatenate((np.zeros((len(base_pose), 1, 2)), np.cumsum(pieces_m, axis=1)), axis=1)
         return cls(points_m, turn_rad + rest_angles_rad, whisker.segment_m, whisker.radius_slope)
 
-    def rows(self, rows: NDArray[np.intp]) -> "CenterLine":
-        """The centre lines at the instants `rows` alone."""
-        return replace(self, points_m=self.points_m[rows], angles_rad=self.angles_rad[rows])
-
-    def at(self, arc_m: Array) -> tuple[Array, Array]:
-        """Points (n, 2) and tangent angles (n,) at one arc length (n,) for each instant."""
-        row = np.arange(len(arc_m))
+    def at(self, arc_m: Array, rows: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+        """Points (k, 2) and tangent angles (k,) at the arc lengths `arc_m` (k,) and instants `rows` (k,), by default all."""
+        row = np.arange(len(arc_m)) if rows is None else rows
         left = np.clip((arc_m / self.step_m).astype(int), 0, self.points_m.shape[1] - 2)
         u = arc_m / self.step_m - left
         p0, p1 = self.points_m[row, left], self.points_m[row, left + 1]
@@ -66,7 +62,7 @@ class CenterLine:
         chord = p1 - p0
         point = p0 + u * (t0 + u * (3.0 * chord - 2.0 * t0 - t1 + u * (t0 + t1 - 2.0 * chord)))
         slope = t0 + u * (2.0 * (3.0 * chord - 2.0 * t0 - t1) + 3.0 * u * (t0 + t1 - 2.0 * chord))
-        # The angle is measured from the node's, so that it does not wrap.
+        # The angle is measured relative to that of the node, so that it does not wrap.
         cos, sin = np.cos(a0), np.sin(a0)
         along, across = slope[:, 0] * cos + slope[:, 1] * sin, slope[:, 1] * cos - slope[:, 0] * sin
         return point, a0 + np.arctan2(across, along)
@@ -74,7 +70,7 @@ class CenterLine:
 
 @dataclass(frozen=True)
 class ContactTruth:
-    """Where the whisker's surface is nearest to the object, at n instants, in World."""
+    """Points at which the surface of the whisker is nearest to the object at n instants, in World."""
 
     contact_m: Array
     """Points (n, 2) on the centre line."""
@@ -86,22 +82,21 @@ class ContactTruth:
 
 
 def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
-    """Finds the point of each centre line where the whisker's surface is nearest to `shape`.
+    """Finds the point of each centre line at which the surface of the whisker is nearest to `shape`.
 
-    Between the neighbours of the nearest node the clearance falls and then rises: its slope along the centre line, the cosine
-    between the tangent and the direction away from the object less the slope of the radius, has a zero, which false position
-    finds (the Illinois rule: an end that stays twice counts half). Where the slope keeps its sign, the nearest point is the
-    whisker's end.
+    Between the neighbours of the nearest node the clearance has a minimum. Its derivative along the centre line, the cosine of the
+    angle between the tangent and the outward normal less the slope of the radius, is solved for zero by regula falsi (Illinois
+    variant). If the derivative does not change sign, the nearest point is an end of the whisker.
     """
     count, nodes, _ = line.points_m.shape
     _, distance_m = shape.closest(line.points_m.reshape(-1, 2))
-    # The radius at the root is the same for all, and does not count.
+    # The radius at the root is a common constant and omitted.
     clearance_m = distance_m.reshape(count, nodes) - line.radius_slope * line.step_m * np.arange(nodes)
     node = np.argmin(clearance_m, axis=1)
     low, high = np.maximum(node - 1, 0) * line.step_m, np.minimum(node + 1, nodes - 1) * line.step_m
 
     def slope_at(rows: NDArray[np.intp], arc_m: Array) -> Array:
-        point_m, tangent_rad = line.rows(rows).at(arc_m)
+        point_m, tangent_rad = line.at(arc_m, rows)
         nearest_m, distance_m = shape.closest(point_m)
         away_x, away_y = ((point_m - nearest_m) / distance_m[:, None]).T
         return away_x * np.cos(tangent_rad) + away_y * np.sin(tangent_rad) - line.radius_slope
@@ -126,7 +121,7 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
 
 
 def turned(vectors_m: Array, angle_rad: Array) -> Array:
-    """Vectors (..., 2) turned by the angles (...), which are broadcast."""
+    """Vectors (..., 2) rotated by the angles (...), which are broadcast."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     x, y = vectors_m[..., 0], vectors_m[..., 1]
     return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)

@@ -1,7 +1,7 @@
-"""Vibration of the base: what a robot's arm adds to the motion it is asked for.
+"""Vibration of the base, as superimposed on the planned motion by a robot arm.
 
-It excites the free whisker as on a robot: the simulator shakes the base, and the whisker answers by its own dynamics. The trace
-logs the base where it truly is, shaken; what a robot's encoders would miss of that is for a sensor front end to leave out.
+It excites the free whisker as on a robot: the simulated base vibrates and the whisker responds dynamically. The trace contains the
+true pose of the base; errors of a robot's encoders are modelled elsewhere, by a sensor front end.
 """
 
 import msgspec
@@ -12,9 +12,9 @@ from whisker_sim.whisker import Array, Positive
 
 
 class Vibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Noise with an even spectrum of acceleration between two frequencies, along x and y of World, independently.
+    """Noise of constant acceleration density between two frequencies, independent along x and y of World.
 
-    `acceleration_m_s2` is its root mean square along each axis, as it is asked of the base's drive.
+    `acceleration_m_s2` is the root mean square of the commanded acceleration along each axis.
     """
 
     acceleration_m_s2: Positive
@@ -28,7 +28,7 @@ class Vibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def displacement_m(self, steps: int, timestep_s: float, rng: np.random.Generator) -> Array:
         """Displacements (steps + 1, 2) of the base along x and y at every time step; they rise from zero within `REST_S`.
 
-        Raises `ValueError` where the time steps are too long for the band, or too few to hold it.
+        Raises `ValueError` if the time step is too long for the band, or the duration too short to resolve it.
         """
         frequency_hz = np.fft.rfftfreq(steps + 1, timestep_s)
         in_band = (frequency_hz >= self.low_hz) & (frequency_hz <= self.high_hz)
@@ -37,7 +37,7 @@ class Vibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"vibration: expected {self.low_hz} to {self.high_hz} Hz to fit {steps} time steps of {timestep_s} s, found no room"
             )
         phase_rad = rng.uniform(0.0, 2.0 * np.pi, (np.sum(in_band), 2))
-        # A cosine of amplitude A adds A^2 / 2 to the mean square; numpy's inverse transform has A (n / 2) for it.
+        # A cosine of amplitude A contributes A^2 / 2 to the mean square; its coefficient in NumPy's inverse transform is A n / 2.
         amplitude_m_s2 = self.acceleration_m_s2 * np.sqrt(2.0 / np.sum(in_band))
         spectrum = np.zeros((len(frequency_hz), 2), dtype=complex)
         spectrum[in_band] = (

@@ -1,7 +1,7 @@
-"""The whisker: its parameters, its undeflected shape, and the presets.
+"""Whiskers: parameters, undeflected shape, presets.
 
-s is the arc length from the root, L the length, d(s) the diameter, linear between root and tip, kappa0(s) the pre-curvature,
-piecewise constant. The undeflected shape is given in Base: the root at the origin, its tangent along +x.
+s is the arc length from the root, L the length, d(s) the diameter, linear between root and tip, kappa0(s) the piecewise constant
+pre-curvature. The undeflected shape is given in Base, with the root at the origin and its tangent along +x.
 """
 
 from typing import Annotated
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*\Z", max_length=100)]
-"""Those of files are made of it."""
+"""Also used as part of file names."""
 Length = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 NotNegativeLength = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Coordinate = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
@@ -22,17 +22,17 @@ Array = NDArray[np.float64]
 
 
 class Arc(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A piece of the undeflected whisker with constant curvature; positive bends to the left."""
+    """A piece of the undeflected whisker with constant curvature, positive to the left."""
 
     length_m: Length
     curvature_per_m: float
 
 
 class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of a whisker, as the sidecar of a trace holds them.
+    """Parameters of a whisker, as stored in the sidecar of a trace.
 
-    `damping_s` is the ratio of damping to stiffness of every hinge, the root's included (a Kelvin-Voigt time). A mode of angular
-    frequency w, integrated with time steps h, rings with the damping ratio w (damping_s + h) / 2.
+    `damping_s` is the ratio of damping to stiffness of every hinge, including the root (a Kelvin-Voigt time constant). With time
+    steps h, a mode of angular frequency w has the damping ratio w (damping_s + h) / 2.
     """
 
     name: str
@@ -67,20 +67,23 @@ class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def radius_slope(self) -> float:
-        """Change of the radius with the arc length: the sine of the angle by which the surface leans on the centre line."""
+        """Derivative of the radius with respect to arc length: the sine of the angle between surface and centre line."""
         return 0.5 * (self.tip_diameter_m - self.root_diameter_m) / self.length_m
 
     def compliance_rad_n_m(self, from_m: float, to_m: float) -> float:
-        """Integral of ds / EI between two arc lengths, EI = E pi d^4 / 64: the rotation per unit of bending moment.
+        """Integral of ds / EI between two arc lengths, EI = E pi d^4 / 64: rotation per unit bending moment (rad/(N m)).
 
-        With d linear, int ds/d^4 = (b - a) (da^2 + da db + db^2) / (3 da^3 db^3), exact and free of cancellation.
+        With d linear, int ds/d^4 = (b - a) (da^2 + da db + db^2) / (3 da^3 db^3), exact and without cancellation.
         """
         da, db = self.diameter_m([from_m, to_m])
         integral = (to_m - from_m) * (da * da + da * db + db * db) / (3.0 * da**3 * db**3)
         return float(64.0 * integral / (np.pi * self.youngs_modulus_pa))
 
     def mass_kg(self, from_m: Array, to_m: Array) -> Array:
-        """Masses between pairs of arc lengths, of any shape: rho pi/12 (b - a) (da^2 + da db + db^2), the frustum's."""
+        """Masses between pairs of arc lengths, of any shape, by the volume of a frustum.
+
+        rho pi/12 (b - a) (da^2 + da db + db^2).
+        """
         da, db = self.diameter_m(from_m), self.diameter_m(to_m)
         return self.density_kg_m3 * np.pi / 12.0 * (to_m - from_m) * (da * da + da * db + db * db)
 
@@ -113,9 +116,9 @@ class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _arc_chord(length_m: Array, curvature_per_m: Array, angle_rad: Array) -> Array:
-    """Vector (..., 2) from the start of a circular arc to its point at `length_m`; the arc starts at `angle_rad`.
+    """Vector (..., 2) from the start of a circular arc, in the direction `angle_rad`, to its point at `length_m`.
 
-    The chord is l sinc(kappa l / 2) at the mean angle, which holds for curvature zero too.
+    The chord is l sinc(kappa l / 2) at the mean angle, which also holds for zero curvature.
     """
     half_turn = 0.5 * curvature_per_m * length_m
     chord_m = length_m * np.sinc(half_turn / np.pi)
@@ -123,7 +126,7 @@ def _arc_chord(length_m: Array, curvature_per_m: Array, angle_rad: Array) -> Arr
 
 
 _PUBLISHED_DAMPING_S = 2.35e-3
-"""With it the ringing of the straight whisker sinks into the noise at rest within 1.4 s, as in Lin et al. (IROS 2022)."""
+"""The ringing of the straight whisker then decays to the noise level within 1.4 s, as in Lin et al. (IROS 2022)."""
 
 _NITINOL_80 = Whisker(
     name="straight",
@@ -139,7 +142,7 @@ _NITINOL_80 = Whisker(
 )
 
 _GEL_DAMPING_S = 1e-3
-"""Gel and plastic lose energy: the released whisker's first mode has a damping ratio of a tenth. An assumption."""
+"""Assumption for gel and plastic: the first mode of the released whisker has a damping ratio of 0.1."""
 
 _PRINTED_150 = Whisker(
     name="printed",
@@ -153,14 +156,13 @@ _PRINTED_150 = Whisker(
     segments=40,
     damping_s=_GEL_DAMPING_S,
 )
-"""The shaft of the OpenWhisker calibration platform (TAROS 2024): 150 mm, tapered, printed, on a hinge of gel.
+"""Shaft of the OpenWhisker calibration platform (TAROS 2024): 150 mm, tapered, printed, on a gel hinge.
 
-Published is its length. Modulus and density are those of PETG, after which their figures are named; the root's diameter is an
-assumption. Taper and hinge are rounded from what the published recordings have in common. A contact at the share x of the length
-turns the root, per push, 1 / (1 + K x / (1 - t x)) times as far as a rigid shaft, by the formulas of beams, with
-t = 1 - tip / root and K = k L / (3 EI). Their readings fall off towards the tip like t = 0.8 and K = 0.36: a tip a fifth as
-thick as the root, and a hinge so stiff that gel and shaft both give way.
-"""
+Its length is published. Modulus and density are those of PETG, the material named in their figures; the root diameter is an
+assumption. Taper and hinge stiffness are rounded values that fit all published recordings. By beam theory, a contact at the share x
+of the length rotates the root, per push, 1 / (1 + K x / (1 - t x)) times as far as that of a rigid shaft, with t = 1 - tip / root
+and K = k L / (3 EI). The published readings decrease towards the tip as for t = 0.8 and K = 0.36: a tip with a fifth of the root's
+diameter, and a hinge of such a stiffness that both gel and shaft deflect."""
 
 PRESETS: dict[str, tuple[str, Whisker]] = {
     whisker.name: (about, whisker)
@@ -185,11 +187,14 @@ PRESETS: dict[str, tuple[str, Whisker]] = {
         ("printed shaft, 150 mm, tapered from 3 to 0.6 mm, on a gel hinge", _PRINTED_150),
     )
 }
-"""Whiskers by name, each with one line about it."""
+"""Whiskers by name, each with a one-line description."""
 
 
 class WhiskerOverride(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A preset with some of its parameters replaced. It needs a name of its own: calibrations are kept by name."""
+    """A preset with some parameters replaced.
+
+    It needs a name of its own, because calibrations are identified by the name of the whisker.
+    """
 
     preset: str
     name: Name
@@ -205,7 +210,7 @@ class WhiskerOverride(msgspec.Struct, frozen=True, forbid_unknown_fields=True, o
 
 
 def resolve_whisker(choice: str | WhiskerOverride) -> Whisker:
-    """The whisker that a scene names; raises `ValueError` for an unknown preset or a name that a preset already has."""
+    """The whisker that a scene names; raises `ValueError` for an unknown preset or the name of a preset."""
     preset = choice if isinstance(choice, str) else choice.preset
     if preset not in PRESETS:
         key = "whisker" if isinstance(choice, str) else "whisker.preset"

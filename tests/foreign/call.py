@@ -1,6 +1,7 @@
-"""Calls the service as Cyclone DDS would, and listens with rosless: arguments of the call; prints where the printer pushed [m].
+"""Calls the service in the way of Cyclone DDS and listens with rosless; prints the positions of the pushes (m).
 
-A request of `rmw_cyclonedds_cpp` begins with half of the caller's identity and a number, and its answer repeats them.
+The arguments are those of the call. A request of `rmw_cyclonedds_cpp` begins with half of the caller's identity and a number, which
+its answer repeats.
 """
 
 import sys
@@ -22,7 +23,7 @@ NAME = "whisker_interfaces::srv::dds_::IncrementsBeamTest"
 
 @dataclass
 class Request(IdlStruct, typename=f"{NAME}_Request_"):
-    """What the routine is to do, in millimetres and seconds."""
+    """Parameters of the routine, in millimetres and seconds."""
 
     caller: array[uint8, 8]
     high: int32
@@ -36,7 +37,7 @@ class Request(IdlStruct, typename=f"{NAME}_Request_"):
 
 @dataclass
 class Response(IdlStruct, typename=f"{NAME}_Response_"):
-    """That it is over."""
+    """End of the routine."""
 
     caller: array[uint8, 8]
     high: int32

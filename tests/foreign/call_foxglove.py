@@ -1,4 +1,7 @@
-"""Calls the service of the Foxglove feed: its address, arguments of the call; prints where the printer pushed [m]."""
+"""Calls the service of the Foxglove feed; prints the positions of the pushes (m).
+
+The arguments are the address of the feed and those of the call.
+"""
 
 import asyncio
 import sys
@@ -12,7 +15,7 @@ url, (x, y, increments_x, increments_y, pause) = sys.argv[1], sys.argv[2:]
 
 
 def request(definition: str) -> bytes:
-    """The request, as the feed defines it."""
+    """The serialised request, by the definition of the feed."""
     types = get_typestore(Stores.ROS2_HUMBLE)
     types.register(get_types_from_msg(definition, REQUEST))
     arguments = (float(x), float(y), int(increments_x), int(increments_y), int(pause))

@@ -1,6 +1,6 @@
-"""A listener of the Foxglove feed, with robo-ws-bridge.
+"""Listener of the Foxglove feed, with robo-ws-bridge.
 
-Messages are decoded with mcap-ros2-support, by the definitions that the feed states.
+Messages are decoded with mcap-ros2-support by the definitions of the feed.
 """
 
 import asyncio
@@ -13,10 +13,10 @@ from robo_ws_bridge import WebSocketBridgeClient
 
 
 class Feed:
-    """A connection that listens to every topic there is."""
+    """A connection that subscribes to every topic."""
 
     def __init__(self, url: str) -> None:
-        """Prepares for the feed at this address."""
+        """Prepares a connection to the feed at this address."""
         self.client = WebSocketBridgeClient(url, min_retry_delay=0.2, max_retry_delay=0.2)
         self.client.on_advertised_channel(self._subscribe)
         self.client.on_message(self._take)
@@ -24,12 +24,12 @@ class Feed:
         self._last_s = time.monotonic()
 
     async def __aenter__(self) -> Self:
-        """Connects, once the feed is there."""
+        """Connects as soon as the feed exists."""
         await self.client.connect()
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Ends the connection."""
+        """Closes the connection."""
         await self.client.disconnect()
 
     async def _subscribe(self, channel: dict) -> None:
@@ -40,12 +40,12 @@ class Feed:
         self._last_s = time.monotonic()
 
     async def silence(self, first_s: float, silence_s: float) -> None:
-        """Waits until nothing has come for so long; the first message may take longer."""
+        """Waits until no message has arrived for `silence_s`; the first message may take `first_s`."""
         while time.monotonic() < self._last_s + (silence_s if self._come else first_s):
             await asyncio.sleep(0.1)
 
     def messages(self) -> list[tuple[str, object]]:
-        """Topic and content of each message that has come."""
+        """Topic and content of each received message."""
         return [(channel["topic"], decoded(channel, payload)) for channel, payload in self._come]
 
 
@@ -53,7 +53,7 @@ _decoders = DecoderFactory()
 
 
 def decoded(channel: dict, payload: bytes) -> object:
-    """A message of a channel."""
+    """Decodes a message of a channel."""
     definition = channel["schema"].encode()
     schema = Schema(id=channel["id"], name=channel["schemaName"], encoding=channel["schemaEncoding"], data=definition)
     return _decoders.decoder_for(channel["encoding"], schema)(payload)

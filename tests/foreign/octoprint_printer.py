@@ -1,6 +1,6 @@
-"""OctoPrint's virtual printer on a pseudo-terminal: prints the port, and serves it until it is ended.
+"""OctoPrint's virtual printer on a pseudo-terminal: prints the port and serves it until the process ends.
 
-Runs in a virtual environment of its own that has OctoPrint; nothing of the project imports it.
+Runs in a virtual environment of its own with OctoPrint; the project does not import it.
 """
 
 import os
@@ -13,7 +13,7 @@ from octoprint.plugins.virtual_printer.virtual import VirtualPrinter
 
 
 class Settings:
-    """The plugin's own defaults, in the way the plugin asks for them."""
+    """Defaults of the plugin, with the interface that the plugin uses."""
 
     def __init__(self, folder: str) -> None:
         self._values = VirtualPrinterPlugin().get_settings_defaults()
@@ -39,9 +39,9 @@ class Settings:
 
 
 def main() -> None:
-    """Serves until the process is ended."""
+    """Serves until the process ends."""
     folder = os.environ["TMPDIR"]
-    # The printer asks other plugins; there are none.
+    # The printer queries other plugins; there are none.
     plugin_manager(init=True, plugin_folders=[], plugin_entry_points=[])
     device, port = os.openpty()
     tty.setraw(device)

@@ -1,6 +1,6 @@
-"""Printrun's printcore drives the printer on the port that is given, and prints what it says; ends with 0 once all is done.
+"""Printrun's printcore drives the printer on the given port and prints its responses; exit code 0 if all lines are processed.
 
-Runs in a virtual environment of its own that has Printrun; nothing of the project imports it.
+Runs in a virtual environment of its own with Printrun; the project does not import it.
 """
 
 import sys
@@ -15,10 +15,10 @@ PATIENCE_S = 120
 
 
 def main() -> int:
-    """Connects, prints `LINES`, and asks where the head is."""
+    """Connects, prints `LINES`, and queries the position of the head."""
     printer, online = printcore(), threading.Event()
-    said: list[str] = []
-    printer.recvcb = said.append
+    responses: list[str] = []
+    printer.recvcb = responses.append
     printer.onlinecb = online.set
     printer.connect(sys.argv[1], 115200)
     if not online.wait(PATIENCE_S):
@@ -27,11 +27,11 @@ def main() -> int:
     deadline = time.monotonic() + PATIENCE_S
     while printer.printing and time.monotonic() < deadline:
         time.sleep(0.05)
-    while not any(line.startswith("X:") for line in said) and time.monotonic() < deadline:
+    while not any(line.startswith("X:") for line in responses) and time.monotonic() < deadline:
         time.sleep(0.05)
     printer.disconnect()
-    print("".join(said))
-    return 0 if any(line.startswith("X:") for line in said) else 1
+    print("".join(responses))
+    return 0 if any(line.startswith("X:") for line in responses) else 1
 
 
 sys.exit(main())

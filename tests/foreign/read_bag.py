@@ -1,6 +1,6 @@
-"""Reads a recording with a reader of others, `rosbags` or `mcap_ros2`, or listens to one that is played to `foxglove`.
+"""Reads a recording with `rosbags` or `mcap_ros2`, or listens to one that is played to `foxglove`.
 
-Prints each topic's messages and what they sum up to.
+Prints the number of messages of each topic and the sum of their values.
 """
 
 import asyncio
@@ -41,7 +41,7 @@ async def heard() -> list[tuple[str, object]]:
 
 
 def number(topic: str, message: object) -> float:
-    """A number that stands in the message."""
+    """A number that the message contains."""
     if topic == "/moment":
         return message.wrench.torque.z
     if topic == "/tf":

@@ -1,4 +1,7 @@
-"""Receives magnetic fields with rosless: topic and number to expect; prints how many came, if in order, and in which time."""
+"""Receives magnetic fields with rosless: prints number, order and duration of the received messages.
+
+The arguments are topic and expected number.
+"""
 
 import sys
 import time

@@ -1,4 +1,7 @@
-"""Writes recordings with rosbags: folder, kind (`stream` or `openwhisker`), number of readings at 800 Hz, numbered along x."""
+"""Writes recordings with rosbags.
+
+The arguments are folder, kind (`stream` or `openwhisker`), and number of readings at 800 Hz, which are numbered along x.
+"""
 
 import sys
 from pathlib import Path
@@ -18,7 +21,7 @@ of = types.types
 
 
 def field(i: int) -> object:
-    """The reading of this number."""
+    """The reading number `i`."""
     time_ns = BEGIN_NS + i * PERIOD_NS
     stamp = of["builtin_interfaces/msg/Time"](sec=time_ns // 10**9, nanosec=time_ns % 10**9)
     header = of["std_msgs/msg/Header"](stamp=stamp, frame_id="")

@@ -1,1 +1,1 @@
-"""A robot arm that carries two arrays of whiskers past objects that stand free on a table."""
+"""Robot arm that moves two arrays of whiskers past free-standing objects on a table."""

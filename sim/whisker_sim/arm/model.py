@@ -1,8 +1,8 @@
-"""The MuJoCo model of a scene with an arm: arm, tool, whiskers, table and free-standing objects.
+"""MuJoCo model of a scene with an arm: arm, tool, whiskers, table and free-standing objects.
 
-Units are those of `whisker_sim.model`: millimetres, grams, seconds. Gravity acts on all; the arm's own weight is balanced, as its
-controller does. The joints' coordinates count from the posture in which the scene begins, so that the model at rest is the scene
-at its start, with all controls at zero.
+Units are those of `whisker_sim.model`: millimetres, grams, seconds. Gravity acts on all bodies; the weight of the arm is
+compensated, as by its controller. Joint coordinates count from the initial posture of the scene, so that the model with zero
+coordinates and controls is the scene at its start.
 """
 
 import xml.etree.ElementTree as ET
@@ -21,12 +21,12 @@ from whisker_sim.whisker import Array
 TABLE_M = 0.0
 """Height of the table's top in World."""
 OBJECT = "object_"
-"""Before the names of the objects, lest one is called as a part of the arm."""
+"""Prefix of the names of the objects, which distinguishes them from parts of the arm."""
 
 _SERVO_RAD_S = 2.0 * np.pi * 40.0
-_FELT_KG_M2 = (1.0, 1.5, 0.8, 0.8, 0.06, 0.05, 0.012)
-"""Inertia that each servo is tuned for: about what its joint has to turn."""
-_LOOKS: dict[str, tuple[tuple[float, ...], ...]] = {
+_SERVO_INERTIA_KG_M2 = (1.0, 1.5, 0.8, 0.8, 0.06, 0.05, 0.012)
+"""Inertia for which each servo is tuned, about that which its joint moves."""
+_VISUALS: dict[str, tuple[tuple[float, ...], ...]] = {
     "foot": ((0.0, 0.0, 60.0, 0.0, 0.0, 200.0, 72.0), (-50.0, 0.0, 40.0, 0.0, 0.0, 40.0, 78.0)),
     "arm_1": ((0.0, 0.0, -120.0, 0.0, 0.0, 0.0, 60.0), (0.0, -60.0, 0.0, 0.0, 60.0, 0.0, 58.0)),
     "arm_2": ((0.0, 0.0, 0.0, 0.0, -200.0, 0.0, 54.0),),
@@ -41,7 +41,7 @@ _LOOKS: dict[str, tuple[tuple[float, ...], ...]] = {
     "arm_7": ((0.0, 0.0, -10.0, 0.0, 0.0, 70.0, 40.0),),
     "tool": ((0.0, 0.0, MM_PER_M * LENGTH_M - 8.0, 0.0, 0.0, 16.0, 7.0),),
 }
-"""Capsules that stand for the links: both ends and the radius, in millimetres, in the frame of the body."""
+"""Capsules that represent the links: both ends and the radius (mm), in the frame of the body."""
 _SUN = {
     "pos": "600 -500 1200",
     "dir": "-0.45 0.35 -0.8",
@@ -55,14 +55,14 @@ _LIGHT, _DARK = "0.93 0.94 0.95 1", "0.25 0.27 0.30 1"
 _TOOL_MASS_KG, _TOOL_INERTIA_KG_M2 = 0.25, (4e-4, 5e-4, 2e-4)
 
 TOOL_SENSOR = len(MOUNTS) * SENSOR_COLUMNS
-"""Column of the sensor data that is above zero while the tool itself touches something; before it come those of the whiskers."""
+"""Column of the sensor data, after those of the whiskers, that is positive while the tool itself is in contact."""
 
 
 def build_arm_model(scene: ArmScene, start_rad: Array) -> mujoco.MjModel:
     """Compiles the model of `scene` with the arm's joints at `start_rad` (7,).
 
-    Coordinates: the joints' angles from there, then the root's and the hinges' rotations of each whisker in the order of
-    `MOUNTS`, then the objects' poses. Controls: the joints' angles from `start_rad`, then their speeds.
+    Coordinates: joint angles relative to `start_rad`, then rotations of root and hinges of each whisker in the order of `MOUNTS`,
+    then poses of the objects. Controls: joint angles relative to `start_rad`, then joint speeds.
     """
     return compiled(build_arm_mjcf(scene, start_rad))
 
@@ -94,13 +94,13 @@ def build_arm_mjcf(scene: ArmScene, start_rad: Array) -> str:
 
 
 def _add_arm(world: ET.Element, scene: ArmScene, start_rad: Array) -> ET.Element:
-    """Adds the arm; gives the body of the tool's frame."""
+    """Adds the arm; returns the body of the tool's frame."""
     foot_mm = MM_PER_M * np.array(scene.arm.foot_m)
     body = ET.SubElement(world, "body", name="foot", pos=mjcf(*foot_mm), euler=mjcf(0.0, 0.0, scene.arm.yaw_rad))
-    _add_looks(body, "foot")
+    _add_visuals(body, "foot")
     rows = zip(panda.LINKS, panda.BODIES, start_rad, panda.TORQUE_N_M, strict=True)
     for index, (link, mass, angle_rad, torque_n_m) in enumerate(rows, start=1):
-        # Tx and Tz of Craig's link transform, seen from the link before: Rx(alpha) turns z to (0, -sin, cos).
+        # Tx and Tz of Craig's link transform in the frame of the previous link: Rx(alpha) rotates z to (0, -sin, cos).
         sin, cos = np.sin(link.alpha_rad), np.cos(link.alpha_rad)
         body = ET.SubElement(
             body,
@@ -119,7 +119,7 @@ def _add_arm(world: ET.Element, scene: ArmScene, start_rad: Array) -> ET.Element
             mass=mjcf(G_PER_KG * mass.mass_kg),
             fullinertia=mjcf(*(G_PER_KG * MM_PER_M**2 * np.array(mass.inertia_kg_m2))),
         )
-        _add_looks(body, f"arm_{index}")
+        _add_visuals(body, f"arm_{index}")
     tool_mm = (0.0, 0.0, MM_PER_M * (panda.FLANGE_D_M + LENGTH_M))
     tool = ET.SubElement(body, "body", name="tool", pos=mjcf(*tool_mm), euler=mjcf(np.pi, 0.0, 0.0), gravcomp="1")
     ET.SubElement(
@@ -129,24 +129,24 @@ def _add_arm(world: ET.Element, scene: ArmScene, start_rad: Array) -> ET.Element
         mass=mjcf(G_PER_KG * _TOOL_MASS_KG),
         diaginertia=mjcf(*(G_PER_KG * MM_PER_M**2 * np.array(_TOOL_INERTIA_KG_M2))),
     )
-    _add_looks(tool, "tool")
-    # The block that bears the whiskers is the one part of the arm that comes near the objects, and meets them.
+    _add_visuals(tool, "tool")
+    # The block that bears the whiskers is the only part of the arm that comes near the objects, and can collide with them.
     ET.SubElement(tool, "geom", type="box", size=mjcf(*_BLOCK_MM), contype="1", conaffinity="0", condim="1", rgba=_DARK)
     return tool
 
 
-def _add_looks(body: ET.Element, name: str) -> None:
-    for *ends_mm, radius_mm in _LOOKS[name]:
+def _add_visuals(body: ET.Element, name: str) -> None:
+    for *ends_mm, radius_mm in _VISUALS[name]:
         seen = {"type": "capsule", "fromto": mjcf(*ends_mm), "size": mjcf(radius_mm), "rgba": _DARK if name == "tool" else _LIGHT}
         ET.SubElement(body, "geom", seen, contype="0", conaffinity="0")
 
 
 def _add_servos(root: ET.Element) -> None:
-    """A servo a joint, critically damped about its moving reference."""
+    """Adds a critically damped servo about a moving reference for each joint."""
     actuator = ET.SubElement(root, "actuator")
-    for index, inertia_kg_m2 in enumerate(_FELT_KG_M2, start=1):
+    for index, inertia_kg_m2 in enumerate(_SERVO_INERTIA_KG_M2, start=1):
         stiffness = NNM_PER_NM * inertia_kg_m2 * _SERVO_RAD_S**2
         ET.SubElement(actuator, "position", name=f"angle_{index}", joint=f"arm_{index}", kp=mjcf(stiffness))
-    for index, inertia_kg_m2 in enumerate(_FELT_KG_M2, start=1):
+    for index, inertia_kg_m2 in enumerate(_SERVO_INERTIA_KG_M2, start=1):
         damping = 2.0 * NNM_PER_NM * inertia_kg_m2 * _SERVO_RAD_S
         ET.SubElement(actuator, "velocity", name=f"speed_{index}", joint=f"arm_{index}", kv=mjcf(damping))

@@ -1,4 +1,4 @@
-"""The arm: a Franka Emika Panda, its kinematics, its limits and its masses.
+"""Franka Emika Panda arm: kinematics, limits and masses.
 
 Craig's convention (J. J. Craig, "Introduction to Robotics", 3rd edition, section 3.4): frame i is fixed to link i, its z axis is
 that of joint i, and T_i(q_i) = Rx(alpha_i) Tx(a_i) Rz(q_i) Tz(d_i) places it in frame i - 1. Parameters and limits are those of
@@ -37,14 +37,14 @@ LINKS = (
 )
 JOINTS = len(LINKS)
 FLANGE_D_M = 0.107
-"""The flange lies so far along the last axis, in the last link's frame."""
+"""Distance of the flange along the last axis, in the frame of the last link."""
 
 LOWER_RAD = np.array((-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973))
 UPPER_RAD = np.array((2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973))
 SPEED_RAD_S = np.array((2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61))
 TORQUE_N_M = np.array((87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0))
 READY_RAD = np.array((0.0, -0.25 * np.pi, 0.0, -0.75 * np.pi, 0.0, _QUARTER, 0.25 * np.pi))
-"""The posture in which Franka's examples begin: elbow up, flange down."""
+"""Initial posture of Franka's examples: elbow up, flange down."""
 
 
 class Body(NamedTuple):
@@ -68,7 +68,7 @@ BODIES = (
 
 
 def frames(q_rad: Array) -> Array:
-    """Poses (..., 8, 4, 4) of the links' frames and, last, of the flange, in the arm's base frame, for joint angles (..., 7)."""
+    """Poses (..., 8, 4, 4) of the links and, last, of the flange, in the base frame of the arm, for joint angles (..., 7)."""
     pose = np.broadcast_to(np.eye(4), (*q_rad.shape[:-1], 4, 4))
     poses = []
     for index, link in enumerate(LINKS):
@@ -78,39 +78,39 @@ def frames(q_rad: Array) -> Array:
 
 
 def tool_pose(q_rad: Array, tool: Array) -> Array:
-    """Poses (..., 4, 4), in the arm's base frame, of what is mounted on the flange at `tool` (4, 4)."""
+    """Poses (..., 4, 4), in the base frame of the arm, of a body mounted on the flange at `tool` (4, 4)."""
     return frames(q_rad)[..., -1, :, :] @ tool
 
 
 def body_jacobian(q_rad: Array, tool: Array) -> Array:
-    """Jacobians (..., 6, 7) of the body twist (v, w) of what is mounted on the flange at `tool` (4, 4), in its own frame.
+    """Jacobians (..., 6, 7) of the twist (v, w), in its own frame, of a body mounted on the flange at `tool` (4, 4).
 
-    xi = J(q) dq/dt. Joint i turns the body about its axis z_i through o_i: v = z_i x (p - o_i), w = z_i, then seen from the body.
+    xi = J(q) dq/dt. Joint i rotates the body about its axis z_i through o_i: v = z_i x (p - o_i), w = z_i, transformed to the body.
     """
     poses = frames(q_rad)
     pose = poses[..., -1, :, :] @ tool
     axes, origins = poses[..., :-1, :3, 2], poses[..., :-1, :3, 3]
     linear = np.cross(axes, pose[..., None, :3, 3] - origins)
-    # Rows are joints here; multiplied by the rotation from the right, they are seen from the body.
+    # Rows are joints here; multiplication by the rotation from the right transforms them to the body.
     return np.concatenate((linear @ pose[..., :3, :3], axes @ pose[..., :3, :3]), axis=-1).swapaxes(-1, -2)
 
 
 def translation(offset_m: tuple[float, float, float]) -> Array:
-    """Pose (4, 4) that is moved but not turned."""
+    """Pose (4, 4) of a pure translation."""
     pose = np.eye(4)
     pose[:3, 3] = offset_m
     return pose
 
 
 def rotation_z(angle_rad: float) -> Array:
-    """Pose (4, 4) turned about z."""
+    """Pose (4, 4) of a rotation about z."""
     pose, cos, sin = np.eye(4), np.cos(angle_rad), np.sin(angle_rad)
     pose[:2, :2] = ((cos, -sin), (sin, cos))
     return pose
 
 
 def rotation_x(angle_rad: float) -> Array:
-    """Pose (4, 4) turned about x."""
+    """Pose (4, 4) of a rotation about x."""
     pose, cos, sin = np.eye(4), np.cos(angle_rad), np.sin(angle_rad)
     pose[1:3, 1:3] = ((cos, -sin), (sin, cos))
     return pose

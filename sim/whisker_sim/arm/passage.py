@@ -1,7 +1,7 @@
-"""The way of the tool between the objects, and the joint trajectory that takes it there.
+"""Path of the tool between the objects, and its joint trajectory.
 
-The tool passes one object after the other, at a distance from its outline, with one side turned to it: the array on that side is
-drawn along the outline while the other is free.
+The tool passes the objects one after the other at a distance from their outlines, with one side towards them: the array on that
+side is dragged along the outline while the other one is free.
 """
 
 from math import ceil
@@ -19,32 +19,32 @@ from whisker_sim.shapes import Shape
 from whisker_sim.whisker import Angle, Array, Length, Positive
 
 _RAMP_S = 0.5
-"""The tool takes so long to reach its speed, and to stop."""
+"""Duration of the acceleration and of the deceleration."""
 _WAYPOINT_M = 0.012
-"""Distance of the spline's points along a pass."""
+"""Distance between the waypoints of a pass."""
 _ANGLE_RAD = 1e-3
-"""Between the directions in which an outline's support points are taken."""
-_APART_M = 1e-7
-"""Waypoints nearer than this to the one before are the same place, where passes join."""
+"""Angle between the directions at which the support points of an outline are sampled."""
+_DISTINCT_M = 1e-7
+"""Waypoints at a smaller distance coincide, at the junction of two passes."""
 _DENSE_M = 1e-4
-"""Distance of the points between which the way along the spline is measured."""
+"""Distance between the points at which the length of the spline is measured."""
 _KNOT_S = 0.02
-"""Time between the tool's poses for which joint angles are sought; a spline joins them."""
+"""Time between the poses of the tool for which the inverse kinematics is solved; joint angles are interpolated by a spline."""
 
 _DAMPING = 1e-3
-"""Of the inverse kinematics, in metres and radians: what is smaller among the arm's singular values hardly moves it."""
+"""Damping of the inverse kinematics (m, rad): directions with smaller singular values hardly move the arm."""
 _STEP_RAD = 0.2
-"""No joint turns further at a time, lest the first solution is sought from too far."""
+"""Maximum rotation of a joint per iteration, which keeps the iteration within its region of convergence."""
 _ITERATIONS = 100
 _TOLERANCE = 1e-10
 _ELBOW = 2
-"""Index of the joint that stays at zero."""
+"""Index of the joint that remains at zero."""
 
 
 class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A way along an outline, from where its normal has one direction in World to where it has another.
+    """A path along an outline, between two directions of its normal in World.
 
-    The tool turns its `side` to the object. Where the direction rises, the whiskers trail; where it falls, they go tip first.
+    The tool turns its `side` to the object. If the direction increases, the whiskers trail; if it decreases, they point forward.
     """
 
     object: str
@@ -52,7 +52,7 @@ class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     from_rad: Angle
     to_rad: Angle
     distance_m: Annotated[float, msgspec.Meta(ge=1e-3, le=10.0)]
-    """Of the tool's axis from the outline."""
+    """Distance of the tool's axis from the outline."""
 
     def __post_init__(self) -> None:
         if not abs(self.to_rad - self.from_rad) > _ANGLE_RAD:
@@ -61,40 +61,40 @@ class Pass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
     def poses(self, shape: Shape) -> Array:
-        """Poses (n, 3) of the tool in World along the pass, about `_WAYPOINT_M` apart: x, y, yaw."""
+        """Poses (n, 3) of the tool in World along the pass, about `_WAYPOINT_M` apart: x, y (m), yaw (rad)."""
         angles = np.linspace(self.from_rad, self.to_rad, 2 + int(abs(self.to_rad - self.from_rad) / _ANGLE_RAD))
         normals = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
         points_m = np.array([shape.support_m(normal) for normal in normals]) + self.distance_m * normals
         yaw_rad = angles + (0.5 if self.side == "left" else -0.5) * np.pi
-        way_m = _way_m(points_m)
+        way_m = _path_length_m(points_m)
         at_m = np.linspace(0.0, way_m[-1], 1 + max(1, round(way_m[-1] / _WAYPOINT_M)))
         return np.stack([np.interp(at_m, way_m, values) for values in (*points_m.T, yaw_rad)], axis=-1)
 
 
 class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The way of the tool: strokes from rest to rest, each of passes that a spline joins.
+    """Path of the tool: strokes from rest to rest, each a sequence of passes joined by a spline.
 
-    A stroke begins and ends with a straight way, on which the tool comes to the first object and leaves the last. From one stroke
-    to the next it moves straight.
+    A stroke begins and ends with a straight lead, on which the tool approaches the first object and leaves the last one. Between
+    strokes the tool moves straight.
     """
 
     strokes: Annotated[tuple[Annotated[tuple[Pass, ...], msgspec.Meta(min_length=1)], ...], msgspec.Meta(min_length=1)]
     height_m: Length
-    """Of the middle whiskers above the table."""
+    """Height of the middle whiskers above the table."""
     speed_m_s: Positive = 0.04
     lead_m: Length = 0.07
-    """Length of the straight way at either end of a stroke."""
+    """Length of the straight lead at either end of a stroke."""
 
     def poses(self, objects: dict[str, FreeObject], longest_s: float) -> tuple[Array, Array]:
-        """Times (n,), `_KNOT_S` apart, and the tool's poses (n, 3) in World: x, y, yaw. It rests for `REST_S` first.
+        """Times (n,), `_KNOT_S` apart, and poses (n, 3) of the tool in World: x, y (m), yaw (rad). It rests for the first `REST_S`.
 
-        Raises `ValueError` where a pass names no object, and where the whole takes more than `longest_s`.
+        Raises `ValueError` if a pass names an unknown object, or the path takes more than `longest_s`.
         """
         strokes = [self._waypoints(stroke, objects) for stroke in self.strokes]
         legs = [strokes[0]]
         for stroke in strokes[1:]:
             stroke[:, 2] -= 2.0 * np.pi * np.round((stroke[0, 2] - legs[-1][-1, 2]) / (2.0 * np.pi))
-            between = _apart(np.stack((legs[-1][-1], stroke[0])))
+            between = _distinct(np.stack((legs[-1][-1], stroke[0])))
             legs += [between, stroke] if len(between) > 1 else [stroke]
         poses, left_s = [np.repeat(strokes[0][:1], 1 + ceil(REST_S / _KNOT_S), axis=0)], longest_s - REST_S
         for leg in legs:
@@ -110,22 +110,22 @@ class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if one.object not in objects:
                 raise ValueError(f"path.strokes: expected passes of {', '.join(objects)}, found one of '{one.object}'")
             poses.append(one.poses(objects[one.object].object))
-        poses = _apart(np.concatenate(poses))
+        poses = _distinct(np.concatenate(poses))
         poses[:, 2] = np.unwrap(poses[:, 2])
         shares = np.linspace(0.0, 1.0, 1 + max(1, round(self.lead_m / _WAYPOINT_M)))[1:, None]
         leads = []
         for end, inner in ((poses[0], poses[1]), (poses[-1], poses[-2])):
             away = (end - inner)[:2] / np.hypot(*(end - inner)[:2])
             leads.append(end + shares * np.append(self.lead_m * away, 0.0))
-        return _apart(np.concatenate((leads[0][::-1], poses, leads[1])))
+        return _distinct(np.concatenate((leads[0][::-1], poses, leads[1])))
 
     def _moved_along(self, waypoints: Array, longest_s: float) -> Array:
-        """Poses (n, 3), one every `_KNOT_S`, on the way through `waypoints` (m, 3) from rest to rest, within `longest_s`."""
-        knots = _way_m(waypoints)
+        """Poses (n, 3), `_KNOT_S` apart, along the path through `waypoints` (m, 3) from rest to rest, within `longest_s`."""
+        knots = _path_length_m(waypoints)
         spline = Spline(knots, waypoints)
         dense = np.linspace(0.0, knots[-1], 2 + int(knots[-1] / _DENSE_M))
-        way_m = _way_m(spline(dense))
-        # Each ramp covers half of what the full speed would in its time; a short way is never passed at full speed.
+        way_m = _path_length_m(spline(dense))
+        # Each ramp covers half of the distance at full speed; a short path is passed at a lower speed.
         speed_m_s = min(self.speed_m_s, way_m[-1] / _RAMP_S)
         if way_m[-1] > speed_m_s * (longest_s - _RAMP_S):
             raise ValueError(
@@ -139,17 +139,17 @@ class Passage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _ramp_s(time_s: Array) -> Array:
-    """Integral over time of a speed that rises to one within `_RAMP_S`, as a raised cosine."""
+    """Time integral of a speed that increases to one within `_RAMP_S` as a raised cosine."""
     return _RAMP_S * raised_cosine(0.5 * np.clip(time_s / _RAMP_S, 0.0, 1.0)) + np.maximum(time_s - _RAMP_S, 0.0)
 
 
 def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) -> Spline:
-    """Joint angles over time that take the tool through `poses` (n, 3) at `time_s` (n,).
+    """Joint angles over time that move the tool through `poses` (n, 3) at `time_s` (n,).
 
-    `base` (4, 4) is the arm's base in World. The seventh degree of freedom keeps the third joint at zero: the elbow stays in the
-    vertical plane through the shoulder and the wrist.
+    `base` (4, 4) is the pose of the arm's base in World. The redundant degree of freedom keeps the third joint at zero, so that the
+    elbow remains in the vertical plane through shoulder and wrist.
 
-    Raises `ValueError` where the arm does not reach a pose, or would pass the limit of a joint's angle or speed.
+    Raises `ValueError` if a pose is out of reach, or a limit of a joint's angle or speed is exceeded.
     """
     into_base = np.linalg.inv(base)
     q_rad, angles_rad = panda.READY_RAD, []
@@ -177,7 +177,7 @@ def joint_trajectory(base: Array, height_m: float, time_s: Array, poses: Array) 
 
 
 def _solve(target: Array, q_rad: Array) -> Array | None:
-    """Joint angles (7,) with the tool at `target`, near `q_rad`, be they within the limits or not; None where there are none.
+    """Joint angles (7,) near `q_rad` with the tool at `target`, regardless of limits; `None` if there are none.
 
     Damped least squares (C. W. Wampler, "Manipulator inverse kinematic solutions based on vector formulations and damped
     least-squares methods", IEEE Trans. SMC 16(1), 1986).
@@ -186,7 +186,7 @@ def _solve(target: Array, q_rad: Array) -> Array | None:
         pose = panda.tool_pose(q_rad, TOOL)
         back = pose[:3, :3].T
         turn = back @ target[:3, :3]
-        # The skew part of a small turn is the vector about which it turns.
+        # The skew-symmetric part of a small rotation is its rotation vector.
         turn_rad = 0.5 * np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
         miss = np.concatenate((back @ (target[:3, 3] - pose[:3, 3]), turn_rad, [-q_rad[_ELBOW]]))
         if np.max(np.abs(miss)) < _TOLERANCE:
@@ -197,10 +197,10 @@ def _solve(target: Array, q_rad: Array) -> Array | None:
     return None
 
 
-def shaken(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
+def displaced(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
     """Joint angles (n, 7) with the tool displaced by `displacement_m` (n, 2) along x and y of World, to first order.
 
-    `yaw_rad` (n,) is the tool's. Of all small changes of the joints that do it, the smallest.
+    `yaw_rad` (n,) is that of the tool. The solution has the minimum norm of the joint displacements.
     """
     jacobian = panda.body_jacobian(q_rad, TOOL)
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -211,11 +211,11 @@ def shaken(q_rad: Array, displacement_m: Array, yaw_rad: Array) -> Array:
     return q_rad + (back @ np.linalg.solve(jacobian @ back, wanted))[..., 0]
 
 
-def _apart(poses: Array) -> Array:
-    """The poses (n, 3) that are not at the place of the one before."""
-    return poses[np.append(True, np.hypot(*np.diff(poses[:, :2], axis=0).T) > _APART_M)]
+def _distinct(poses: Array) -> Array:
+    """The poses (n, 3) whose positions differ from the preceding one."""
+    return poses[np.append(True, np.hypot(*np.diff(poses[:, :2], axis=0).T) > _DISTINCT_M)]
 
 
-def _way_m(poses: Array) -> Array:
-    """Way (n,) in the plane along the polyline through `poses` (n, 2 or 3), from its start to each of them."""
+def _path_length_m(poses: Array) -> Array:
+    """Path length (n,) in the plane along the polyline through `poses` (n, 2 or 3), from its start to each pose."""
     return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))

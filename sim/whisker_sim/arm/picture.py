@@ -1,7 +1,7 @@
-"""An arm between its objects in perspective: MuJoCo's own picture of the model, with whiskers, contacts and places touched so far.
+"""Perspective view of an arm between its objects: MuJoCo's rendering with whiskers, contacts and previous contact points.
 
-Whiskers are drawn several times as thick as they are, for a wire of a quarter of a millimetre would not be seen, and nothing casts
-a shadow, for that of a whisker looks like another one. Colours are those of `whisker_sim.drawing`.
+Whiskers are drawn several times thicker than they are, because a wire of 0.25 mm would be invisible. There are no shadows,
+because that of a whisker looks like another whisker. Colours are those of `whisker_sim.drawing`.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from whisker_sim import drawing
-from whisker_sim.arm.simulate import simulate_passage
+from whisker_sim.arm.simulate import SimulatedPassage
 from whisker_sim.arm.tool import LENGTH_M, MOUNTS
 from whisker_sim.drawing import BLUE, GREEN, VERMILION, Colour
 from whisker_sim.errors import SimulationError
@@ -27,33 +27,32 @@ from whisker_sim.whisker import Array
 _WIDTH, _HEIGHT = 540, 480
 _OVERSAMPLING = 2
 _WHISKER_MM, _CONTACT_MM, _TRACE_MM = 0.8, 2.4, 1.1
-_TRACE_APART_M = 1e-3
-"""A place is marked where it lies so far from the one marked before."""
+_TRACE_SPACING_M = 1e-3
+"""Minimum distance between two marked contact points."""
 _AZIMUTH_DEG, _ELEVATION_DEG = 162.0, -40.0
-"""Direction of the view, towards an arm that looks along x; so low that the arm, which comes from above, hides little."""
+"""Direction of the view, towards an arm that faces along x; low enough that the arm, which comes from above, occludes little."""
 _FIELD_DEG = 22.0
-"""Height of the field; from so far away what is near looks hardly larger than what is far."""
+"""Vertical field of view; narrow, so that near and far objects have similar sizes."""
 _FIELD_SHARE = 0.95
-"""Share of the picture's width and height that objects and whiskers take up."""
+"""Share of the frame's width and height that objects and whiskers fill."""
 _CENTERINGS = 4
 _FRAMED_ROWS = 25
-"""Whiskers are framed at one instant in so many."""
+"""Stride of the instants at which whiskers are framed."""
 _AMBIENT = 0.2
 _SLICES = 96
-"""Of a round body, which else shows its edges."""
+"""Number of facets of round bodies, enough to appear smooth."""
 
 
-class PassageDrawing:
-    """A simulated passage, ready to be drawn at any instant."""
+class PassageRenderer:
+    """Frames of a simulated passage."""
 
     sources = (Path(__file__), Path(drawing.__file__))
     frames_hz = 8.0
     lossless = False
-    """Shaded faces are far smaller with loss than without."""
+    """Shaded surfaces compress far better with loss."""
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
-        passed = self._passed = simulate_passage(run)
+    def __init__(self, run: Run, passed: SimulatedPassage) -> None:
+        self.run, self._passed = run, passed
         whisker = run.scene.resolved_whisker
         self._heights_mm = {mount.name: MM_PER_M * (run.scene.path.height_m + mount.pose[2, 3]) for mount in MOUNTS}
         self._lines_m = {
@@ -68,66 +67,67 @@ class PassageDrawing:
 
     @property
     def still_row(self) -> int:
-        """The instant at which most whiskers touch; of several the last."""
+        """Row with the largest number of whiskers in contact; the last of several."""
         touching = np.sum([whisker.touching for whisker in self._passed.whiskers.values()], axis=0)
         return int(np.flatnonzero(touching == np.max(touching))[-1])
 
-    def pictures(self, rows: Iterable[int]) -> Iterator[Image.Image]:
-        """The pictures at `rows`, which rise; each shows the contact points up to its own.
+    def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
+        """Frames at `rows`, which ascend; each shows the previous contact points.
 
-        Raises `SimulationError` where the machine cannot draw in perspective.
+        Raises `SimulationError` if the machine has no OpenGL.
         """
         passed = self._passed
-        marked = {name: _apart(one.truth.surface_m, one.touching) for name, one in passed.whiskers.items()}
+        marked = {name: _marked_rows(one.truth.surface_m, one.touching) for name, one in passed.whiskers.items()}
         most_sticks = sum(len(self._lines_m[name][0]) + len(marked[name]) + 1 for name in marked)
         with _painter(passed.model, self._framed_mm(), most_sticks) as paint:
             for row in rows:
                 sticks: list[Stick] = []
                 for name, one in passed.whiskers.items():
                     z_mm = self._heights_mm[name]
-                    line_mm = _lifted(self._lines_m[name][row, ::2], z_mm)
+                    line_mm = _at_height(self._lines_m[name][row, ::2], z_mm)
                     sticks += [(start, end, _WHISKER_MM, VERMILION) for start, end in pairwise(line_mm)]
                     touched = marked[name][marked[name] <= row]
-                    sticks += [(place, place, _TRACE_MM, GREEN) for place in _lifted(one.truth.surface_m[touched], z_mm)]
+                    sticks += [(place, place, _TRACE_MM, GREEN) for place in _at_height(one.truth.surface_m[touched], z_mm)]
                     if one.touching[row]:
-                        place = _lifted(one.truth.surface_m[row], z_mm)
+                        place = _at_height(one.truth.surface_m[row], z_mm)
                         sticks.append((place, place, _CONTACT_MM, BLUE))
                 yield paint(passed.qpos[row], sticks)
 
     def _framed_mm(self) -> Array:
-        """Points (n, 3) in millimetres that are to be seen: the objects' edges, the whiskers wherever they go, the flange above."""
+        """Points (n, 3) to be visible (mm): edges of the objects, whiskers at all times, the flange."""
         edges = [
-            _lifted(free.object.outline_m(), MM_PER_M * z_m) for free in self.run.scene.objects for z_m in (0.0, free.height_m)
+            _at_height(free.object.outline_m(), MM_PER_M * z_m) for free in self.run.scene.objects for z_m in (0.0, free.height_m)
         ]
-        lines = [_lifted(lines_m[::_FRAMED_ROWS].reshape(-1, 2), self._heights_mm[name]) for name, lines_m in self._lines_m.items()]
+        lines = [
+            _at_height(lines_m[::_FRAMED_ROWS].reshape(-1, 2), self._heights_mm[name]) for name, lines_m in self._lines_m.items()
+        ]
         flange = [
-            _lifted(one.base_pose[::_FRAMED_ROWS, :2], MM_PER_M * (self.run.scene.path.height_m + LENGTH_M))
+            _at_height(one.base_pose[::_FRAMED_ROWS, :2], MM_PER_M * (self.run.scene.path.height_m + LENGTH_M))
             for one in self._passed.whiskers.values()
         ]
         return np.concatenate((*edges, *lines, *flange))
 
 
-def replayed_passage(run: Run) -> tuple[mujoco.MjModel, Array]:
-    """Simulates a passage; gives the model and its coordinates (n, nq) at every row."""
-    passed = simulate_passage(run)
+def replayed_passage(_: Run, passed: SimulatedPassage) -> tuple[mujoco.MjModel, Array]:
+    """Model of a simulated passage and its coordinates (n, nq) at every row."""
     return passed.model, passed.qpos
 
 
 Stick = tuple[Array, Array, float, Colour]
-"""Ends (3,) and radius in millimetres of a rod with round ends, or of a ball where both ends are the same; and its colour."""
+"""Ends (3,) and radius (mm) of a rod with round ends, or of a ball if both ends are equal; and its colour."""
 
 
 @contextlib.contextmanager
 def _painter(model: mujoco.MjModel, framed_mm: Array, most_sticks: int) -> Iterator[Callable[[Array, list[Stick]], Image.Image]]:
-    """Gives a function that draws the model at its coordinates (nq,) with up to `most_sticks` rods and balls added.
+    """Yields a function that draws the model at its coordinates (nq,) with up to `most_sticks` rods and balls.
 
-    The points `framed_mm` (n, 3) fill the picture. The model's own whiskers are not drawn.
+    The points `framed_mm` (n, 3) fill the frame. The whiskers of the model itself are not drawn.
 
-    Raises `SimulationError` where there is no OpenGL to draw with.
+    Raises `SimulationError` if there is no OpenGL.
     """
     width, height = _OVERSAMPLING * _WIDTH, _OVERSAMPLING * _HEIGHT
     try:
-        # On Linux without a display MuJoCo would look for one all the same.
+        # On Linux without a display MuJoCo would still try to open one.
         if sys.platform == "linux":
             from mujoco.egl import GLContext
         else:
@@ -137,12 +137,12 @@ def _painter(model: mujoco.MjModel, framed_mm: Array, most_sticks: int) -> Itera
         raise SimulationError(f"a picture in perspective needs OpenGL (on Linux: EGL), found none: {error}") from None
     try:
         context.make_current()
-        # The picture is drawn larger and shrunk, which smooths every edge; OpenGL would take as long again for it.
+        # The frame is drawn larger and reduced, which smooths all edges; OpenGL's multisampling would take twice the time.
         model.vis.quality.offsamples = 0
         model.vis.quality.numslices = _SLICES
         model.vis.headlight.ambient[:] = _AMBIENT
         model.vis.global_.fovy = _FIELD_DEG
-        model.geom_rgba[_is_of_whiskers(model), 3] = 0.0
+        model.geom_rgba[_whisker_geoms(model), 3] = 0.0
         drawn = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_resizeOffscreen(width, height, drawn)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawn)
@@ -169,11 +169,11 @@ def _painter(model: mujoco.MjModel, framed_mm: Array, most_sticks: int) -> Itera
 
 
 def _camera(framed_mm: Array) -> mujoco.MjvCamera:
-    """A camera whose picture the points (n, 3) fill.
+    """A camera whose frame is filled by the points (n, 3).
 
-    With a, b and c the distances of a point from where the camera looks, to the right, up and away from it, the camera's distance
-    d has |b| <= s (d + c) and |a| <= s (d + c) width / height, where s is the tangent of half the field that may be used. It looks
-    at the middle of the box around the points at first, and then at where the middle of their picture is.
+    Let a, b and c be the offsets of a point from the look-at point to the right, up and away. The distance d of the camera
+    satisfies |b| <= s (d + c) and |a| <= s (d + c) width / height, where s is the tangent of half of the usable field. The look-at
+    point is initially the centre of the bounding box of the points, and is then moved to the centre of their image.
     """
     azimuth, elevation = np.radians((_AZIMUTH_DEG, _ELEVATION_DEG))
     ahead = np.array((np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)))
@@ -182,23 +182,23 @@ def _camera(framed_mm: Array) -> mujoco.MjvCamera:
     share = _FIELD_SHARE * np.tan(0.5 * np.radians(_FIELD_DEG))
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation = _AZIMUTH_DEG, _ELEVATION_DEG
-    camera.lookat[:] = _middle(framed_mm)
+    camera.lookat[:] = _center(framed_mm)
     for _ in range(_CENTERINGS):
         a, b, c = axes @ (framed_mm - camera.lookat).T
         distance_mm = np.max(np.maximum(np.abs(b), np.abs(a) * _HEIGHT / _WIDTH) / share - c)
         seen = np.stack((a, b), axis=-1) / (distance_mm + c)[:, None]
         camera.distance = distance_mm
-        camera.lookat[:] += distance_mm * _middle(seen) @ axes[:2]
+        camera.lookat[:] += distance_mm * _center(seen) @ axes[:2]
     return camera
 
 
-def _middle(points: Array) -> Array:
-    """Middle (m,) of the box around `points` (n, m)."""
+def _center(points: Array) -> Array:
+    """Centre (m,) of the bounding box of `points` (n, m)."""
     return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
 
-def _is_of_whiskers(model: mujoco.MjModel) -> Array:
-    """Which of the model's geoms belong to whiskers."""
+def _whisker_geoms(model: mujoco.MjModel) -> Array:
+    """Mask of the model's geoms that belong to whiskers."""
     bodies = [model.body(body).name for body in model.geom_bodyid]
     return np.array([body.startswith(tuple(f"{mount.name}_" for mount in MOUNTS)) for body in bodies])
 
@@ -215,16 +215,16 @@ def _add(scene: mujoco.MjvScene, start_mm: Array, end_mm: Array, radius_mm: floa
     scene.ngeom += 1
 
 
-def _apart(places_m: Array, touching: Array) -> Array:
-    """Rows at which the whisker touches `_TRACE_APART_M` away from the place marked before."""
+def _marked_rows(points_m: Array, touching: Array) -> Array:
+    """Rows of the contact points that are at least `_TRACE_SPACING_M` away from the one marked before."""
     rows, last_m = [], np.full(2, np.inf)
     for row in np.flatnonzero(touching):
-        if not np.hypot(*(places_m[row] - last_m)) < _TRACE_APART_M:
+        if not np.hypot(*(points_m[row] - last_m)) < _TRACE_SPACING_M:
             rows.append(row)
-            last_m = places_m[row]
+            last_m = points_m[row]
     return np.array(rows, dtype=int)
 
 
-def _lifted(points_m: Array, z_mm: float) -> Array:
-    """Points (..., 3) in millimetres at the height `z_mm`, of points (..., 2) of the plane."""
+def _at_height(points_m: Array, z_mm: float) -> Array:
+    """Points (..., 3) (mm) at the height `z_mm` of points (..., 2) (m) of the plane."""
     return np.concatenate((MM_PER_M * points_m, np.full((*points_m.shape[:-1], 1), z_mm)), axis=-1)

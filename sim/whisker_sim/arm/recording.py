@@ -1,4 +1,4 @@
-"""The files of a recording of several whiskers, as `datasets/FORMAT.md` specifies them."""
+"""Files of a recording of several whiskers, as specified in `datasets/FORMAT.md`."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from whisker_sim.arm import panda
 from whisker_sim.arm.scene import ArmScene, trace_name
-from whisker_sim.arm.simulate import Passed, seen_from_objects, simulate_passage
+from whisker_sim.arm.simulate import SimulatedPassage, seen_from_objects
 from whisker_sim.arm.tool import FACE, MOUNTS
 from whisker_sim.certificate import certify
 from whisker_sim.documents import to_json
@@ -30,24 +30,24 @@ from whisker_sim.whisker import Array
 
 
 class File(msgspec.Struct, frozen=True):
-    """A file of the recording."""
+    """A file of the recording and its hash."""
 
     file: str
     sha256: str
 
 
 class WhiskerMount(msgspec.Struct, frozen=True):
-    """One whisker of the recording, with its own trace."""
+    """One whisker of the recording, which has a trace of its own."""
 
     name: str
     trace: str
     array: str
     mount: tuple[float, ...]
-    """Pose (4, 4), row by row, of the whisker's Base in the flange's frame."""
+    """Pose (4, 4), row by row, of the whisker's Base in the frame of the flange."""
 
 
 class Kinematics(msgspec.Struct, frozen=True):
-    """The arm, in Craig's convention with theta = q."""
+    """Kinematics of the arm in Craig's convention with theta = q."""
 
     name: str
     base: tuple[float, ...]
@@ -68,7 +68,7 @@ class RecordedObject(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct, frozen=True):
-    """All that ties the traces of a recording together."""
+    """Metadata of a recording, with references to its traces."""
 
     format: int
     kind: str
@@ -86,16 +86,11 @@ class Recording(msgspec.Struct, frozen=True):
     inputs_sha256: str
 
 
-def make(folder: Path, run: Run) -> str:
-    """Simulates `run` and writes its recording into `folder`; gives one line for people."""
-    passed = simulate_passage(run)
-    write_recording(folder, run, passed)
-    shares = [f"{100 * whisker.touching.mean():.0f}" for whisker in passed.whiskers.values()]
-    return f"{run.name}: {passed.time_s[-1]:.1f} s, {', '.join(shares)} % in contact"
+def write_recording(folder: Path, run: Run, passed: SimulatedPassage) -> str:
+    """Writes a trace per whisker, joints, displacements and outlines of the objects and, last, `<name>.json` into `folder`.
 
-
-def write_recording(folder: Path, run: Run, passed: Passed) -> None:
-    """Writes a trace a whisker, the joints, the objects' displacements and outlines and, last, `<name>.json` into `folder`."""
+    Returns one line of text for the user.
+    """
     scene, name = run.scene, run.name
     files: dict[str, bytes] = {}
 
@@ -138,17 +133,19 @@ def write_recording(folder: Path, run: Run, passed: Passed) -> None:
         inputs_sha256=inputs_sha256(scene),
     )
     folder.mkdir(parents=True, exist_ok=True)
-    # What ties files together, or describes them, must not stand beside others.
+    # Old descriptions must not remain beside new files.
     for made in scene.names(name):
         (folder / f"{made}.json").unlink(missing_ok=True)
         remove_leftovers(folder, made)
     for file, content in files.items():
         write_atomically(folder / file, content)
     write_atomically(folder / f"{name}.json", to_json(recording))
+    shares = [f"{100 * whisker.touching.mean():.0f}" for whisker in passed.whiskers.values()]
+    return f"{run.name}: {passed.time_s[-1]:.1f} s, {', '.join(shares)} % in contact"
 
 
 def is_up_to_date(folder: Path, run: Run) -> bool:
-    """Whether `folder` holds just the recording that `run` would make: same inputs, and files that match their hashes."""
+    """Whether `folder` holds exactly the recording of `run`: same inputs, and files that match their hashes."""
     try:
         recording = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())
         hashes = [recording["joints"], recording["poses"], *(one["contour"] for one in recording["objects"])]
@@ -164,13 +161,13 @@ def is_up_to_date(folder: Path, run: Run) -> bool:
         return False
 
 
-def _joints_csv(passed: Passed) -> bytes:
+def _joints_csv(passed: SimulatedPassage) -> bytes:
     angles = [(f"q{joint}_rad", 12) for joint in range(1, panda.JOINTS + 1)]
     speeds = [(f"dq{joint}_rad_s", 12) for joint in range(1, panda.JOINTS + 1)]
     return format_csv([passed.time_s, *passed.q_rad.T, *passed.dq_rad_s.T], (("t_s", 6), *angles, *speeds))
 
 
-def _objects_csv(passed: Passed) -> bytes:
+def _objects_csv(passed: SimulatedPassage) -> bytes:
     columns, values = [("t_s", 6)], [passed.time_s]
     for name, moved in passed.objects.items():
         columns += [(f"{name}_{key}", 10) for key in ("x_m", "y_m", "z_m", "yaw_rad", "tilt_rad")]
@@ -179,5 +176,5 @@ def _objects_csv(passed: Passed) -> bytes:
 
 
 def _numbers(pose: Array) -> tuple[float, ...]:
-    """A pose (4, 4) row by row, with exact zeros where a rotation left a rounding error."""
+    """A pose (4, 4) row by row; rounding errors of rotations are replaced by exact zeros."""
     return tuple(np.where(np.abs(pose) < 1e-15, 0.0, pose).ravel().tolist())

@@ -1,4 +1,4 @@
-"""A scene with an arm, as people write it and as it is run."""
+"""Scenes with an arm, as they are written by users and as they are simulated."""
 
 from typing import Annotated, Literal
 
@@ -6,21 +6,21 @@ import msgspec
 import numpy as np
 
 from whisker_sim.arm import panda
-from whisker_sim.arm.passage import Passage, joint_trajectory, shaken
+from whisker_sim.arm.passage import Passage, displaced, joint_trajectory
 from whisker_sim.arm.tool import HALF_HEIGHT_M, LENGTH_M, MOUNTS
 from whisker_sim.free_object import FreeObject
-from whisker_sim.scene import Format, Seed, Simulation, check_rate, random_stream, resolve_simulation
+from whisker_sim.scene import Format, SceneBase, Seed, Simulation, check_rate, random_stream, resolve_simulation
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Angle, Array, Coordinate, Name, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Angle, Array, Coordinate, Name, WhiskerOverride, resolve_whisker
 
 _MOST_STEPS = 2_000_000
-"""Longest plan: beyond it a recording, which has some hundred times the numbers of a trace a row, would not fit into memory."""
+"""Maximum length of a plan; a row of a recording has about a hundred times the numbers of a trace's, and must fit into memory."""
 _BELOW_FLANGE_M = 0.01
-"""Objects end so far below the flange: of the arm only the block that bears the whiskers meets them."""
+"""Minimum distance between objects and the flange above: only the block that bears the whiskers comes near them."""
 
 
 class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the arm stands: the middle of its foot in World, and where it looks."""
+    """Position of the centre of the arm's foot in World, and its direction."""
 
     foot_m: tuple[Coordinate, Coordinate, Coordinate]
     yaw_rad: Angle = 0.0
@@ -32,7 +32,7 @@ class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class JointPlan(msgspec.Struct, frozen=True):
-    """Joint references, one a time step, the first at time zero."""
+    """Joint references, one per time step from time zero."""
 
     q_rad: Array
     """(n + 1, 7)."""
@@ -40,8 +40,8 @@ class JointPlan(msgspec.Struct, frozen=True):
     """(n + 1, 7)."""
 
 
-class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
-    """One experiment: an arm with six whiskers of one kind, objects on a table, a way between them."""
+class ArmScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One experiment: an arm with six equal whiskers, objects on a table, and a path between them."""
 
     format: Format
     name: Name
@@ -67,7 +67,7 @@ class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         check_rate(self.rate_hz, self.simulation)
 
     def _check_heights(self) -> None:
-        """The block that bears the whiskers passes over the table, and beside the upright sides of all objects."""
+        """Checks that the block that bears the whiskers passes above the table and beside the upright sides of all objects."""
         height_m = self.path.height_m
         if height_m <= HALF_HEIGHT_M:
             raise ValueError(f"path.height_m: expected more than {HALF_HEIGHT_M} m, half the tool's height, found {height_m}")
@@ -80,21 +80,11 @@ class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
                 )
 
     def names(self, name: str) -> tuple[str, ...]:
-        """Names in the dataset of what a run called `name` makes: the recording, and a trace a whisker."""
+        """Names in the dataset of the files of a run called `name`: the recording, and one trace per whisker."""
         return (name, *(trace_name(name, mount.name) for mount in MOUNTS))
 
-    @property
-    def resolved_whisker(self) -> Whisker:
-        """The whiskers' parameters."""
-        return resolve_whisker(self.whisker)
-
-    @property
-    def steps_per_row(self) -> int:
-        """Time steps between two rows of the traces."""
-        return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
-
     def plan(self) -> JointPlan:
-        """The joint trajectory with what the vibration adds; raises `ValueError` where the arm cannot do it."""
+        """The joint trajectory with the added vibration; raises `ValueError` if the arm cannot follow it."""
         timestep_s = self.simulation.timestep_s
         time_s, poses = self.path.poses({free.name: free for free in self.objects}, _MOST_STEPS * timestep_s)
         trajectory = joint_trajectory(self.arm.base, self.path.height_m, time_s, poses)
@@ -102,7 +92,7 @@ class ArmScene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         q_rad = trajectory(steps_s)
         if self.vibration is not None:
             added_m = self.vibration.displacement_m(len(q_rad) - 1, timestep_s, random_stream(self.name, self.seed))
-            q_rad = shaken(q_rad, added_m, np.interp(steps_s, time_s, poses[:, 2]) - self.arm.yaw_rad)
+            q_rad = displaced(q_rad, added_m, np.interp(steps_s, time_s, poses[:, 2]) - self.arm.yaw_rad)
         return JointPlan(q_rad, np.gradient(q_rad, timestep_s, axis=0))
 
 

@@ -1,4 +1,4 @@
-"""Runs a scene with an arm: plans the joints, steps the physics, reads each whisker's truth."""
+"""Simulation of a scene with an arm: plans the joints, integrates the physics, computes the ground truth of each whisker."""
 
 from dataclasses import dataclass, replace
 
@@ -14,6 +14,7 @@ from whisker_sim.documents import located
 from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
 from whisker_sim.motions.base import REST_S
+from whisker_sim.progress import part
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import Simulated, is_split, logged, roll
@@ -23,30 +24,30 @@ from whisker_sim.whisker import Array
 
 _SETTLING_S = 0.1
 _TILT_LIMIT_RAD, _LIFT_LIMIT_M = 1e-3, 1e-4
-"""An object that tilts or leaves its height by more does not stand: the truth, which is that of an upright one, would be wrong."""
+"""Limits of an object's tilt and rise, above which the ground truth, computed for upright objects, would be wrong."""
 
 
 @dataclass(frozen=True)
-class Passed:
-    """One recording: n rows at the logging rate, the same instants for all."""
+class SimulatedPassage:
+    """One simulated recording: n rows at the logging rate, common to all whiskers and objects."""
 
     time_s: Array
     q_rad: Array
     """Joint angles (n, 7)."""
     dq_rad_s: Array
     whiskers: dict[str, Simulated]
-    """One a mount, by its name."""
+    """Trace of each whisker, by the name of its mount."""
     objects: dict[str, Array]
-    """Displacement (n, 5) of each object from its start pose, by its name: x, y, z, yaw, tilt, in metres and radians."""
+    """Displacement (n, 5) of each object from its start pose, by its name: x, y, z (m), yaw, tilt (rad)."""
     model: mujoco.MjModel
     qpos: Array
-    """The model's coordinates (n, nq), in its units."""
+    """Coordinates (n, nq) of the model, in its units."""
 
 
-def simulate_passage(run: Run) -> Passed:
+def simulate_passage(run: Run) -> SimulatedPassage:
     """Simulates the scene of `run`, which has an arm.
 
-    Raises `InputError` where the arm cannot do what the scene asks, and `SimulationError` where the physics fails.
+    Raises `InputError` if the arm cannot follow the path of the scene, and `SimulationError` if the physics fails.
     """
     scene: ArmScene = run.scene
     try:
@@ -65,13 +66,13 @@ def simulate_passage(run: Run) -> Passed:
         readings = sensors[:, index * SENSOR_COLUMNS : (index + 1) * SENSOR_COLUMNS]
         base_pose, base_twist = base_motion(scene, mount, q_rad, dq_rad_s)
         whiskers[mount.name] = _whisker(scene, base_pose, base_twist, qpos[:, first : first + hinges], readings, moved, time_s)
-    passed = Passed(time_s, q_rad, dq_rad_s, whiskers, moved, model, qpos)
+    passed = SimulatedPassage(time_s, q_rad, dq_rad_s, whiskers, moved, model, qpos)
     _check(passed, sensors[:, TOOL_SENSOR])
     return passed
 
 
 def base_motion(scene: ArmScene, mount: Mount, q_rad: Array, dq_rad_s: Array) -> tuple[Array, Array]:
-    """Poses (n, 3) of a whisker's Base on World's plane and its twists (n, 3) in Base: xi = J(q) dq/dt, of the plane's part."""
+    """Poses (n, 3) of a whisker's Base in the plane of World and its planar twists (n, 3) in Base, by xi = J(q) dq/dt."""
     pose = scene.arm.base @ panda.tool_pose(q_rad, mount.in_flange)
     yaw_rad = np.unwrap(np.arctan2(pose[:, 1, 0], pose[:, 0, 0]))
     twist = (panda.body_jacobian(q_rad, mount.in_flange) @ dq_rad_s[..., None])[..., 0]
@@ -79,20 +80,21 @@ def base_motion(scene: ArmScene, mount: Mount, q_rad: Array, dq_rad_s: Array) ->
 
 
 def _integrate(scene: ArmScene, model: mujoco.MjModel, plan: JointPlan) -> tuple[Array, Array, Array]:
-    """Positions, velocities and sensor data at the logged instants, in the model's units.
+    """Positions, velocities and sensor data at the logged instants, in the units of the model.
 
-    The objects settle into the table, by a micrometre, before the first of them.
+    Before the first instant the objects settle on the table, by about a micrometre.
     """
     timestep_s, data = scene.simulation.timestep_s, mujoco.MjData(model)
     settling = np.zeros((round(_SETTLING_S / timestep_s), model.nu))
-    for _ in roll(model, data, settling, len(settling)):
-        data.time = 0.0
+    with part(0.0, 0.0):
+        for _ in roll(model, data, settling, len(settling)):
+            data.time = 0.0
     controls = np.concatenate((plan.q_rad - plan.q_rad[0], plan.dq_rad_s), axis=1)[1:]
     return logged(model, data, controls, scene.steps_per_row)
 
 
 def _since_start(moved: Array) -> Array:
-    """Displacements (n, 5) counted from the first, but for the tilt, which is counted from the vertical."""
+    """Displacements (n, 5) relative to the first row, except for the tilt, which is relative to the vertical."""
     return np.column_stack((moved[:, :4] - moved[0, :4], moved[:, 4]))
 
 
@@ -105,7 +107,7 @@ def _whisker(
     moved: dict[str, Array],
     time_s: Array,
 ) -> Simulated:
-    """One whisker's part of the recording."""
+    """Trace of one whisker."""
     force_n = N_PER_UN * np.linalg.norm(readings[:, SENSORS["force"]], axis=1)
     touching = force_n > 0.0
     nearest, truth = _truth(scene, base_pose, rotations_rad, moved, np.flatnonzero(touching))
@@ -126,7 +128,7 @@ def _whisker(
 def _truth(
     scene: ArmScene, base_pose: Array, rotations_rad: Array, moved: dict[str, Array], rows: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], ContactTruth]:
-    """Index of the object nearest to the whisker (n,), and where, at `rows`; the other rows mean nothing."""
+    """Index (n,) of the object nearest to the whisker, and the contact with it, at `rows`; other rows are undefined."""
     count, whisker = len(base_pose), scene.resolved_whisker
     nearest, least_m = np.zeros(count, dtype=int), np.full(len(rows), np.inf)
     points, numbers = np.full((count, 2), np.nan), np.full(count, np.nan)
@@ -148,9 +150,9 @@ def _truth(
 
 
 def seen_from_objects(scene: ArmScene, moved: dict[str, Array], simulated: Simulated) -> Simulated:
-    """`simulated` with base poses and contacts as the object that is touched sees them, as if it had not moved.
+    """`simulated` with base poses and contacts relative to the touched object in its start pose.
 
-    `moved` are the displacements (n, 5) of the objects, by their names. Rows without contact are left as they are.
+    `moved` contains the displacements (n, 5) of the objects, by their names. Rows without contact are unchanged.
     """
     base_pose, truth = simulated.base_pose.copy(), simulated.truth
     contact_m, surface_m = truth.contact_m.copy(), truth.surface_m.copy()
@@ -163,38 +165,40 @@ def seen_from_objects(scene: ArmScene, moved: dict[str, Array], simulated: Simul
 
 
 class _Displaced:
-    """An object that has moved in the plane, at n instants: turned by `yaw_rad` about its start and then displaced.
+    """An object displaced in the plane at n instants: rotated by `yaw_rad` about its start position and then translated.
 
-    Its tilt is left out: where it stands to micrometres, that moves it at the whiskers' height by less than one, and what tilts
-    beyond `_TILT_LIMIT_RAD` fails the recording.
+    Its tilt is neglected: below `_TILT_LIMIT_RAD`, above which a recording fails, and with a rise of micrometres, it displaces the
+    object at the height of the whiskers by less than a micrometre.
     """
 
     def __init__(self, shape: Shape, moved: Array) -> None:
         self._center_m, self._moved_m, self.yaw_rad = np.array(shape.center_m), moved[:, :2], moved[:, 3]
 
     def start_pose(self, poses: Array) -> Array:
-        """Poses (n, 3) in World as seen from the object, as if it had not moved."""
+        """Poses (n, 3) in World, transformed to the start pose of the object."""
         return np.column_stack((self.at_start(poses[:, :2]), poses[:, 2] - self.yaw_rad))
 
     def at_start(self, points_m: Array) -> Array:
-        """Where points (n, 2) that move with the object were before it moved."""
+        """Points (n, 2) in World, transformed to the start pose of the object."""
         return turned(points_m - self._center_m - self._moved_m, -self.yaw_rad) + self._center_m
 
     def now(self, points_m: Array) -> Array:
-        """Where points (n, 2) of the object as it was are now."""
+        """Points (n, 2) of the object in its start pose, transformed to its present pose."""
         return turned(points_m - self._center_m, self.yaw_rad) + self._center_m + self._moved_m
 
 
-def _check(passed: Passed, tool_contacts: Array) -> None:
+def _check(passed: SimulatedPassage, tool_contacts: Array) -> None:
     if np.any(tool_contacts > 0.0):
-        raise SimulationError(f"the tool itself touches something at {passed.time_s[np.argmax(tool_contacts > 0.0)]:.3f} s")
+        raise SimulationError(
+            f"the tool itself is in contact at {passed.time_s[np.argmax(tool_contacts > 0.0)]:.3f} s, expected none"
+        )
     for name, moved in passed.objects.items():
         fallen = (moved[:, 4] > _TILT_LIMIT_RAD) | (np.abs(moved[:, 2]) > _LIFT_LIMIT_M)
         if np.any(fallen):
             row = int(np.argmax(fallen))
             raise SimulationError(
-                f"'{name}' does not stand at {passed.time_s[row]:.3f} s: its tilt is {moved[row, 4]:.2g} rad, "
-                f"its rise {moved[row, 2]:.2g} m; expected at most {_TILT_LIMIT_RAD:g} rad and {_LIFT_LIMIT_M:g} m"
+                f"object '{name}' at {passed.time_s[row]:.3f} s: found a tilt of {moved[row, 4]:.2g} rad and a rise of "
+                f"{moved[row, 2]:.2g} m, expected at most {_TILT_LIMIT_RAD:g} rad and {_LIFT_LIMIT_M:g} m"
             )
     for name, whisker in passed.whiskers.items():
         early = whisker.touching & (passed.time_s <= REST_S)

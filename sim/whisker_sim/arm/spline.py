@@ -1,4 +1,4 @@
-"""Natural cubic splines through points of any dimension."""
+"""Natural cubic splines of any dimension."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ from whisker_sim.whisker import Array
 
 
 class Spline:
-    """The natural cubic spline through `values` (n, m) at the rising `knots` (n,): twice continuously differentiable.
+    """The natural cubic spline through `values` (n, m) at the ascending `knots` (n,), twice continuously differentiable.
 
-    With the second derivatives M_i at the knots and h_i between them, h_{i-1} M_{i-1} + 2 (h_{i-1} + h_i) M_i + h_i M_{i+1} =
+    With the second derivatives M_i at the knots and the steps h_i, h_{i-1} M_{i-1} + 2 (h_{i-1} + h_i) M_i + h_i M_{i+1} =
     6 (slope_i - slope_{i-1}), and M is zero at both ends.
     """
 
@@ -17,7 +17,7 @@ class Spline:
         step = np.diff(knots)
         slope = np.diff(values, axis=0) / step[:, None]
         diagonal, right = 2.0 * (step[:-1] + step[1:]), 6.0 * np.diff(slope, axis=0)
-        # The matrix is tridiagonal and dominated by its diagonal: elimination needs no pivots.
+        # The matrix is tridiagonal and diagonally dominant: elimination needs no pivoting.
         for row in range(1, len(diagonal)):
             share = step[row] / diagonal[row - 1]
             diagonal[row] -= share * step[row]
@@ -42,7 +42,7 @@ class Spline:
         return chord + step / 6.0 * ((1.0 - 3.0 * (1.0 - u) ** 2) * bend + (3.0 * u**2 - 1.0) * next_bend)
 
     def _place(self, at: Array) -> tuple[Array, Array, Array]:
-        """Index of the knot before each of `at`, the step to the next knot, and the share of it that is passed."""
+        """Index of the knot before each of `at`, the step to the next knot, and the normalised position within it."""
         left = np.clip(np.searchsorted(self._knots, at, side="right") - 1, 0, len(self._knots) - 2)
         step = self._knots[left + 1] - self._knots[left]
         return left, step[:, None], ((at - self._knots[left]) / step)[:, None]

@@ -1,9 +1,9 @@
-"""The end effector: two arrays of three whiskers, back to back.
+"""End effector: two arrays of three whiskers, back to back.
 
-Frame of the tool: origin on the flange's axis, in the plane of the middle whiskers; z up, when the flange points down; x ahead.
-The whiskers of an array are stacked, so that each bends in a horizontal plane of its own, and stand in echelon, so that they
-meet a place one after the other. The right array is the left one turned by half a turn about z. So every whisker bows outwards
-with its convex side, on which an outline with flats touches it in one place: it meets objects with the same face.
+Frame of the tool: origin on the axis of the flange, in the plane of the middle whiskers; z is up when the flange points down; x is
+forward. The whiskers of an array are stacked, so that each bends in a horizontal plane of its own, and staggered, so that they
+reach a point one after the other. The right array is the left one rotated by half a turn about z. Every whisker thus bends outwards
+with its convex side, on which an object with flat sides touches it at one point, and meets objects with the same face.
 """
 
 from typing import NamedTuple
@@ -14,24 +14,24 @@ from whisker_sim.arm.panda import rotation_x, rotation_z, translation
 from whisker_sim.whisker import Array
 
 LENGTH_M = 0.15
-"""From the flange to the middle whiskers' plane."""
+"""Distance between the flange and the plane of the middle whiskers."""
 TOOL = translation((0.0, 0.0, LENGTH_M)) @ rotation_x(np.pi)
-"""Pose (4, 4) of the tool's frame in the flange's."""
+"""Pose (4, 4) of the tool's frame in that of the flange."""
 FACE = "right"
-"""Face of every whisker on which it meets objects: its convex side."""
+"""Face on which the whiskers meet objects: the convex side."""
 
 HALF_WIDTH_M, HALF_HEIGHT_M = 0.012, 0.014
-"""Of the block that bears the whiskers: their roots lie on its sides, and their planes within its height."""
+"""Dimensions of the block that bears the whiskers: their roots are on its sides, and their planes within its height."""
 _AHEAD_M = 0.032
-"""The middle root of the left array lies so far ahead of the axis, for its whisker reaches back from there."""
+"""Distance of the middle root of the left array ahead of the axis; its whisker points backwards."""
 _ECHELON_M, _RISE_M = 0.01, 0.008
-"""From one root of an array to the next, ahead and up."""
+"""Offsets between adjacent roots of an array, forward and up."""
 _YAW_RAD = np.radians(137.0)
 """Direction of the left roots. A whisker of 80 mm with a radius of 80 mm points straight back at three quarters of its length."""
 
 
 class Mount(NamedTuple):
-    """Where a whisker is mounted."""
+    """Mount of a whisker."""
 
     name: str
     array: str
@@ -55,4 +55,4 @@ def _mounts() -> tuple[Mount, ...]:
 
 
 MOUNTS = _mounts()
-"""The six whiskers."""
+"""Mounts of the six whiskers."""

@@ -1,4 +1,4 @@
-"""Registry of base motions: one file and one row a motion."""
+"""Registry of base motions: one file and one row per motion."""
 
 from whisker_sim.motions.base import Motion, Plan, Stage
 from whisker_sim.motions.calibration_grid import CalibrationGrid
@@ -14,6 +14,6 @@ AnyMotion = (
     | LiftOffs
     | Smooth
 )
-"""The motions that a scene's `motion` may name by the key `kind`."""
+"""Motions that the key `kind` of a scene's `motion` may name."""
 
 __all__ = ["AnyMotion", "Motion", "Plan", "Stage"]

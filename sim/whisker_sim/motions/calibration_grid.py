@@ -1,4 +1,4 @@
-"""Calibration: a pin driven into the whisker at many places by two orthogonal prismatic joints."""
+"""Calibration: a pin is pushed into the whisker at many points by two orthogonal prismatic joints."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -10,11 +10,11 @@ from whisker_sim.whisker import Length, Positive
 
 
 class CalibrationGrid(Motion, frozen=True, forbid_unknown_fields=True, tag="calibration_grid"):
-    """Pushes into the whisker at `lines` places along it and back; the base only translates.
+    """Pushes the pin into the whisker at `lines` points along it and back; the base only translates.
 
-    The range of arc lengths is cut into `lines` equal strata with one push at a random place in each. A push follows the normal
-    of the undeflected whisker to a depth of `depth_ratio` times the arc length, at most `depth_max_m`, and near the tip at most
-    as deep as keeps the contact `tip_margin_m` away from it.
+    The range of arc lengths is divided into `lines` equal strata with one push at a random point of each. A push follows the normal
+    of the undeflected whisker to a depth of `depth_ratio` times the arc length, limited to `depth_max_m` and, near the tip, to the
+    depth at which the contact is still `tip_margin_m` away from it.
     """
 
     lines: Annotated[int, msgspec.Meta(ge=1, le=1000)]
@@ -52,16 +52,17 @@ class CalibrationGrid(Motion, frozen=True, forbid_unknown_fields=True, tag="cali
             path.move(stage.base_pose(arc_m, -self.depth_m(arc_m, stage)), self.speed_m_s)
             turn_s = path.time_s
             path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s)
-            # Half of the push's time either side of the turn is well inside the contact, whatever the whisker's ringing.
+            # Half of the push on either side of the reversal is well within the contact, regardless of ringing.
             touching.append((0.5 * (start_s + turn_s), 0.5 * (turn_s + path.time_s)))
         return Plan(path.poses(), tuple(touching))
 
     def depth_m(self, arc_m: float, stage: Stage) -> float:
         """Depth of the push at `arc_m`.
 
-        A whisker that only turned about its root by the push d would be met where it is as far from the root as the pin,
-        |c - d n|, with c the undeflected point and n the normal towards the pin; bending adds about a fifth to the term d^2 (for
-        a cantilever, int y'^2 / 2 is 0.6 d^2 / s, for a rigid bar 0.5). The limit is the d that reaches the tip's margin.
+        If the whisker only rotated about its root, the push d would move the contact to the distance |c - d n| from the root, with
+        the undeflected point c and the normal n towards the pin. Bending increases the term d^2 by about a fifth (int y'^2 / 2 is
+        0.6 d^2 / s for a cantilever, 0.5 d^2 / s for a rigid bar). The limit is the d at which the contact reaches the margin of
+        the tip.
         """
         point_m, end_m = stage.whisker.rest_point_m([arc_m, stage.whisker.length_m - self.tip_margin_m])
         angle_rad = float(stage.whisker.rest_angle_rad(arc_m))

@@ -1,4 +1,4 @@
-"""The calibration platform's routine: a printer pushes the edge of a ruler into the whisker at places from the tip to the root."""
+"""Routine of the calibration platform: a printer pushes the edge of a ruler into the whisker at points from tip to root."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -12,13 +12,14 @@ Increments = Annotated[int, msgspec.Meta(ge=0, le=1000)]
 
 
 class IncrementsBeamTest(Motion, frozen=True, forbid_unknown_fields=True, tag="increments_beam_test"):
-    """Pushes the whisker at places from tip to root, as the routine of this name does that moves a ruler by a 3D printer.
+    """Pushes the whisker at points from tip to root, as the routine of this name moves a ruler by a 3D printer.
 
-    Whisker and ruler are seen from the ruler: it is the object, and the base moves the other way. Across the whisker is the
-    printer's x, along it y. There are `increments_y` + 1 places, evenly over `total_y_m`, the first `tip_padding_m` from the tip.
-    At each the nozzle comes from `padding_m` before the undeflected centre line to `total_x_m` beyond it, in `increments_x` steps
-    or in one, with the ruler's edge `edge_ahead_m` ahead of it; it stays for `pause_s` after each step and `hold_s` after the
-    last. Moves are as straight and as fast as the printer's: from rest to rest, at `speed_m_s` but for even acceleration.
+    The motion is relative to the ruler: the ruler is the object, and the base moves in the opposite direction. The printer's x axis
+    is perpendicular to the whisker, its y axis parallel. There are `increments_y` + 1 points at equal distances over `total_y_m`,
+    the first `tip_padding_m` from the tip. At each, the nozzle moves from `padding_m` before the undeflected centre line to
+    `total_x_m` beyond it, in `increments_x` steps or in one, with the edge of the ruler `edge_ahead_m` ahead of it; it rests for
+    `pause_s` after each step and `hold_s` after the last. Moves are those of the printer: straight, from rest to rest, with
+    constant acceleration up to `speed_m_s`.
     """
 
     total_x_m: Length
@@ -56,7 +57,7 @@ class IncrementsBeamTest(Motion, frozen=True, forbid_unknown_fields=True, tag="i
             raise ValueError(f"motion.padding_m: expected more than edge_ahead_m and the whisker's radius, found {self.padding_m}")
 
         def at(arc_m: float, nozzle_m: float) -> Array:
-            """Pose in which the nozzle is `nozzle_m` beyond the undeflected centre line."""
+            """Pose for which the nozzle is `nozzle_m` beyond the undeflected centre line."""
             return stage.base_pose(arc_m, -(nozzle_m + self.edge_ahead_m + float(stage.whisker.radius_m(arc_m))))
 
         path = Path(at(places_m[0], -self.padding_m), stage.timestep_s)
@@ -74,7 +75,7 @@ class IncrementsBeamTest(Motion, frozen=True, forbid_unknown_fields=True, tag="i
         return Plan(path.poses(), tuple(touching))
 
     def _move(self, path: Path, target: Array, timestep_s: float) -> None:
-        """Even acceleration to `speed_m_s`, and even braking; a way too short for that is sped up to its middle."""
+        """Adds a move with constant acceleration to `speed_m_s` and equal deceleration; a short move does not reach the speed."""
         way_m = float(np.hypot(*(target - path.end)[:2]))
         if way_m == 0.0:
             return
@@ -83,7 +84,7 @@ class IncrementsBeamTest(Motion, frozen=True, forbid_unknown_fields=True, tag="i
         duration_s = way_m / peak_m_s + ramp_s
         count = check_steps(duration_s / timestep_s)
         time_s = np.linspace(0.0, duration_s, count + 1)[1:]
-        # Braking mirrors the acceleration.
+        # Deceleration mirrors acceleration.
         since_s, until_s = np.minimum(time_s, ramp_s), np.minimum(duration_s - time_s, ramp_s)
         sped_up_m = 0.5 * self.acceleration_m_s2 * (since_s**2 + ramp_s**2 - until_s**2)
         even_m = peak_m_s * np.clip(time_s - ramp_s, 0.0, duration_s - 2.0 * ramp_s)

@@ -9,9 +9,9 @@ from whisker_sim.whisker import Length, Positive
 
 
 class LateralSweep(Motion, frozen=True, forbid_unknown_fields=True, tag="lateral_sweep"):
-    """Moves into the object along the whisker's normal at `contact_arc_m`, then back and forth `strokes` times.
+    """Moves into the object along the normal of the whisker at `contact_arc_m`, then back and forth `strokes` times.
 
-    The strokes run between a depth of `touch_depth_m` and `stroke_m` more, so that the contact lasts from the first touch on.
+    The depth of the strokes is between `touch_depth_m` and `stroke_m` more, so that the contact lasts from the first touch on.
     """
 
     contact_arc_m: Length

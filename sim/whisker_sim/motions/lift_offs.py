@@ -1,4 +1,4 @@
-"""Lift-offs: the whisker touches the object again and again, and leaves it now by withdrawal, now past its tip."""
+"""Lift-offs: repeated contacts that end by withdrawal or by slipping off the tip."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -9,18 +9,18 @@ from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage
 from whisker_sim.whisker import Length, Positive
 
 _EASE = 0.7
-"""Share of the depth to which the pressure eases in the middle of a stroke."""
+"""Share of the depth at the release in the middle of a stroke."""
 
 
 class LiftOffs(Motion, frozen=True, forbid_unknown_fields=True, tag="lift_offs"):
-    """Presses the whisker to the object `strokes` times, each at a place, to a depth and with speeds of its own.
+    """Presses the whisker against the object `strokes` times, each time at another point, depth and speed.
 
-    A stroke presses along the normal of the undeflected whisker, eases, and presses again. Strokes leave the object by turns in two
-    ways: the base withdraws along the normal, or draws the whisker lengthwise along the object until its tip slips off and it snaps
-    back. Between strokes it stays clear for a time that is often too short for the ringing to die. Everything with a minimum and a
-    maximum is drawn between them: speeds and times so that every factor is as likely, places and depths evenly. A move too short
-    for its speed is made as fast as `acceleration_max_m_s2` allows. At first the whisker stays free for `rest_s`, in which its
-    unrest shows.
+    A stroke presses along the normal of the undeflected whisker, releases partly, and presses again. It ends alternately in two
+    ways: the base withdraws along the normal, or pulls the whisker lengthwise along the object until its tip slips off and the
+    whisker snaps back. The free time between strokes is often too short for the ringing to decay. Quantities with a minimum and a
+    maximum are random: speeds and times log-uniform, arc lengths and depths uniform. If a move is too short for its speed, its peak
+    speed is limited by `acceleration_max_m_s2`. The whisker is free for the first `rest_s`, which allows its background noise to be
+    measured.
     """
 
     strokes: Annotated[int, msgspec.Meta(ge=1, le=1000)]
@@ -55,9 +55,9 @@ class LiftOffs(Motion, frozen=True, forbid_unknown_fields=True, tag="lift_offs")
             )
         arcs_m = stage.rng.uniform(self.arc_min_m, self.arc_max_m, self.strokes)
         depths_m = stage.rng.uniform(self.depth_min_m, self.depth_max_m, self.strokes)
-        press_m_s = _any_factor(stage.rng, self.press_speed_min_m_s, self.press_speed_max_m_s, self.strokes)
-        release_m_s = _any_factor(stage.rng, self.release_speed_min_m_s, self.release_speed_max_m_s, self.strokes)
-        free_s = _any_factor(stage.rng, self.free_min_s, self.free_max_s, self.strokes)
+        press_m_s = _log_uniform(stage.rng, self.press_speed_min_m_s, self.press_speed_max_m_s, self.strokes)
+        release_m_s = _log_uniform(stage.rng, self.release_speed_min_m_s, self.release_speed_max_m_s, self.strokes)
+        free_s = _log_uniform(stage.rng, self.free_min_s, self.free_max_s, self.strokes)
         slips_first = bool(stage.rng.integers(2))
 
         path = Path(stage.base_pose(arcs_m[0], self.clearance_m), stage.timestep_s)
@@ -89,13 +89,13 @@ class LiftOffs(Motion, frozen=True, forbid_unknown_fields=True, tag="lift_offs")
         return Plan(path.poses(), tuple(touching), may_slip_off=True)
 
     def _past_the_tip(self, stage: Stage, depth_m: float) -> Array:
-        """The pose in which the undeflected tip faces the object to a depth, drawn back by `past_tip_m` along its tangent."""
+        """Pose for which the undeflected tip faces the object at a depth, withdrawn by `past_tip_m` along its tangent."""
         tip_m = stage.whisker.length_m
         tangent_rad = float(stage.whisker.rest_angle_rad(tip_m))
         back_m = self.past_tip_m * np.array((np.cos(tangent_rad), np.sin(tangent_rad), 0.0))
         return stage.base_pose(tip_m, -depth_m) - back_m
 
 
-def _any_factor(rng: np.random.Generator, low: float, high: float, count: int) -> Array:
-    """Random numbers (count,) between two bounds, with a logarithm that is evenly distributed."""
+def _log_uniform(rng: np.random.Generator, low: float, high: float, count: int) -> Array:
+    """Log-uniform random numbers (count,) between two bounds."""
     return low * (high / low) ** rng.random(count)

@@ -1,4 +1,4 @@
-"""Arbitrary smooth planar trajectory that keeps the whisker on the object."""
+"""Arbitrary smooth planar trajectory that keeps the whisker in contact with the object."""
 
 from typing import Any, ClassVar
 
@@ -7,26 +7,26 @@ import numpy as np
 from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Array, Motion, Plan, Stage, check_steps, raised_cosine
 from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 
-# Two periods of a suspended whisker of 80 mm (8 Hz): a raised cosine of that length leaves it at rest.
+# Two periods of a free whisker of 80 mm (8 Hz): a raised cosine of that duration leaves it at rest.
 _APPROACH_S = 0.24
 _PRESS_S = 0.3
-"""At 55 mm the default press peaks at 40 mm/s, about as fast as the waves."""
+"""At 55 mm the default press reaches 40 mm/s, about the speed of the waves."""
 _RAMP_S = 0.5
 _WAVES = 4
 _MARGIN_M = 1e-5
-"""What a mean depth that falls short is mended by beyond what is missing, so that it is found in a few steps."""
-_LOOK_S = 0.02
-"""Time between the poses at which the depth is looked at; the base moves a fraction of a millimetre in it."""
+"""Added to each correction of the mean depth, so that the search ends after a few steps."""
+_CHECK_S = 0.02
+"""Time between the poses at which the depth is checked; the base moves by a fraction of a millimetre meanwhile."""
 
 
 class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
-    """Seeded sums of sinusoids in x, y and yaw about a contact, after a short approach.
+    """Random sums of sinusoids in x, y and yaw about a contact, after a short approach.
 
-    The whisker is pressed first; then it is let back to its mean depth while the waves grow to their full height. The contact's
-    arc length is drawn from `arc_min_m` to `arc_max_m`. The press is `press_per_m` times its square deep, the mean depth
-    `depth_per_m` times: a cantilever's moment at the root, `3 EI depth / arc^2`, is then the same wherever it is touched. The mean
-    depth is more where the undeflected whisker would otherwise come closer than `depth_min_m` to leaving the object. Translation
-    and rotation reach `translation_m` and `rotation_rad` either way; frequencies lie between `frequency_min_hz` and
+    The whisker is first pressed against the object and then released to its mean depth, while the amplitude of the waves increases.
+    The arc length s of the contact is drawn from `arc_min_m` to `arc_max_m`. The depth of the press is `press_per_m` s^2 and the
+    mean depth `depth_per_m` s^2, so that the root moment of a cantilever, 3 EI depth / s^2, does not depend on the contact. The
+    mean depth is increased if the undeflected whisker would otherwise come within less than `depth_min_m` of leaving the object.
+    Translation and rotation have the amplitudes `translation_m` and `rotation_rad`; frequencies are between `frequency_min_hz` and
     `frequency_max_hz`.
     """
 
@@ -66,7 +66,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         across_m = self.translation_m * self._waves(time_s, stage.rng)
         turn_rad = self.rotation_rad * self._waves(time_s, stage.rng)
 
-        settled, every = time_s >= settled_s, max(1, round(_LOOK_S / stage.timestep_s))
+        settled, every = time_s >= settled_s, max(1, round(_CHECK_S / stage.timestep_s))
         depth_m = self.depth_per_m * arc_m**2
         for _ in range(10):
             poses = self._poses(stage, time_s, arc_m, depth_m, along_m, across_m, turn_rad)
@@ -81,7 +81,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
     def _poses(
         self, stage: Stage, time_s: Array, arc_m: float, depth_m: float, along_m: Array, across_m: Array, turn_rad: Array
     ) -> Array:
-        """Base poses (n, 3): displaced along and across the whisker's tangent at the contact, and turned about the contact."""
+        """Base poses (n, 3), displaced along and across the whisker's tangent at the contact and rotated about the contact."""
         press_m = max(self.press_per_m * arc_m**2, depth_m)
         start = stage.base_pose(arc_m, self.clearance_m)
         tangent_rad = float(stage.whisker.rest_angle_rad(arc_m))
@@ -103,7 +103,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         return np.stack((x, y, turn), axis=-1)
 
     def _waves(self, time_s: Array, rng: np.random.Generator) -> Array:
-        """Sum of sinusoids with one frequency in each of equal bands and random phases, scaled to a peak of one."""
+        """Sum of sinusoids with random phases and one frequency in each of equal bands, scaled to an amplitude of one."""
         band = (np.arange(_WAVES) + rng.random(_WAVES)) / _WAVES
         frequency_hz = self.frequency_min_hz + band * (self.frequency_max_hz - self.frequency_min_hz)
         phase_rad = rng.uniform(0.0, 2.0 * np.pi, _WAVES)

@@ -1,5 +1,5 @@
-"""The simulator put to the test: the chain against the exact elastica, and its dynamics against the analytic beam.
+"""Validation of the simulator: the chain against the exact elastica, and its dynamics against the analytic beam.
 
-`python -m whisker_sim.physics` runs every study and prints each claim with what was measured. The traces' generator uses nothing
-of this package.
+`python -m whisker_sim.physics` runs all studies and prints each claim with its measured value. The generator of traces does not
+depend on this package.
 """

@@ -1,4 +1,4 @@
-"""Whiskers, objects and helpers that several studies share."""
+"""Whiskers, objects and functions that several studies share."""
 
 import xml.etree.ElementTree as ET
 
@@ -18,52 +18,52 @@ from whisker_sim.whisker import PRESETS, Array, Whisker
 TAPERED = msgspec.structs.replace(PRESETS["straight"][1], name="tapered", tip_diameter_m=0.12e-3)
 
 WHISKERS: dict[str, Whisker] = {whisker.name: whisker for whisker in (PRESETS["straight"][1], PRESETS["curved"][1], TAPERED)}
-"""Whiskers that are put to the test, by name."""
+"""Whiskers of the studies, by name."""
 
 
 def rms(values: Array) -> float:
-    """Root mean square of `values`, of any shape; NaN of none."""
+    """Root mean square of `values`, of any shape; NaN if there are none."""
     return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else float("nan")
 
 
 def largest(values: ArrayLike) -> float:
-    """Largest magnitude among `values`, of any shape; NaN of none, and where one of them is NaN, as Python's `max` is not."""
+    """Largest magnitude of `values`, of any shape; NaN if there are none or one is NaN, in contrast to Python's `max`."""
     return float(np.max(np.abs(values))) if np.size(values) else float("nan")
 
 
 FAR_AWAY = Pin(center_m=(1.0, 1.0))
-"""An object that nothing reaches."""
+"""An object out of reach."""
 
 TIMESTEP_S = 0.0005
-"""With which objects that stand free are studied."""
+"""Time step of the studies of free-standing objects."""
 MASSES_KG = (0.005, 0.02, 0.1)
-"""Of the objects that stand free."""
+"""Masses of the free-standing objects."""
 TOUCHED_M = 0.08
-"""Height above the table at which a whisker meets an object that stands free."""
+"""Height above the table at which a whisker touches a free-standing object."""
 
 
 def cylinder(mass_kg: float, height_m: float = 0.12) -> FreeObject:
-    """An upright cylinder 30 mm thick, its axis in World's origin."""
+    """An upright cylinder of 30 mm diameter, with its axis at the origin of World."""
     return FreeObject("object", Circle(radius_m=0.015), mass_kg, height_m)
 
 
 def slides_at_n(free: FreeObject) -> float:
-    """Horizontal force that overcomes friction: mu m g."""
+    """Horizontal force at which the object slides: mu m g."""
     return free.friction * free.mass_kg * GRAVITY_M_S2
 
 
 def tips_at_n(free: FreeObject, height_m: float) -> float:
-    """Horizontal force at `height_m` above the table that tips a round object over the foot ahead of it: m g R / height."""
+    """Horizontal force at `height_m` above the table at which a round object tips over the foot ahead of it: m g R / height."""
     return free.mass_kg * GRAVITY_M_S2 * free.object.radius_m / height_m
 
 
 def model_with_free_object(whisker: Whisker, free: FreeObject, timestep_s: float, tip_friction: float = 0.0) -> mujoco.MjModel:
-    """The model of `whisker` with `free`, on a table `TOUCHED_M` below the whisker, in the place of the fixed object.
+    """The model of `whisker` with `free`, on a table `TOUCHED_M` below the whisker, instead of the fixed object.
 
-    The name of `free` is that of the object which it replaces, so that the model's sensors are of its contact. The last link of the
-    whisker rubs on the object with `tip_friction`; the others are frictionless.
+    `free` has the name of the object that it replaces, so that the sensors of the model measure its contact. The last link of the
+    whisker has the friction `tip_friction` with the object; the others are frictionless.
 
-    Raises `SimulationError` where MuJoCo rejects the model.
+    Raises `SimulationError` if MuJoCo rejects the model.
     """
     root = ET.fromstring(build_mjcf(whisker, free.object, timestep_s))
     world = root.find("worldbody")

@@ -1,8 +1,8 @@
 """Statics: the chain at rest against the elastica, for 10 to 160 segments.
 
-MuJoCo's own model is let come to rest, heavily damped, from a guess near the solution. Its contact is made a hundred times harder
-than the one traces are made with, so that what is left is the error of the chain. The error depends on where between two hinges
-the contact lies, hence several places that are spread over the longest segment.
+MuJoCo's model relaxes to rest, with high damping, from a guess near the solution. Its contact is a hundred times stiffer than that
+of the traces, so that the remaining error is that of the chain. The error depends on the position of the contact between two
+hinges; hence several positions are spread over the longest segment.
 """
 
 from functools import partial
@@ -18,7 +18,7 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, NNM_PER_NM, SENSORS, build_model
 from whisker_sim.motions import Stage
 from whisker_sim.physics.cases import WHISKERS, largest, rms
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.shapes import AnyShape
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.shapes.pin import Pin
@@ -37,8 +37,8 @@ OBJECTS: dict[str, AnyShape] = {
 DEPTHS_M = {"shallow": 0.002, "large": 0.01}
 _PLACES = 9
 PLACES_M = 0.046 + 0.008 * (np.arange(_PLACES) + 0.5) / _PLACES
-"""Arc lengths at which the undeflected whisker first faces the object, spread over one of ten segments. As their number is odd,
-they are spread as evenly over each of the shorter segments and their capsules, whose lengths are halved again and again."""
+"""Arc lengths at which the undeflected whisker first faces the object, spread over one of ten segments. Because their number is
+odd, they are also evenly spread over each of the shorter segments and their capsules, whose lengths are successive halves."""
 
 _FIGURES = {"moment_error": "moment", "surface_error_m": "surface", "arc_error_m": "arc", "tip_error_m": "tip"}
 _DEFAULT_SEGMENTS = 40
@@ -50,11 +50,11 @@ _DEPTH_STEP_M = 0.001
 _HARD_SOLREF_S = 1e-4
 _HARD_SOLIMP = 0.9999
 _LARGEST_RATE = 1e-6
-"""Rates of all joints, in mm/s and rad/s, below which the chain counts as at rest."""
+"""Joint rates (mm/s and rad/s) below which the chain is at rest."""
 
 
 class Row(NamedTuple):
-    """Error of the chain at rest, RMS over the places."""
+    """Error of the chain at rest, RMS over the positions."""
 
     whisker: str
     object: str
@@ -62,7 +62,7 @@ class Row(NamedTuple):
     segments: int
     segment_m: float
     moment_n_m: float
-    """The elastica's, mean over the places."""
+    """Mean moment of the elastica over the positions."""
     moment_error: float
     """Relative."""
     surface_error_m: float
@@ -73,7 +73,7 @@ class Row(NamedTuple):
 
 
 class Order(NamedTuple):
-    """Power of the segment's length with which an error falls, over all objects and deflections."""
+    """Order of convergence of an error in the segment length, over all objects and deflections."""
 
     whisker: str
     figure: str
@@ -81,7 +81,7 @@ class Order(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """A chain at rest on an object, and its errors against the elastica."""
+    """A chain at rest in contact with an object, and its errors relative to the elastica."""
 
     moment_n_m: float
     moment_error: float
@@ -92,15 +92,16 @@ class Rest(NamedTuple):
 
 
 def face_of(whisker: Whisker, shape: AnyShape) -> int:
-    """Side that meets the object: a whisker curved to the left meets corners with its convex side, the right one."""
+    """Side on which the whisker meets the object: for corners the right, convex side of a whisker curved to the left."""
     return -1 if isinstance(shape, Rectangle) and whisker.curvature[0].curvature_per_m > 0.0 else 1
 
 
 def pushed(stage: Stage, depth_m: float) -> tuple[Array, Touching]:
-    """Base poses (n, 3) at which the object has pushed the whisker aside by `depth_m` at `PLACES_M`, and the elastica there.
+    """Base poses (n, 3) for which the object deflects the whisker by `depth_m` at `PLACES_M`, and the elastica there.
 
-    Newton's method is led there in steps, from the small deflection d under a force F at s, d = F s^2 (s / 3 EI + 1 / k). A guess
-    that lies inside a polygon would lead it to the wrong face, so a disc of no size stands in for the corner.
+    Newton's method follows the depth in steps, starting from the small deflection d under a force F at s, d = F s^2 (s / 3 EI + 1 /
+    k). For an initial guess inside a polygon it would converge to the wrong face; therefore a disc of radius zero represents the
+    corner.
     """
     whisker, shape = stage.whisker, stage.shape
     if isinstance(shape, Polygon):
@@ -122,11 +123,11 @@ def pushed(stage: Stage, depth_m: float) -> tuple[Array, Touching]:
 
 
 def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest:
-    """Lets the chain come to rest on the stage's object, its base held at `pose` (1, 3), and compares it with the elastica.
+    """Relaxes the chain on the object of the stage, with its base held at `pose` (1, 3), and compares it with the elastica.
 
     `near` is the elastica at that pose, from which the chain starts.
 
-    Raises `SimulationError` where it does not come to rest, or has no contact on its side.
+    Raises `SimulationError` if the chain does not come to rest, or has no contact on its side.
     """
     model = build_model(whisker, stage.shape, _TIMESTEP_S)
     model.dof_damping[3:] = _DAMPING_S * model.jnt_stiffness[3:]
@@ -134,11 +135,11 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
     data.qpos[:3] = data.act[:] = pose[0] * (MM_PER_M, MM_PER_M, 1.0)
 
     hinges_m = (np.arange(whisker.segments) + 0.5) * whisker.segment_m
-    # The bending moment falls about linearly. A tenth more of it starts the chain clear of the object, and on the right side of it.
+    # The bending moment decreases about linearly. An excess of a tenth makes the chain start without contact, on the right side.
     share = np.maximum(1.0 - hinges_m / near.arc_m[0], 0.0)
     data.qpos[3:] = 1.1 * NNM_PER_NM * near.moment_n_m[0] * np.concatenate(([1.0], share)) / model.jnt_stiffness[3:]
     mujoco.mj_step(model, data, nstep=round(_REST_S / _TIMESTEP_S))
-    # At rest on the soft contact, the hard one is safe. MuJoCo would soften it again to twice the time step.
+    # From rest on the soft contact, the stiff one is stable. MuJoCo would soften it to twice the time step.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
     model.geom_solref[:, 0] = _HARD_SOLREF_S
     model.geom_solimp[:, :2] = _HARD_SOLIMP
@@ -147,8 +148,8 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
     if not np.max(np.abs(data.qvel)) < _LARGEST_RATE:
         raise SimulationError(f"{whisker.name}, {whisker.segments} segments: the chain does not come to rest")
 
-    # The whisker's force shifts the base by nanometres; the elastica is solved for where the base is. It touches where the chain
-    # sinks in by nanometres, so the chain is lifted out as far, along the normal.
+    # The whisker's force displaces the base by nanometres; the elastica is solved for the displaced base. Where the elastica
+    # touches, the chain penetrates by nanometres, so the chain is moved outwards by the penetration, along the normal.
     pose = data.qpos[None, :3] / (MM_PER_M, MM_PER_M, 1.0)
     sunk = nearest_contact(CenterLine.from_joints(whisker, pose, data.qpos[None, 3:]), stage.shape)
     outward_m = sunk.contact_m - sunk.surface_m
@@ -163,7 +164,7 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
     turn_rad = exact.tangent_rad[0] - float(whisker.rest_angle_rad(exact.arc_m[0]))
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     beyond_m = whisker.rest_point_m(whisker.length_m) - whisker.rest_point_m(exact.arc_m[0])
-    # Past the contact the whisker is unloaded and keeps its undeflected shape.
+    # Beyond the contact the whisker is unloaded and keeps its undeflected shape.
     tip_m = exact.contact_m[0] + (cos * beyond_m[0] - sin * beyond_m[1], sin * beyond_m[0] + cos * beyond_m[1])
     return Rest(
         exact.moment_n_m[0],
@@ -176,7 +177,7 @@ def relaxed(whisker: Whisker, stage: Stage, pose: Array, near: Touching) -> Rest
 
 
 def converge(whisker_name: str, object_name: str, depth_name: str) -> list[Row]:
-    """One row a number of segments."""
+    """One row per number of segments."""
     whisker, shape = WHISKERS[whisker_name], OBJECTS[object_name]
     face = face_of(whisker, shape)
     stage = Stage(whisker, shape, face, _TIMESTEP_S, None, np.random.default_rng())
@@ -202,13 +203,13 @@ def converge(whisker_name: str, object_name: str, depth_name: str) -> list[Row]:
 
 
 def order(rows: list[Row], figure: str) -> float:
-    """Power of the segment's length with which `figure` falls: a line through the logarithms, every case counting alike.
+    """Order of convergence of `figure` in the segment length: slope of the logarithms, with equal weights of all cases.
 
-    At a corner the contact on the object is the corner itself, whatever the chain does; such rows say nothing.
+    At a corner the contact on the object is the corner itself, regardless of the chain; such rows are ignored.
     """
-    telling = [row for row in rows if getattr(row, figure) > _SMALLEST_ERROR]
-    lengths_m = sorted({row.segment_m for row in telling})
-    errors = [np.mean([np.log(getattr(row, figure)) for row in telling if row.segment_m == length_m]) for length_m in lengths_m]
+    used = [row for row in rows if getattr(row, figure) > _SMALLEST_ERROR]
+    lengths_m = sorted({row.segment_m for row in used})
+    errors = [np.mean([np.log(getattr(row, figure)) for row in used if row.segment_m == length_m]) for length_m in lengths_m]
     return float(np.polyfit(np.log(lengths_m), errors, 1)[0])
 
 
@@ -223,10 +224,10 @@ def _conclude(results: list[list[Row]]) -> Findings:
         for whisker in WHISKERS
         for field, figure in _FIGURES.items()
     ]
-    bars = []
+    claims = []
     for fit in orders:
         claim = f"{fit.whisker} chain at rest: order of the {fit.figure}'s error in segment length"
-        bars.append(Bar(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
+        claims.append(Claim(f"order_{fit.whisker}_{fit.figure}", claim, fit.order, ">=", 1.8, ""))
     for whisker in WHISKERS:
         default = [row for row in rows if row.whisker == whisker and row.segments == _DEFAULT_SEGMENTS]
         for field, scale, bound, unit in (
@@ -236,8 +237,8 @@ def _conclude(results: list[list[Row]]) -> Findings:
         ):
             claim = f"{whisker} chain at rest, {_DEFAULT_SEGMENTS} segments: {_FIGURES[field]}, worst case"
             worst = scale * largest([getattr(row, field) for row in default])
-            bars.append(Bar(f"rest_{whisker}_{_FIGURES[field]}", claim, worst, "<=", bound, unit))
-    return Findings({"convergence": rows, "convergence_orders": orders}, bars)
+            claims.append(Claim(f"rest_{whisker}_{_FIGURES[field]}", claim, worst, "<=", bound, unit))
+    return Findings({"convergence": rows, "convergence_orders": orders}, claims)
 
 
 STUDY = Study("convergence", "chain at rest against the elastica, 10 to 160 segments", _tasks, _conclude)

@@ -1,15 +1,15 @@
-"""What whiskers do to objects that stand free: how far these move, whether they fall, and where soft and curved stops to help.
+"""Disturbance of free-standing objects by whiskers: displacement, tipping, and the effect of softness and curvature.
 
 The base moves straight by 30 mm into the object and back. The approach is the angle between that motion and the line from root to
-tip of the undeflected whisker: 90 degrees from the side, zero head-on. The object is met at three quarters of the whisker's reach
-to the side. The tip is frictionless, as all the rest of the whisker, or it rubs, and then sticks where it is pushed head-on.
+tip of the undeflected whisker: 90 degrees from the side, zero head-on. The object is met at three quarters of the lateral reach of
+the whisker. The tip is either frictionless, as the rest of the whisker, or has friction and sticks when pushed head-on.
 
-So held, a straight whisker is a column, and buckles. The elastica that certifies the traces knows no contact of the tip; Euler's
-column stands in, with a root of stiffness k and a tip that is held but free to turn: P = EI (l / L)^2 with
-tan l = l / (1 + l^2 EI / (k L)), l from pi (no stiffness) to 4.493 (clamped).
+A straight whisker that sticks is a column and buckles. The elastica of the certificates does not include contact at the tip; the
+reference is Euler's column with a root of stiffness k and a pinned tip: P = EI (l / L)^2 with tan l = l / (1 + l^2 EI / (k L)),
+where l is between pi (no stiffness) and 4.493 (clamped).
 
-A wire that cannot shorten, on a root that cannot give way along it, hits head-on before it buckles. Forces are therefore means
-over 4 ms, the time between two readings. A root of silicone softens that blow: head-on, the study is on the safe side.
+An inextensible wire on a root without axial compliance causes an impact before it buckles. Forces are therefore means over 4 ms,
+the time between two readings. A silicone root would soften that impact: head-on the study is conservative.
 """
 
 from functools import partial
@@ -35,7 +35,7 @@ from whisker_sim.physics.cases import (
     slides_at_n,
     tips_at_n,
 )
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import roll
 from whisker_sim.table import displacement
@@ -43,19 +43,19 @@ from whisker_sim.whisker import PRESETS, Array, Whisker
 
 STRAIGHT, CURVED = PRESETS["straight"][1], PRESETS["curved"][1]
 CLAMPED_N_M_RAD = 10.0
-"""Root stiffness some thousand times that of the wires."""
+"""Root stiffness several thousand times the bending stiffness EI / L of the thickest wire."""
 ROOTS_N_M_RAD = (0.17e-3, 1.7e-3, 17e-3, CLAMPED_N_M_RAD)
 DIAMETERS_M = (0.2e-3, 0.25e-3, 0.3e-3, 0.4e-3, 0.5e-3)
 SPEEDS_M_S = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 APPROACHES_DEG = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-"""At zero a straight whisker would not know to which side to buckle."""
+"""At zero the direction in which a straight whisker buckles would be undetermined."""
 RUBBING = 0.5
-"""Friction of a tip that rubs."""
+"""Coefficient of friction of a tip with friction."""
 
 CLAIMED_KG, CLAIMED_M = 0.02, 1e-5
-"""Whiskers on the soft root move an object of this mass by less than this."""
+"""Whiskers on the soft root displace an object of this mass by less than this distance."""
 SIDEWAYS_RAD = np.radians(15.0)
-"""From this approach on a tip that rubs slips."""
+"""Approach above which a tip with friction slips."""
 
 _STROKE_M, _CLEARANCE_M = 0.03, 0.001
 _SPEED_M_S = 0.05
@@ -68,7 +68,7 @@ _SHORTENING_M = 0.5e-3
 
 
 class Row(NamedTuple):
-    """One sweep against one cylinder, 30 mm thick and 120 mm tall, that is met 80 mm above the table."""
+    """One sweep against a cylinder of 30 mm diameter and 120 mm height, met 80 mm above the table."""
 
     whisker: str
     root_stiffness_n_m_rad: float
@@ -77,33 +77,33 @@ class Row(NamedTuple):
     approach_rad: float
     tip_friction: float
     speed_m_s: float
-    """Largest speed of the base; it rises from rest 1 mm before the touch."""
+    """Largest speed of the base, which starts from rest 1 mm before the contact."""
     peak_force_n: float
     moved_m: float
-    """Largest displacement in the plane of the object's axis at the height of the whisker: its middle's, and what its tilt adds."""
+    """Largest displacement in the plane of the object's axis at the height of the whisker: translation plus effect of the tilt."""
     tilt_rad: float
     left_m: float
-    """Displacement of its middle when the whisker has withdrawn."""
+    """Displacement of its centre after the whisker has withdrawn."""
     fell: int
-    """Whether its centre of mass came to stand over the rim; the sweep ends there."""
+    """Whether its centre of mass passed the rim, at which the sweep ends."""
     slides_at_n: float
     tips_at_n: float
 
 
 class Column(NamedTuple):
-    """The straight whisker, its tip held, pushed 0.5 mm against an immovable object."""
+    """The straight whisker with its tip held, pushed 0.5 mm against an immovable object."""
 
     root_stiffness_n_m_rad: float
     held_force_n: float
-    """Once all is at rest."""
+    """Force at rest."""
     euler_n: float
 
 
 class _Swept(NamedTuple):
     force_n: Array
-    """Magnitude of the mean force over `_MEAN_S`, from each step on (n,)."""
+    """Magnitude of the mean force over `_MEAN_S` from each step on (n,)."""
     displacement: Array
-    """x, y, z in metres, yaw and tilt in radians, since the first instant (n, 5)."""
+    """x, y, z (m), yaw and tilt (rad) since the first instant (n, 5)."""
 
 
 def sweep(
@@ -114,7 +114,7 @@ def sweep(
     concave: bool = False,
     speed_m_s: float = _SPEED_M_S,
 ) -> Row:
-    """One sweep; the object lies on the convex side of a whisker that bends to its left, or on the `concave` one."""
+    """One sweep; the object is on the convex side of a whisker that bends to its left, or on the `concave` one."""
     free = cylinder(mass_kg)
     falls_at_rad = np.arctan2(free.object.radius_m, 0.5 * free.height_m)
     side = -1.0 if concave else 1.0
@@ -140,18 +140,18 @@ def sweep(
 
 
 def column(root_stiffness_n_m_rad: float) -> Column:
-    """Pushes the straight whisker head-on, holds, and measures what it bears once buckled."""
+    """Pushes the straight whisker head-on, holds it, and measures the load of the buckled whisker."""
     whisker = msgspec.structs.replace(STRAIGHT, root_stiffness_n_m_rad=root_stiffness_n_m_rad)
     swept = _swept(whisker, cylinder(_IMMOVABLE_KG), np.radians(APPROACHES_DEG[0]), RUBBING, _SHORTENING_M, _SPEED_M_S, np.inf)
-    # The base stands still in the middle of the sweep.
+    # The base is at rest in the middle of the sweep.
     return Column(root_stiffness_n_m_rad, float(swept.force_n[len(swept.force_n) // 2]), euler_n(whisker))
 
 
 def euler_n(whisker: Whisker) -> float:
-    """Load at which a straight uniform `whisker` buckles whose tip is held and free to turn."""
+    """Buckling load of a straight uniform `whisker` with a pinned tip."""
     bending_n_m2 = whisker.segment_m / whisker.compliance_rad_n_m(0.0, whisker.segment_m)
     softness = bending_n_m2 / (whisker.root_stiffness_n_m_rad * whisker.length_m)
-    # The equation times its denominators, which keeps it finite.
+    # Multiplied by the denominators, the equation remains finite.
     root = brentq(lambda x: np.sin(x) * (1.0 + softness * x * x) - x * np.cos(x), np.pi, 1.5 * np.pi, xtol=1e-14)
     return float(bending_n_m2 * (root / whisker.length_m) ** 2)
 
@@ -165,7 +165,7 @@ def _swept(
     speed_m_s: float,
     falls_at_rad: float,
 ) -> _Swept:
-    """Moves the base by `stroke_m` past the first touch, holds it, and withdraws it; stops where the object falls."""
+    """Moves the base by `stroke_m` beyond the first contact, holds it, and withdraws it; stops if the object falls."""
     model = model_with_free_object(whisker, free, TIMESTEP_S, tip_friction)
     data = mujoco.MjData(model)
     touch = _first_touch(whisker, free.object, approach_rad)
@@ -191,7 +191,7 @@ def _swept(
 
 
 def _mean_magnitude(forces_n: Array, steps: int) -> Array:
-    """Magnitudes (n - steps + 1,) of the means of `forces_n` (n, 3) over so many steps."""
+    """Magnitudes (n - steps + 1,) of the means of `forces_n` (n, 3) over `steps` instants."""
     sums = np.concatenate((np.zeros((1, 3)), np.cumsum(forces_n, axis=0)))
     return np.linalg.norm(sums[steps:] - sums[:-steps], axis=1) / steps
 
@@ -199,7 +199,7 @@ def _mean_magnitude(forces_n: Array, steps: int) -> Array:
 def _first_touch(whisker: Whisker, shape: Shape, approach_rad: float) -> Array:
     """Pose (x, y, yaw) of the base at which the undeflected whisker, moved along +x, first touches `shape`.
 
-    By steps as long as the way is surely free.
+    Found by steps of the length that is certainly free.
     """
     tip = whisker.rest_point_m(whisker.length_m)
     yaw_rad = approach_rad - np.arctan2(tip[1], tip[0])
@@ -214,7 +214,7 @@ def _first_touch(whisker: Whisker, shape: Shape, approach_rad: float) -> Array:
 
 
 def _stiffer(whisker: Whisker, times: float, name: str) -> Whisker:
-    """`whisker` with so many times the stiffness of root and wire."""
+    """`whisker` with the stiffness of root and wire multiplied by `times`."""
     diameter_m = whisker.root_diameter_m * times**0.25
     return msgspec.structs.replace(
         whisker,
@@ -241,7 +241,7 @@ WHISKERS = (
     (_named(CURVED, "curved, concave side"), True),
     (_stiffer(CURVED, 10.0, "ten times stiffer, convex side"), False),
 )
-"""Whiskers that approach from everywhere, and whether they meet the object with the concave side."""
+"""Whiskers that approach from all directions, and whether they meet the object with the concave side."""
 
 _BY_APPROACH = [
     partial(sweep, whisker, CLAIMED_KG, float(np.radians(approach_deg)), tip_friction, concave)
@@ -282,7 +282,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
     curved = [row for row in soft if row.whisker.startswith("curved")]
     straight = [row for row in soft if row.whisker == "straight"]
     slipping = [row for row in straight if row.approach_rad >= SIDEWAYS_RAD or row.tip_friction == 0.0]
-    # With the presets' wire, at one speed: of many sweeps that should move the object one would always be found that does.
+    # For the preset's wire at one speed only: among many sweeps, one that displaces the object would always be found.
     head_on = {
         row.whisker: [row] for row in by_approach if row.approach_rad == np.radians(APPROACHES_DEG[0]) and row.tip_friction > 0.0
     }
@@ -292,8 +292,8 @@ def _conclude(results: list[Row | Column]) -> Findings:
 
     mass, bound_mm = f"object of {1e3 * CLAIMED_KG:g} g", 1e3 * CLAIMED_M
     buckling = largest([row.held_force_n / row.euler_n - 1.0 for row in columns])
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             "disturbance_curved",
             f"curved whisker, soft root, any approach and speed: {mass} moves",
             moved_mm(curved),
@@ -301,7 +301,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_straight",
             f"straight whisker, soft root, from the side (15 degrees and more) or with a frictionless tip: {mass} moves",
             moved_mm(slipping),
@@ -309,7 +309,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_head_on",
             f"straight whisker, soft root, head-on at {1e3 * _SPEED_M_S:g} mm/s with a tip that rubs: {mass} does move",
             moved_mm(head_on["straight"]),
@@ -317,7 +317,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_stiffer",
             f"curved whisker, ten times stiffer, head-on at {1e3 * _SPEED_M_S:g} mm/s with a tip that rubs: {mass} does move",
             moved_mm(head_on[WHISKERS[-1][0].name]),
@@ -325,7 +325,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
             bound_mm,
             "mm",
         ),
-        Bar(
+        Claim(
             "disturbance_buckling",
             "straight whisker, tip held: load once buckled, against Euler's",
             PERCENT * buckling,
@@ -340,7 +340,7 @@ def _conclude(results: list[Row | Column]) -> Findings:
         "disturbance_speed": by_speed,
         "disturbance_buckling": columns,
     }
-    return Findings(tables, bars)
+    return Findings(tables, claims)
 
 
-STUDY = Study("disturbance", "what whiskers do to objects that stand free", _tasks, _conclude)
+STUDY = Study("disturbance", "displacement of free-standing objects by whiskers", _tasks, _conclude)

@@ -1,4 +1,4 @@
-"""The trials of the standard suite with the fast settings of the simulation, against the elastica at every quasi-static instant."""
+"""Trials of the standard suite with the fast simulation settings, against the elastica at every quasi-static instant."""
 
 import hashlib
 from functools import partial
@@ -7,7 +7,7 @@ from pathlib import Path
 from whisker_sim.certificate import contacts_of
 from whisker_sim.documents import read_document
 from whisker_sim.physics.study import Findings, Study
-from whisker_sim.physics.sweeps import Row, bars, compare_contacts
+from whisker_sim.physics.sweeps import Row, claims_about, compare_contacts
 from whisker_sim.runs import Run, with_simulation
 from whisker_sim.scene import SIMULATIONS, Scene
 from whisker_sim.simulate import simulate
@@ -15,11 +15,11 @@ from whisker_sim.trace import COLUMNS, Sidecar, format_csv, trace_columns
 
 _, FAST = SIMULATIONS["fast"]
 TIMES_THE_BOUNDS = 2.0
-"""What the fast settings may cost."""
+"""Bounds of the fast settings relative to the default ones."""
 
 
 def fast(run: Run) -> Row:
-    """Simulates `run` with the fast settings, writes nothing, and compares."""
+    """Simulates `run` with the fast settings and compares it, without writing files."""
     run = with_simulation(run, FAST)
     simulated = simulate(run)
     rows = format_csv(trace_columns(simulated, run.scene.resolved_whisker), COLUMNS)
@@ -35,7 +35,7 @@ def _tasks(dataset: Path) -> list[partial[Row]]:
 
 
 def _conclude(results: list[Row]) -> Findings:
-    return Findings({"fast": results}, bars("fast", "fast settings, trials", results, TIMES_THE_BOUNDS))
+    return Findings({"fast": results}, claims_about("fast", "fast settings, trials", results, TIMES_THE_BOUNDS))
 
 
 STUDY = Study("fast", "trials of the standard suite with the fast settings against the elastica", _tasks, _conclude)

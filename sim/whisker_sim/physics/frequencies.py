@@ -1,6 +1,6 @@
 """Natural frequencies of the free whisker on its compliant root, against the Euler-Bernoulli beam.
 
-A uniform beam of length L, free at its end and turning about its root against the stiffness k, vibrates at
+A uniform beam of length L with a free end and a root of rotational stiffness k vibrates at
 w_i = lambda_i^2 sqrt(EI / rho A) / L^2 with (1 + cos l cosh l) k L / EI = l (sin l cosh l - cos l sinh l).
 """
 
@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from whisker_sim.model import build_model
 from whisker_sim.physics.cases import FAR_AWAY
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 SEGMENTS = (10, 20, 40, 80)
@@ -41,7 +41,7 @@ def beam_hz(whisker: Whisker, modes: int) -> Array:
     stiffness = whisker.root_stiffness_n_m_rad * whisker.length_m / bending_n_m2
 
     def characteristic(x: float) -> float:
-        """The equation divided by cosh x, which keeps it small."""
+        """The equation divided by cosh x, which keeps it bounded."""
         return (1.0 / np.cosh(x) + np.cos(x)) * stiffness - x * (np.sin(x) - np.cos(x) * np.tanh(x))
 
     grid = np.linspace(0.05, np.pi * (modes + 1), 200 * (modes + 1))
@@ -52,7 +52,7 @@ def beam_hz(whisker: Whisker, modes: int) -> Array:
 
 
 def chain_hz(whisker: Whisker, modes: int) -> Array:
-    """The first natural frequencies (modes,) of the chain on a fixed base, undamped."""
+    """The first natural frequencies (modes,) of the undamped chain on a fixed base."""
     model = build_model(whisker, FAR_AWAY, 0.0005)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -76,8 +76,8 @@ def _tasks(_: Path) -> list[partial[list[Row]]]:
 
 def _conclude(results: list[list[Row]]) -> Findings:
     rows = [row for result in results for row in result]
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             f"frequency_{row.mode}",
             f"natural frequency {row.mode}, 40 segments, against the beam's {row.beam_hz:.2f} Hz",
             PERCENT * abs(row.error),
@@ -88,7 +88,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
         for row in rows
         if row.segments == 40
     ]
-    return Findings({"frequencies": rows}, bars)
+    return Findings({"frequencies": rows}, claims)
 
 
 STUDY = Study("frequencies", "natural frequencies against the analytic beam", _tasks, _conclude)

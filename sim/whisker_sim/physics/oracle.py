@@ -1,8 +1,7 @@
-"""The oracles against published values and against one another.
+"""Elastica solvers ("oracles") against published values and against one another.
 
-There are three of the exact whisker, written apart from one another: in Rust, for sensor models; in NumPy, for many base poses at
-once; and one by SciPy's integrator, against which the other two are held. That in Rust answers through its own tests, which print
-what they find.
+There are three independent solvers of the exact whisker: in Rust, for sensor models; in NumPy, for many base poses at once; and
+with SciPy's integrator, the reference of the other two. The one in Rust is compared by its own tests, whose output is parsed here.
 """
 
 import os
@@ -19,25 +18,26 @@ from scipy.optimize import brentq
 
 from whisker_sim.elastica import Loaded, loaded, touching
 from whisker_sim.errors import SimulationError
+from whisker_sim.paths import ROOT
 from whisker_sim.physics.cases import WHISKERS, largest
-from whisker_sim.physics.scipy_elastica import REPOSITORY, StaticContact, push, solved_case, static_contact, write_cases
-from whisker_sim.physics.study import Bar, Findings, Study
+from whisker_sim.physics.scipy_elastica import StaticContact, push, solved_case, static_contact, write_cases
+from whisker_sim.physics.study import Claim, Findings, Study
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 CASES = 10_000
-"""Random whiskers, contacts and loads that the oracle in Rust solves too."""
+"""Number of random whiskers, contacts and loads that the solver in Rust is compared at."""
 SEED = 2
 LOADS = 500
-"""Random loads on each of the studies' whiskers, for the oracle in NumPy."""
+"""Number of random loads on each whisker of the studies, for the solver in NumPy."""
 CONTACTS = 100
-"""Random contacts of each of those whiskers, on either side, with a disc of each of `RADII_M`."""
+"""Number of random contacts of each of those whiskers, on either side, with a disc of each of `RADII_M`."""
 RADII_M = (0.001, 0.015, 0.05)
 LARGEST_BEND_RAD = 1.0
-"""Of whisker and root under a random load, by the theory of small deflections."""
+"""Largest rotation of whisker and root under a random load, by the theory of small deflections."""
 
 PUBLISHED = ((1.0, 0.30172, 0.05643), (2.0, 0.49346, 0.16064), (5.0, 0.71379, 0.38763), (10.0, 0.81061, 0.55500))
-"""A cantilever under a load P at its end that keeps its direction: P L^2 / EI, deflection and shortening, in lengths (Mattiasson,
+"""Cantilever under a load P of constant direction at its end: P L^2 / EI, deflection and shortening, in lengths (Mattiasson,
 International Journal for Numerical Methods in Engineering 17, 1981)."""
 _ROUNDING = 0.5e-5
 _AGREEMENT = 1e-9
@@ -64,7 +64,7 @@ class Cantilever(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Largest disagreement with SciPy, relative; angles in radians."""
+    """Largest deviation from SciPy, relative; angles in radians."""
 
     oracle: str
     what: str
@@ -75,7 +75,7 @@ class Agreement(NamedTuple):
 def cantilever(load: float) -> tuple[float, float]:
     """Deflection and shortening by SciPy, in lengths, under P L^2 / EI = `load`.
 
-    The load keeps its direction, so its parts along and across the end follow from the end's angle.
+    The direction of the load is constant; its components along and across the end follow from the angle of the end.
     """
     straight = PRESETS["straight"][1]
     clamped = msgspec.structs.replace(straight, root_stiffness_n_m_rad=1e12)
@@ -103,7 +103,7 @@ def _solved(first: int) -> list[str]:
 
 
 def _numpy_agreement(whisker_name: str) -> list[Agreement]:
-    """The oracle in NumPy against SciPy's: random loads to either side, and random contacts with discs."""
+    """Compares the solver in NumPy with SciPy's: random loads to either side, and random contacts with discs."""
     whisker = WHISKERS[whisker_name]
     rng = np.random.default_rng((SEED, list(WHISKERS).index(whisker_name)))
     arc_m, force_n = _random_loads(whisker, LOADS, rng)
@@ -124,16 +124,16 @@ def _numpy_agreement(whisker_name: str) -> list[Agreement]:
 
 
 def _worst_contact(whisker: Whisker, radius_m: float, face: int, rng: np.random.Generator) -> float:
-    """Largest disagreement over `CONTACTS` with a disc at World's origin on the whisker's side `face`.
+    """Largest deviation at `CONTACTS` random contacts with a disc at the origin of World on the side `face` of the whisker.
 
-    The base is put where the disc lies against the whisker that SciPy has bent, so that contact and force are known.
+    The base is placed such that the disc touches the whisker as bent by SciPy, so that contact and force are known.
     """
     arc_m, force_n = _random_loads(whisker, CONTACTS, rng)
     force_n = np.abs(force_n)
     left, along = push(whisker, face)
     exact = _solved_loads(whisker, arc_m, left * force_n, along * force_n)
     cos, sin = np.cos(exact.tangent_rad), np.sin(exact.tangent_rad)
-    # The disc lies where the force comes from.
+    # The disc is on the side from which the force acts.
     towards_disc = np.stack((sin * left - cos * along, -sin * along - cos * left), axis=-1)
     center_m = exact.point_m + (radius_m + whisker.radius_m(arc_m))[:, None] * towards_disc
     yaw_rad = rng.uniform(-np.pi, np.pi, CONTACTS)
@@ -156,15 +156,15 @@ def _random_loads(whisker: Whisker, count: int, rng: np.random.Generator) -> tup
 
 
 def _solved_loads(whisker: Whisker, arc_m: Array, left_n: Array, along_n: Array) -> Loaded:
-    """SciPy's answers to loads (n,)."""
+    """SciPy's solutions for loads (n,)."""
     cases = [static_contact(whisker, *load) for load in zip(arc_m, left_n, along_n, strict=True)]
     return Loaded(*(np.array([getattr(case, name) for case in cases]) for name in ("point_m", "angle_rad", "moment_n_m")))
 
 
-def _ask_rust(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]:
-    """What the oracle in Rust finds in its own tests, given the solved cases `rows`; nothing where a test fails.
+def _rust_agreement(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]:
+    """Results of the solver in Rust in its own tests, given the solved cases `rows`; empty if a test fails.
 
-    Raises `SimulationError` where the tests do not run.
+    Raises `SimulationError` if the tests do not run.
     """
     with TemporaryDirectory() as folder:
         cases = Path(folder) / "cases.csv"
@@ -173,17 +173,17 @@ def _ask_rust(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]:
         try:
             run = subprocess.run(
                 [*command, "--", "--nocapture", *_RUST_TESTS],
-                cwd=REPOSITORY,
+                cwd=ROOT,
                 env={**os.environ, "ELASTICA_CASES": str(cases)},
                 capture_output=True,
                 text=True,
                 check=False,
             )
         except OSError as error:
-            raise SimulationError(f"the oracle in Rust cannot be asked: cargo does not start: {error.strerror}") from None
+            raise SimulationError(f"tests of the oracle in Rust: expected to start cargo, found: {error.strerror}") from None
     if "test result" not in run.stdout:
         reason = (run.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise SimulationError(f"the oracle in Rust cannot be asked: `{' '.join(command)}` ends with: {reason}")
+        raise SimulationError(f"tests of the oracle in Rust: expected results of `{' '.join(command)}`, found: {reason}")
     if run.returncode != 0:
         return [], []
     published = {load: values for load, *values in PUBLISHED}
@@ -211,25 +211,25 @@ def _tasks(_: Path) -> list[partial[list[Any]]]:
 def _conclude(results: list[list[Any]]) -> Findings:
     cantilevers, *results = results
     agreements = [row for rows in results[: len(WHISKERS)] for row in rows]
-    rust_cantilevers, rust_agreements = _ask_rust([row for rows in results[len(WHISKERS) :] for row in rows])
+    rust_cantilevers, rust_agreements = _rust_agreement([row for rows in results[len(WHISKERS) :] for row in rows])
     cantilevers, agreements = cantilevers + rust_cantilevers, rust_agreements + agreements
-    bars = []
+    claims = []
     for oracle in ("SciPy", "Rust"):
         of_oracle = [row for row in cantilevers if row.oracle == oracle]
         misses = [abs(row.deflection - row.published_deflection) for row in of_oracle]
         misses += [abs(row.shortening - row.published_shortening) for row in of_oracle]
-        # Without all of the published values nothing is shown.
+        # All published values are required.
         worst = largest(misses) if len(of_oracle) == len(PUBLISHED) else float("nan")
         claim = f"oracle by {oracle}: cantilever against Mattiasson's four loads, in lengths"
-        bars.append(Bar(f"oracle_mattiasson_{oracle.lower()}", claim, worst, "<=", _ROUNDING, ""))
+        claims.append(Claim(f"oracle_mattiasson_{oracle.lower()}", claim, worst, "<=", _ROUNDING, ""))
     for oracle, what in (("Rust", "random whiskers, contacts and loads"), ("NumPy", "loads and contacts with discs")):
         of_oracle = [row for row in agreements if row.oracle == oracle]
         worst = largest([row.worst for row in of_oracle])
-        # The oracle in Rust answers to every case in four ways.
+        # The solver in Rust has four results per case.
         count = sum({row.what: row.cases for row in of_oracle}.values()) // (4 if oracle == "Rust" else 1)
         claim = f"oracle by {oracle} against SciPy: {count} {what}, relative"
-        bars.append(Bar(f"oracle_{oracle.lower()}", claim, worst, "<=", _AGREEMENT, ""))
-    return Findings({"cantilever": cantilevers, "oracle": agreements}, bars)
+        claims.append(Claim(f"oracle_{oracle.lower()}", claim, worst, "<=", _AGREEMENT, ""))
+    return Findings({"cantilever": cantilevers, "oracle": agreements}, claims)
 
 
 STUDY = Study("oracle", "the oracles against published values and one another", _tasks, _conclude)

@@ -1,4 +1,4 @@
-"""The files of a run: one CSV a table, the claims, and a watermark."""
+"""Files of a run: one CSV file per table, the claims, and the provenance."""
 
 import csv
 import io
@@ -10,13 +10,13 @@ from typing import NamedTuple
 import msgspec
 
 from whisker_sim.documents import to_json
-from whisker_sim.physics.study import Bar, Findings
+from whisker_sim.physics.study import Claim, Findings
 from whisker_sim.physics.sweeps import Row as SweepRow
 from whisker_sim.trace import Generator, generator, write_atomically
 
 
 class ClaimRow(NamedTuple):
-    """A claim that was measured."""
+    """A row of `claims.csv`."""
 
     id: str
     claim: str
@@ -28,7 +28,7 @@ class ClaimRow(NamedTuple):
 
 
 class Watermark(msgspec.Struct, frozen=True):
-    """What made the tables, and from what."""
+    """Provenance of the tables."""
 
     format: int
     kind: str
@@ -36,17 +36,17 @@ class Watermark(msgspec.Struct, frozen=True):
     numpy: str
     scipy: str
     traces: dict[str, str]
-    """Hashes of the traces that were compared, by name."""
+    """Hashes of the compared traces, by name."""
 
 
 def write_results(folder: Path, findings: list[Findings]) -> None:
     """Writes `<table>.csv` for every table, `claims.csv` and `watermark.json` into `folder`.
 
-    Numbers have nine significant digits, more than any claim needs and fewer than differ from one machine to another.
+    Numbers have nine significant digits: more than any claim needs, and few enough to agree between machines.
     """
     folder.mkdir(parents=True, exist_ok=True)
     tables = {name: rows for found in findings for name, rows in found.tables.items()}
-    tables["claims"] = [claim_row(bar) for found in findings for bar in found.bars]
+    tables["claims"] = [claim_row(claim) for found in findings for claim in found.claims]
     for name, rows in tables.items():
         write_atomically(folder / f"{name}.csv", _csv(rows))
     traces = {row.trace: row.trace_sha256 for row in tables.get("sweeps", []) if isinstance(row, SweepRow)}
@@ -54,9 +54,9 @@ def write_results(folder: Path, findings: list[Findings]) -> None:
     write_atomically(folder / "watermark.json", to_json(watermark))
 
 
-def claim_row(bar: Bar) -> ClaimRow:
-    """The row of `claims.csv`."""
-    return ClaimRow(*bar, "true" if bar.holds else "false")
+def claim_row(claim: Claim) -> ClaimRow:
+    """The row of `claims.csv` about a claim."""
+    return ClaimRow(*claim, "true" if claim.holds else "false")
 
 
 def _csv(rows: Sequence[NamedTuple]) -> bytes:
@@ -69,7 +69,7 @@ def _csv(rows: Sequence[NamedTuple]) -> bytes:
 
 
 def _field(value: object) -> object:
-    """A value as its field; a number that is not known is an empty one."""
+    """A value as its field; NaN becomes an empty field."""
     if not isinstance(value, float):
         return value
     return f"{value:.9g}" if value == value else ""

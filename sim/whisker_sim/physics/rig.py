@@ -1,8 +1,9 @@
-"""The calibration rig: MuJoCo's printed whisker under the moving ruler, against the elastica and the beam.
+"""Calibration rig: MuJoCo's printed whisker under the moving ruler, against the elastica and the beam.
 
-A small push at the distance d from the root of a tapering shaft is shared by the root's hinge and the shaft. With a force F the
-hinge, of stiffness k, gives way by F d^2 / k, and the shaft by int_0^d F (d - s)^2 / EI ds = F d^3 / (3 EI0 (1 - t d / L)), EI0
-at the root and t = 1 - tip / root in diameters. So the root turns, per push, by 1 / (d (1 + k d / (3 EI0 (1 - t d / L)))).
+A small push at the distance d from the root of a tapering shaft is shared between the hinge of the root and the shaft. Under a
+force F the hinge of stiffness k deflects by F d^2 / k, and the shaft by int_0^d F (d - s)^2 / EI ds = F d^3 / (3 EI0 (1 - t d /
+L)), with EI0 at the root and t = 1 - tip / root in diameters. The root thus rotates, per push, by 1 / (d (1 + k d / (3 EI0 (1 - t d
+/ L)))).
 """
 
 from functools import partial
@@ -12,26 +13,27 @@ from typing import NamedTuple
 import numpy as np
 
 from whisker_sim.certificate import contacts_of, disagreement
+from whisker_sim.paths import ROOT
 from whisker_sim.physics.cases import largest
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.runs import Run, load_runs
 from whisker_sim.simulate import simulate
 from whisker_sim.whisker import Whisker
 
-_SCENE = Path(__file__).resolve().parents[3] / "scenes/rig/increments_beam_test.json"
+_SCENE = ROOT / "scenes/rig/increments_beam_test.json"
 _FIRST_M, _LAST_M = 1e-3, 6e-3
-"""Depths between which the slope is taken: after the first knock, and before the printer brakes."""
+"""Range of depths over which the slope is evaluated: after the initial impact and before the printer decelerates."""
 
 
 class Row(NamedTuple):
-    """One place of the routine."""
+    """One position of the routine."""
 
     distance_m: float
-    """Of the ruler's edge from the root."""
+    """Distance of the ruler's edge from the root."""
     push_m: float
-    """How deep the ruler goes, from the first touch."""
+    """Depth of the ruler from the first contact."""
     rotation_rad: float
-    """Of the root, at rest under the ruler."""
+    """Rotation of the root at rest under the ruler."""
     elastica_rad: float
     error: float
     """Relative."""
@@ -40,7 +42,7 @@ class Row(NamedTuple):
     beam_rad_m: float
     """The same for a small push, by the formula."""
     rigid_rad_m: float
-    """The same of a shaft that does not bend."""
+    """The same for a rigid shaft."""
 
 
 def beam_rad_m(whisker: Whisker, distance_m: float) -> float:
@@ -52,7 +54,7 @@ def beam_rad_m(whisker: Whisker, distance_m: float) -> float:
 
 
 def pushes(run: Run) -> list[Row]:
-    """One row a place of the routine that `run` is."""
+    """One row per position of the routine `run`."""
     scene, whisker, motion = run.scene, run.scene.resolved_whisker, run.scene.motion
     simulated = simulate(run)
     holds = scene.plan().touching
@@ -63,12 +65,12 @@ def pushes(run: Run) -> list[Row]:
     rows = []
     for index, (place_m, (start_s, _)) in enumerate(zip(places_m.tolist(), holds, strict=True)):
         push_m = motion.total_x_m + motion.edge_ahead_m + float(whisker.radius_m(place_m))
-        # The way to the hold is straight, so what is left of it is what is missing of the push.
+        # The path to the hold is straight: the remaining path is the remaining push.
         left_m = np.hypot(*(simulated.base_pose - at_rest.base_pose[index])[:, :2].T)
         depth_m = push_m - left_m
         before = (simulated.time_s < start_s) & (simulated.time_s > (holds[index - 1][1] if index else 0.0))
         pushed = before & (depth_m > _FIRST_M) & (depth_m < _LAST_M)
-        # The ruler goes away on the way on which it came, and comes back from farther off.
+        # Only the approach counts: the ruler also leaves along this path, from the preceding position.
         pushed &= simulated.time_s > simulated.time_s[before][np.argmin(depth_m[before])]
         slope_rad_m, _ = np.polyfit(depth_m[pushed], simulated.rotations_rad[pushed, 0], 1)
         rotation_rad = at_rest.moment_n_m[index] / whisker.root_stiffness_n_m_rad
@@ -89,8 +91,8 @@ def _tasks(_: Path) -> list[partial[list[Row]]]:
 
 def _conclude(results: list[list[Row]]) -> Findings:
     (rows,) = results
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             "rig_rotation",
             "printed whisker at rest under the ruler: rotation of the root against the elastica, worst place",
             PERCENT * largest([row.error for row in rows]),
@@ -98,7 +100,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
             0.1,
             "%",
         ),
-        Bar(
+        Claim(
             "rig_slope",
             "rotation per push while the ruler moves, against the beam's for a small push, worst place",
             PERCENT * largest([row.slope_rad_m / row.beam_rad_m - 1.0 for row in rows]),
@@ -107,7 +109,7 @@ def _conclude(results: list[list[Row]]) -> Findings:
             "%",
         ),
     ]
-    return Findings({"rig": rows}, bars)
+    return Findings({"rig": rows}, claims)
 
 
 STUDY = Study("rig", "the calibration rig's whisker under the ruler, at rest and while it moves", _tasks, _conclude)

@@ -1,9 +1,8 @@
 """Ringing after release: frequency, decay and energy of the free whisker.
 
-The whisker is bent as by a contact at 60 % of its length, let go with its base held, and rings. A hinge with the damping time tau
-(`damping_s`) and the implicit time step h take energy like one with a damping time of h + tau (Kelvin and Voigt's model). So a mode
-of the circular frequency w has the damping ratio zeta = w (tau + h) / 2, and its amplitude falls with the time constant
-1 / (zeta w) = 2 / (w^2 (tau + h)).
+The whisker is bent as by a contact at 60 % of its length and released with its base held. With the implicit time step h, a hinge of
+damping time tau (`damping_s`) dissipates like one of damping time h + tau (Kelvin-Voigt model). A mode of angular frequency w thus
+has the damping ratio zeta = w (tau + h) / 2, and its amplitude decays with the time constant 1 / (zeta w) = 2 / (w^2 (tau + h)).
 """
 
 from functools import partial
@@ -17,13 +16,13 @@ import numpy as np
 from whisker_sim.model import NNM_PER_NM, build_model
 from whisker_sim.physics.cases import FAR_AWAY, largest
 from whisker_sim.physics.frequencies import beam_hz
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.whisker import PRESETS, Array, Whisker
 
 PUBLISHED_DYING_S = 1.4
-"""Time after which the ringing of Lin et al. (IROS 2022) has died, as read off their plot."""
+"""Time after which the ringing of Lin et al. (IROS 2022) has decayed, read from their plot."""
 PUBLISHED_FALL = 675.0 / 5.0
-"""Ratio of the amplitude at the start to the noise at rest in the same plot."""
+"""Ratio of the initial amplitude to the noise at rest in the same plot."""
 
 _TIMESTEP_S = 0.0005
 _DURATION_S = 4.0
@@ -31,7 +30,7 @@ _BENT_N_M = 40e-6
 _HIGH_MODES_GONE_S = 0.2
 _DRAWN_S = 1.6
 _DRAWN_EVERY = 13
-"""Steps from one instant to the next in the table of the signal, which is for the eye: some twenty instants a period."""
+"""Stride of the steps in the table of the signal, which is for plotting: about twenty instants per period."""
 
 
 class Row(NamedTuple):
@@ -43,18 +42,18 @@ class Row(NamedTuple):
     frequency_hz: float
     beam_hz: float
     amplitude_n_m: float
-    """Of the first mode's reading, at the release."""
+    """Amplitude of the first mode's reading at the release."""
     decay_s: float
     """Time constant of the amplitude."""
     expected_decay_s: float
     damping_ratio: float
     expected_damping_ratio: float
     dying_s: float
-    """Time in which the amplitude falls by `PUBLISHED_FALL`."""
+    """Time in which the amplitude decays by the factor `PUBLISHED_FALL`."""
     published_dying_s: float
     published_fall: float
     energy_growth: float
-    """Largest growth of the energy in a step, relative to the energy at the start."""
+    """Largest growth of the energy in a step, relative to the initial energy."""
 
 
 class Instant(NamedTuple):
@@ -62,12 +61,12 @@ class Instant(NamedTuple):
 
     case: str
     t_s: float
-    """Since the release."""
+    """Time since the release."""
     moment_n_m: float
 
 
 def release(case: str, damping_s: float, timestep_s: float) -> tuple[Row, list[Instant]]:
-    """Lets the whisker go and measures; gives the reading as well."""
+    """Releases the whisker and evaluates its ringing; also returns the reading."""
     whisker = msgspec.structs.replace(PRESETS["straight"][1], damping_s=damping_s)
     time_s, reading_n_m, energy = free_vibration(whisker, timestep_s, _BENT_N_M, _DURATION_S)
     expected_hz = float(beam_hz(whisker, 1)[0])
@@ -96,9 +95,9 @@ def release(case: str, damping_s: float, timestep_s: float) -> tuple[Row, list[I
 
 
 def free_vibration(whisker: Whisker, timestep_s: float, bent_n_m: float, duration_s: float) -> tuple[Array, Array, Array]:
-    """Lets the whisker go, bent until its root bears `bent_n_m`.
+    """Releases the whisker, bent until the moment at its root is `bent_n_m`.
 
-    Time, reading, and mechanical energy of whisker, base and the base's servos, after every step, (n,) each.
+    Returns time, reading, and mechanical energy of whisker, base and the servos of the base after every step, (n,) each.
     """
     model = build_model(whisker, FAR_AWAY, timestep_s)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
@@ -119,7 +118,7 @@ def free_vibration(whisker: Whisker, timestep_s: float, bent_n_m: float, duratio
 
 
 def fit(time_s: Array, signal: Array) -> tuple[float, float, float]:
-    """Frequency of a decaying oscillation from its zero crossings; amplitude at time zero and time constant from its extremes."""
+    """Frequency of a decaying oscillation from its zero crossings; initial amplitude and time constant from its extrema."""
     turns = np.flatnonzero(np.sign(signal[1:]) != np.sign(signal[:-1]))
     share = signal[turns] / (signal[turns] - signal[turns + 1])
     crossings_s = time_s[turns] + share * (time_s[turns + 1] - time_s[turns])
@@ -131,7 +130,7 @@ def fit(time_s: Array, signal: Array) -> tuple[float, float, float]:
 
 
 def damping_of_the_published_decay() -> float:
-    """Damping time of the hinges with which the straight whisker rings as long as the published one."""
+    """Damping time of the hinges for which the straight whisker rings as long as the published one."""
     omega_rad_s = 2.0 * np.pi * float(beam_hz(PRESETS["straight"][1], 1)[0])
     return float(2.0 * np.log(PUBLISHED_FALL) / (omega_rad_s**2 * PUBLISHED_DYING_S) - _TIMESTEP_S)
 
@@ -148,8 +147,8 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
     rows = [row for row, _ in results]
     preset = rows[0]
     decay_error = largest([row.decay_s / row.expected_decay_s - 1.0 for row in rows])
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             "ringing_frequency",
             f"ringing after release, against the beam's {preset.beam_hz:.2f} Hz",
             PERCENT * largest([row.frequency_hz / row.beam_hz - 1.0 for row in rows]),
@@ -157,8 +156,8 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
             1.0,
             "%",
         ),
-        Bar("ringing_decay", "decay of the ringing, against 2 / (w^2 (tau + h))", PERCENT * decay_error, "<=", 3.0, "%"),
-        Bar(
+        Claim("ringing_decay", "decay of the ringing, against 2 / (w^2 (tau + h))", PERCENT * decay_error, "<=", 3.0, "%"),
+        Claim(
             "ringing_published",
             f"preset, damping_s = {preset.damping_s:.2e}: time to die down, against the published {PUBLISHED_DYING_S} s",
             PERCENT * abs(preset.dying_s / PUBLISHED_DYING_S - 1.0),
@@ -166,7 +165,7 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
             5.0,
             "%",
         ),
-        Bar(
+        Claim(
             "energy_growth",
             "free vibration: largest growth of the energy in a step, share of the first",
             float(np.max([row.energy_growth for row in rows])),
@@ -176,7 +175,7 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
         ),
     ]
     drawn = [instant for _, instants in results[:2] for instant in instants]
-    return Findings({"ringing": rows, "ringing_signal": drawn}, bars)
+    return Findings({"ringing": rows, "ringing_signal": drawn}, claims)
 
 
 STUDY = Study("ringing", "frequency, decay and energy of the ringing after release", _tasks, _conclude)

@@ -1,15 +1,15 @@
-"""Independent oracle: the exact quasi-static whisker, by SciPy.
+"""Reference solver of the exact quasi-static whisker, by SciPy.
 
-A point contact at arc length a pushes the rod with a force (f_t, f_n) along its tangent and its left normal; past the contact
-the rod is unloaded. Put the contact at the origin with the tangent along +x and walk back to the root:
+A point contact at the arc length a loads the rod with a force (f_t, f_n) along its tangent and its left normal; beyond the contact
+the rod is unloaded. With the contact at the origin and the tangent along +x, the equations are integrated back to the root:
 
     dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + m(s) / EI(s),  m(s) = y(s) f_t - x(s) f_n.
 
-Without friction the force is normal to the surface. On the side of the whisker f_t is then the force times the slope r' of the
-radius, zero where it does not taper; at the tip it is what the object makes it. The root's bending moment m(0) turns the
-compliant root by m(0) / k. No part of the simulator is used but the whisker's parameters, and nothing of the two other oracles:
-that in Rust, which sums Taylor series, and the one for many base poses at once (`whisker_sim.elastica`), which takes equal steps.
-The study `oracle` compares all three.
+Without friction the force is normal to the surface. On the side of the whisker f_t is the force times the slope r' of the radius,
+zero without taper; at the tip it depends on the object. The bending moment m(0) at the root rotates the compliant root by m(0) / k.
+Only the parameters of the whisker are shared with the simulator, and nothing with the two other solvers: the one in Rust, which
+sums Taylor series, and the one for many base poses at once (`whisker_sim.elastica`), which takes equal steps. The study `oracle`
+compares all three.
 
 `python -m whisker_sim.physics.scipy_elastica` writes the golden cases that both languages test.
 """
@@ -24,11 +24,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from whisker_sim.errors import SimulationError
+from whisker_sim.paths import ROOT
 from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import PRESETS, Arc, Array, Whisker
 
-REPOSITORY = Path(__file__).resolve().parents[3]
-GOLDEN = REPOSITORY / "datasets/golden/elastica.csv"
+GOLDEN = ROOT / "datasets/golden/elastica.csv"
 GOLDEN_CASES = 200
 GOLDEN_SEED = 1
 HEADER = (
@@ -57,11 +57,11 @@ def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: floa
         return np.cos(t), np.sin(t), curvature_per_m + (y * along_n - x * force_n) / bending_n_m2
 
     ends = np.cumsum([arc.length_m for arc in whisker.curvature])
-    # Lengths add up but for a rounding.
+    # Avoid the rounding error of the sum.
     ends[-1] = whisker.length_m
     starts = np.concatenate(([0.0], ends[:-1]))
     state = np.zeros(3)
-    # One integration a piece, so that a jump of the curvature is no trouble to the step control.
+    # One integration per piece: the step control does not cross jumps of the curvature.
     for start_m, end_m, arc in reversed(list(zip(starts, ends, whisker.curvature, strict=True))):
         if arc_m > start_m:
             span_m = (min(arc_m, end_m), start_m)
@@ -82,23 +82,26 @@ def _turned(angle_rad: float, vector: Array) -> Array:
 
 
 def push(whisker: Whisker, face: int) -> tuple[float, float]:
-    """Direction in which an object on the whisker's side `face` (+1 left) pushes it, normal to its surface: to the left, along."""
+    """Direction in which an object on the side `face` (+1 left) pushes the whisker: components to the left and along.
+
+    It is normal to the surface of the whisker.
+    """
     return -face * float(np.sqrt(1.0 - whisker.radius_slope**2)), whisker.radius_slope
 
 
 def contact_with_disc(
     whisker: Whisker, center_m: Array, radius_m: float, face: int, guess: tuple[float, float]
 ) -> tuple[float, float, StaticContact]:
-    """Solves for the contact with a disc at `center_m` (in Base) on the whisker's side `face` (+1 left).
+    """Solves for the contact with a disc at `center_m` (in Base) on the side `face` (+1 left) of the whisker.
 
-    Gives arc length, force magnitude and the loaded whisker. `guess` holds the first two.
+    Returns arc length, magnitude of the force and the loaded whisker. `guess` contains the first two.
     """
     left, along = push(whisker, face)
 
     def miss(unknown: Array) -> Array:
         arc_m, force_n = unknown * (1e-2, 1e-3)
         contact = static_contact(whisker, arc_m, left * force_n, along * force_n)
-        # The disc lies where the force comes from.
+        # The disc is on the side from which the force acts.
         towards_disc = _turned(contact.angle_rad, np.array((-along, -left)))
         return 1e3 * (contact.point_m + (radius_m + whisker.radius_m(arc_m)) * towards_disc - center_m)
 
@@ -110,9 +113,9 @@ def contact_with_disc(
 
 
 def random_case(seed: int, index: int) -> tuple[Whisker, float, float, float]:
-    """A whisker with its contact's arc length and force, along and to the left: every fourth at the tip, at an angle.
+    """A random whisker with the arc length of its contact and the force, along and to the left; one in four is oblique at the tip.
 
-    One to four pieces of pre-curvature, taper down to a quarter, root from soft to stiff, deflected by up to 2.5 rad in all.
+    One to four pieces of pre-curvature, taper down to a quarter, soft to stiff root, deflections up to 2.5 rad in total.
     """
     rng = np.random.default_rng((seed, index))
     length_m = rng.uniform(0.03, 0.12)

@@ -1,36 +1,44 @@
-"""How fast traces are made: `python -m whisker_sim.physics.speed` measures, prints and judges.
+"""Speed of the generator: `python -m whisker_sim.physics.speed` measures, prints and evaluates claims.
 
-Times of one process are its processor's, not the clock's, so that other programs on the machine count little. What is compared is
-measured in turns; the medians are the figures. Workers are timed by the clock, on the whole standard suite, start included.
+Times of one process are processor times, so that other programs on the machine have little influence. Compared variants alternate;
+medians are reported. Workers are timed by the wall clock on the whole standard suite, including their start.
 
-Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong use, 130 interrupted.
+Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong usage, 130 interrupted.
 """
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
+
+# As in the measured commands: threads of BLAS would compete with the processes.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import mujoco
 import mujoco.rollout
 import numpy as np
 
-from whisker_sim.arm.simulate import Passed, simulate_passage
-from whisker_sim.cli import FAILED, GOOD, exit_code
+from whisker_sim.arm.simulate import SimulatedPassage, simulate_passage
+from whisker_sim.cli import exit_code
 from whisker_sim.errors import WhiskerSimError
+from whisker_sim.jobs import FAILED, SUCCESS
 from whisker_sim.model import MM_PER_M, build_model
-from whisker_sim.physics.__main__ import claim_line
-from whisker_sim.physics.study import Bar
+from whisker_sim.paths import ROOT
+from whisker_sim.physics.command import claim_line
+from whisker_sim.physics.study import Claim
+from whisker_sim.progress import Progress
 from whisker_sim.runs import Run, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
 from whisker_sim.simulate import full_state, simulate
 from whisker_sim.trace import write_trace
 
-_SCENES = Path(__file__).resolve().parents[3] / "scenes"
+_SCENES = ROOT / "scenes"
 _SUITE, _PASSAGE = _SCENES / "suites/standard.json", _SCENES / "arm/passage.json"
 _TURNS = 7
 
@@ -42,27 +50,27 @@ class Row(NamedTuple):
     simulation: str
     simulated_s: float
     steps_s: float
-    """The `mj_step` calls alone."""
+    """Time of the `mj_step` calls."""
     traced_s: float
-    """Plan, model, steps, logging and truth: all of `simulate`."""
+    """Time of `simulate`: plan, model, steps, logging and ground truth."""
     written_s: float
-    """The same, the certificate and the files."""
+    """The same including certificate and files."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measures and prints; gives the exit code."""
-    parser = argparse.ArgumentParser(prog="whisker_sim.physics.speed", description="How fast traces are made.")
+    """Measures and prints; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="whisker_sim.physics.speed", description="Measure the speed of the generator.")
     parser.parse_args(arguments)
     return exit_code(_report, "interrupted")
 
 
 def _report() -> int:
-    # One of each object and whisker.
+    # One trial of each object and whisker.
     trials = {(run.scene.group, run.scene.whisker): run for run in load_runs(_SUITE)[1] if run.scene.role == "trial"}
     print(f"{'trace':<20}{'simulation':<12}{'times real time':>16}{'over bare steps':>17}{'and written':>13}", flush=True)
     rows = []
-    for run in trials.values():
-        for simulation in SIMULATIONS:
+    with Progress("measure", "part", len(trials) * len(SIMULATIONS) + 2) as progress:
+        for run, simulation in product(trials.values(), SIMULATIONS):
             row = measure(run, simulation)
             rows.append(row)
             print(
@@ -70,27 +78,30 @@ def _report() -> int:
                 f"{row.traced_s / row.steps_s:>17.3f}{row.written_s / row.steps_s:>13.3f}",
                 flush=True,
             )
-    claims = [*conclude(rows, two_workers()), arm()]
+            progress.finish()
+        claims = conclude(rows, two_workers())
+        progress.finish()
+        claims.append(arm())
     print()
     for claim in claims:
         print(claim_line(claim))
-    return GOOD if all(claim.holds for claim in claims) else FAILED
+    return SUCCESS if all(claim.holds for claim in claims) else FAILED
 
 
 def measure(run: Run, simulation: str) -> Row:
-    """Times the trace of `run` with settings of the simulation, by name."""
+    """Times the trace of `run` with the simulation settings of a name."""
     run = with_simulation(run, SIMULATIONS[simulation][1])
     with tempfile.TemporaryDirectory() as folder:
         ways = (bare_steps(run), lambda: simulate(run), lambda: write_trace(Path(folder), run, simulate(run)))
         times = np.array([[_processor_s(way) for way in ways] for _ in range(1 + _TURNS)])
-    # The first turn warms caches up.
+    # The first turn warms up the caches.
     return Row(run.name, simulation, simulate(run).time_s[-1], *np.median(times[1:], axis=0))
 
 
 def bare_steps(run: Run) -> Callable[[], object]:
-    """Makes a function that takes the trace's steps, with its controls, in one call of MuJoCo's, and looks at nothing.
+    """A function that takes the time steps of the trace, with its controls, in one call of MuJoCo, and discards the results.
 
-    The call keeps the state after each step; a loop of `mj_step` over the rows, which keeps nothing, takes as long to 1 %.
+    The call stores the state after each step; a loop of `mj_step` without storage takes the same time within 1 %.
     """
     scene = run.scene
     plan = scene.plan()
@@ -104,21 +115,21 @@ def bare_steps(run: Run) -> Callable[[], object]:
 
 
 def two_workers() -> float:
-    """How many times faster two workers make the standard suite than one, by the clock, from the command's start to its end."""
+    """Speed-up of the standard suite by two workers over one, by the wall clock, from the start of the command to its end."""
     return _suite_s(1) / _suite_s(2)
 
 
-def arm() -> Bar:
-    """The claim about the arm, its six whiskers and its free objects, in one model: plan, steps, logging and truth, once."""
+def arm() -> Claim:
+    """The claim about the arm with its six whiskers and free objects in one model: plan, steps, logging and ground truth, once."""
     ((run,),) = load_runs(_PASSAGE)[1:]
-    passed: list[Passed] = []
+    passed: list[SimulatedPassage] = []
     taken_s = _processor_s(lambda: passed.append(simulate_passage(run)))
     claim = f"arm with six whiskers and free objects, one core, times real time ({run.name})"
-    return Bar("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")
+    return Claim("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")
 
 
-def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Bar]:
-    """The claims about the slowest traces."""
+def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Claim]:
+    """Claims about the slowest traces."""
 
     def times_real_time(row: Row) -> float:
         return row.simulated_s / row.traced_s
@@ -127,11 +138,11 @@ def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Bar]:
     for simulation, bound in (("default", 7.0), ("fast", 14.0)):
         slowest = min((row for row in rows if row.simulation == simulation), key=times_real_time)
         claim = f"{simulation} settings, one core, times real time ({slowest.trace})"
-        claims.append(Bar(f"speed_{simulation}", claim, times_real_time(slowest), ">=", bound, ""))
+        claims.append(Claim(f"speed_{simulation}", claim, times_real_time(slowest), ">=", bound, ""))
     most = max((row for row in rows if row.simulation == "default"), key=lambda row: row.traced_s / row.steps_s)
     claim = f"whole trace over its bare steps ({most.trace})"
-    claims.append(Bar("overhead", claim, most.traced_s / most.steps_s, "<=", 1.1, ""))
-    claims.append(Bar("two_workers", "two workers, times faster than one", gain_of_two_workers, ">=", 1.8, ""))
+    claims.append(Claim("overhead", claim, most.traced_s / most.steps_s, "<=", 1.1, ""))
+    claims.append(Claim("two_workers", "two workers, times faster than one", gain_of_two_workers, ">=", 1.8, ""))
     return claims
 
 
@@ -140,7 +151,7 @@ def _suite_s(jobs: int) -> float:
         command = [sys.executable, "-m", "whisker_sim", "simulate", str(_SUITE), "--out", folder, "--jobs", str(jobs)]
         start_s = time.perf_counter()
         finished = subprocess.run(command, capture_output=True, text=True, check=False)
-        if finished.returncode != GOOD:
+        if finished.returncode != SUCCESS:
             raise WhiskerSimError(f"`{' '.join(command)}` fails: {finished.stderr.strip()}")
         return time.perf_counter() - start_s
 

@@ -1,4 +1,4 @@
-"""Static and dynamic part of the reading: how much of it is inertia, at several speeds of the base."""
+"""Static and dynamic part of the reading: contribution of inertia at several speeds of the base."""
 
 from functools import partial
 from pathlib import Path
@@ -9,24 +9,24 @@ import numpy as np
 from whisker_sim.certificate import SETTLING_S
 from whisker_sim.physics.cases import largest, rms
 from whisker_sim.physics.strokes import CASES, stroke
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 
 FIRST_S = 0.1
 SPEEDS_M_S = (0.02, 0.05, 0.1)
 
 
 class Row(NamedTuple):
-    """Static and dynamic part of the reading; shares of the largest static reading."""
+    """Static and dynamic part of the reading, relative to the largest static reading."""
 
     case: str
     speed_m_s: float
-    """Largest speed of the base in the strokes; the first touch is slower."""
+    """Largest speed of the base during the strokes; the first contact is slower."""
     static_n_m: float
-    """Largest static reading: the elastica's."""
+    """Largest static reading, that of the elastica."""
     first_rms: float
     """Dynamic part, RMS over the first `FIRST_S` of the contact."""
     settled_rms: float
-    """RMS after `SETTLING_S` of contact."""
+    """Dynamic part, RMS after `SETTLING_S` of contact."""
     settled_worst: float
 
 
@@ -45,8 +45,8 @@ def _tasks(_: Path) -> list[partial[Row]]:
 
 
 def _conclude(results: list[Row]) -> Findings:
-    bars = [
-        Bar(
+    claims = [
+        Claim(
             f"dynamic_{round(1e3 * speed_m_s)}",
             f"base at {1e3 * speed_m_s:g} mm/s: dynamic part of the reading once settled, RMS, worst case",
             PERCENT * largest([row.settled_rms for row in results if row.speed_m_s == speed_m_s]),
@@ -56,7 +56,7 @@ def _conclude(results: list[Row]) -> Findings:
         )
         for speed_m_s, bound in zip(SPEEDS_M_S, (0.1, 0.3, 1.0), strict=True)
     ]
-    return Findings({"speeds": results}, bars)
+    return Findings({"speeds": results}, claims)
 
 
 STUDY = Study("speeds", "static and dynamic part of the reading at several speeds", _tasks, _conclude)

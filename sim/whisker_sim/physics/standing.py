@@ -1,4 +1,4 @@
-"""Objects that stand free on the table, against statics: at rest, under a push too weak to move them, and when they give way.
+"""Free-standing objects on the table against statics: at rest, under a push below the limit, and at the limit.
 
 A cylinder of mass m and radius R under a horizontal push at the height z slides from mu m g on, and tips from m g R / z on.
 """
@@ -23,7 +23,7 @@ from whisker_sim.physics.cases import (
     slides_at_n,
     tips_at_n,
 )
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.table import displacement
 from whisker_sim.whisker import PRESETS, Array
 
@@ -32,30 +32,30 @@ LASTING_S = 10.0
 _SETTLING_S = 0.2
 _OUT_OF_REACH_M = 0.2
 _LOW_M = 0.02
-"""Height of a cylinder that slides rather than tips."""
+"""Height of a cylinder that slides before it tips."""
 _RAMP_FROM, _RAMP_TO, _RAMP_PER_S = 0.9, 1.1, 0.1
-"""The push that is to move an object rises slowly, in shares of what statics says."""
+"""Range and rate of the slowly increasing push, relative to the limit by statics."""
 _GIVEN_WAY_M = 1e-6
 _GIVEN_WAY_RAD = 1e-4
 
 
 class Row(NamedTuple):
-    """Cylinders of one mass, 30 mm thick."""
+    """Cylinders of one mass and 30 mm diameter."""
 
     mass_kg: float
     drift_m: float
     """Displacement at rest within `LASTING_S`."""
     creep_m: float
-    """The same under half the push that would make it slide."""
+    """The same under half of the push at which it would slide."""
     slides_at_n: float
     expected_slides_at_n: float
     tips_at_n: float
-    """At the height of the whisker, for a cylinder 120 mm tall."""
+    """At the height of the whisker, for a cylinder of 120 mm height."""
     expected_tips_at_n: float
 
 
 def standing(mass_kg: float) -> Row:
-    """Leaves alone and pushes."""
+    """Leaves cylinders at rest and pushes them."""
     low, tall = cylinder(mass_kg, _LOW_M), cylinder(mass_kg)
     slides_n, tips_n = slides_at_n(low), tips_at_n(tall, TOUCHED_M)
     return Row(
@@ -80,7 +80,7 @@ class _Pushed:
         self._body = self._model.body(free.name).id
 
     def hold(self, push_n: float, duration_s: float) -> Array:
-        """Pushes steadily and gives the displacement: x, y, z in metres, yaw and tilt in radians."""
+        """Applies a constant push; returns the displacement: x, y, z (m), yaw and tilt (rad)."""
         force_un = push_n / N_PER_UN
         self._data.xfrc_applied[self._body, [0, 4]] = force_un, force_un * self._lever_mm
         for _ in range(round(duration_s / TIMESTEP_S)):
@@ -89,7 +89,7 @@ class _Pushed:
 
 
 def _crept_m(free: FreeObject, push_n: float) -> float:
-    """Way in the plane within `LASTING_S` of a steady push, at half the height, once the object has settled under it."""
+    """Planar displacement within `LASTING_S` of a constant push at half the height, after the object has settled under it."""
     pushed = _Pushed(free, 0.5 * free.height_m)
     settled = pushed.hold(push_n, _SETTLING_S)
     moved = pushed.hold(push_n, LASTING_S) - settled
@@ -97,7 +97,7 @@ def _crept_m(free: FreeObject, push_n: float) -> float:
 
 
 def _gives_way_at_n(free: FreeObject, height_m: float, expected_n: float, given_way: Callable[[Array], bool]) -> float:
-    """The slowly rising push at which the object gives way; NaN where it does not."""
+    """The slowly increasing push at which the object starts to move; NaN if it does not."""
     pushed = _Pushed(free, height_m)
     settled = pushed.hold(_RAMP_FROM * expected_n, _SETTLING_S)
     every_s = 10.0 * TIMESTEP_S
@@ -116,9 +116,9 @@ def _conclude(results: list[Row]) -> Findings:
     sliding = largest([row.slides_at_n / row.expected_slides_at_n - 1.0 for row in results])
     tipping = largest([row.tips_at_n / row.expected_tips_at_n - 1.0 for row in results])
     drift_m, creep_m = largest([row.drift_m for row in results]), largest([row.creep_m for row in results])
-    bars = [
-        Bar("standing_drift", f"at rest for {lasting}: displacement", 1e6 * drift_m, "<=", 0.1, "um"),
-        Bar(
+    claims = [
+        Claim("standing_drift", f"at rest for {lasting}: displacement", 1e6 * drift_m, "<=", 0.1, "um"),
+        Claim(
             "standing_creep",
             f"half the push that makes it slide, for {lasting}: displacement",
             1e6 * creep_m,
@@ -126,10 +126,10 @@ def _conclude(results: list[Row]) -> Findings:
             0.1,
             "um",
         ),
-        Bar("standing_slides", "push at which it slides, against mu m g", PERCENT * sliding, "<=", 1.0, "%"),
-        Bar("standing_tips", "push at which it tips, against m g R / z", PERCENT * tipping, "<=", 1.0, "%"),
+        Claim("standing_slides", "push at which it slides, against mu m g", PERCENT * sliding, "<=", 1.0, "%"),
+        Claim("standing_tips", "push at which it tips, against m g R / z", PERCENT * tipping, "<=", 1.0, "%"),
     ]
-    return Findings({"standing": results}, bars)
+    return Findings({"standing": results}, claims)
 
 
-STUDY = Study("standing", "objects that stand free on a table, against statics", _tasks, _conclude)
+STUDY = Study("standing", "free-standing objects on a table, against statics", _tasks, _conclude)

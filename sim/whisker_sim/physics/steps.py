@@ -1,4 +1,4 @@
-"""What the time step and the number of segments do to the reading of a moving whisker."""
+"""Influence of time step and number of segments on the reading of a moving whisker."""
 
 from functools import partial
 from pathlib import Path
@@ -9,14 +9,14 @@ import numpy as np
 from whisker_sim.certificate import SETTLING_S
 from whisker_sim.physics.cases import largest, rms
 from whisker_sim.physics.strokes import CASES, stroke
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 
 TIMESTEPS_S = (0.001, 0.0005, 0.00025)
 SPEED_M_S = 0.035
 
 
 class Row(NamedTuple):
-    """Change of the reading against the default of 40 segments and 0.5 ms, relative to its range."""
+    """Change of the reading relative to the default of 40 segments and 0.5 ms, divided by its range."""
 
     case: str
     segments: int
@@ -26,9 +26,9 @@ class Row(NamedTuple):
 
 
 def steps(case: str, whisker: str, shape: str, face: str) -> list[Row]:
-    """The reading for other time steps and twice the segments.
+    """The reading for other time steps and numbers of segments.
 
-    A plan has a whole number of steps in each move, so that the base is not quite where it was; hence each reading is taken
+    Each move of a plan has a whole number of time steps, so that base poses differ slightly; each reading is therefore taken
     relative to the elastica at its own base pose.
     """
     reference = stroke(whisker, shape, face, 40, 0.0005, SPEED_M_S)
@@ -53,11 +53,11 @@ def _conclude(results: list[list[Row]]) -> Findings:
     def worst(segments: int, timestep_s: float) -> float:
         return PERCENT * largest([row.change_worst for row in rows if (row.segments, row.timestep_s) == (segments, timestep_s)])
 
-    bars = [
-        Bar("step_halved", "half the time step: change of the reading, worst", worst(40, 0.00025), "<=", 0.1, "% of range"),
-        Bar("segments_doubled", "twice the segments: change of the reading, worst", worst(80, 0.0005), "<=", 0.1, "% of range"),
+    claims = [
+        Claim("step_halved", "half the time step: change of the reading, worst", worst(40, 0.00025), "<=", 0.1, "% of range"),
+        Claim("segments_doubled", "twice the segments: change of the reading, worst", worst(80, 0.0005), "<=", 0.1, "% of range"),
     ]
-    return Findings({"steps": rows}, bars)
+    return Findings({"steps": rows}, claims)
 
 
 STUDY = Study("steps", "change of the reading with time step and segments", _tasks, _conclude)

@@ -1,4 +1,4 @@
-"""Single strokes simulated anew, beside the elastica: what the studies of time step and speed share."""
+"""Single simulated strokes beside the elastica, shared by the studies of time step and speed."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -18,22 +18,22 @@ CASES = (
     ("curved, concave side, circle R 15 mm", "curved", "circle_15", "left"),
     ("curved, convex side, pin", "curved", "pin", "right"),
 )
-"""Strokes by name: whisker, object, and the side on which it lies."""
+"""Strokes by name: whisker, object, side on which the object is."""
 
 
 class Compared(NamedTuple):
     """A sweep beside the elastica at the same base poses; n instants in contact."""
 
     since_s: Array
-    """Time since the first touch (n,)."""
+    """Time since the first contact (n,)."""
     static_n_m: Array
-    """The elastica's reading (n,); NaN where it has no contact."""
+    """Reading of the elastica (n,); NaN where it has no contact."""
     dynamic_n_m: Array
-    """The rest of the reading (n,)."""
+    """Simulated reading minus that of the elastica (n,)."""
 
 
 def stroke(whisker: str, shape: str, face: str, segments: int, timestep_s: float, speed_m_s: float) -> Compared:
-    """Simulates one stroke of 10 mm forth and back."""
+    """Simulates one stroke of 10 mm back and forth."""
     scene = Scene(
         format=1,
         name="stroke",

@@ -1,4 +1,4 @@
-"""Registry of studies: one file and one row a study."""
+"""Registry of studies: one file and one row per study."""
 
 from whisker_sim.physics import convergence, disturbance, fast, frequencies, oracle, rig, ringing, speeds, standing, steps, sweeps
 
@@ -15,4 +15,4 @@ STUDIES = (
     disturbance.STUDY,
     rig.STUDY,
 )
-"""The studies in the order in which they are reported."""
+"""Studies in the order of the report."""

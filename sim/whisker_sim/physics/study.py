@@ -1,4 +1,4 @@
-"""What every study gives: tasks that worker processes run, and what follows from their results.
+"""Interface of the studies: tasks for worker processes, and findings from their results.
 
 A new study is one file with a `Study`, and one row in the registry.
 """
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Bar(NamedTuple):
-    """A claim about the physics, measured. It holds where the figure is at most, or at least, the bound."""
+class Claim(NamedTuple):
+    """A measured claim about the physics. It holds if the measured value is at most, or at least, the bound."""
 
     id: str
     claim: str
@@ -22,28 +22,28 @@ class Bar(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether the figure keeps the bound; a figure that is not a number does not."""
+        """Whether the measured value keeps the bound; NaN does not."""
         return self.measured <= self.bound if self.relation == "<=" else self.measured >= self.bound
 
 
 class Findings(NamedTuple):
-    """What a study found."""
+    """Findings of a study."""
 
     tables: dict[str, Sequence[NamedTuple]]
     """Rows of each table, by its name; the fields of a row are the columns."""
-    bars: list[Bar]
+    claims: list[Claim]
 
 
 class Study(NamedTuple):
-    """A question put to the simulator."""
+    """A question about the simulator."""
 
     name: str
     about: str
     tasks: Callable[[Path], list[partial[Any]]]
-    """Makes the tasks, given the folder of the standard suite's traces. Tasks are independent of one another."""
+    """Creates independent tasks, given the folder of the standard suite's traces."""
     conclude: Callable[[list[Any]], Findings]
-    """Draws the findings from the tasks' results, in the order of the tasks."""
+    """Derives the findings from the results of the tasks, in their order."""
 
 
 PERCENT = 100.0
-"""Shares are given to people in percent."""
+"""Ratios are reported in percent."""

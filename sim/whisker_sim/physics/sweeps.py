@@ -1,4 +1,4 @@
-"""The standard suite's traces, as they were written, against the elastica at every quasi-static instant."""
+"""Traces of the standard suite against the elastica at every quasi-static instant."""
 
 import hashlib
 from functools import partial
@@ -11,27 +11,27 @@ from whisker_sim.certificate import Contacts, disagreement, quasi_static
 from whisker_sim.documents import read_document
 from whisker_sim.errors import InputError
 from whisker_sim.physics.cases import largest, rms
-from whisker_sim.physics.study import PERCENT, Bar, Findings, Study
+from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.scene import Scene
 from whisker_sim.trace import COLUMNS, Sidecar
 from whisker_sim.whisker import Array
 
 
 class Row(NamedTuple):
-    """One trace against the elastica; moments relative to the trace's largest."""
+    """One trace against the elastica; moments relative to the largest moment of the trace."""
 
     trace: str
     role: str
     touching: int
-    """Instants in contact."""
+    """Number of instants in contact."""
     quasi_static: int
     unsolved: int
-    """Quasi-static instants for which the elastica finds no contact in one point."""
+    """Number of quasi-static instants for which the elastica has no single-point contact."""
     range_n_m: float
     moment_rms: float
     moment_worst: float
     moment_jump: float
-    """Largest change of the error from one quasi-static instant to the next."""
+    """Largest change of the error between consecutive quasi-static instants."""
     surface_rms_m: float
     surface_worst_m: float
     arc_rms_m: float
@@ -54,7 +54,7 @@ class Instant(NamedTuple):
 
 
 def read_columns(folder: Path, sidecar: Sidecar) -> tuple[dict[str, Array], str]:
-    """Columns of a trace by name, NaN where a field is empty, and the file's hash; raises `InputError` on a damaged file."""
+    """Columns of a trace by name, NaN for empty fields, and the hash of the file; raises `InputError` for a damaged file."""
     path = folder / f"{sidecar.name}.csv"
     try:
         content = path.read_bytes()
@@ -75,7 +75,7 @@ def compare(path: Path) -> tuple[Row, list[Instant]]:
 
 
 def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
-    """The instants of contact of a trace."""
+    """Instants of contact of a trace."""
 
     def stacked(*names: str) -> Array:
         return np.stack([columns[name] for name in names], axis=-1)[rows]
@@ -95,7 +95,7 @@ def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
 
 
 def compare_contacts(trace: str, scene: Scene, contacts: Contacts, trace_sha256: str) -> tuple[Row, list[Instant]]:
-    """Compares the instants of contact of a trace; the instants' errors are given for lateral sweeps alone."""
+    """Compares the instants of contact of a trace; the errors of the instants are returned for lateral sweeps only."""
     slow = quasi_static(contacts)
     found = disagreement(scene.resolved_whisker, scene.object, scene.face, contacts)
     solved = found.exact.solved
@@ -135,8 +135,8 @@ def _tasks(dataset: Path) -> list[partial[tuple[Row, list[Instant]]]]:
     return [partial(compare, path) for path in sidecars]
 
 
-def bars(name: str, what: str, rows: list[Row], share: float) -> list[Bar]:
-    """The claims about the worst of some traces, with so many times the bounds that the default simulation has to keep."""
+def claims_about(name: str, subject: str, rows: list[Row], times: float) -> list[Claim]:
+    """Claims about the worst of some traces, `subject`, with bounds that are `times` those of the default simulation settings."""
     claims = []
     for field, figure, scale, bound, unit in (
         ("moment_rms", "base moment, RMS", PERCENT, 0.05, "% of range"),
@@ -148,10 +148,10 @@ def bars(name: str, what: str, rows: list[Row], share: float) -> list[Bar]:
         ("unsolved", "instants without a contact in one point", 1.0, 0.0, ""),
     ):
         if rows:
-            # The first that is not a number, where there is one.
+            # The first NaN, if there is one.
             worst = rows[int(np.argmax([getattr(row, field) for row in rows]))]
-            claim = f"{what}: {figure} ({worst.trace})"
-            claims.append(Bar(f"{name}_{field}", claim, scale * getattr(worst, field), "<=", share * bound, unit))
+            claim = f"{subject}: {figure} ({worst.trace})"
+            claims.append(Claim(f"{name}_{field}", claim, scale * getattr(worst, field), "<=", times * bound, unit))
     return claims
 
 
@@ -159,8 +159,8 @@ def _conclude(results: list[tuple[Row, list[Instant]]]) -> Findings:
     rows = [row for row, _ in results]
     claims = [
         claim
-        for role, what in (("trial", "trials"), ("calibration", "calibrations"))
-        for claim in bars(role, what, [row for row in rows if row.role == role], 1.0)
+        for role, subject in (("trial", "trials"), ("calibration", "calibrations"))
+        for claim in claims_about(role, subject, [row for row in rows if row.role == role], 1.0)
     ]
     return Findings({"sweeps": rows, "sweep_errors": [instant for _, instants in results for instant in instants]}, claims)
 

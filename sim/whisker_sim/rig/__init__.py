@@ -1,1 +1,1 @@
-"""The calibration rig at rest: what its whisker and its magnetometer read for every place and depth of the ruler."""
+"""Static model of the calibration rig: readings of whisker and magnetometer for every position and depth of the ruler."""

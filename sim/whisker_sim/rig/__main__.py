@@ -1,54 +1,8 @@
-"""Entry point of `python -m whisker_sim.rig`: writes the rig's table, `rig.csv` and `rig.json`.
+"""Entry point of `python -m whisker_sim.rig`."""
 
-Exit codes: 0 good, 1 failed, 2 wrong use or input, 130 interrupted.
-"""
-
-import argparse
 import sys
-from pathlib import Path
 
-from whisker_sim.cli import GOOD, exit_code
-from whisker_sim.errors import InputError
-from whisker_sim.rig.files import write_rig
-from whisker_sim.runs import load
-from whisker_sim.scene import Scene
-
-_REPOSITORY = Path(__file__).resolve().parents[3]
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Writes the files; gives the exit code."""
-    options = _parser().parse_args(arguments)
-    return exit_code(lambda: _write(options), "interrupted; no table was written")
-
-
-def _write(options: argparse.Namespace) -> int:
-    scene = load(options.scene)
-    if not isinstance(scene, Scene):
-        raise InputError(f"{options.scene}: expected a scene with one whisker, found another kind of document")
-    rig = write_rig(options.out, scene)
-    print(f"{options.out / rig.table.file}: {rig.table.rows} rows; rings at {rig.ring_hz:g} Hz, dies by e in {rig.decay_s:g} s")
-    return GOOD
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="whisker_sim.rig", description="The calibration rig at rest, as a table.")
-    parser.add_argument(
-        "--scene",
-        type=Path,
-        default=_REPOSITORY / "scenes/rig/increments_beam_test.json",
-        metavar="SCENE",
-        help="scene whose whisker and object the table is of (default: the routine's)",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=_REPOSITORY / "crates/platform/data",
-        metavar="DIR",
-        help="folder of the files (default: where the emulated rig plays them from)",
-    )
-    return parser
-
+from whisker_sim.startup import start
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(start("whisker_sim.rig.command"))

@@ -1,4 +1,4 @@
-"""The files `rig.csv` and `rig.json`, as `datasets/FORMAT.md` specifies them."""
+"""Files `rig.csv` and `rig.json`, as specified in `datasets/FORMAT.md`."""
 
 from importlib.metadata import version
 from pathlib import Path
@@ -18,20 +18,20 @@ from whisker_sim.trace import Generator, format_csv, generator, sha256, write_at
 from whisker_sim.whisker import Whisker
 
 _BENT_N_M = 5e-3
-"""Moment from which the whisker is let go, about that of the routine at the middle of the shaft."""
+"""Moment from which the whisker is released, about that of the routine at the middle of the shaft."""
 _PERIODS = 10
 _PERIODS_OF_HIGH_MODES = 2
 
 
 class Axes(msgspec.Struct, frozen=True):
-    """The grid of the table."""
+    """Grid of the table."""
 
     contact_m: Axis = CONTACT_M
     push_m: Axis = PUSH_M
 
 
 class Table(msgspec.Struct, frozen=True):
-    """The table that belongs to `rig.json`."""
+    """Table of the rig."""
 
     file: str
     sha256: str
@@ -40,35 +40,35 @@ class Table(msgspec.Struct, frozen=True):
 
 
 class Rig(msgspec.Struct, frozen=True):
-    """All that is known of the rig beside the rows of its table."""
+    """Metadata of the rig beside the rows of its table."""
 
     format: int
     kind: str
     table: Table
     ring_hz: float
-    """Frequency of the whisker that was let go."""
+    """Frequency of the released whisker."""
     decay_s: float
     """Time constant of its amplitude."""
     field: Field
     face: str
-    """Side of the whisker on which the ruler lies."""
+    """Side of the whisker on which the ruler is."""
     ruler: AnyShape
     whisker: Whisker
     scene: str
-    """Name of the scene whose whisker and ruler they are."""
+    """Name of the scene that defines whisker and ruler."""
     generator: Generator
     inputs_sha256: str
 
 
 class Ringing(NamedTuple):
-    """How a whisker rings that was let go."""
+    """Frequency and time constant of a released whisker."""
 
     ring_hz: float
     decay_s: float
 
 
 def ringing_of(whisker: Whisker, timestep_s: float) -> Ringing:
-    """Lets `whisker` go in MuJoCo, its base held, and watches its slowest mode for some periods."""
+    """Releases `whisker` in MuJoCo with its base held, and evaluates its slowest mode over some periods."""
     period_s = 1.0 / float(chain_hz(whisker, 1)[0])
     time_s, moment_n_m, _ = free_vibration(whisker, timestep_s, _BENT_N_M, _PERIODS * period_s)
     slowest = time_s > _PERIODS_OF_HIGH_MODES * period_s
@@ -77,13 +77,13 @@ def ringing_of(whisker: Whisker, timestep_s: float) -> Ringing:
 
 
 def write_rig(folder: Path, scene: Scene) -> Rig:
-    """Writes `rig.csv` and, last, `rig.json` for the whisker and the object of `scene` into `folder`.
+    """Writes `rig.csv` and, last, `rig.json` for whisker and object of `scene` into `folder`.
 
-    Raises `SimulationError` where the physics finds no contact, `OSError` where a file cannot be written.
+    Raises `SimulationError` if the physics has no contact, and `OSError` if a file cannot be written.
     """
     rig, rows = make_rig(scene, Axes())
     folder.mkdir(parents=True, exist_ok=True)
-    # What describes the table of before must not stand beside this one.
+    # An old description must not remain beside the new table.
     (folder / "rig.json").unlink(missing_ok=True)
     write_atomically(folder / rig.table.file, rows)
     write_atomically(folder / "rig.json", to_json(rig))
@@ -91,13 +91,13 @@ def write_rig(folder: Path, scene: Scene) -> Rig:
 
 
 def make_rig(scene: Scene, axes: Axes) -> tuple[Rig, bytes]:
-    """`rig.json` and the bytes of its table."""
+    """Content of `rig.json`, and the bytes of its table."""
     stage = scene.stage()
     contacts_m, pushes_m = axes.contact_m.values, axes.push_m.values
     rows = format_csv(grid(stage, contacts_m, pushes_m).columns(contacts_m, pushes_m), COLUMNS)
     ringing = ringing_of(stage.whisker, stage.timestep_s)
     field = field_of(Magnet(), Magnetometer())
-    made_by = generator()
+    own = generator()
     rig = Rig(
         format=1,
         kind="rig",
@@ -109,12 +109,12 @@ def make_rig(scene: Scene, axes: Axes) -> tuple[Rig, bytes]:
         ruler=scene.object,
         whisker=stage.whisker,
         scene=scene.name,
-        generator=made_by,
-        inputs_sha256=sha256(to_json([scene, axes, field, made_by.source_sha256, made_by.mujoco, version("numpy")])),
+        generator=own,
+        inputs_sha256=sha256(to_json([scene, axes, field, own.source_sha256, own.mujoco, version("numpy")])),
     )
     return rig, rows
 
 
 def _figure(value: float) -> float:
-    """To five significant digits: what is left beyond them differs from one machine to another."""
+    """Rounds to five significant digits; further digits may differ between machines."""
     return float(np.format_float_positional(value, precision=5, fractional=False))

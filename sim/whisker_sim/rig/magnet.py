@@ -1,8 +1,8 @@
-"""The magnet at the whisker's root and the magnetometer behind it.
+"""Magnet at the root of the whisker and magnetometer behind it.
 
-A dipole m sits `lever_m` behind the axis of the root's rotation, along the whisker; the sensor sits `gap_m` behind the resting
-magnet. The field is mu0 / (4 pi r^3) (3 (m . u) u - m). Turned by a small angle q, the magnet swings by `lever_m` q, and the field
-across the whisker is -mu0 m / (4 pi gap^3) (1 + 3 lever / gap) q; that along it is even in q, and stays to first order.
+A dipole m is `lever_m` behind the axis of the root's rotation, along the whisker; the sensor is `gap_m` behind the magnet at rest.
+The field is mu0 / (4 pi r^3) (3 (m . u) u - m). Rotated by a small angle q, the magnet moves by `lever_m` q. The field across the
+whisker is -mu0 m / (4 pi gap^3) (1 + 3 lever / gap) q; the field along it is even in q, and hence constant to first order.
 """
 
 import msgspec
@@ -15,9 +15,9 @@ _MAGNETIC_T_M_A = 1e-7
 
 
 class Magnet(msgspec.Struct, frozen=True):
-    """A disc of neodymium, 4 mm wide and 2 mm thick, 5 mm from hinge and sensor. All of it is an assumption.
+    """Neodymium disc of 4 mm diameter and 2 mm thickness, 5 mm from hinge and sensor. All values are assumptions.
 
-    It gives the published counts their size: 1600 counts a millimetre pushed near the tip, 3000 at three quarters of the length.
+    They give the published sensitivity: 1600 counts per millimetre of a push near the tip, 3000 at three quarters of the length.
     """
 
     moment_a_m2: Positive = 0.028
@@ -26,36 +26,36 @@ class Magnet(msgspec.Struct, frozen=True):
 
     @property
     def across_t_rad(self) -> float:
-        """Field across the whisker, in its plane, per rotation of the root, at rest."""
+        """Field across the whisker, in its plane, per rotation of the root (T/rad), at rest."""
         return -_MAGNETIC_T_M_A * self.moment_a_m2 / self.gap_m**3 * (1.0 + 3.0 * self.lever_m / self.gap_m)
 
 
 class Magnetometer(msgspec.Struct, frozen=True):
-    """A chip with three axes, z along the whisker, which counts in words of `bits` bits that wrap around.
+    """Three-axis chip with z along the whisker, whose readings are words of `bits` bits that wrap around.
 
-    A count is the finest of an MLX90393. What it reads at rest, its noise and how far it sits askew are rounded from the published
-    log of readings at known places: at rest (24963, 51635, 35964), and on x 4 % of what y sees.
+    A count is the smallest step of an MLX90393. Readings at rest, noise and misalignment are rounded from the published log of
+    readings at known positions: at rest (24963, 51635, 35964); x shows 4 % of the response of y.
     """
 
     tesla_per_count: Positive = 0.15e-6
     askew_rad: float = 0.035
-    """Turn of the chip about the whisker."""
+    """Rotation of the chip about the whisker."""
     rest_counts: tuple[int, int, int] = (25_000, 51_600, 36_000)
     noise_sd_counts: Positive = 50.0
-    """White, on each axis."""
+    """White noise on each axis."""
     bits: int = 16
     rate_hz: Positive = 800.0
 
 
 class Field(Magnetometer, frozen=True, kw_only=True):
-    """The readings, to first order: `rest_counts` + `counts_per_rad` x rotation of the root + noise, modulo 2^`bits`."""
+    """Readings to first order: `rest_counts` + `counts_per_rad` x rotation of the root + noise, modulo 2^`bits`."""
 
     counts_per_rad: tuple[float, float, float]
     magnet: Magnet
 
 
 def field_of(magnet: Magnet, sensor: Magnetometer) -> Field:
-    """What `sensor` reads of `magnet`."""
+    """Readings of `magnet` by `sensor`."""
     across = magnet.across_t_rad / sensor.tesla_per_count
     x, y = -across * np.sin(sensor.askew_rad), across * np.cos(sensor.askew_rad)
     counts_per_rad = (round(float(x), 1), round(float(y), 1), 0.0)

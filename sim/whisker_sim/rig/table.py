@@ -1,7 +1,7 @@
-"""The quasi-static table: the whisker under the ruler's edge, on a grid of places and depths.
+"""Quasi-static table: the whisker under the ruler's edge, on a grid of positions and depths.
 
-It is that of the exact elastica, to which MuJoCo's whisker comes to rest within a thousandth: the tests and the certificates of
-the rig's traces say how near.
+The values are those of the exact elastica, from which MuJoCo's whisker at rest deviates by less than a thousandth, as tests and the
+certificates of the rig's traces show.
 """
 
 from typing import NamedTuple
@@ -12,6 +12,7 @@ import numpy as np
 from whisker_sim.elastica import Touching, touching
 from whisker_sim.errors import SimulationError
 from whisker_sim.motions import Stage
+from whisker_sim.progress import report_share
 from whisker_sim.whisker import Array
 
 COLUMNS = (
@@ -22,12 +23,12 @@ COLUMNS = (
     ("moment_n_m", 10),
     ("force_n", 8),
 )
-"""Columns of the table in order, with their decimals."""
+"""Columns of the table in order, with their numbers of decimals."""
 
 _SUBSTEPS = 2
-"""Newton's method is led from depth to depth in this many steps."""
+"""Number of continuation steps of Newton's method from one depth to the next."""
 _TIP_M = 2e-3
-"""The last contact before the ruler slips off lies at most this far from the tip."""
+"""Maximum distance from the tip at which the ruler may slip off."""
 
 
 class Axis(msgspec.Struct, frozen=True):
@@ -48,12 +49,12 @@ PUSH_M = Axis(0.0, 0.001, 17)
 
 
 class Grid(NamedTuple):
-    """The whisker at rest for p depths at c places; NaN beyond the depth at which the ruler slips off the tip. (c, p) each."""
+    """The whisker at rest for p depths at c positions, (c, p) each; NaN beyond the depth at which the ruler slips off the tip."""
 
     rotation_rad: Array
-    """Of the root, and so of the magnet: what the gel gives way."""
+    """Rotation of the root, and thus of the magnet."""
     slope_rad: Array
-    """By which the shaft at the contact is turned further than its root: what it bends."""
+    """Tangent angle of the shaft at the contact relative to the root."""
     moment_n_m: Array
     force_n: Array
 
@@ -64,12 +65,12 @@ class Grid(NamedTuple):
 
 
 def grid(stage: Stage, contacts_m: Array, pushes_m: Array) -> Grid:
-    """Pushes the stage's object into its whisker at `contacts_m` (c,), to the depths `pushes_m` (p,) that rise from zero.
+    """Pushes the object of the stage into its whisker at `contacts_m` (c,), to the ascending depths `pushes_m` (p,) from zero.
 
-    Raises `SimulationError` where the contact is lost away from the tip.
+    Raises `SimulationError` if the contact is lost away from the tip.
     """
     whisker = stage.whisker
-    # Small deflections, to begin with: a force F at s pushes by F s^2 (s / 3 EI + 1 / k).
+    # Initial guess for small deflections: a force F at s pushes by F s^2 (s / 3 EI + 1 / k).
     bending_rad_n_m = np.array([whisker.compliance_rad_n_m(0.0, contact_m) for contact_m in contacts_m])
     compliance_m_n = contacts_m**2 * (bending_rad_n_m / 3.0 + 1.0 / whisker.root_stiffness_n_m_rad)
     guess = np.stack((contacts_m, pushes_m[1] / _SUBSTEPS / compliance_m_n))
@@ -88,10 +89,11 @@ def grid(stage: Stage, contacts_m: Array, pushes_m: Array) -> Grid:
             now = np.stack((exact.arc_m, exact.force_n))
             guess, before, holding = ((2.0 * now - before)[:, exact.solved], now[:, exact.solved], holding[exact.solved])
         found[:, holding, index] = _at_rest(stage, exact)[:, exact.solved]
+        report_share(index / (len(pushes_m) - 1))
     return Grid(*found)
 
 
 def _at_rest(stage: Stage, exact: Touching) -> Array:
-    """What the table has of the whiskers `exact` (4, c)."""
+    """Table values (4, c) of the whiskers `exact`."""
     rotation_rad = exact.moment_n_m / stage.whisker.root_stiffness_n_m_rad
     return np.stack((rotation_rad, exact.tangent_rad - rotation_rad, exact.moment_n_m, exact.force_n))

@@ -1,4 +1,4 @@
-"""Registry of object shapes: one file and one row a shape."""
+"""Registry of object shapes: one file and one row per shape."""
 
 from whisker_sim.shapes.base import CHORD_ERROR_M, Shape
 from whisker_sim.shapes.circle import Circle
@@ -18,6 +18,6 @@ AnyShape = (
     | Stadium
     | ConvexPolygon
 )
-"""The shapes that a scene's `object` may name by the key `shape`."""
+"""Shapes that the key `shape` of a scene's `object` may name."""
 
 __all__ = ["CHORD_ERROR_M", "AnyShape", "Shape"]

@@ -1,7 +1,7 @@
-"""What every object shape gives: MuJoCo geometry, outline, support point and signed distance.
+"""Interface of object shapes: MuJoCo geometry, outline, support point and signed distance.
 
-A shape is a convex region of the plane, given in its own frame; `center_m` and `yaw_rad` place that frame in World. A new shape
-subclasses `Shape`, implements the methods marked below in its own frame, and gets a row in the registry.
+A shape is a convex region of the plane in its own frame, which `center_m` and `yaw_rad` place in World. A new shape subclasses
+`Shape`, implements its abstract methods in its own frame, and is added to the registry.
 """
 
 from typing import Any, ClassVar
@@ -15,26 +15,26 @@ from whisker_sim.whisker import Coordinate
 Array = NDArray[np.float64]
 
 CHORD_ERROR_M = 1e-6
-"""Largest distance of an outline's polyline from the true outline."""
+"""Maximum distance between the polyline of an outline and the true outline."""
 
 HALF_HEIGHT_MM = 10.0
-"""Half of an object's extent out of the whisker's plane; any value well above the whisker's radius gives the same contact."""
+"""Half the height of an object. Any value well above the radius of the whisker gives the same contact."""
 
 
 class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="shape", kw_only=True):
-    """An object's outline, placed in World."""
+    """Outline of an object, placed in World."""
 
     center_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
     yaw_rad: float = 0.0
 
     example: ClassVar[dict[str, Any]]
-    """Parameters with which the tests examine the shape."""
+    """Parameters used by the tests of the registry."""
 
     upright: ClassVar[bool] = True
-    """Whether the geoms have the outline as their section at every height, not in the whisker's plane alone."""
+    """Whether the geoms have the outline as their section at every height, not only in the plane of the whisker."""
 
     def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
-        """Attributes of the MJCF geoms, in millimetres, in the shape's frame."""
+        """Attributes of the MJCF geoms (mm), in the frame of the shape."""
         raise NotImplementedError
 
     def local_outline_m(self) -> Array:
@@ -42,19 +42,19 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         raise NotImplementedError
 
     def local_support_m(self, direction: Array) -> Array:
-        """The outline's point (2,) that lies farthest along `direction` (2,)."""
+        """The point (2,) of the outline that is farthest along `direction` (2,)."""
         raise NotImplementedError
 
     def local_closest(self, points_m: Array) -> tuple[Array, Array]:
-        """For points (n, 2): the outline's nearest points (n, 2) and the signed distances (n,), negative inside."""
+        """Nearest points (n, 2) of the outline and signed distances (n,), negative inside, for points (n, 2)."""
         raise NotImplementedError
 
     def chord_error_m(self) -> float:
-        """Largest distance of the polyline from the true outline; polygons override it with zero."""
+        """Maximum distance between the polyline and the true outline; zero for polygons."""
         return CHORD_ERROR_M
 
     def meshes(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
-        """Attributes of the MJCF meshes that `geoms` refers to; most shapes need none."""
+        """Attributes of the MJCF meshes that `geoms` refers to; none for most shapes."""
         return []
 
     def outline_m(self) -> Array:
@@ -63,16 +63,16 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         return np.concatenate((vertices, vertices[:1]))
 
     def support_m(self, direction: Array) -> Array:
-        """The outline's point (2,) in World that lies farthest along `direction` (2,), in World."""
+        """The point (2,) of the outline, in World, that is farthest along `direction` (2,), in World."""
         return self.to_world(self.local_support_m(direction @ self._rotation()))
 
     def closest(self, points_m: Array) -> tuple[Array, Array]:
-        """For points (n, 2) in World: the outline's nearest points (n, 2) and the signed distances (n,), negative inside."""
+        """Nearest points (n, 2) of the outline and signed distances (n,), negative inside, for points (n, 2), all in World."""
         nearest_m, distance_m = self.local_closest((points_m - np.array(self.center_m)) @ self._rotation())
         return self.to_world(nearest_m), distance_m
 
     def to_world(self, points_m: Array) -> Array:
-        """Points (..., 2) of the shape's frame in World."""
+        """Transforms points (..., 2) from the frame of the shape to World."""
         return points_m @ self._rotation().T + np.array(self.center_m)
 
     def _rotation(self) -> Array:
@@ -81,5 +81,5 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
 
 
 def mjcf(*numbers: float) -> str:
-    """Numbers as an MJCF attribute, without loss."""
+    """Formats numbers as an MJCF attribute, without loss of precision."""
     return " ".join(repr(float(number)) for number in numbers)

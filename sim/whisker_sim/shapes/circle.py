@@ -1,4 +1,4 @@
-"""A disc."""
+"""Circular cylinder."""
 
 from typing import Any, ClassVar
 

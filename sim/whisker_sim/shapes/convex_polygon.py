@@ -1,4 +1,4 @@
-"""A convex polygon of any form."""
+"""Arbitrary convex polygon."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -29,5 +29,5 @@ class ConvexPolygon(Polygon, frozen=True, forbid_unknown_fields=True, tag="conve
             raise ValueError(f"vertices_m: expected an outline that runs round once, found {round(turns)} times")
 
     def vertices(self) -> Array:
-        """The vertices as given."""
+        """The given vertices."""
         return np.array(self.vertices_m)

@@ -1,4 +1,4 @@
-"""An ellipse."""
+"""Ellipse."""
 
 from typing import Any, ClassVar
 
@@ -9,7 +9,7 @@ from whisker_sim.whisker import Length
 
 
 class Ellipse(Shape, frozen=True, forbid_unknown_fields=True, tag="ellipse"):
-    """Upright body with an elliptic section, its semi-axes along the axes of its frame."""
+    """Upright body with an elliptic section; its semi-axes are along the axes of its frame."""
 
     semi_x_m: Length
     semi_y_m: Length
@@ -18,13 +18,13 @@ class Ellipse(Shape, frozen=True, forbid_unknown_fields=True, tag="ellipse"):
     example: ClassVar[dict[str, Any]] = {"semi_x_m": 0.02, "semi_y_m": 0.012, "yaw_rad": 0.4}
 
     def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
-        """An ellipsoid whose section in the whisker's plane is the ellipse."""
+        """An ellipsoid whose section in the plane of the whisker is the ellipse."""
         return [{"type": "ellipsoid", "size": mjcf(1e3 * self.semi_x_m, 1e3 * self.semi_y_m, half_height_mm)}]
 
     def local_outline_m(self) -> Array:
-        """Points at equal steps of the parameter t in (a cos t, b sin t).
+        """Points at equal steps of the parameter t of (a cos t, b sin t).
 
-        The sagitta of a step h is at most max(a, b) h^2 / 8, for the second derivative with respect to t is at most max(a, b).
+        The sagitta of a step h is max(a, b) h^2 / 8 at most, because the second derivative with respect to t is max(a, b) at most.
         """
         step = np.sqrt(8.0 * CHORD_ERROR_M / max(self.semi_x_m, self.semi_y_m))
         count = max(16, int(np.ceil(2.0 * np.pi / step)))
@@ -37,16 +37,17 @@ class Ellipse(Shape, frozen=True, forbid_unknown_fields=True, tag="ellipse"):
         return np.array((self.semi_x_m, self.semi_y_m)) * scaled / np.hypot(*scaled)
 
     def local_closest(self, points_m: Array) -> tuple[Array, Array]:
-        """Nearest points by bisection of the Lagrange multiplier.
+        """Nearest points by bisection for the Lagrange multiplier.
 
         Eberly, "Distance from a point to an ellipse": in the first quadrant and with a >= b, the nearest point is
-        (a^2 x / (t + a^2), b^2 y / (t + b^2)) with t the only root above -b^2 of (a x / (t + a^2))^2 + (b y / (t + b^2))^2 = 1.
+        (a^2 x / (t + a^2), b^2 y / (t + b^2)), where t is the only root above -b^2 of
+        (a x / (t + a^2))^2 + (b y / (t + b^2))^2 = 1.
         """
         swap = self.semi_x_m < self.semi_y_m
         a, b = max(self.semi_x_m, self.semi_y_m), min(self.semi_x_m, self.semi_y_m)
         folded = np.abs(points_m[:, ::-1] if swap else points_m)
         x, y = folded[:, 0], np.maximum(folded[:, 1], 1e-15)
-        # The root lies where each term alone would be at most one, and where their sum would be at least one.
+        # Lower bound: one term alone equals one. Upper bound: the sum of the terms is at most one.
         low = -b * b + b * y
         high = -b * b + np.hypot(a * x, b * y)
         for _ in range(80):

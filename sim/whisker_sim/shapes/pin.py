@@ -1,4 +1,4 @@
-"""A thin dowel pin."""
+"""Thin dowel pin."""
 
 from typing import Any, ClassVar
 
@@ -7,7 +7,7 @@ from whisker_sim.whisker import Length
 
 
 class Pin(Round, frozen=True, forbid_unknown_fields=True, tag="pin"):
-    """Thin dowel pin, 1 mm thick unless the radius says otherwise."""
+    """Thin dowel pin, by default 1 mm in diameter."""
 
     radius_m: Length = 0.5e-3
 

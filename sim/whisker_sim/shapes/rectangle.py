@@ -1,4 +1,4 @@
-"""A rectangle."""
+"""Rectangle."""
 
 from typing import Any, ClassVar
 
@@ -10,7 +10,7 @@ from whisker_sim.whisker import Length
 
 
 class Rectangle(Polygon, frozen=True, forbid_unknown_fields=True, tag="rectangle"):
-    """Upright block, its sides along the axes of its frame."""
+    """Upright block; its sides are along the axes of its frame."""
 
     width_m: Length
     height_m: Length
@@ -23,7 +23,7 @@ class Rectangle(Polygon, frozen=True, forbid_unknown_fields=True, tag="rectangle
         return np.array(((-x, -y), (x, -y), (x, y), (-x, y)))
 
     def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
-        """A box: it collides with capsules in closed form, which a mesh does not."""
+        """A box, whose collision with capsules has a closed form, in contrast to that of a mesh."""
         return [{"type": "box", "size": mjcf(500.0 * self.width_m, 500.0 * self.height_m, half_height_mm)}]
 
     def meshes(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:

@@ -1,4 +1,4 @@
-"""A regular polygon."""
+"""Regular polygon."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -11,7 +11,7 @@ from whisker_sim.whisker import Length
 
 
 class RegularPolygon(Polygon, frozen=True, forbid_unknown_fields=True, tag="regular_polygon"):
-    """Upright prism over a regular polygon, one corner on the +x axis of its frame."""
+    """Upright prism over a regular polygon with one corner on the +x axis of its frame."""
 
     sides: Annotated[int, msgspec.Meta(ge=3, le=360)]
     side_m: Length

@@ -1,4 +1,4 @@
-"""Geometry that `pin` and `circle` share."""
+"""Base class of `pin` and `circle`."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ class Round(Shape, frozen=True, forbid_unknown_fields=True):
     radius_m: Length
 
     def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
-        """A vertical capsule: its section in the whisker's plane is the circle, and capsules collide in closed form."""
+        """A vertical capsule, whose section in the plane of the whisker is the circle; capsules collide in closed form."""
         return [{"type": "capsule", "size": mjcf(1e3 * self.radius_m, half_height_mm)}]
 
     def local_outline_m(self) -> Array:
@@ -22,11 +22,11 @@ class Round(Shape, frozen=True, forbid_unknown_fields=True):
         return self.radius_m * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
     def local_support_m(self, direction: Array) -> Array:
-        """The point at the end of the radius along `direction`."""
+        """End point of the radius along `direction`."""
         return self.radius_m * direction / np.hypot(*direction)
 
     def local_closest(self, points_m: Array) -> tuple[Array, Array]:
-        """Nearest points and signed distances, by the radius through each point."""
+        """Nearest points and signed distances along the radius through each point."""
         distance_m = np.hypot(points_m[:, 0], points_m[:, 1])
         unit = np.where(distance_m[:, None] > 0.0, points_m / np.maximum(distance_m, 1e-300)[:, None], (1.0, 0.0))
         return self.radius_m * unit, distance_m - self.radius_m
