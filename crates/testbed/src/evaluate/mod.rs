@@ -26,6 +26,7 @@ mod starts;
 mod tables;
 mod trial;
 mod work;
+mod workload;
 mod write;
 
 use std::path::Path;
@@ -48,6 +49,7 @@ pub use plan::Share;
 pub use settings::{EvaluateSettings, Evaluated, OmittedEstimator};
 pub use starts::Starts;
 pub use tables::estimate_row;
+pub use workload::Workload;
 
 /// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted resumes if its inputs are the same.
 ///

@@ -10,6 +10,7 @@ use whisker::estimators::ESTIMATORS;
 use whisker::events::TouchConfig;
 
 use super::starts::Starts;
+use super::workload::Workload;
 use crate::encoders::Encoders;
 use crate::front_end::FrontEndConfig;
 use crate::map::MapConfig;
@@ -45,6 +46,8 @@ pub struct EvaluateSettings {
     pub calibrations: Option<PathBuf>,
     /// Folder in which the run's folder is created.
     pub results: PathBuf,
+    /// Called with the amount of work before it starts. Not called for an up-to-date run.
+    pub on_start: Option<fn(&Workload)>,
 }
 
 /// Outcome of an evaluation.

@@ -39,7 +39,7 @@ pub(super) struct LoadedTrial<'a> {
 }
 
 impl<'a> LoadedTrial<'a> {
-    fn read(spec: &'a TrialSpec, levels: usize) -> Result<Self, String> {
+    pub(super) fn read(spec: &'a TrialSpec, levels: usize) -> Result<Self, String> {
         let trace = Trace::read(&spec.path).map_err(|error| error.to_string())?;
         if trace.sidecar.csv_sha256 != spec.sidecar.csv_sha256 {
             return Err(format!("{}: has changed since the evaluation began", spec.path.display()));
@@ -48,6 +48,15 @@ impl<'a> LoadedTrial<'a> {
         let motions = motions(&trace.recording);
         let ground_truth = GroundTruth::new(&trace, spec.outline.as_ref(), &trace.sidecar.whisker.rest_shape());
         Ok(Self { spec, trace, motions, ground_truth, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
+    }
+
+    /// Keeps the first instants, with what is derived from them.
+    pub(super) fn truncate(&mut self, rows: usize) {
+        self.trace.recording.instants.truncate(rows);
+        self.trace.truth.instants.truncate(rows);
+        self.motions.truncate(rows);
+        let rest = self.trace.sidecar.whisker.rest_shape();
+        self.ground_truth = GroundTruth::new(&self.trace, self.spec.outline.as_ref(), &rest);
     }
 
     /// Whether it is another whisker of the same board.
@@ -130,6 +139,9 @@ impl<'a> Batch<'a> {
         let mine: Vec<usize> = (0..plan.items.len()).filter(is_mine).collect();
         let todo: Vec<usize> = mine.par_iter().copied().filter(|&item| !self.shards.has(item)).collect();
         let trials = |items: &[usize]| items.iter().map(|&item| plan.trials_of(&plan.items[item]) as u64).sum::<u64>();
+        if let Some(on_start) = self.settings.on_start.filter(|_| !todo.is_empty()) {
+            on_start(&self.workload(&todo));
+        }
         progress.set_length(trials(&mine));
         progress.set_position(trials(&mine) - trials(&todo));
         progress.reset_eta();

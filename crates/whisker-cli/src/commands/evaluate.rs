@@ -12,7 +12,7 @@ use serde_json::Value;
 use strict_json::parse_json;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{EvaluateSettings, OmittedEstimator, Share, evaluate, evaluate_share};
+use testbed::evaluate::{EvaluateSettings, OmittedEstimator, Share, Workload, evaluate, evaluate_share};
 use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
@@ -131,6 +131,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         noise,
         calibrations: arguments.calibrations.clone(),
         results: arguments.results.clone(),
+        on_start: Some(announce),
     };
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads.map_or(0, usize::from))
@@ -160,6 +161,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
     }
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// Prints the amount of work and its expected duration to stderr.
+fn announce(workload: &Workload) {
+    let Workload { trials, estimators, threads, duration } = workload;
+    let expected = duration.map_or_else(String::new, |duration| format!(": {}", about(duration)));
+    eprintln!("{trials} trials, {estimators} estimators, {threads} threads{expected}");
+}
+
+/// A duration in words, rounded.
+fn about(duration: Duration) -> String {
+    match duration.as_secs_f64() {
+        seconds if seconds < 1.0 => "about a second".into(),
+        seconds if seconds < 90.0 => format!("about {seconds:.0} s"),
+        seconds if seconds < 5400.0 => format!("about {:.0} min", seconds / 60.0),
+        seconds => format!("about {:.1} h", seconds / 3600.0),
+    }
 }
 
 /// Parses joint encoders.
