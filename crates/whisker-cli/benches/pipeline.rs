@@ -84,6 +84,7 @@ fn evaluated(set: &Dataset, results: &Path) -> Evaluated {
         map: Default::default(),
         calibrations: None,
         results: results.into(),
+        on_start: None,
     };
     evaluate(slice::from_ref(set), &settings, &ProgressBar::hidden()).expect("a set that evaluates")
 }
