@@ -1,4 +1,4 @@
-//! Recordings written and read back, and damaged ones.
+//! Writing and reading of recordings, and reading of damaged ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -169,7 +169,7 @@ fn compressed(compression: &str, bytes: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn val_chunks_that_python_compressed_are_read() {
+fn val_chunks_compressed_by_python_are_read() {
     for compression in ["zstd", "lz4"] {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{compression}.mcap"));
         let reader = Reader::open(&file).unwrap();
@@ -246,7 +246,7 @@ fn robust_metadata_and_recording_must_agree() {
 }
 
 #[test]
-fn robust_one_type_a_topic() {
+fn robust_one_type_per_topic() {
     let home = tempfile::tempdir().unwrap();
     let mut writer = Writer::create(&home.path().join("run")).unwrap();
     writer.write("/a", 0, &Time::default()).unwrap();

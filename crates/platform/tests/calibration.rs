@@ -116,7 +116,11 @@ fn val_a_calibration_estimates_new_presses_live() {
             // Reported when the edge rests, 0.18 s later, and after the delay of the low-pass.
             assert!(press.t_s - press.onset_s < 0.3);
             let estimate = estimate.unwrap();
-            assert_eq!(Some(estimate), calibration.estimate(&press.features), "the calibration read is the fitted one");
+            assert_eq!(
+                Some(estimate),
+                calibration.estimate(&press.features),
+                "the calibration that was read estimates as the fitted one"
+            );
             errors_m.push(estimate.distance_m - distance_m);
         }
     }
@@ -145,9 +149,9 @@ fn verif_the_published_feature_leaks_the_truth() {
         let validation = cross_validate(regression(name).unwrap(), &presses, HoldOut::Press).unwrap();
         validation.scores().rmse_m
     };
-    assert!(rmse_m("published") < 0.1 * spread_m, "the true distance is in the feature");
-    for honest in ["robust", "beam"] {
-        assert!(rmse_m(honest) > 0.9 * spread_m, "{honest}");
+    assert!(rmse_m("published") < 0.1 * spread_m, "the feature contains the true distance");
+    for name in ["robust", "beam"] {
+        assert!(rmse_m(name) > 0.9 * spread_m, "{name}");
     }
     let refused = Calibration::fit(regression("published").unwrap(), presses, None, HoldOut::Press, 0.9, watermark());
     assert_eq!(refused.unwrap_err(), Error::Leaks("published"));
@@ -156,19 +160,19 @@ fn verif_the_published_feature_leaks_the_truth() {
 #[test]
 fn val_the_prediction_interval_has_its_nominal_coverage() {
     for row in live_regressions().filter(|row| ["robust", "several"].contains(&row.name)) {
-        let (mut inside, mut asked) = (0, 0);
+        let (mut inside, mut count) = (0, 0);
         for seed in 0..20 {
             let presses = with_all_features(40, 100 + seed);
             let calibration = Calibration::fit(row, presses, None, HoldOut::Press, 0.9, watermark()).unwrap();
             for press in with_all_features(50, 200 + seed) {
                 let Some(estimate) = calibration.estimate(&press.features) else { continue };
                 let [low_m, high_m] = estimate.interval_m.unwrap();
-                asked += 1;
+                count += 1;
                 inside += u32::from((low_m..=high_m).contains(&press.distance_m));
             }
         }
-        let share = f64::from(inside) / f64::from(asked);
-        assert!(asked > 950 && (0.86..0.95).contains(&share), "{}: {share} of {asked}", row.name);
+        let coverage = f64::from(inside) / f64::from(count);
+        assert!(count > 950 && (0.86..0.95).contains(&coverage), "{}: {coverage} of {count}", row.name);
     }
 }
 
@@ -200,7 +204,7 @@ fn verif_no_estimate_outside_the_calibrated_domain_and_no_interval_of_few_presse
     assert!([0.0, 1.0, 1e9, f64::NAN, f64::INFINITY].iter().all(|&slope| at(slope).is_none()));
 }
 
-/// Presses with all features: those of [`scattered`], with peaks and slope ratios that vary.
+/// Presses of [`scattered`] with all features: peaks and slope ratios vary.
 fn with_all_features(count: usize, seed: u64) -> Vec<LabelledPress> {
     let mut presses = scattered(count, 0.02, seed);
     for (i, press) in presses.iter_mut().enumerate() {
@@ -230,7 +234,7 @@ fn changed(calibration: &Calibration, file: &Path, change: impl FnOnce(&mut serd
 }
 
 #[test]
-fn verif_a_calibration_that_was_read_estimates_as_the_fitted_one_bit_for_bit() {
+fn verif_a_calibration_read_from_its_file_gives_the_same_bits_as_the_fitted_one() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("calibration.json");
     let bits = |estimate: Option<Estimate>| {
@@ -287,7 +291,7 @@ fn robust_wrong_coefficients_are_refused() {
 }
 
 #[test]
-fn robust_a_file_of_another_regression_names_the_present_ones() {
+fn robust_an_unknown_regression_is_reported_with_the_registered_ones() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("calibration.json");
     let fitted = fitted(regression("robust").unwrap(), HoldOut::Press);
@@ -393,7 +397,7 @@ fn val_ratatouille_presses_are_all_detected_and_their_slopes_decrease_with_the_d
         last = median;
     }
     let held_out = |by| cross_validate(row, &gathered.presses, by).unwrap().scores().rmse_m;
-    assert!(held_out(HoldOut::Press) < held_out(HoldOut::Log), "files differ not only by the distance");
+    assert!(held_out(HoldOut::Press) < held_out(HoldOut::Log), "files differ in more than the distance");
 }
 
 #[test]

@@ -104,7 +104,7 @@ fn robust_damaged_lines_give_no_wrong_reading() {
 
 /// Ten million lines of each format and of noise; takes minutes.
 #[test]
-#[ignore = "minutes; run it by name"]
+#[ignore = "takes minutes; run it by name"]
 fn robust_ten_million_damaged_lines_give_no_wrong_reading() {
     for row in FORMATS {
         count_through_damage(row, LINES, 2);

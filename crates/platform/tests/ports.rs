@@ -83,10 +83,10 @@ fn robust_overrun_is_counted_and_reported() {
     let reader = Reader::open(&name, settings).expect("open");
     (0..250).for_each(|number| device.write_all(&print(number)).expect("written"));
     // The samples are not taken; the reader ends after the pending bytes.
-    let mut quiet = Instant::now();
-    while quiet.elapsed() < Duration::from_millis(300) {
-        if rustix::io::ioctl_fionread(&port).expect("told") > 0 {
-            quiet = Instant::now();
+    let mut quiet_since = Instant::now();
+    while quiet_since.elapsed() < Duration::from_millis(300) {
+        if rustix::io::ioctl_fionread(&port).expect("the number of pending bytes") > 0 {
+            quiet_since = Instant::now();
         }
         thread::yield_now();
     }
@@ -105,16 +105,16 @@ fn robust_a_missing_port_is_named() {
 /// Scripted printer, which records the lines it receives.
 fn scripted(device: Device, mut answer: impl FnMut(&str) -> String + Send + 'static) -> JoinHandle<Vec<String>> {
     thread::spawn(move || {
-        let mut words = device.try_clone().expect("cloned");
-        let mut told = Vec::new();
+        let mut writer = device.try_clone().expect("cloned");
+        let mut received = Vec::new();
         for line in BufReader::new(device).lines().map_while(Result::ok) {
             let bytes = answer(&line);
-            told.push(line);
-            if words.write_all(bytes.as_bytes()).is_err() {
+            received.push(line);
+            if writer.write_all(bytes.as_bytes()).is_err() {
                 break;
             }
         }
-        told
+        received
     })
 }
 
@@ -131,7 +131,7 @@ fn good(line: &str, at: &str) -> String {
 fn verif_a_line_that_was_damaged_is_sent_again() {
     let (name, device, port) = pair();
     let mut is_damaged = true;
-    let told = scripted(device, move |line| {
+    let received = scripted(device, move |line| {
         if line.contains("G21") && std::mem::take(&mut is_damaged) {
             return "Error:checksum mismatch, Last Line: 0\nResend: 1\nok\n".into();
         }
@@ -140,28 +140,28 @@ fn verif_a_line_that_was_damaged_is_sent_again() {
     let mut printer = open(&name, &Arc::default()).expect("open");
     printer.home().expect("homed");
     drop((printer, port));
-    let told = told.join().expect("the script ends");
+    let received = received.join().expect("the script ends");
     let sent = ["N0 M110 N0*125", "N1 G21*27", "N1 G21*27"];
-    assert_eq!(told[..3], sent);
-    assert!(told[3].starts_with("N2 G90*") && told[4].starts_with("N3 G28 X Y*"), "{told:?}");
+    assert_eq!(received[..3], sent);
+    assert!(received[3].starts_with("N2 G90*") && received[4].starts_with("N3 G28 X Y*"), "{received:?}");
 }
 
 #[test]
 fn robust_a_line_whose_ok_was_lost_is_not_executed_twice() {
     let (name, device, port) = pair();
-    let told = scripted(device, move |line| {
+    let received = scripted(device, move |line| {
         // The request for the next line shows that it accepted this one.
         if line.contains("G21") { "Resend: 2\nok\n".into() } else { good(line, "0.00 Y:0.00") }
     });
     open(&name, &Arc::default()).and_then(|mut printer| printer.home()).expect("homed");
     drop(port);
-    assert_eq!(told.join().expect("the script ends").iter().filter(|line| line.contains("G21")).count(), 1);
+    assert_eq!(received.join().expect("the script ends").iter().filter(|line| line.contains("G21")).count(), 1);
 }
 
 #[test]
-fn robust_a_refusal_quotes_the_printer() {
+fn robust_an_error_of_the_printer_is_quoted() {
     let (name, device, _port) = pair();
-    let _told = scripted(device, |line| {
+    let _received = scripted(device, |line| {
         if line.contains("G28") { "Error:Homing failed\nok\n".into() } else { good(line, "0.00 Y:0.00") }
     });
     let error = open(&name, &Arc::default()).and_then(|mut printer| printer.home()).expect_err("refused");
@@ -171,7 +171,7 @@ fn robust_a_refusal_quotes_the_printer() {
 #[test]
 fn robust_no_move_before_homing_or_outside_the_bed() {
     let (name, device, port) = pair();
-    let told = scripted(device, |line| good(line, "0.00 Y:0.00"));
+    let received = scripted(device, |line| good(line, "0.00 Y:0.00"));
     let mut printer = open(&name, &Arc::default()).expect("open");
     let mut to =
         |goal_m, speed_m_s| printer.move_to(goal_m, speed_m_s, &mut |_| Ok(())).expect_err("refused").to_string();
@@ -181,16 +181,16 @@ fn robust_no_move_before_homing_or_outside_the_bed() {
     assert!(to([0.1, f64::NAN], 0.03).starts_with("y of the head: "));
     assert!(to([0.1, 0.1], 1.0).starts_with("speed of the head: found 60000 mm/min, expected 1000 to 15000 mm/min"));
     drop((printer, port));
-    assert!(told.join().expect("the script ends").iter().all(|line| !line.contains("G1")));
+    assert!(received.join().expect("the script ends").iter().all(|line| !line.contains("G1")));
 }
 
 #[test]
 fn robust_a_head_off_its_target_is_an_error() {
     let (name, device, _port) = pair();
-    let _told = scripted(device, |line| good(line, "99.00 Y:50.00"));
+    let _received = scripted(device, |line| good(line, "99.00 Y:50.00"));
     let mut printer = open(&name, &Arc::default()).expect("open");
     printer.home().expect("homed");
-    let error = printer.move_to([0.1, 0.05], 0.03, &mut |_| Ok(())).expect_err("astray");
+    let error = printer.move_to([0.1, 0.05], 0.03, &mut |_| Ok(())).expect_err("off its target");
     assert_eq!(
         error.to_string(),
         format!("{name}: the head stands at (99.000, 50.000) mm, expected (100.000, 50.000) mm")
@@ -201,10 +201,10 @@ fn robust_a_head_off_its_target_is_an_error() {
 fn robust_an_interrupt_stops_the_printer_at_once() {
     let (name, device, port) = pair();
     let stop = Arc::new(AtomicBool::new(false));
-    let asked = stop.clone();
-    let told = scripted(device, move |line| {
+    let stop_request = stop.clone();
+    let received = scripted(device, move |line| {
         if line.contains("G28") {
-            asked.store(true, Ordering::Relaxed);
+            stop_request.store(true, Ordering::Relaxed);
             return "echo:busy: processing\n".into();
         }
         good(line, "0.00 Y:0.00")
@@ -212,7 +212,7 @@ fn robust_an_interrupt_stops_the_printer_at_once() {
     let error = open(&name, &stop).and_then(|mut printer| printer.home()).expect_err("interrupted");
     assert!(matches!(error, Error::Interrupted));
     drop(port);
-    assert_eq!(told.join().expect("the script ends").last().map(String::as_str), Some("M112"));
+    assert_eq!(received.join().expect("the script ends").last().map(String::as_str), Some("M112"));
 }
 
 #[test]

@@ -91,7 +91,7 @@ fn verif_pushes_at_two_places_are_recorded() {
         assert!((peak - expected).abs() < 200.0 + 0.01 * expected.abs(), "{distance_m}: {peak} {expected}");
     }
     let heads = fs::read_to_string(folder.path().join("head.csv")).expect("a table");
-    assert!(heads.lines().any(|row| row.contains(",0.153000,0.096750,")), "the head was where it was sent");
+    assert!(heads.lines().any(|row| row.contains(",0.153000,0.096750,")), "the head reached its target");
     let sent = emulation.finish().expect("ran");
     assert_eq!(sent.dropped, 0);
     assert!(sent.readings - outcome.report.tally.samples < 80, "{sent:?} {}", outcome.report);
@@ -137,10 +137,10 @@ fn robust_an_interrupt_stops_the_head_and_keeps_the_data() {
     let emulation = emulation();
     let folder = tempfile::tempdir().expect("a folder");
     let stop = Arc::new(AtomicBool::new(false));
-    let asked = stop.clone();
+    let stop_request = stop.clone();
     thread::spawn(move || {
         thread::sleep(Duration::from_secs(2));
-        asked.store(true, Ordering::Relaxed);
+        stop_request.store(true, Ordering::Relaxed);
     });
     let outcome = session(&emulation, &IncrementsBeamTest::default(), folder.path(), stop);
     assert!(matches!(outcome.error, Some(Error::Interrupted)), "{:?}", outcome.error);

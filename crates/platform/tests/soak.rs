@@ -22,8 +22,8 @@ use platform::streams::Bag;
 
 const RATE_HZ: f64 = 800.0;
 /// Bounds: share of one core, and 99th-percentile latency from the device's write to the report.
-const MOST_PROCESSOR: f64 = 0.1;
-const MOST_LATE: Duration = Duration::from_millis(5);
+const MAX_PROCESSOR: f64 = 0.1;
+const MAX_LATENCY: Duration = Duration::from_millis(5);
 
 /// Samples per press, distances of the presses, and speed and depth of the pushes.
 const PERIOD: u64 = 2400;
@@ -49,7 +49,7 @@ fn watermark() -> Watermark {
     Watermark { tool: "soak".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() }
 }
 
-/// A press of the calibration.
+/// Calibration fitted to one press at each distance.
 fn calibration(rig: &RigTable) -> Calibration {
     let sample = |number: u64| Sample { t_s: number as f64 / RATE_HZ, counts: counts(rig, number) };
     let samples: Vec<Sample> = (0..PERIOD * PLACES).map(sample).collect();
@@ -80,7 +80,7 @@ fn processor_s(without: &str) -> f64 {
 /// 800 readings a second for `WHISKER_SOAK_S` seconds (default 60), through a pseudo-terminal into a recording, with live inference. Each must arrive
 /// once and in order, no press may be missed, and the bounds of processor load and latency must be met.
 #[test]
-#[ignore = "as long as WHISKER_SOAK_S says; run it by name"]
+#[ignore = "takes WHISKER_SOAK_S seconds; run it by name"]
 fn verif_no_sample_is_lost_and_none_is_late() {
     let soak_s: f64 = std::env::var("WHISKER_SOAK_S").map_or(60.0, |text| text.parse().expect("seconds"));
     let rig = RigTable::built_in();
@@ -118,7 +118,7 @@ fn verif_no_sample_is_lost_and_none_is_late() {
             assert_eq!(arrival.sample.counts, all[reported.len()]);
             inference.step(arrival, |detection| {
                 if let Detection::Pressed(_, estimate) = detection {
-                    let found_m = estimate.expect("like those of the calibration").distance_m;
+                    let found_m = estimate.expect("within the calibrated domain").distance_m;
                     errors_m.push(found_m - distance_m(reported.len() as u64));
                 }
                 bag.detected(detection).expect("kept");
@@ -133,10 +133,10 @@ fn verif_no_sample_is_lost_and_none_is_late() {
     let (report, error) = reader.finish();
     assert!(error.is_none(), "{error:?}");
     let recording = bag.finish(Ending::Complete).expect("written").remove(0);
-    let mut late: Vec<Duration> =
+    let mut latencies: Vec<Duration> =
         reported.iter().zip(&sent).map(|(reported, sent)| reported.duration_since(*sent)).collect();
-    late.sort();
-    let at = |share: f64| late[((late.len() - 1) as f64 * share) as usize];
+    latencies.sort();
+    let at = |share: f64| latencies[((latencies.len() - 1) as f64 * share) as usize];
     println!("{report}");
     println!("{}", inference.latency());
     println!("latency from write to report: median {:.3?}, 99 % {:.3?}, worst {:.3?}", at(0.5), at(0.99), at(1.0));
@@ -156,6 +156,6 @@ fn verif_no_sample_is_lost_and_none_is_late() {
     // The last press may be incomplete.
     assert!(errors_m.len() as u64 >= count / PERIOD, "{} presses", errors_m.len());
     assert!(errors_m.iter().all(|error_m| error_m.abs() < 2e-3), "{errors_m:?}");
-    assert!(processor < MOST_PROCESSOR, "{processor} of one core");
-    assert!(at(0.99) < MOST_LATE, "{:?}", at(0.99));
+    assert!(processor < MAX_PROCESSOR, "{processor} of one core");
+    assert!(at(0.99) < MAX_LATENCY, "{:?}", at(0.99));
 }

@@ -33,7 +33,7 @@ fn write_run(folder: &Path, whole: bool) {
     write_run_of(folder, whole, &ESTIMATORS);
 }
 
-/// The same with the estimators of these names. The error of the first is smaller than that of the others.
+/// As [`write_run`], with the estimators of these names. The first has a smaller error than the others.
 fn write_run_of(folder: &Path, whole: bool, estimators: &[&str]) {
     let objects: &[&str] = if whole { &["pin", "circle"] } else { &["pin"] };
     write_description(folder, whole, objects, estimators);
@@ -158,7 +158,7 @@ fn consistency_row(object: &str, estimator: &str, start_s: f64, error_m: f64) ->
     }
 }
 
-/// Encoders under which a recording of one whisker among one object was replayed: the name that it has then, and their noise.
+/// Recording of one whisker and one object at each level of encoder noise: its name, and the noise (rad).
 const LEVELS: [(&str, f64); 3] = [("scene", 0.0), ("scene_noise_1e-4", 1e-4), ("scene_noise_1e-3", 1e-3)];
 
 fn recording((name, noise_rad): (&str, f64)) -> serde_json::Value {
@@ -169,7 +169,7 @@ fn recording((name, noise_rad): (&str, f64)) -> serde_json::Value {
     })
 }
 
-/// The maps that the first estimator made.
+/// Writes the maps of the first estimator.
 fn write_maps(folder: &Path) {
     let map = |(name, noise_rad): (&str, f64)| MapRow {
         recording: name.to_owned(),
@@ -227,7 +227,7 @@ fn write_maps(folder: &Path) {
     write_table(&name("grid"), &(0..6).map(cell).collect::<Vec<_>>());
 }
 
-/// The outlines that the first estimator found: of each object its group, its name and the distance from the true one, where known.
+/// Writes the outlines estimated by the first estimator. `objects` lists group, name, and mean distance from the true outline (m), `None` if that is unknown.
 fn write_contours(folder: &Path, objects: &[(&str, &str, Option<f64>)]) {
     let (mut scores, mut trials) = (Vec::new(), Vec::new());
     for &(group, object, mean_m) in objects {
@@ -307,7 +307,7 @@ fn summary_row(object: &str, estimator: &str, error_m: f64) -> SummaryRow {
     SummaryRow { head, scores: scores(error_m) }
 }
 
-/// Lengths are about the error; it never falls below a millimetre for good.
+/// Scores with every length equal to the error, no settling times, and 1 for every other metric.
 fn scores(error_m: f64) -> Scores {
     Scores::from_fn(|metric| match metric.name {
         name if name.ends_with("_m") => Some(error_m),
@@ -405,7 +405,7 @@ fn write_sensor(folder: &Path) {
     write_table(&folder.join("sensors/left.straight.transfer.csv"), &transfer.collect::<Vec<_>>());
 }
 
-/// The bytes of every file of a report that is drawn now.
+/// Draws the report. Returns the bytes of each of its files.
 pub(crate) fn files_of_report(folder: &Path) -> Vec<Vec<u8>> {
     let paths = report(folder).expect("drawn");
     let files = paths.figures.iter().chain([&paths.page]);
@@ -413,7 +413,7 @@ pub(crate) fn files_of_report(folder: &Path) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn verif_every_figure_is_drawn_and_stands_on_the_page() {
+fn verif_every_figure_is_drawn_and_shown_on_the_page() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
     let paths = report(folder.path()).expect("drawn");
@@ -535,7 +535,7 @@ fn verif_a_set_is_unscored_by_its_group_and_whisker() {
 }
 
 #[test]
-fn verif_animations_are_copied_into_the_run_linked_and_forgotten_again() {
+fn verif_animations_are_copied_into_the_run_linked_and_removed() {
     let [folder, drawn] = [(); 2].map(|()| tempfile::tempdir().expect("temporary folder"));
     write_run(folder.path(), false);
     let page = || {
@@ -565,7 +565,7 @@ fn verif_animations_are_copied_into_the_run_linked_and_forgotten_again() {
 }
 
 #[test]
-fn robust_animations_from_nowhere_give_one_error() {
+fn robust_a_missing_folder_of_animations_gives_one_error() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), false);
     let message = format!("{:#}", take_animations(folder.path(), &folder.path().join("none")).expect_err("no folder"));
@@ -634,9 +634,9 @@ fn verif_the_summary_keeps_the_order_of_the_run_and_names_missing_estimates() {
 fn robust_a_failed_write_leaves_no_partial_file() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), true);
-    let [figures, in_the_way] = ["figures", "figures/contours.png"].map(|name| folder.path().join(name));
-    fs::create_dir_all(in_the_way.join("occupied")).expect("created");
-    let message = format!("{:#}", report(folder.path()).expect_err("a folder in the way"));
+    let [figures, obstacle] = ["figures", "figures/contours.png"].map(|name| folder.path().join(name));
+    fs::create_dir_all(obstacle.join("occupied")).expect("created");
+    let message = format!("{:#}", report(folder.path()).expect_err("an obstructed path"));
     assert!(message.contains("contours.png"), "{message}");
     let names = fs::read_dir(figures).expect("a folder").map(|entry| entry.expect("an entry").file_name());
     let hidden: Vec<_> = names.filter(|name| name.to_string_lossy().starts_with('.')).collect();
@@ -648,6 +648,6 @@ fn robust_a_run_without_scores_gives_one_error() {
     let folder = tempfile::tempdir().expect("temporary folder");
     write_run(folder.path(), false);
     fs::write(folder.path().join("summary.csv"), "group\n").expect("written");
-    let message = format!("{:#}", report(folder.path()).expect_err("nothing to show"));
+    let message = format!("{:#}", report(folder.path()).expect_err("no scores"));
     assert!(message.contains("summary.csv: found no rows, expected at least one"), "{message}");
 }

@@ -68,31 +68,31 @@ fn settings(results: &Path) -> EvaluateSettings {
 }
 
 #[test]
-fn robust_a_trial_without_a_touch_is_a_failure_beside_the_others_and_is_not_redone() {
+fn robust_a_trial_without_a_touch_is_recorded_as_a_failure_and_not_repeated() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let dataset = dataset(traces.path());
     let first = evaluated(&dataset, results.path());
     assert!(first.is_new);
     let failures: Vec<_> =
         first.failures.iter().map(|row| (row.trace.as_str(), row.estimator.as_deref(), row.reason.as_str())).collect();
-    let silence = "ended (exit status: 0) before its answer to row 1 of 301";
+    let no_answer = "ended (exit status: 0) before its answer to row 1 of 301";
     assert_eq!(
         failures,
         [
             ("nothing", None, "the whisker never touches; there is nothing to score"),
-            ("nothing", Some("mute"), silence),
-            ("pin", Some("mute"), silence),
+            ("nothing", Some("mute"), no_answer),
+            ("pin", Some("mute"), no_answer),
         ]
     );
     assert!(first.summary.iter().all(|row| row.head.trials == 1));
     assert_files_of_the_registry(&first.folder);
     let again = evaluated(&dataset, results.path());
     assert!(!again.is_new);
-    // An unreadable table is written anew.
+    // An unreadable table is rewritten.
     let table = results.path().join("golden/failures.csv");
     fs::write(&table, fs::read_to_string(&table).unwrap() + "torn").unwrap();
-    let anew = evaluated(&dataset, results.path());
-    assert!(anew.is_new && anew.failures == first.failures);
+    let rewritten = evaluated(&dataset, results.path());
+    assert!(rewritten.is_new && rewritten.failures == first.failures);
     assert_eq!((again.failures, again.summary), (first.failures, first.summary));
 }
 
@@ -154,7 +154,7 @@ fn verif_readings_of_a_hall_sensor_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn robust_a_calibration_through_another_front_end_is_named() {
+fn robust_a_calibration_through_another_front_end_is_reported() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let dataset = dataset(traces.path());
     let folder = |name: &str| results.path().join(name);
@@ -178,7 +178,7 @@ fn robust_a_calibration_through_another_front_end_is_named() {
 }
 
 #[test]
-fn verif_the_bound_rides_through_chatter_and_starts_anew_after_a_lift_off() {
+fn verif_the_bound_continues_through_chatter_and_restarts_after_a_lift_off() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path());
     fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));

@@ -98,17 +98,17 @@ fn verif_null_and_answers_without_covariance_are_accepted() {
 #[test]
 fn verif_a_program_receives_the_prior_information_and_no_truth() {
     let folder = tempfile::tempdir().unwrap();
-    let heard = folder.path().join("heard");
+    let received = folder.path().join("received");
     let contact_prior = Some(ContactPrior { contact: Point::new(0.04, 0.001), sd_m: 3e-3 });
     let base_noise = BaseNoise(Matrix3::new(1e-8, 2e-9, 3e-9, 2e-9, 4e-8, 5e-9, 3e-9, 5e-9, 6e-8));
     let knowledge =
         Arc::new(Knowledge { contact_prior, base_noise, ..Arc::unwrap_or_clone(world::knowledge(NOISE_N_M)) });
     let listen = format!(
         "while read -r line; do printf '%s\\n' \"$line\" >> {}; [ \"$first\" ] && echo null; first=1; done",
-        heard.display()
+        received.display()
     );
     assert_eq!(replay_of(&listen, TIMEOUT, &knowledge).failure, None);
-    let text = fs::read_to_string(heard).unwrap();
+    let text = fs::read_to_string(received).unwrap();
     assert!(!text.contains("truth") && !text.contains("secret"));
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let samples = trial(&knowledge);

@@ -179,7 +179,7 @@ impl Sources {
         candidates.into_iter().find(|file| self.root.join(file).is_file())
     }
 
-    /// File that defines what a path names, seen from a module. `None` if it lies outside the workspace, or in the module itself.
+    /// File that defines the item of a path used in a module. `None` if it lies outside the workspace, or in the module itself.
     fn resolve(&self, from: &Module, segments: &[String], depth: usize) -> Option<String> {
         let (first, rest) = segments.split_first()?;
         let child = |module: &Module, name: &String| {

@@ -1,4 +1,4 @@
-//! Time of what the command `whisker` does, on a small set: readings through each registered front end, a whole evaluation, and its report.
+//! Benchmarks of the stages of the command `whisker` on a small set: readings through each registered front end, a whole evaluation, and its report.
 
 use std::path::Path;
 use std::slice;
@@ -41,14 +41,15 @@ fn readings(bencher: Bencher, name: &str) {
     let (pin, circle) = (golden("golden_pin"), golden("golden_circle"));
     let mounting = Mounting::alone(&pin.sidecar);
     let recordings = [&pin, &circle].map(|trace| SensorInput::new(trace, &mounting, NOISE_N_M, 1));
-    let calibrated = front_end.calibrate(slice::from_ref(&mounting), &recordings).expect("recordings that say enough");
+    let calibrated =
+        front_end.calibrate(slice::from_ref(&mounting), &recordings).expect("recordings that determine the sensor");
     let sensor = calibrated.as_ref().and_then(|file| file.sensors.first());
     let played = SensorInput { sensor, ..SensorInput::new(&pin, &mounting, NOISE_N_M, 1) };
     let counter = ItemsCount::new(pin.recording.instants.len());
     bencher.counter(counter).bench_local(|| front_end.readings_n_m(&played).expect("a calibrated sensor"));
 }
 
-/// A set with the golden pin as its only trial, calibrated.
+/// Calibrated set with the golden pin as its only trial.
 fn set(folder: &Path) -> Dataset {
     for (of, name, role) in [
         ("golden_pin", "pin", Role::Trial),
@@ -64,11 +65,11 @@ fn set(folder: &Path) -> Dataset {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
     let settings =
         FitSettings { models, noise: NOISE, seed: 1, front_end: FrontEndConfig::default(), sensors: Vec::new() };
-    fit(&set, &settings, &set.calibrations("white")).expect("traces that calibrate");
+    fit(&set, &settings, &set.calibrations("white")).expect("calibration traces");
     set
 }
 
-/// Every registered estimator on the trial under five seeds.
+/// Evaluates every registered estimator on the trial with five seeds.
 fn evaluated(set: &Dataset, results: &Path) -> Evaluated {
     let settings = EvaluateSettings {
         name: "golden".into(),
@@ -86,7 +87,7 @@ fn evaluated(set: &Dataset, results: &Path) -> Evaluated {
         results: results.into(),
         on_start: None,
     };
-    evaluate(slice::from_ref(set), &settings, &ProgressBar::hidden()).expect("a set that evaluates")
+    evaluate(slice::from_ref(set), &settings, &ProgressBar::hidden()).expect("a valid set")
 }
 
 #[divan::bench(max_time = 5)]

@@ -1,4 +1,4 @@
-//! Wrong input of each kind gives one clear line on stderr, exit code 1 or 2, and no result.
+//! Invalid input: one error line on stderr, exit code 1 or 2, and no result.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,14 +17,14 @@ fn fails(arguments: &[&str], words: &[&str]) {
     let output = whisker(arguments);
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?} ended with {:?}: {text}", output.status);
-    assert_eq!(text.trim_end().lines().count(), 1, "{arguments:?} said:\n{text}");
-    assert!(text.starts_with("error: ") && !text.contains("panicked"), "{arguments:?} said: {text}");
+    assert_eq!(text.trim_end().lines().count(), 1, "{arguments:?} printed:\n{text}");
+    assert!(text.starts_with("error: ") && !text.contains("panicked"), "{arguments:?} printed: {text}");
     for word in words {
-        assert!(text.contains(word), "{arguments:?} does not say `{word}`: {text}");
+        assert!(text.contains(word), "{arguments:?} does not contain `{word}`: {text}");
     }
 }
 
-/// A copy of a golden trace of which one file was changed.
+/// Copy of a golden trace with one changed file.
 fn damaged(file: &str, change: impl FnOnce(String) -> String) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in ["golden_pin.csv", "golden_pin.json", "golden_pin.contour.csv"] {
@@ -35,7 +35,7 @@ fn damaged(file: &str, change: impl FnOnce(String) -> String) -> tempfile::TempD
     folder
 }
 
-/// Asserts what `whisker check` says of a golden trace of which one file was changed.
+/// Asserts that `whisker check` fails on a golden trace with one changed file, with a single line that contains every one of `words`.
 fn check_fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]) {
     let folder = damaged(file, change);
     fails(&["check", folder.path().join("golden_pin.csv").to_str().unwrap()], words);
@@ -82,13 +82,13 @@ fn robust_unsorted_time() {
 }
 
 #[test]
-fn robust_row_cut_short() {
+fn robust_truncated_row() {
     let change = |text: String| text[..text.len() - 40].to_owned();
     check_fails(CSV, change, &["golden_pin.csv:", "fields", "19 fields"]);
 }
 
 #[test]
-fn robust_rows_lost_at_the_end() {
+fn robust_missing_rows_at_the_end() {
     let change = |text: String| text.lines().take(100).map(|line| format!("{line}\n")).collect();
     check_fails(CSV, change, &["the end after 99 rows", "as stated by its sidecar"]);
 }
@@ -99,13 +99,13 @@ fn robust_empty_file() {
 }
 
 #[test]
-fn robust_value_changed_behind_the_hash() {
+fn robust_value_contradicts_the_hash() {
     let change = |text: String| with_line(&text, 50, |line| line.replacen("0.0", "0.1", 1));
     check_fails(CSV, change, &["golden_pin.csv", "sha256"]);
 }
 
 #[test]
-fn robust_outline_changed_behind_the_hash() {
+fn robust_outline_contradicts_the_hash() {
     let change = |text: String| with_line(&text, 5, |_| "0.5,0.5".into());
     check_fails("golden_pin.contour.csv", change, &["golden_pin.contour.csv", "sha256"]);
 }
@@ -150,7 +150,7 @@ fn robust_truth_above_its_bound() {
 }
 
 #[test]
-fn robust_name_that_leaves_the_folder() {
+fn robust_name_outside_the_folder() {
     let change = |text: String| text.replacen("\"golden_pin\"", "\"../golden_pin\"", 1);
     check_fails(SIDECAR, change, &["golden_pin.json", "name", "a plain file name"]);
 }
@@ -167,11 +167,11 @@ fn robust_no_calibration() {
     let results = tempfile::tempdir().unwrap();
     let out = results.path().to_str().unwrap();
     fails(&["evaluate", "datasets/golden", "--results", out], &["calibrations/straight.json", "whisker fit"]);
-    assert_eq!(fs::read_dir(results.path()).unwrap().count(), 0, "a failed evaluation leaves nothing behind");
+    assert_eq!(fs::read_dir(results.path()).unwrap().count(), 0, "a failed evaluation writes no files");
 }
 
 #[test]
-fn robust_a_run_does_not_replace_what_is_no_run() {
+fn robust_a_run_does_not_replace_another_folder() {
     let results = tempfile::tempdir().unwrap();
     let precious = results.path().join("golden");
     fs::create_dir(&precious).unwrap();
@@ -186,12 +186,12 @@ fn robust_a_run_does_not_replace_what_is_no_run() {
 }
 
 #[test]
-fn robust_nothing_to_fit() {
+fn robust_no_calibration_traces() {
     fails(&["fit", "datasets/golden"], &["datasets/golden", "role `calibration`"]);
 }
 
 #[test]
-fn robust_unknown_names_list_the_known() {
+fn robust_errors_of_unknown_names_list_the_registered_ones() {
     fails(&["evaluate", "datasets/golden", "--estimators", "ekv"], &["ekv", "ekf", "particle"]);
     fails(&["evaluate", "datasets/golden", "--estimators", "ekf,ekf"], &["ekf", "twice"]);
     fails(&["evaluate", "datasets/golden", "--noise", "0.01,0.01"], &["0.01", "twice"]);

@@ -1,4 +1,4 @@
-//! Batches that are interrupted, shared or broken: nothing is lost, nothing is done twice, and the bytes are the same.
+//! Interrupted, shared and failing batches: finished items are kept and not repeated, and the bytes equal those of one uninterrupted run.
 #![cfg(unix)]
 
 use std::collections::BTreeMap;
@@ -14,10 +14,10 @@ use rand_pcg::Pcg64;
 use testbed::results::{SummaryRow, read_scores, score_bytes};
 use trace::{Role, Trace};
 
-/// Enough for a dozen items a trace.
+/// Number of seeds, which gives a dozen items per trace.
 const SEEDS: &str = "120";
 
-/// Two golden traces as trials, and as the calibration of their whisker.
+/// Writes two golden traces as trials and as calibration traces, and fits their whisker.
 fn dataset(folder: &Path) {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
     for (of, name, role) in [
@@ -49,7 +49,7 @@ fn evaluate(traces: &Path, results: &Path, more: &[&str]) -> Command {
     whisker(&[&fixed[..], seeds, more].concat())
 }
 
-/// Every file of a run; the summary without its timing.
+/// Contents of every file of a run, by path; the summary without its timing.
 fn files(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn collect(folder: &Path, into: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).unwrap() {
@@ -72,10 +72,10 @@ fn files(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     paths.into_iter().map(read).collect()
 }
 
-fn assert_same(one: &BTreeMap<PathBuf, Vec<u8>>, other: &BTreeMap<PathBuf, Vec<u8>>, what: &str) {
-    assert_eq!(one.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>(), "{what}");
+fn assert_same(one: &BTreeMap<PathBuf, Vec<u8>>, other: &BTreeMap<PathBuf, Vec<u8>>, case: &str) {
+    assert_eq!(one.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>(), "{case}");
     for (path, bytes) in one {
-        assert!(bytes == &other[path], "{what}: {} differs", path.display());
+        assert!(bytes == &other[path], "{case}: {} differs", path.display());
     }
 }
 
@@ -85,23 +85,23 @@ fn succeed(command: &mut Command) -> Output {
     output
 }
 
-/// The folder in which a run is built.
+/// Folder of an unfinished run. `None` if there is none.
 fn part(results: &Path) -> Option<PathBuf> {
     let mut paths = fs::read_dir(results).unwrap().map(|entry| entry.unwrap().path());
     paths.find(|path| path.extension().is_some_and(|end| end == "part"))
 }
 
-/// Finished items of an interrupted evaluation, by file, with what they hold.
+/// Contents of the finished items of an interrupted evaluation, by file.
 fn shards(results: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let Some(Ok(entries)) = part(results).map(|part| fs::read_dir(part.join("shards"))) else { return BTreeMap::new() };
     let paths = entries.map(|entry| entry.unwrap().path());
     let whole = paths.filter(|path| !path.file_name().unwrap().to_string_lossy().starts_with('.'));
-    // An evaluation that ends meanwhile takes its shards away.
+    // An evaluation that ends meanwhile removes its shards.
     whole.filter_map(|path| Some((path.clone(), fs::read(path).ok()?))).collect()
 }
 
 #[test]
-fn verif_one_thread_two_and_three_give_the_same_bytes() {
+fn verif_one_two_and_three_threads_give_the_same_bytes() {
     let folders = [(); 4].map(|()| tempfile::tempdir().unwrap());
     let [traces, results @ ..] = &folders;
     dataset(traces.path());
@@ -118,21 +118,21 @@ fn verif_one_thread_two_and_three_give_the_same_bytes() {
 }
 
 #[test]
-fn robust_an_interrupted_run_goes_on_where_it_stood() {
-    let [traces, whole, torn] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+fn robust_an_interrupted_run_resumes() {
+    let [traces, whole, interrupted] = [(); 3].map(|()| tempfile::tempdir().unwrap());
     dataset(traces.path());
     succeed(&mut evaluate(traces.path(), whole.path(), &[]));
     let expected = files(&whole.path().join("run"));
     let mut rng = Pcg64::seed_from_u64(7);
     let mut interruptions = 0;
     for signal in [rustix::process::Signal::INT, rustix::process::Signal::KILL].into_iter().cycle().take(40) {
-        let before = shards(torn.path());
-        let mut child = evaluate(traces.path(), torn.path(), &["--threads", "2"]).spawn().unwrap();
-        // Until something new is finished, and a little more: in the midst of the next.
-        let begun = Instant::now();
+        let before = shards(interrupted.path());
+        let mut child = evaluate(traces.path(), interrupted.path(), &["--threads", "2"]).spawn().unwrap();
+        // Until another item is finished, then up to 20 ms into the next one.
+        let start = Instant::now();
         while child.try_wait().unwrap().is_none()
-            && shards(torn.path()).len() <= before.len()
-            && begun.elapsed() < Duration::from_secs(60)
+            && shards(interrupted.path()).len() <= before.len()
+            && start.elapsed() < Duration::from_secs(60)
         {
             sleep(Duration::from_millis(1));
         }
@@ -143,29 +143,33 @@ fn robust_an_interrupted_run_goes_on_where_it_stood() {
         }
         let _ = rustix::process::kill_process(pid, signal);
         child.wait().unwrap();
-        if torn.path().join("run").is_dir() {
+        if interrupted.path().join("run").is_dir() {
             break;
         }
         interruptions += 1;
         for (path, bytes) in before {
-            assert!(fs::read(&path).unwrap() == bytes, "{} was done again or lost", path.display());
+            assert!(fs::read(&path).unwrap() == bytes, "{} was recomputed or lost", path.display());
         }
     }
-    assert!(interruptions > 0, "nothing was interrupted");
-    succeed(&mut evaluate(traces.path(), torn.path(), &[]));
-    assert_same(&expected, &files(&torn.path().join("run")), "after interruptions");
-    assert_eq!(part(torn.path()), None);
+    assert!(interruptions > 0, "no evaluation was interrupted");
+    succeed(&mut evaluate(traces.path(), interrupted.path(), &[]));
+    assert_same(&expected, &files(&interrupted.path().join("run")), "after interruptions");
+    assert_eq!(part(interrupted.path()), None);
 }
 
 #[test]
-fn robust_a_run_from_other_inputs_does_not_go_on() {
-    let [traces, whole, torn] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+fn robust_an_unfinished_run_of_other_inputs_is_not_resumed() {
+    let [traces, whole, interrupted] = [(); 3].map(|()| tempfile::tempdir().unwrap());
     dataset(traces.path());
     succeed(&mut evaluate(traces.path(), whole.path(), &[]));
-    succeed(&mut evaluate(traces.path(), torn.path(), &["--share", "1/2", "--noise", "0.02"]));
-    assert!(!shards(torn.path()).is_empty());
-    succeed(&mut evaluate(traces.path(), torn.path(), &[]));
-    assert_same(&files(&whole.path().join("run")), &files(&torn.path().join("run")), "after a run at another noise");
+    succeed(&mut evaluate(traces.path(), interrupted.path(), &["--share", "1/2", "--noise", "0.02"]));
+    assert!(!shards(interrupted.path()).is_empty());
+    succeed(&mut evaluate(traces.path(), interrupted.path(), &[]));
+    assert_same(
+        &files(&whole.path().join("run")),
+        &files(&interrupted.path().join("run")),
+        "after a run at another noise",
+    );
 }
 
 #[test]
@@ -178,17 +182,17 @@ fn verif_shares_of_several_processes_make_one_run() {
     assert!(processes.iter_mut().all(|process| process.wait().unwrap().success()));
     let done = shards(shared.path());
     assert!(!done.is_empty());
-    // The third share was never begun: what is missing is done here, and nothing else.
+    // The third share was not evaluated: this evaluation adds the missing items only.
     succeed(&mut evaluate(traces.path(), shared.path(), &[]));
     assert_same(&files(&whole.path().join("run")), &files(&shared.path().join("run")), "three shares");
 }
 
 #[test]
-fn robust_an_item_that_fails_leaves_the_others_alone() {
+fn robust_a_failed_item_does_not_affect_the_others() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     dataset(traces.path());
     let script = traces.path().join("breaks.sh");
-    // Gives up on every trial in which the first reading is positive.
+    // Fails on every trial whose first reading is not negative.
     fs::write(&script, "read greeting\nread row\ncase \"$row\" in *'\"reading_n_m\":-'*) ;; *) exit 7;; esac\necho null\nwhile read row; do echo null; done\n").unwrap();
     let program = format!("breaks=sh {}", script.display());
     let mut command = evaluate(traces.path(), results.path(), &["--seeds", "10", "--exec", &program]);

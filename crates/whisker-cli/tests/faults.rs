@@ -1,4 +1,4 @@
-//! Faults of the machine, and files from strangers: what stood there before still stands, or the new is there whole; nothing is written elsewhere; one clear error.
+//! Machine faults and untrusted files: an existing file stays unchanged or is replaced as a whole, no file outside the folder is written, and the error is one line.
 #![cfg(unix)]
 
 use std::collections::BTreeMap;
@@ -13,14 +13,14 @@ use files::{sha256, write_atomically};
 use tempfile::TempDir;
 use trace::{Role, Trace};
 
-/// Moments of a command's run at which it is killed, as shares of the time that it takes.
+/// Times at which a running command is killed, as fractions of its duration.
 const MOMENTS: [f64; 4] = [0.1, 0.4, 0.7, 0.95];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A folder with golden traces as trial and calibration, their calibration, a clone of recordings, a run.
+/// Working folder with golden traces as trial and calibration, a clone of the recordings, and the files written by the commands.
 struct Bench {
     folder: TempDir,
 }
@@ -28,7 +28,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        // Others may look into it, too: some of the commands are run by one.
+        // Readable by every user: some of the commands run as another user.
         fs::set_permissions(folder.path(), Permissions::from_mode(0o755)).unwrap();
         let bench = Self { folder };
         let golden = root().join("datasets/golden");
@@ -55,7 +55,7 @@ impl Bench {
         bench
     }
 
-    /// Another with the same files.
+    /// Copy in another folder.
     fn copy(&self) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let files = self.folder.path().join(".");
@@ -67,23 +67,23 @@ impl Bench {
         self.folder.path().join(name)
     }
 
-    /// The command that does a chore, with paths relative to the bench.
-    fn command(&self, chore: &str) -> Command {
+    /// Command with these arguments, separated by spaces, with paths relative to the folder.
+    fn command(&self, command_line: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
-        command.args(chore.split(' ')).current_dir(self.folder.path());
+        command.args(command_line.split(' ')).current_dir(self.folder.path());
         command
     }
 
-    fn run(&self, chore: &str) -> Output {
-        self.command(chore).output().unwrap()
+    fn run(&self, command_line: &str) -> Output {
+        self.command(command_line).output().unwrap()
     }
 
-    fn good(&self, chore: &str) {
-        let output = self.run(chore);
-        assert!(output.status.success(), "{chore}: {}", String::from_utf8_lossy(&output.stderr));
+    fn good(&self, command_line: &str) {
+        let output = self.run(command_line);
+        assert!(output.status.success(), "{command_line}: {}", String::from_utf8_lossy(&output.stderr));
     }
 
-    /// Every file that is there to be read, by its path in the bench; hidden ones are not finished. Wall-clock time is left out.
+    /// Contents of every finished file by its path in the folder, without hidden (unfinished) files and files with wall-clock times.
     fn files(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut files = BTreeMap::new();
         let mut folders = vec![self.folder.path().to_path_buf()];
@@ -110,10 +110,10 @@ const REPORT: &str = "report results/run";
 
 const IMPORT: &str = "import stanford-whisker clone --out imported";
 
-/// The chores that write, in their order.
-const CHORES: [&str; 4] = [IMPORT, FIT, EVALUATE, REPORT];
+/// Commands that write files, in the order of the pipeline.
+const COMMANDS: [&str; 4] = [IMPORT, FIT, EVALUATE, REPORT];
 
-/// Asserts that a command failed with one clear line.
+/// Asserts that a command failed with a single error line that contains every one of `words`.
 fn refused(output: &Output, words: &[&str]) {
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
@@ -122,41 +122,41 @@ fn refused(output: &Output, words: &[&str]) {
         "{text}"
     );
     for word in words {
-        assert!(text.contains(word), "does not say `{word}`: {text}");
+        assert!(text.contains(word), "does not contain `{word}`: {text}");
     }
 }
 
 #[test]
-fn robust_a_full_disk_leaves_what_stood_there() {
+fn robust_a_full_disk_leaves_existing_files_unchanged() {
     let bench = Bench::new();
-    for chore in CHORES {
+    for command_line in COMMANDS {
         let before = bench.files();
-        // A limit to the size of files stands for a disk that takes no more.
+        // A limit on the size of files emulates a full disk.
         let mut command = Command::new("sh");
         command.args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_whisker")]);
-        let output = command.args(chore.split(' ')).current_dir(bench.folder.path()).output().unwrap();
+        let output = command.args(command_line.split(' ')).current_dir(bench.folder.path()).output().unwrap();
         refused(&output, &["File too large"]);
         for (path, bytes) in bench.files() {
             let whole = before.get(&path).is_none_or(|before| *before == bytes);
-            assert!(whole, "{chore}: {}", path.display());
+            assert!(whole, "{command_line}: {}", path.display());
         }
-        assert!(before.keys().all(|path| bench.folder.path().join(path).is_file()), "{chore}: something is lost");
-        bench.good(chore);
+        assert!(before.keys().all(|path| bench.folder.path().join(path).is_file()), "{command_line}: a file is lost");
+        bench.good(command_line);
     }
 }
 
 #[test]
-fn robust_a_folder_that_may_not_be_written_to() {
+fn robust_a_read_only_folder_is_an_error() {
     let bench = Bench::new();
-    CHORES.iter().for_each(|chore| bench.good(chore));
+    COMMANDS.iter().for_each(|command_line| bench.good(command_line));
     let before = bench.files();
-    // To root, modes are nothing: the commands are run by somebody without rights.
+    // File modes do not restrict root: the commands run as an unprivileged user.
     let is_root = Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout == b"0\n");
     let program = Path::new(env!("CARGO_BIN_EXE_whisker"));
-    let nobody = ["--reuid=65534", "--regid=65534", "--clear-groups"];
+    let unprivileged = ["--reuid=65534", "--regid=65534", "--clear-groups"];
     let may_run = !is_root
         || Command::new("setpriv")
-            .args(nobody)
+            .args(unprivileged)
             .arg(program)
             .arg("list")
             .stdout(Stdio::null())
@@ -164,27 +164,28 @@ fn robust_a_folder_that_may_not_be_written_to() {
             .status()
             .is_ok_and(|status| status.success());
     if !may_run {
-        eprintln!("skipped: run by root, and nobody else can run {}", program.display());
+        eprintln!("skipped: run by root, and no other user can run {}", program.display());
         return;
     }
     for folder in ["traces/calibrations", "traces", "results/run", "results"] {
         let mode = if is_root { 0o755 } else { 0o555 };
         fs::set_permissions(bench.path(folder), Permissions::from_mode(mode)).unwrap();
     }
-    let settled = [
+    let command_lines = [
         "fit traces --model spline",
         "evaluate traces --estimators ekf --seeds 3 --results results --name run",
         "evaluate traces --estimators ekf --seeds 3 --results results --name other",
         REPORT,
     ];
-    for chore in settled {
+    for command_line in command_lines {
         let mut command = if is_root { Command::new("setpriv") } else { Command::new("env") };
         if is_root {
-            command.args(nobody);
+            command.args(unprivileged);
         }
-        let output = command.arg(program).args(chore.split(' ')).current_dir(bench.folder.path()).output().unwrap();
+        let output =
+            command.arg(program).args(command_line.split(' ')).current_dir(bench.folder.path()).output().unwrap();
         refused(&output, &["Permission denied"]);
-        assert!(bench.files() == before, "{chore}: something changed");
+        assert!(bench.files() == before, "{command_line}: a file changed");
     }
     for folder in ["traces/calibrations", "traces", "results/run", "results"] {
         fs::set_permissions(bench.path(folder), Permissions::from_mode(0o755)).unwrap();
@@ -192,43 +193,43 @@ fn robust_a_folder_that_may_not_be_written_to() {
 }
 
 #[test]
-fn robust_killed_at_any_moment_nothing_is_lost() {
+fn robust_a_command_killed_at_any_time_loses_no_files() {
     let whole = Bench::new();
-    for chore in CHORES {
-        let unharmed = whole.copy();
+    for command_line in COMMANDS {
+        let initial = whole.copy();
         let begin = Instant::now();
-        whole.good(chore);
-        let takes = begin.elapsed();
-        let (before, expected) = (unharmed.files(), whole.files());
+        whole.good(command_line);
+        let duration = begin.elapsed();
+        let (before, expected) = (initial.files(), whole.files());
         for share in MOMENTS {
-            let bench = unharmed.copy();
-            let mut child = bench.command(chore).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-            sleep(takes.mul_f64(share).min(Duration::from_secs(30)));
+            let bench = initial.copy();
+            let mut child = bench.command(command_line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+            sleep(duration.mul_f64(share).min(Duration::from_secs(30)));
             child.kill().unwrap();
             child.wait().unwrap();
             assert!(
                 before.keys().all(|path| bench.folder.path().join(path).is_file()),
-                "{chore} killed at {share}: something is lost"
+                "{command_line} killed at {share}: a file is lost"
             );
-            // As if nothing had happened: whatever was left behind is in nobody's way.
-            bench.good(chore);
+            // A rerun gives the files of an undisturbed command: partial files do not interfere.
+            bench.good(command_line);
             let found = bench.files();
-            assert!(found.keys().eq(expected.keys()), "{chore} killed at {share}: other files");
+            assert!(found.keys().eq(expected.keys()), "{command_line} killed at {share}: other files");
             for (path, bytes) in &found {
-                assert!(expected[path] == *bytes, "{chore} killed at {share}: {} differs", path.display());
+                assert!(expected[path] == *bytes, "{command_line} killed at {share}: {} differs", path.display());
             }
         }
     }
 }
 
 #[test]
-fn robust_links_are_followed_to_folders_and_replaced_as_files() {
+fn robust_links_to_folders_are_followed_and_links_to_files_replaced() {
     let bench = Bench::new();
     bench.good(FIT);
     fs::create_dir(bench.path("elsewhere")).unwrap();
     symlink(bench.path("elsewhere"), bench.path("results")).unwrap();
     bench.good(EVALUATE);
-    assert!(bench.path("elsewhere/run/run.json").is_file(), "a folder behind a link is where results go");
+    assert!(bench.path("elsewhere/run/run.json").is_file(), "results are written to the folder to which a link points");
     let precious = bench.path("precious.txt");
     fs::write(&precious, "years of work").unwrap();
     let calibration = bench.path("traces/calibrations/straight.json");
@@ -244,7 +245,7 @@ fn robust_links_are_followed_to_folders_and_replaced_as_files() {
     assert_eq!(fs::read_to_string(&precious).unwrap(), "years of work");
 }
 
-/// Puts a text in the place of another in a file.
+/// Replaces a text in a file.
 fn change(path: &Path, from: &str, to: &str) {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.contains(from), "{}: no {from}", path.display());
@@ -254,14 +255,14 @@ fn change(path: &Path, from: &str, to: &str) {
 #[test]
 fn robust_names_do_not_lead_out_of_the_folder() {
     let bench = Bench::new();
-    CHORES.iter().for_each(|chore| bench.good(chore));
+    COMMANDS.iter().for_each(|command_line| bench.good(command_line));
     let before = bench.files();
     let group = serde_json::from_slice::<serde_json::Value>(&fs::read(bench.path("traces/pin.json")).unwrap()).unwrap()
         ["group"]
         .to_string();
     let wrong = [r#""x/../../../elsewhere""#, r#""/tmp/elsewhere""#, r#""..""#, r#""a\nb""#, r#""a\u0000b""#, r#""""#];
     for name in wrong {
-        for (file, key, was, chore) in [
+        for (file, key, was, command_line) in [
             ("traces/pin.json", "group", format!("\"group\": {group}"), EVALUATE),
             ("traces/pin.json", "name", "\"name\": \"pin\"".to_owned(), EVALUATE),
             ("traces/calibrations/straight.json", "name", "\"name\": \"straight\"".to_owned(), EVALUATE),
@@ -269,15 +270,15 @@ fn robust_names_do_not_lead_out_of_the_folder() {
         ] {
             let path = bench.path(file);
             change(&path, &was, &format!("\"{key}\": {name}"));
-            refused(&bench.run(chore), &[file.rsplit('/').next().unwrap(), key, "a plain file name"]);
+            refused(&bench.run(command_line), &[file.rsplit('/').next().unwrap(), key, "a plain file name"]);
             fs::write(&path, &before[Path::new(file)]).unwrap();
-            assert!(bench.files() == before, "{file}: {name}: something else was written");
+            assert!(bench.files() == before, "{file}: {name}: another file was written");
         }
     }
 }
 
 #[test]
-fn robust_a_link_to_what_never_ends_is_refused() {
+fn robust_a_link_to_an_endless_file_is_refused() {
     let bench = Bench::new();
     let sidecar = bench.path("traces/pin.json");
     fs::remove_file(&sidecar).unwrap();
@@ -286,7 +287,7 @@ fn robust_a_link_to_what_never_ends_is_refused() {
 }
 
 #[test]
-fn robust_names_on_the_page_are_words_and_no_markup() {
+fn robust_names_on_the_page_are_escaped() {
     const MARKUP: &str = "<img src=x onerror=alert(1)>&amp;";
     let bench = Bench::new();
     bench.good(FIT);
@@ -297,7 +298,7 @@ fn robust_names_on_the_page_are_words_and_no_markup() {
         .to_owned();
     let path = bench.path("traces/pin.json");
     change(&path, &format!("\"group\": \"{group}\""), &format!("\"group\": \"{MARKUP}\""));
-    CHORES.iter().for_each(|chore| bench.good(chore));
+    COMMANDS.iter().for_each(|command_line| bench.good(command_line));
     let page = fs::read_to_string(bench.path("results/run/index.html")).unwrap();
     assert!(page.contains("&lt;img src=x"), "the name is shown");
     assert!(!page.contains("<img src=x"));
@@ -309,7 +310,7 @@ fn robust_names_on_the_page_are_words_and_no_markup() {
     }
 }
 
-/// A golden trial of which the lines were changed; its sidecar tells of them what is true.
+/// Replays a golden trial with changed lines and a sidecar that agrees with them.
 fn trial(bench: &Bench, change: impl FnOnce(&mut Vec<String>)) -> Output {
     let (csv, sidecar) = (bench.path("traces/pin.csv"), bench.path("traces/pin.json"));
     let text = fs::read_to_string(&csv).unwrap();
@@ -326,10 +327,10 @@ fn trial(bench: &Bench, change: impl FnOnce(&mut Vec<String>)) -> Output {
 }
 
 #[test]
-fn robust_gaps_are_lived_with_and_damaged_rows_named() {
+fn robust_gaps_are_accepted_and_damaged_rows_are_reported_with_their_line() {
     let bench = Bench::new();
     bench.good(FIT);
-    // Two rows twice, out of order, not finite: each at its line.
+    // A repeated row, rows out of order, and numbers that are not finite or too large.
     refused(&trial(&bench, |lines| lines.insert(40, lines[39].clone())), &["pin.csv:41", "t_s", "order of time"]);
     let bench = Bench::new();
     bench.good(FIT);
@@ -358,7 +359,7 @@ fn robust_gaps_are_lived_with_and_damaged_rows_named() {
     }
     let bench = Bench::new();
     bench.good(FIT);
-    // A second and more without rows, in the middle of the contact, and single rows lost.
+    // Twenty consecutive rows and a single row are missing.
     let gap = trial(&bench, |lines| {
         lines.drain(200..220);
         lines.remove(120);
@@ -367,10 +368,10 @@ fn robust_gaps_are_lived_with_and_damaged_rows_named() {
 }
 
 #[test]
-fn robust_no_room_is_made_for_what_a_file_only_claims() {
+fn robust_no_memory_is_allocated_for_a_claimed_size() {
     let bench = Bench::new();
     bench.good(FIT);
-    // A file with a hole of a terabyte, and a sidecar that says how many rows that may be.
+    // A sparse file of 1 TiB, and a sidecar that states 10^15 rows.
     let (csv, sidecar) = (bench.path("traces/pin.csv"), bench.path("traces/pin.json"));
     fs::OpenOptions::new().append(true).open(&csv).unwrap().set_len(1 << 40).unwrap();
     let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&sidecar).unwrap()).unwrap();
@@ -380,7 +381,7 @@ fn robust_no_room_is_made_for_what_a_file_only_claims() {
 }
 
 #[test]
-fn robust_results_are_as_private_as_the_mode_mask_says() {
+fn robust_permissions_of_results_follow_the_umask() {
     for (mask, mode) in [("077", 0o600), ("002", 0o664)] {
         let bench = Bench::new();
         let mut command = Command::new("sh");

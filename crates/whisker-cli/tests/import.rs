@@ -1,4 +1,4 @@
-//! Recordings in the layout of the public whisker data set, made from a known wire: imported, fitted, replayed and scored.
+//! Import, fit and evaluation of synthetic recordings of a known wire in the layout of the public whisker data set.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -19,7 +19,7 @@ fn whisker(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
 }
 
-/// Runs a command that is to end well and gives its output.
+/// Runs a command that must succeed. Returns stdout followed by stderr.
 fn good(arguments: &[&str]) -> String {
     let output = whisker(arguments);
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -27,7 +27,7 @@ fn good(arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap() + &errors
 }
 
-/// The wire and where it hangs on the rig: unlike its drawing, as real ones are.
+/// A wire and its pose on the rig, both different from the drawing, as on a real rig.
 struct Rig {
     elastica: Elastica,
     base: Pose<World, Base>,
@@ -51,7 +51,7 @@ impl Rig {
         Self { elastica: Elastica::new(&wire).unwrap(), base: base.inverse(), reference_mm }
     }
 
-    /// Reading with the pin at this place beside the reference, in mm; that at rest where the pin is on the wire's other side.
+    /// Reading (counts) with the pin at this offset from the reference (mm). Equals the reading at rest if the pin does not touch or is on the other side of the wire.
     fn counts(&self, x_mm: f64, y_mm: f64) -> f64 {
         let pin = self.base.apply(Point::new(1e-3 * x_mm, 1e-3 * y_mm));
         let moment_n_m = self.elastica.at_point(pin).map_or(0.0, |contact| contact.deflection.moment_n_m.min(0.0));
@@ -71,10 +71,10 @@ impl Rig {
     }
 }
 
-/// Where the mesh of the object that is swept over stands.
+/// Path of the mesh of the swept object.
 const MESH: &str = "data/3d_data/ConeFixture.stl";
 
-/// A square tube of 20 mm, whose section is the same at every height.
+/// Binary STL of a square tube, 20 mm wide, with the same section at every height.
 fn mesh() -> Vec<u8> {
     let corners = [[-10.0, -10.0], [10.0, -10.0], [10.0, 10.0], [-10.0, 10.0]];
     let mut bytes = vec![0; 80];
@@ -92,11 +92,11 @@ fn mesh() -> Vec<u8> {
     bytes
 }
 
-/// A clone of the repository, with one calibration, one pin trial and one sweep.
+/// Clone of the repository with two calibrations, one pin trial and one sweep.
 fn clone() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let (curved, sweeping) = (Rig::curved(), Rig::sweeping());
-    // Lines along -x, each from the side on which the whisker is free, after a visit to the place of rest.
+    // Lines along -x from the side on which the whisker is free, each after one reading at rest.
     let grid = |lines: u32| {
         (0..lines).flat_map(|j| {
             let line = (0..21).map(move |i| (3.0 - 2.0 * f64::from(i), -0.6 - 1.1 * f64::from(j)));
@@ -138,20 +138,20 @@ fn column(path: &Path, name: &str) -> Vec<String> {
 fn verif_known_contacts_are_found_in_imported_recordings() {
     let (source, work) = (clone(), tempfile::tempdir().unwrap());
     let dataset = work.path().join("stanford");
-    let said = good(&["import", "stanford-whisker", text(source.path()), "--out", text(&dataset)]);
-    assert!(said.contains("real pins") && said.contains("real objects"), "{said}");
+    let output = good(&["import", "stanford-whisker", text(source.path()), "--out", text(&dataset)]);
+    assert!(output.contains("real pins") && output.contains("real objects"), "{output}");
     good(&["check", text(&dataset)]);
     good(&["fit", text(&dataset), "--model", "elastica"]);
     let results = work.path().join("results");
-    // The contact is the pin's axis, which rests.
+    // The contact is the pin's axis, which is at rest.
     let config = work.path().join("config.json");
     write(&config, r#"{"ekf": {"motion": {"kind": "resting"}}}"#);
     let run = ["evaluate", text(&dataset), "--estimators", "ekf", "--seeds", "1", "--starts", "wrong"];
-    let said = good(&[&run[..], &["--config", text(&config), "--results", text(&results)]].concat());
-    assert!(said.contains("wrong prior") && said.contains("not scored"), "{said}");
+    let output = good(&[&run[..], &["--config", text(&config), "--results", text(&results)]].concat());
+    assert!(output.contains("wrong prior") && output.contains("not scored"), "{output}");
     let trials = results.join("stanford/trials.csv");
     let errors = column(&trials, "late_mean_m");
-    assert_eq!(errors.len(), 7, "the honest start and six wrong ones: {errors:?}");
+    assert_eq!(errors.len(), 7, "the correct start and six wrong ones: {errors:?}");
     for error in errors {
         assert!(error.parse::<f64>().unwrap() < 0.2e-3, "{error} m");
     }
@@ -178,7 +178,7 @@ fn verif_formats_are_listed() {
     assert!(good(&["import", "--list"]).starts_with("stanford-whisker "));
 }
 
-/// Asserts that an import fails with one line that has every one of `words`, after one file was changed.
+/// Asserts that an import of a clone with one changed file fails with a single line that contains every one of `words`.
 fn fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]) {
     let source = clone();
     let path: PathBuf = source.path().join(file);
@@ -191,10 +191,10 @@ fn fails_on(source: &Path, words: &[&str]) {
     let output = whisker(&["import", "stanford-whisker", text(source), "--out", text(out.path())]);
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
-    assert_eq!(errors.trim_end().lines().count(), 1, "said:\n{errors}");
-    assert!(errors.starts_with("error: "), "said: {errors}");
+    assert_eq!(errors.trim_end().lines().count(), 1, "printed:\n{errors}");
+    assert!(errors.starts_with("error: "), "printed: {errors}");
     for word in words {
-        assert!(errors.contains(word), "does not say `{word}`: {errors}");
+        assert!(errors.contains(word), "does not contain `{word}`: {errors}");
     }
 }
 
@@ -220,13 +220,13 @@ fn robust_empty_file() {
 }
 
 #[test]
-fn robust_calibration_that_tells_nothing() {
+fn robust_calibration_with_too_few_rows() {
     let change = |table: String| table.lines().take(4).map(|line| format!("{line}\n")).collect();
     fails(CALIBRATION, change, &["try2.csv", "rows", "to determine the wire's pose"]);
 }
 
 #[test]
-fn robust_calibration_is_missing() {
+fn robust_missing_calibration() {
     let source = clone();
     fs::remove_file(source.path().join(CALIBRATION)).unwrap();
     fails_on(source.path(), &["trial0.csv", "curved_calib_<date>_try2.csv"]);

@@ -16,7 +16,7 @@ use platform::rig::SPEEDS_M_S;
 use platform::routine::{Contact, IncrementsBeamTest, Observer};
 use platform::sensor::format;
 
-/// Longest time until a program has opened its port.
+/// Maximum time until a program has opened its port.
 const START: Duration = Duration::from_millis(500);
 
 fn whisker(arguments: &[&str]) -> Command {
@@ -36,9 +36,9 @@ fn done(arguments: &[&str]) -> Output {
     output
 }
 
-struct Nobody;
+struct NoObserver;
 
-impl Observer for Nobody {
+impl Observer for NoObserver {
     fn head(&mut self, _: Head) -> Result<(), Error> {
         Ok(())
     }
@@ -62,10 +62,10 @@ fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
 
     // An existing session is not overwritten, and the printer does not move.
     let again = whisker(&ports).output().unwrap();
-    let said = String::from_utf8(again.stderr).unwrap();
+    let stderr = String::from_utf8(again.stderr).unwrap();
     assert!(
-        again.status.code() == Some(1) && said.contains("log.csv: path: found a log, expected nothing yet"),
-        "{said}"
+        again.status.code() == Some(1) && stderr.contains("log.csv: path: found a log, expected nothing yet"),
+        "{stderr}"
     );
 
     // Samples at another rate give a warning.
@@ -73,39 +73,42 @@ fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
     let half = folder.path().join("half.csv");
     fs::write(&half, rows.split_inclusive('\n').step_by(2).collect::<String>()).unwrap();
     for (log, is_warned) in [(log.join("log.csv"), false), (half, true)] {
-        let said = String::from_utf8(done(&[&["infer", text(&log)], &calibrated[..]].concat()).stderr).unwrap();
-        assert_eq!(said.contains("warning: found 4"), is_warned, "{said}");
+        let stderr = String::from_utf8(done(&[&["infer", text(&log)], &calibrated[..]].concat()).stderr).unwrap();
+        assert_eq!(stderr.contains("warning: found 4"), is_warned, "{stderr}");
     }
 
     // A session prints contacts on the standard output and their errors on stderr.
     let out = folder.path().join("second");
     let ports = ["run", "--printer", printer, "--sensor", sensor, "--out", text(&out)];
-    let told = done(&[&ports[..], &["--speed", "15000", "--y", "80", "--increments-y", "1"], &calibrated].concat());
-    let events = String::from_utf8(told.stdout).unwrap();
+    let session = done(&[&ports[..], &["--speed", "15000", "--y", "80", "--increments-y", "1"], &calibrated].concat());
+    let events = String::from_utf8(session.stdout).unwrap();
     let kinds: Vec<String> = events
         .lines()
         .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["event"].as_str().unwrap().to_owned())
         .collect();
     assert_eq!(kinds, ["pressed", "released", "pushed", "pressed", "released", "pushed"]);
-    let summary = String::from_utf8(told.stderr).unwrap();
+    let summary = String::from_utf8(session.stderr).unwrap();
     assert!(
         summary.contains("2 of 2 pushes found: RMSE 0.") && summary.contains("latency from arrival to report"),
         "{summary}"
     );
 
-    // `infer` reads the port alone, while another program pushes.
+    // `infer` reads only the port while another program drives the printer.
     let mut listener =
         whisker(&[&["infer", "--port", sensor, "--print", "csv", "--latency"], &calibrated[..]].concat());
     let listener = listener.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     thread::sleep(START);
     let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: SPEEDS_M_S[1], ..Default::default() };
     let mut driver = Printer::open(printer, Instant::now(), Arc::default()).unwrap();
-    routine.run(&mut driver, Instant::now(), &AtomicBool::new(false), &mut Nobody).unwrap();
+    routine.run(&mut driver, Instant::now(), &AtomicBool::new(false), &mut NoObserver).unwrap();
     emulation.unplug();
     let output = listener.wait_with_output().unwrap();
-    let (events, said) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("is the cable plugged in?") && said.contains("latency from arrival to report"), "{said}");
+    let (events, stderr) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(
+        stderr.contains("is the cable plugged in?") && stderr.contains("latency from arrival to report"),
+        "{stderr}"
+    );
     let found_m: Vec<f64> = events
         .lines()
         .map(|line| line.split(',').collect::<Vec<_>>())
@@ -125,9 +128,9 @@ fn robust_two_signals_at_once_are_one_request_to_stop_the_printer() {
     let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
     let mut run = whisker(&["run", "--printer", printer, "--sensor", sensor, "--out", text(folder.path())]);
     let run = run.stderr(Stdio::piped()).spawn().unwrap();
-    let begun = Instant::now();
+    let start = Instant::now();
     while !folder.path().join("log.csv.part").exists() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "no log is begun");
+        assert!(start.elapsed() < Duration::from_secs(60), "no log was created");
         thread::sleep(START / 10);
     }
     let pid = rustix::process::Pid::from_child(&run);
@@ -135,13 +138,13 @@ fn robust_two_signals_at_once_are_one_request_to_stop_the_printer() {
         rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
     }
     let output = run.wait_with_output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && said.contains("the printer was stopped at once"), "{said}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && stderr.contains("the printer was stopped at once"), "{stderr}");
     assert!(folder.path().join("log.interrupted.csv").exists());
 }
 
 #[test]
-fn robust_a_source_is_a_log_or_a_port() {
+fn robust_infer_reads_either_a_log_or_a_port() {
     for (arguments, words) in [
         (&["infer", "--calibration", "none.json"][..], "required"),
         (&["infer", "--calibration", "none.json", "--port", "/dev/none", "log.csv"], "cannot be used with"),
@@ -149,7 +152,7 @@ fn robust_a_source_is_a_log_or_a_port() {
         (&["infer", "--calibration", "none.json", "--port", "/dev/none", "--rate-hz", "0"], "1 to 10000"),
     ] {
         let output = whisker(arguments).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.code() == Some(2) && said.contains(words), "{said}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && stderr.contains(words), "{stderr}");
     }
 }

@@ -46,7 +46,7 @@ fn verif_traces_are_restored_byte_for_byte() {
 #[test]
 fn verif_foreign_readings_become_a_log() {
     let home = tempfile::tempdir().unwrap();
-    let folder = home.path().join("theirs");
+    let folder = home.path().join("foreign");
     let begin_ns = 1_705_004_054_969_568_000;
     record(&folder, vec![field(begin_ns, 0.0), field(begin_ns + 1_250_000, 7.0)]);
     let files = import(&folder, false, home.path()).unwrap();
@@ -76,7 +76,7 @@ fn robust_a_message_without_a_reading_is_an_error() {
 #[test]
 fn robust_an_invalid_sidecar_of_a_log_is_an_error() {
     let home = tempfile::tempdir().unwrap();
-    let folder = home.path().join("theirs");
+    let folder = home.path().join("foreign");
     let mut writer = Writer::create(&folder).unwrap();
     writer.attach("log.json", "application/json", b"{\"kind\": \"diary\"}").unwrap();
     writer.finish().unwrap();
@@ -165,7 +165,7 @@ fn robust_a_foreign_recording_writes_only_into_its_folder() {
 #[test]
 fn robust_unrequested_attachments_are_not_written() {
     let home = tempfile::tempdir().unwrap();
-    let (folder, out) = (home.path().join("theirs"), home.path().join("deep/out"));
+    let (folder, out) = (home.path().join("foreign"), home.path().join("deep/out"));
     let mut writer = Writer::create(&folder).unwrap();
     let readings = MagneticFieldArray { magnetic_field_array: vec![field(0, 1.0)] };
     writer.write(topics::MAGNETOMETER, 0, &readings).unwrap();

@@ -82,7 +82,7 @@ pub(crate) fn evaluate_through(
     step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &inputs[..], &options[..]].concat())))
 }
 
-/// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, drawn: `results/<suite>_encoders/`.
+/// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, with a page: `results/<suite>_encoders/`.
 pub(crate) fn evaluate_encoders(suite: &str, noise_rad: &[&str]) -> Outcome {
     let name = format!("{suite}_encoders");
     let levels: Vec<String> = noise_rad.iter().map(|noise_rad| format!("{{\"noise_rad\": {noise_rad}}}")).collect();

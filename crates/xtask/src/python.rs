@@ -64,7 +64,7 @@ pub(crate) fn install(requirements: Requirements) -> Outcome {
     if !runtime_packages_only {
         create()?;
     }
-    remove_if_there(fs::remove_file(stamp()), ".venv/installed.lock")?;
+    remove_if_present(fs::remove_file(stamp()), ".venv/installed.lock")?;
     pip_install(requirements, &packages(&wanted))?;
     write_stamp(&wanted)
 }
@@ -98,10 +98,10 @@ fn write_stamp(lock: &str) -> Outcome {
         .map_err(|error| Failure::new(format!(".venv/installed.lock: cannot be written: {error}")))
 }
 
-fn remove_if_there(removed: std::io::Result<()>, what: &str) -> Outcome {
+fn remove_if_present(removed: std::io::Result<()>, path: &str) -> Outcome {
     match removed {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(Failure::new(format!("{what}: cannot be removed: {error}")))
+            Err(Failure::new(format!("{path}: cannot be removed: {error}")))
         }
         _ => Ok(()),
     }
@@ -112,21 +112,21 @@ fn create() -> Outcome {
     let base = env::var_os("PYTHON").filter(|python| !python.is_empty()).unwrap_or_else(|| "python3".into());
     let name = base.to_string_lossy().into_owned();
     // The version is printed first, so that it is known even if a module is missing.
-    let asked = Command::new(&base)
+    let probe = Command::new(&base)
         .args(["-c", "import sys; print(*sys.version_info[:2]); import venv, ensurepip"])
         .output()
         .map_err(|error| Failure::new(format!("`{name}` does not start: {error}. {HOW_TO_GET_PYTHON}")))?;
-    let version = version(&String::from_utf8_lossy(&asked.stdout))
+    let version = version(&String::from_utf8_lossy(&probe.stdout))
         .ok_or_else(|| Failure::new(format!("`{name}` prints no version: not a Python 3. {HOW_TO_GET_PYTHON}")))?;
     if version < OLDEST {
         let (major, minor) = version;
         return Err(Failure::new(format!("`{name}` is Python {major}.{minor}. {HOW_TO_GET_PYTHON}")));
     }
-    if !asked.status.success() {
+    if !probe.status.success() {
         return Err(Failure::new(format!("`{name}` lacks the module venv or ensurepip. {HOW_TO_GET_PYTHON}")));
     }
 
-    remove_if_there(fs::remove_dir_all(folder()), ".venv")?;
+    remove_if_present(fs::remove_dir_all(folder()), ".venv")?;
     let made = Command::new(&base)
         .args(["-m", "venv"])
         .arg(folder())
@@ -135,8 +135,8 @@ fn create() -> Outcome {
     if made.status.success() {
         Ok(())
     } else {
-        let said = String::from_utf8_lossy(if made.stderr.is_empty() { &made.stdout } else { &made.stderr });
-        Err(Failure::new(format!("`{name} -m venv .venv` ended with {}:\n{}", made.status, said.trim_end())))
+        let printed = String::from_utf8_lossy(if made.stderr.is_empty() { &made.stdout } else { &made.stderr });
+        Err(Failure::new(format!("`{name} -m venv .venv` ended with {}:\n{}", made.status, printed.trim_end())))
     }
 }
 

@@ -93,11 +93,11 @@ impl Running {
     }
 }
 
-/// The command as a person would type it in the root folder.
+/// Command line as typed in the root folder.
 pub(crate) fn words(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let program = program.strip_prefix(root()).unwrap_or(program);
-    // cargo passes its own full path, which is noise in a message.
+    // cargo passes its own full path, which a message does not need.
     let program = if program.is_absolute() { program.file_name().map_or(program, Path::new) } else { program };
     std::iter::once(program.as_os_str())
         .chain(command.get_args())

@@ -1,4 +1,4 @@
-//! Pseudo-terminals whose device is the test.
+//! Pseudo-terminals with the test in the role of the device.
 
 use std::fs::File;
 use std::os::fd::OwnedFd;

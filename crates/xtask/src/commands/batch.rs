@@ -12,7 +12,7 @@ use crate::pipeline;
 use crate::tools::{cargo, root, run as run_command};
 
 const SUITE: &str = "standard";
-/// Folder of everything that only the measurement needs.
+/// Folder of the files that only this measurement uses.
 const FOLDER: &str = "target/batch";
 /// Traces of the Monte-Carlo, and its seeds: 10,000 trials.
 const TRACES: u32 = 10;
@@ -109,7 +109,7 @@ impl Cost {
     /// Runs a command of `whisker`, which is built already, to its end.
     fn of(arguments: &[&str]) -> Result<Self, Failure> {
         let path = root().join("target/release/whisker");
-        let failed = |what: String| Failure::new(format!("{} {}: {what}", path.display(), arguments.join(" ")));
+        let failed = |reason: String| Failure::new(format!("{} {}: {reason}", path.display(), arguments.join(" ")));
         let begun = Instant::now();
         let mut command = Command::new(&path);
         command.args(arguments).current_dir(root()).stdout(Stdio::null());

@@ -1,4 +1,4 @@
-//! The gate of every change: checks and tests.
+//! Checks and tests, required for every change.
 
 use super::{check, test};
 use crate::failure::Outcome;

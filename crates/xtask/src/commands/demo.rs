@@ -7,7 +7,7 @@ use crate::pipeline;
 
 const SUITE: &str = "standard";
 
-/// Estimators of the demo: one of each kind, few enough to be told apart in a figure.
+/// Estimators of the demo: one of each kind, few enough to be distinguished in a figure.
 const ESTIMATORS: &[&str] = &[
     "recommended",
     "batch-recommended",

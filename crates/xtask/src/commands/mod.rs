@@ -61,7 +61,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "peers", about: "Time the filters against other libraries: docs/PERFORMANCE.md", run: Plain(peers::run) },
 ];
 
-/// The command that the arguments name.
+/// Finds the command named by the arguments.
 ///
 /// # Errors
 /// The usage error, if no command has that name or it takes no arguments.

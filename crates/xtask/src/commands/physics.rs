@@ -38,7 +38,7 @@ pub(crate) fn run() -> Outcome {
     let outcome = step("physics", || {
         run_command(python_command(&["-m", "whisker_sim.physics", "--dataset", &traces, "--out", RESULTS]))
     });
-    // A claim that fails is drawn as well, but not one of an earlier run.
+    // The report is drawn even if a claim fails, but not from the claims of an earlier run.
     if written() != before {
         step("report", || run_command(whisker(&["report", RESULTS])))?;
         keep(&results, &root().join(REFERENCE))?;

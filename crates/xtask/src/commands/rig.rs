@@ -23,9 +23,9 @@ const CALIBRATION: &str = "calibration.json";
 /// Distance at which the outer 70 mm of the whisker begin (mm).
 const OUTER_MM: f64 = 80.0;
 /// Largest number of readings in transit when a session closes the port: a tenth of a second.
-const UNDER_WAY: f64 = 80.0;
-/// Longest start of the emulated devices.
-const PATIENCE: Duration = Duration::from_secs(10);
+const IN_TRANSIT: f64 = 80.0;
+/// Maximum start-up time of the emulated devices.
+const STARTUP_LIMIT: Duration = Duration::from_secs(10);
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let soak_s = soak_s(arguments)?;
@@ -125,10 +125,10 @@ fn session(seed: &str, name: &str, options: &[&str]) -> Result<(Output, f64), Fa
     eprint!("{}", output.stderr);
     let sent = rig.stop()?;
     let [readings, dropped] =
-        ["readings ", "dropped "].map(|what| number(&sent, what).ok_or_else(|| unknown(what, &sent)));
+        ["readings ", "dropped "].map(|quantity| number(&sent, quantity).ok_or_else(|| unknown(quantity, &sent)));
     let rows = read(&format!("{name}/log.csv"))?.lines().count() - 1;
     // Printed readings that are not in the log, except for those in transit at the end.
-    Ok((output, dropped? + (readings? - rows as f64 - UNDER_WAY).max(0.0)))
+    Ok((output, dropped? + (readings? - rows as f64 - IN_TRANSIT).max(0.0)))
 }
 
 /// The emulated devices.
@@ -138,7 +138,7 @@ impl Rig {
     fn start(seed: &str) -> Result<Self, Failure> {
         let links = ["printer", "sensor"].map(|port| root().join(in_folder(port)));
         for link in &links {
-            // It does not exist before the first session.
+            // The link does not exist before the first session.
             let _ = fs::remove_file(link);
         }
         let [printer, sensor] = ["printer", "sensor"].map(in_folder);
@@ -148,8 +148,8 @@ impl Rig {
         let child = command.spawn().map_err(|error| Failure::new(format!("`{}`: {error}", words(&command))))?;
         let (rig, begun) = (Self(child), Instant::now());
         while !links.iter().all(|link| link.exists()) {
-            if begun.elapsed() > PATIENCE {
-                return Err(Failure::new(format!("no emulated ports within {} s", PATIENCE.as_secs())));
+            if begun.elapsed() > STARTUP_LIMIT {
+                return Err(Failure::new(format!("no emulated ports within {} s", STARTUP_LIMIT.as_secs())));
             }
             sleep(Duration::from_millis(10));
         }
@@ -170,7 +170,7 @@ impl Rig {
 
 impl Drop for Rig {
     fn drop(&mut self) {
-        // It may have ended already.
+        // The process may have ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -294,8 +294,8 @@ fn failed(path: &Path, error: &std::io::Error) -> Failure {
     Failure::new(format!("{}: {error}", path.display()))
 }
 
-fn unknown(what: &str, found: &str) -> Failure {
-    Failure::new(format!("no {} in `{}`", what.trim(), found.trim()))
+fn unknown(quantity: &str, found: &str) -> Failure {
+    Failure::new(format!("no {} in `{}`", quantity.trim(), found.trim()))
 }
 
 #[cfg(test)]
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_met_or_missed_and_no_figure_misses_it() {
+    fn a_bar_is_missed_by_a_figure_beyond_it_and_by_no_figure() {
         assert!(!Bar::new("RMSE", rms(&[]), At::Most(2.0), "mm").is_met());
         assert!(!Bar::new("worst", worst(&[]), At::Most(2.0), "mm").is_met());
         assert_eq!(
