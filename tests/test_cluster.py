@@ -72,7 +72,7 @@ def wait_for(condition: Callable[[], object], process: subprocess.Popen) -> None
     """Waits for `condition`; fails after `LONGEST_S` or if `process` ends before."""
     deadline_s = time.monotonic() + LONGEST_S
     while not condition():
-        assert process.poll() is None, "the process ended before its time"
+        assert process.poll() is None, "the process ended too early"
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
 
@@ -146,7 +146,7 @@ def test_verif_traces_equal_those_of_one_machine_with_a_killed_and_a_slow_worker
 def evaluation() -> list[str]:
     """Arguments of an evaluation of many trials, on traces that the end-to-end run has simulated and fitted."""
     if not (ROOT / "datasets/smoke/calibrations/straight.json").is_file():
-        pytest.skip("datasets/smoke is not there: cargo xtask test makes it")
+        pytest.skip("datasets/smoke is missing: run cargo xtask test")
     return ["scenes/suites/smoke.json", "--estimators", "ekf,ukf", "--noise", "0.01,0.03", "--seeds", "40"]
 
 
@@ -269,7 +269,7 @@ def test_robust_no_sidecar_remains_beside_files_of_another_recording(tmp_path: P
 
 
 def test_robust_without_a_scheduler(cluster: Cluster, suite: Path, tmp_path: Path) -> None:
-    """A missing scheduler, and one that dies during the job: one line; finished files are kept."""
+    """A missing scheduler and one that is killed during the job give one line; finished files are kept."""
     out = tmp_path / "out"
     (line,) = stderr_lines(generator("cluster", "simulate", "--scheduler", "tcp://127.0.0.1:1", suite, "--out", out), 1)
     assert line.startswith("error: --scheduler tcp://127.0.0.1:1: expected the address of a Dask scheduler, found none there")

@@ -18,7 +18,7 @@ HEADING = re.compile(r"^#+\s+(.*?)\s*#*$", re.MULTILINE)
 
 
 def markdown_files() -> list[Path]:
-    """Markdown files of the repository, those that are ignored left out."""
+    """Markdown files of the repository, without ignored ones."""
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.md"],
         cwd=ROOT,

@@ -25,7 +25,7 @@ def whisker(*arguments: str | Path, code: int = 0) -> str:
 def simulated() -> None:
     """Skips the tests if traces or calibration are missing."""
     if not (ROOT / "datasets/smoke/calibrations/straight.json").is_file():
-        pytest.skip("datasets/smoke is not there: cargo xtask test makes it")
+        pytest.skip("datasets/smoke is missing: run cargo xtask test")
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -85,7 +85,7 @@ def test_replay_gives_the_estimates_that_evaluate_scores(tmp_path: Path) -> None
     assert whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0") == out.read_text()
 
 
-def test_a_hall_sensor_is_calibrated_read_through_and_reported(tmp_path: Path) -> None:
+def test_a_hall_sensor_is_calibrated_evaluated_and_reported(tmp_path: Path) -> None:
     calibrations, front_end = tmp_path / "calibrations", ["--front-end", "hall"]
     whisker("fit", SUITE, *front_end, "--out", calibrations, "--model", "elastica")
     arguments = ["--calibrations", calibrations, "--results", tmp_path, "--estimators", "ukf", "--seeds", "1"]
@@ -102,7 +102,7 @@ def test_a_hall_sensor_is_calibrated_read_through_and_reported(tmp_path: Path) -
         assert kind in checked
 
 
-def test_a_program_takes_part_and_finds_the_pin(tmp_path: Path) -> None:
+def test_an_external_program_is_evaluated_and_finds_the_pin(tmp_path: Path) -> None:
     program = ["--estimators", "ekf", "--exec", f"{sys.executable} examples/my_filter.py"]
     for threads in (1, 2):
         arguments = ["--threads", str(threads), "--name", f"threads_{threads}", "--results", tmp_path, "--seeds", "2"]

@@ -123,15 +123,15 @@ def test_every_figure_is_visible(opened, report):
         assert len(opened.locator(f"section#{name} figcaption").inner_text()) > 60, name
 
 
-def test_pictures_of_all_methods_are_folded_away_and_open_without_scripts(browser, address, report):
+def test_figures_of_all_methods_are_collapsed_and_open_without_scripts(browser, address, report):
     page = browser.new_page(java_script_enabled=False, viewport=VIEWPORTS["desktop"])
     page.goto(address)
     drawings = page.locator("details.all svg")
     assert drawings.count() == len(list((report.parent / "figures" / "all").glob("*.svg")))
-    for folded in page.locator("details.all").all():
-        contents = folded.locator(":scope > :not(summary)")
+    for collapsed in page.locator("details.all").all():
+        contents = collapsed.locator(":scope > :not(summary)")
         assert not contents.first.is_visible()
-        folded.locator(":scope > summary").click()
+        collapsed.locator(":scope > summary").click()
         assert contents.first.is_visible()
     for drawing in drawings.all():
         assert drawing.bounding_box()["width"] >= 600
@@ -143,9 +143,9 @@ def test_the_summary_comes_first(opened):
 
 
 def test_the_stills_of_sweeps_link_to_their_animations(opened, address, report):
-    moving = sorted(file.name for file in (report.parent / "animations").glob("*.webp"))
+    animations = sorted(file.name for file in (report.parent / "animations").glob("*.webp"))
     links = opened.locator("section#sweeps a")
-    assert sorted(link.get_attribute("href") for link in links.all()) == [f"animations/{name}" for name in moving]
+    assert sorted(link.get_attribute("href") for link in links.all()) == [f"animations/{name}" for name in animations]
     for link in links.all():
         link.scroll_into_view_if_needed()
         still = link.locator("img")

@@ -115,7 +115,7 @@ def test_third_party_readers_read_every_message_of_a_recording(python: Path, whi
 
 
 def test_a_third_party_recording_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
-    folder, out = tmp_path / "theirs", tmp_path / "log"
+    folder, out = tmp_path / "foreign", tmp_path / "log"
     output(python, FOREIGN / "write_bag.py", folder, "openwhisker", "8000")
     assert "8000" not in output(whisker, "bag", "info", folder)  # in messages of 80 readings
     output(whisker, "bag", "import", folder, "--out", out)

@@ -1,4 +1,4 @@
-"""Calls the service in the way of Cyclone DDS and listens with rosless; prints the positions of the pushes (m).
+"""Calls the service as Cyclone DDS does and listens with rosless; prints the positions of the pushes (m).
 
 The arguments are those of the call. A request of `rmw_cyclonedds_cpp` begins with half of the caller's identity and a number, which
 its answer repeats.

@@ -20,7 +20,7 @@ class Feed:
         self.client = WebSocketBridgeClient(url, min_retry_delay=0.2, max_retry_delay=0.2)
         self.client.on_advertised_channel(self._subscribe)
         self.client.on_message(self._take)
-        self._come: list[tuple[dict, bytes]] = []
+        self._received: list[tuple[dict, bytes]] = []
         self._last_s = time.monotonic()
 
     async def __aenter__(self) -> Self:
@@ -36,17 +36,17 @@ class Feed:
         await self.client.subscribe(channel["topic"])
 
     def _take(self, channel: dict, _time_ns: int, payload: bytes) -> None:
-        self._come.append((channel, payload))
+        self._received.append((channel, payload))
         self._last_s = time.monotonic()
 
     async def silence(self, first_s: float, silence_s: float) -> None:
         """Waits until no message has arrived for `silence_s`; the first message may take `first_s`."""
-        while time.monotonic() < self._last_s + (silence_s if self._come else first_s):
+        while time.monotonic() < self._last_s + (silence_s if self._received else first_s):
             await asyncio.sleep(0.1)
 
     def messages(self) -> list[tuple[str, object]]:
         """Topic and content of each received message."""
-        return [(channel["topic"], decoded(channel, payload)) for channel, payload in self._come]
+        return [(channel["topic"], decoded(channel, payload)) for channel, payload in self._received]
 
 
 _decoders = DecoderFactory()

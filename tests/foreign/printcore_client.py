@@ -11,7 +11,7 @@ from printrun import gcoder
 from printrun.printcore import printcore
 
 LINES = ["G21", "G90", "G28 X Y", "M117 hello", *(f"G1 X{20 + k % 7} Y{10 + k % 11} F9000" for k in range(60)), "M400", "M114"]
-PATIENCE_S = 120
+TIMEOUT_S = 120
 
 
 def main() -> int:
@@ -21,10 +21,10 @@ def main() -> int:
     printer.recvcb = responses.append
     printer.onlinecb = online.set
     printer.connect(sys.argv[1], 115200)
-    if not online.wait(PATIENCE_S):
+    if not online.wait(TIMEOUT_S):
         return 1
     printer.startprint(gcoder.LightGCode(LINES))
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + TIMEOUT_S
     while printer.printing and time.monotonic() < deadline:
         time.sleep(0.05)
     while not any(line.startswith("X:") for line in responses) and time.monotonic() < deadline:

@@ -22,7 +22,7 @@ def messages() -> Iterator[tuple[str, object]]:
             for connection, _, data in bag.messages():
                 yield connection.topic, bag.deserialize(data, connection.msgtype)
     elif reader == "foxglove":
-        yield from asyncio.run(heard())
+        yield from asyncio.run(received())
     else:
         from mcap_ros2.reader import read_ros2_messages
 
@@ -31,7 +31,7 @@ def messages() -> Iterator[tuple[str, object]]:
                 yield message.channel.topic, message.ros_msg
 
 
-async def heard() -> list[tuple[str, object]]:
+async def received() -> list[tuple[str, object]]:
     """Topic and content of each message of the feed at this address."""
     from foxglove_feed import Feed
 
