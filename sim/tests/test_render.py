@@ -38,7 +38,7 @@ def test_verif_a_sweep_over_every_shape_is_drawn(write_scene, tmp_path, shape):
         assert animation.n_frames > 20
         animation.load()
         assert animation.info["duration"] == pytest.approx(80)
-        assert len(pixels(animation, COLOURS["contact and force"])) == 0, "nothing is touched at first"
+        assert len(pixels(animation, COLOURS["contact and force"])) == 0, "there is no contact at first"
 
 
 def test_verif_the_arrow_is_as_long_as_the_force_and_points_away_from_the_object(make_run):

@@ -121,7 +121,7 @@ def _write_animation(path: Path, renderer: Renderer) -> None:
         frames.append(frame)
         report_share(_DRAWING_SHARE * index / len(rows))
     # Without loss, a low quality means little effort: half the time for files an eighth larger.
-    options = {"lossless": renderer.lossless, "quality": 0 if renderer.lossless else 75, "method": 3, "exif": _exif(renderer)}
+    options = {"lossless": renderer.lossless, "quality": 0 if renderer.lossless else 75, "method": 1, "exif": _exif(renderer)}
     if path.suffix == ".gif":
         options = {"comment": _provenance(renderer.run, renderer.sources)}
     buffer = io.BytesIO()
