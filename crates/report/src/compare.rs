@@ -52,7 +52,7 @@ pub(crate) fn factor_over_baseline(data: &RunData, set: &RunSet, estimator: &str
         Phase::Start => START_UP,
         Phase::Steady => STEADY,
     };
-    baseline::factor(&data.run, &data.bands, (&set.group, &set.whisker), estimator, &when_s)
+    baseline::factor(&data.run, &data.bands, &set.group, &set.whisker, estimator, &when_s)
 }
 
 /// A factor as figures and tables print it.

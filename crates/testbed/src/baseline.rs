@@ -21,7 +21,8 @@ pub const STEADY: Range<f64> = START_UP_S..f64::INFINITY;
 pub fn factor(
     run: &Run,
     bands: &[ErrorBandRow],
-    (group, whisker): (&str, &str),
+    group: &str,
+    whisker: &str,
     estimator: &str,
     when_s: &Range<f64>,
 ) -> Option<f64> {

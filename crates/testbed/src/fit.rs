@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use files::{Digest, read_json, write_atomically, write_json};
+use files::{Digest, Watermark, read_json, write_atomically, write_json};
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, FaceFile, Role, Sidecar, Trace, TruthInstant};
+use trace::{CalibrationFile, FaceFile, FrontEndFile, Role, Sidecar, Trace, TruthInstant};
 use whisker::Whisker;
 use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
@@ -113,7 +113,9 @@ pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Res
         .iter()
         .map(|(whisker, traces)| {
             let mountings = mountings(dataset, whisker, settings)?;
-            fit_whisker(&candidates, traces, &front_end, &mountings, settings, &dataset.folder, out)
+            let (candidates, front_end, mountings) = (&candidates, &front_end, &mountings);
+            let (whisker, folder) = (&traces[0].sidecar.whisker, &dataset.folder);
+            WhiskerFit { whisker, candidates, traces, front_end, mountings, settings, folder, out }.run()
         })
         .collect()
 }
@@ -133,96 +135,121 @@ fn mountings(dataset: &Dataset, whisker: &str, settings: &FitSettings) -> anyhow
     Ok(mountings)
 }
 
-fn fit_whisker(
-    candidates: &[Candidate],
-    traces: &[Trace],
-    front_end: &FrontEnd,
-    mountings: &[Mounting],
-    settings: &FitSettings,
-    folder: &Path,
-    out: &Path,
-) -> anyhow::Result<Fitted> {
-    let whisker = &traces[0].sidecar.whisker;
-    if let Some(other) = traces.iter().find(|trace| trace.sidecar.whisker != *whisker) {
-        bail!(
-            "{}: its whisker `{}` has other parameters than that of {}",
-            other.sidecar.name,
-            whisker.name,
-            traces[0].sidecar.name
-        );
-    }
-    let mut data = Digest::default();
-    for trace in traces {
-        data.add(&trace.sidecar.name).add(&trace.sidecar.csv_sha256).add(trace.sidecar.face.name());
-        data.add(trace.sidecar.contour.as_ref().map_or("", |contour| &contour.sha256));
-    }
-    let data_sha256 = data.finish();
-    let mut inputs = vec![data_sha256.clone(), serde_json::to_string(whisker)?];
-    inputs.extend(candidates.iter().map(|it| format!("{} {}", it.row.kind, it.config)));
-    inputs.extend([settings.noise.to_string(), settings.seed.to_string()]);
-    inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
-    inputs.extend(mountings.iter().map(|mounting| {
-        let board: Vec<_> = mounting.board.iter().map(|seat| (&seat.sensor, seat.base.to_homogeneous())).collect();
-        format!("{}/{} on {board:?}", mounting.array, mounting.sensor)
-    }));
-    let watermark = calibration_watermark(inputs.iter().map(String::as_str));
-    let path = out.join(format!("{}.json", whisker.name));
-    let for_report = |face: &FaceFile| {
-        REPORT_TABLES
-            .iter()
-            .all(|table| out.join(format!("{}.{table}.csv", face_stem(&whisker.name, face.face))).is_file())
-    };
-    if let Ok(calibration) = CalibrationFile::read(&path)
-        && calibration.watermark.inputs_sha256 == watermark.inputs_sha256
-        && calibration.faces.iter().all(for_report)
-    {
-        return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new() });
+/// The fit of one whisker.
+struct WhiskerFit<'a> {
+    whisker: &'a Whisker,
+    candidates: &'a [Candidate],
+    /// Calibration traces, at least one.
+    traces: &'a [Trace],
+    front_end: &'a FrontEnd,
+    /// Sensors with this whisker.
+    mountings: &'a [Mounting],
+    settings: &'a FitSettings,
+    /// Folder of the traces.
+    folder: &'a Path,
+    /// Folder of the calibrations.
+    out: &'a Path,
+}
+
+impl WhiskerFit<'_> {
+    /// Fits the whisker, unless an up-to-date calibration is there.
+    fn run(&self) -> anyhow::Result<Fitted> {
+        let whisker = self.whisker;
+        if let Some(other) = self.traces.iter().find(|trace| trace.sidecar.whisker != *whisker) {
+            let (other, name, first) = (&other.sidecar.name, &whisker.name, &self.traces[0].sidecar.name);
+            bail!("{other}: its whisker `{name}` has other parameters than that of {first}");
+        }
+        let data_sha256 = self.data_sha256();
+        let watermark = self.watermark(&data_sha256)?;
+        let path = self.out.join(format!("{}.json", whisker.name));
+        if let Some(calibration) = self.up_to_date(&path, &watermark) {
+            return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new() });
+        }
+        // The readings of a recording already contain noise.
+        let is_recorded = self.traces.iter().any(|trace| trace.sidecar.recorded.is_some());
+        let noise = if is_recorded { 0.0 } else { self.settings.noise };
+        let (sensors, readings_n_m) = self.read(noise)?;
+        let (faces, left_out) = self.faces(&readings_n_m)?;
+        let names = self.traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
+        let (whisker, seed) = (whisker.clone(), self.settings.seed);
+        let calibration = CalibrationFile::new(whisker, noise, seed, sensors, data_sha256, names, faces, watermark);
+        write_json(&path, &calibration)?;
+        Ok(Fitted { calibration, path, is_new: true, left_out })
     }
 
-    let largest = traces
-        .iter()
-        .flat_map(|trace| &trace.recording.instants)
-        .map(|instant| instant.moment_z_n_m.abs())
-        .fold(0.0, f64::max);
-    // The readings of a recording already have noise.
-    let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
-    let noise = if is_recorded { 0.0 } else { settings.noise };
-    let own: Vec<Mounting> = traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
-    let played = |(trace, mounting)| SensorInput::new(trace, mounting, noise * largest, settings.seed);
-    let mut played: Vec<SensorInput> = traces.iter().zip(&own).map(played).collect();
-    let sensors = front_end.calibrate(mountings, &played).with_context(|| format!("whisker `{}`", whisker.name))?;
-    let mut readings_n_m = Vec::new();
-    for played in &mut played {
-        let Mounting { array, sensor, .. } = played.mounting;
-        played.sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
-        readings_n_m.push(front_end.readings_n_m(played)?);
-    }
-    let mut faces = Vec::new();
-    let mut left_out = Vec::new();
-    for face in [Face::Left, Face::Right] {
-        let read: Vec<Read> = traces
-            .iter()
-            .zip(&readings_n_m)
-            .filter(|(trace, _)| trace.sidecar.face == face)
-            .map(|(trace, readings_n_m)| Read { trace, readings_n_m })
-            .collect();
-        let of_face: Vec<&Trace> = read.iter().map(|read| read.trace).collect();
-        if of_face.is_empty() {
-            continue;
+    /// Hash of the traces.
+    fn data_sha256(&self) -> String {
+        let mut data = Digest::default();
+        for trace in self.traces {
+            data.add(&trace.sidecar.name).add(&trace.sidecar.csv_sha256).add(trace.sidecar.face.name());
+            data.add(trace.sidecar.contour.as_ref().map_or("", |contour| &contour.sha256));
         }
-        let place = || format!("whisker `{}`, face {}", whisker.name, face.name());
-        let (fits, failed) = fit_face(candidates, whisker, face, &read, folder).with_context(place)?;
-        left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
-        let file = FaceFile::new(&fits).expect("there is a fit");
-        let chosen = fits.iter().find(|fit| fit.face.label == file.chosen).expect("the chosen one is among the fits");
-        write_for_report(chosen, whisker, &of_face, out)?;
-        faces.push(file);
+        data.finish()
     }
-    let names = traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
-    let (whisker, seed) = (whisker.clone(), settings.seed);
-    let calibration = CalibrationFile::new(whisker, noise, seed, sensors, data_sha256, names, faces, watermark);
-    write_json(&path, &calibration)?;
-    Ok(Fitted { calibration, path, is_new: true, left_out })
+
+    /// Watermark of the calibration from everything that determines it.
+    fn watermark(&self, data_sha256: &str) -> anyhow::Result<Watermark> {
+        let mut inputs = vec![data_sha256.to_owned(), serde_json::to_string(self.whisker)?];
+        inputs.extend(self.candidates.iter().map(|it| format!("{} {}", it.row.kind, it.config)));
+        inputs.extend([self.settings.noise.to_string(), self.settings.seed.to_string()]);
+        inputs.push(serde_json::to_string(&self.front_end.describe(Vec::new()))?);
+        inputs.extend(self.mountings.iter().map(|mounting| {
+            let board: Vec<_> = mounting.board.iter().map(|slot| (&slot.sensor, slot.base.to_homogeneous())).collect();
+            format!("{}/{} on {board:?}", mounting.array, mounting.sensor)
+        }));
+        Ok(calibration_watermark(inputs.iter().map(String::as_str)))
+    }
+
+    /// The calibration in the file, if it has this watermark and the tables of the report lie beside it.
+    fn up_to_date(&self, path: &Path, watermark: &Watermark) -> Option<CalibrationFile> {
+        let has_tables = |face: &FaceFile| {
+            let stem = face_stem(&self.whisker.name, face.face);
+            REPORT_TABLES.iter().all(|table| self.out.join(format!("{stem}.{table}.csv")).is_file())
+        };
+        CalibrationFile::read(path).ok().filter(|calibration| {
+            calibration.watermark.inputs_sha256 == watermark.inputs_sha256 && calibration.faces.iter().all(has_tables)
+        })
+    }
+
+    /// Calibrates the sensors and reads every trace through them. Noise is relative to the largest reading.
+    fn read(&self, noise: f64) -> anyhow::Result<(Option<FrontEndFile>, Vec<Vec<f64>>)> {
+        let instants = self.traces.iter().flat_map(|trace| &trace.recording.instants);
+        let largest_n_m = instants.map(|instant| instant.moment_z_n_m.abs()).fold(0.0, f64::max);
+        let own: Vec<Mounting> = self.traces.iter().map(|trace| Mounting::alone(&trace.sidecar)).collect();
+        let input = |(trace, mounting)| SensorInput::new(trace, mounting, noise * largest_n_m, self.settings.seed);
+        let mut inputs: Vec<SensorInput> = self.traces.iter().zip(&own).map(input).collect();
+        let place = || format!("whisker `{}`", self.whisker.name);
+        let sensors = self.front_end.calibrate(self.mountings, &inputs).with_context(place)?;
+        let mut readings_n_m = Vec::new();
+        for input in &mut inputs {
+            let Mounting { array, sensor, .. } = input.mounting;
+            input.sensor = sensors.as_ref().and_then(|file| file.sensor(array, sensor));
+            readings_n_m.push(self.front_end.readings_n_m(input)?);
+        }
+        Ok((sensors, readings_n_m))
+    }
+
+    /// Fits every face with traces and writes the tables of the report. Returns the reasons of failed candidates too.
+    fn faces(&self, readings_n_m: &[Vec<f64>]) -> anyhow::Result<(Vec<FaceFile>, Vec<String>)> {
+        let (mut faces, mut left_out) = (Vec::new(), Vec::new());
+        for face in [Face::Left, Face::Right] {
+            let read = self.traces.iter().zip(readings_n_m).filter(|(trace, _)| trace.sidecar.face == face);
+            let read: Vec<Read> = read.map(|(trace, readings_n_m)| Read { trace, readings_n_m }).collect();
+            if read.is_empty() {
+                continue;
+            }
+            let of_face: Vec<&Trace> = read.iter().map(|read| read.trace).collect();
+            let place = || format!("whisker `{}`, face {}", self.whisker.name, face.name());
+            let fitted = fit_face(self.candidates, self.whisker, face, &read, self.folder);
+            let (fits, failed) = fitted.with_context(place)?;
+            left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
+            let file = FaceFile::new(&fits).expect("there is a fit");
+            let chosen = fits.iter().find(|fit| fit.face.label == file.chosen);
+            write_for_report(chosen.expect("the chosen one is among the fits"), self.whisker, &of_face, self.out)?;
+            faces.push(file);
+        }
+        Ok((faces, left_out))
+    }
 }
 
 /// A calibration trace as the sensor read it.

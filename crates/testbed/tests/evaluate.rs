@@ -79,7 +79,7 @@ fn robust_a_trial_without_a_touch_is_recorded_as_a_failure_and_not_repeated() {
     assert_eq!(
         failures,
         [
-            ("nothing", None, "the whisker never touches; there is nothing to score"),
+            ("nothing", None, "the whisker never touches, so that the trial cannot be scored"),
             ("nothing", Some("mute"), no_answer),
             ("pin", Some("mute"), no_answer),
         ]

@@ -7,6 +7,7 @@ mod failure;
 mod parts;
 mod pipeline;
 mod python;
+mod repository;
 mod tools;
 
 use std::env;

@@ -70,7 +70,8 @@ pub(crate) fn fit_through(front_end: &str, suite: &str) -> Outcome {
 /// `results/<name>/`.
 pub(crate) fn evaluate_through(
     front_end: &str,
-    (suite, calibrated): (&str, &str),
+    suite: &str,
+    calibrated: &str,
     name: &str,
     estimators: &str,
     noise: &str,

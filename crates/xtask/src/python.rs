@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use crate::failure::{Failure, Outcome};
-use crate::tools::{root, words};
+use crate::repository::{root, words};
 
 /// Oldest version of Python that runs the generator.
 const OLDEST: (u32, u32) = (3, 11);

@@ -6,12 +6,7 @@ use std::process::{Child, Command};
 
 use crate::failure::{Failure, Outcome};
 use crate::python;
-
-/// Root folder of the repository, absolute.
-pub(crate) fn root() -> PathBuf {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    here.ancestors().nth(2).unwrap_or(here).to_path_buf()
-}
+use crate::repository::{root, words};
 
 /// A cargo command, for example `["build", "--release"]`.
 pub(crate) fn cargo(arguments: &[&str]) -> Command {
@@ -91,17 +86,4 @@ impl Running {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-/// Command line as typed in the root folder.
-pub(crate) fn words(command: &Command) -> String {
-    let program = Path::new(command.get_program());
-    let program = program.strip_prefix(root()).unwrap_or(program);
-    // cargo passes its own full path, which a message does not need.
-    let program = if program.is_absolute() { program.file_name().map_or(program, Path::new) } else { program };
-    std::iter::once(program.as_os_str())
-        .chain(command.get_args())
-        .map(|word| word.to_string_lossy())
-        .collect::<Vec<_>>()
-        .join(" ")
 }

@@ -12,12 +12,15 @@
 mod array_members;
 mod calibration;
 mod contours;
+mod job;
+mod loaded_trial;
 mod manifest;
 mod maps;
 mod merge;
 mod part_folder;
 mod plan;
 mod prepared;
+mod probe;
 mod score;
 mod sense;
 mod settings;

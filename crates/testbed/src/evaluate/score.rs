@@ -3,11 +3,11 @@
 use whisker::estimators::ModelShares;
 
 use super::contours::trial_row;
+use super::job::{Replayed, TrialJob, TrialOutput};
 use super::maps::MapView;
 use super::sense::Sensed;
 use super::shards::EstimatorResult;
 use super::tables::{self, OverTime};
-use super::trial::{Replayed, TrialJob, TrialOutput};
 use super::write;
 use crate::contour::{Comparison, Contour, Touched};
 use crate::map::View;

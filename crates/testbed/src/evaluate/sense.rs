@@ -8,9 +8,9 @@ use whisker::estimators::{Knowledge, Sample};
 use whisker::sensor::Face;
 
 use super::array_members::ArrayMember;
+use super::job::TrialJob;
+use super::loaded_trial::LoadedTrial;
 use super::prepared::Prepared;
-use super::trial::TrialJob;
-use super::work::LoadedTrial;
 use crate::bound::TraceBound;
 use crate::contact_events::Events;
 use crate::front_end::SensorInput;

@@ -6,9 +6,9 @@ use files::write_atomically;
 use whisker::events::{DETECTORS, TouchConfig};
 
 use super::contours::vertex_rows;
+use super::job::Replayed;
 use super::sense::Sensed;
 use super::tables;
-use super::trial::Replayed;
 use crate::contour::Contour;
 use crate::metrics::Trial;
 use crate::replay::signals;

@@ -16,13 +16,7 @@ pub(super) fn claims() -> Vec<Claim> {
 }
 
 /// A claim on the summary of one estimator on one circle. One unit of the metric is `per_unit` units of the claim.
-fn value(
-    run: &Evaluation,
-    (group, whisker): (&str, &str),
-    estimator: &str,
-    metric: &Metric,
-    per_unit: f64,
-) -> Option<f64> {
+fn value(run: &Evaluation, group: &str, whisker: &str, estimator: &str, metric: &Metric, per_unit: f64) -> Option<f64> {
     Some(per_unit * run.summary(group, whisker, estimator)?.get(metric)?)
 }
 
@@ -35,16 +29,14 @@ fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
             format!("{claim}, error, median over trials"),
             5.0,
             "%",
-            move |context| Ok(value(context.run(contours::RUN), (group, whisker), RECOMMENDED, &radius::ERROR, 100.0)),
+            move |context| Ok(value(context.run(contours::RUN), group, whisker, RECOMMENDED, &radius::ERROR, 100.0)),
         ),
         Claim::at_least(
             format!("motion_{group}_{whisker}_radius_covered"),
             format!("{claim}, trials whose 95 % interval holds the true radius"),
             90.0,
             "%",
-            move |context| {
-                Ok(value(context.run(contours::RUN), (group, whisker), RECOMMENDED, &radius::COVERED, 100.0))
-            },
+            move |context| Ok(value(context.run(contours::RUN), group, whisker, RECOMMENDED, &radius::COVERED, 100.0)),
         ),
     ]
 }
@@ -73,7 +65,7 @@ fn price(whisker: &'static str) -> Vec<Claim> {
             "times",
             move |context| {
                 let of = |estimator| {
-                    value(context.run(monte_carlo::RUN), (monte_carlo::GROUP, whisker), estimator, &metric, 1.0)
+                    value(context.run(monte_carlo::RUN), monte_carlo::GROUP, whisker, estimator, &metric, 1.0)
                 };
                 Ok(of(RECOMMENDED).zip(of(STATIC)).map(|(own, other)| own / other))
             },

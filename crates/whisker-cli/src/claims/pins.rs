@@ -62,7 +62,7 @@ fn factor(whisker: &'static str, filter: &'static str, phase: &'static str, when
         "times",
         move |context| {
             let standard = context.standard();
-            Ok(baseline::factor(&standard.run, &standard.bands, (GROUP, whisker), filter, &when_s))
+            Ok(baseline::factor(&standard.run, &standard.bands, GROUP, whisker, filter, &when_s))
         },
     )
 }

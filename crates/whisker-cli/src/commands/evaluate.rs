@@ -163,11 +163,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// Prints the amount of work and its expected duration to stderr.
+/// Prints the amount of work and its expected duration to stderr, if the duration is known.
 fn announce(workload: &Workload) {
     let Workload { trials, estimators, threads, duration } = workload;
-    let expected = duration.map_or_else(String::new, |duration| format!(": {}", about(duration)));
-    eprintln!("{trials} trials, {estimators} estimators, {threads} threads{expected}");
+    if let Some(duration) = duration {
+        eprintln!("{trials} trials x {estimators} estimators on {threads} threads: {}", about(*duration));
+    }
 }
 
 /// A duration in words, rounded.

@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::pipeline;
-use crate::tools::{cargo, root, run as run_command};
+use crate::repository::root;
+use crate::tools::{cargo, run as run_command};
 
 const SUITE: &str = "standard";
 /// Folder of the files that only this measurement uses.

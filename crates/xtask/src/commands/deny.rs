@@ -3,7 +3,8 @@
 use std::process::Command;
 
 use crate::failure::Outcome;
-use crate::tools::{root, run as run_command, tool};
+use crate::repository::root;
+use crate::tools::{run as run_command, tool};
 
 const CARGO_DENY: (&str, &str) = ("cargo-deny", "0.20.2");
 

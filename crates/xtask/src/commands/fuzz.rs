@@ -7,7 +7,8 @@ use std::process::Command;
 
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
-use crate::tools::{root, run as run_command, tool};
+use crate::repository::root;
+use crate::tools::{run as run_command, tool};
 
 /// Folder of the fuzzing package, the corpus and the targets.
 const FOLDER: &str = "fuzz";

@@ -5,7 +5,8 @@ use std::process::Command;
 use crate::failure::Outcome;
 use crate::parts::step;
 use crate::pipeline;
-use crate::tools::{cargo, root, run as run_command};
+use crate::repository::root;
+use crate::tools::{cargo, run as run_command};
 
 /// The Cargo workspace, the packages and the script of the comparison.
 const FOLDER: &str = "bench/peers";

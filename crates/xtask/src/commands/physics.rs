@@ -7,7 +7,8 @@ use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::pipeline;
 use crate::python::{self, Requirements};
-use crate::tools::{python as python_command, root, run as run_command, whisker};
+use crate::repository::root;
+use crate::tools::{python as python_command, run as run_command, whisker};
 
 const SUITE: &str = "standard";
 /// Tables, figures and page.

@@ -40,13 +40,13 @@ pub(crate) fn run() -> Outcome {
     pipeline::simulate(PINS)?;
     pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
     pipeline::fit_through(HALL, SUITE)?;
-    pipeline::evaluate_through(HALL, (PINS, SUITE), HALL, "recommended,ukf", "0.01,0")?;
+    pipeline::evaluate_through(HALL, PINS, SUITE, HALL, "recommended,ukf", "0.01,0")?;
     pipeline::simulate(LIFT_OFFS)?;
     pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
     pipeline::simulate(ARM)?;
     pipeline::fit(ARM)?;
     pipeline::fit_through(HALL, ARM)?;
-    pipeline::evaluate_through(HALL, (ARM, ARM), ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
+    pipeline::evaluate_through(HALL, ARM, ARM, ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
     pipeline::page(ARM)?;
     pipeline::evaluate_encoders(ARM, ENCODERS)?;
     if Path::new(CLONE).is_dir() {

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
-use crate::tools::{cargo, root, run as run_command, words};
+use crate::repository::root;
+use crate::tools::{cargo, run as run_command, words};
 
 /// Folder of all files.
 const FOLDER: &str = "target/rig";

@@ -7,7 +7,8 @@ use crate::failure::{Failure, Outcome};
 use crate::parts::{self, Part};
 use crate::pipeline;
 use crate::python::{self, Requirements};
-use crate::tools::{cargo, python as python_command, root, run as run_command};
+use crate::repository::root;
+use crate::tools::{cargo, python as python_command, run as run_command};
 
 /// Suite of the end-to-end test, small enough for every test run.
 const SUITE: &str = "smoke";
