@@ -1,4 +1,4 @@
-# The thin face of the project: every recipe is one cargo command. Without just installed: ./just <recipe>
+# Recipes, each one cargo command. Without just installed: ./just <recipe>
 
 set positional-arguments
 
@@ -44,19 +44,19 @@ bench:
 batch:
     @cargo xtask batch
 
-# Hold the calibration platform on its emulated rig against its bars: just rig [--soak SECONDS]
+# Test the calibration platform on its emulated rig: just rig [--soak SECONDS]
 rig *arguments:
     @cargo xtask rig "$@"
 
-# Compare the filters with those of others: docs/PERFORMANCE.md
+# Time the filters against other libraries: docs/PERFORMANCE.md
 peers:
     @cargo xtask peers
 
-# Run parsers on bytes without end: just fuzz [TARGET] [--seconds N]
+# Fuzz every parser: just fuzz [TARGET] [--seconds N]
 fuzz *arguments:
     @cargo xtask fuzz "$@"
 
-# Check licences, sources and known faults of the libraries
+# Check licences, sources and known vulnerabilities of the dependencies
 deny:
     @cargo xtask deny
 

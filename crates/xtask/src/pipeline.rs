@@ -33,12 +33,13 @@ pub(crate) fn prepare_with(simulation: impl FnOnce() -> Outcome) -> Outcome {
 
 /// Scenes to traces: `scenes/suites/<suite>.json` to `datasets/<suite>/`.
 pub(crate) fn simulate(suite: &str) -> Outcome {
-    step("simulate", || generate("simulate", suite, &format!("datasets/{suite}")))
+    step("simulate", || generate(suite, &[]))
 }
 
-/// One sweep of each group and whisker to an animation: `datasets/<suite>/animations/`.
-pub(crate) fn animate(suite: &str) -> Outcome {
-    step("animate", || generate("render", suite, &animations(suite)))
+/// Scenes to traces, and one sweep of each group and whisker to an animation: `datasets/<suite>/`, `datasets/<suite>/animations/`.
+pub(crate) fn simulate_with_animations(suite: &str) -> Outcome {
+    let animations = animations(suite);
+    step("simulate", || generate(suite, &["--animations", &animations]))
 }
 
 /// Calibration traces to sensor models: `datasets/<suite>/calibrations/`.
@@ -113,10 +114,12 @@ pub(crate) fn page(name: &str) -> Outcome {
     step("report", || run(whisker(&["report", &format!("results/{name}")])))
 }
 
-/// A command of the generator that writes files of a suite into a folder.
-fn generate(command: &str, suite: &str, out: &str) -> Outcome {
+/// Simulates a suite into `datasets/<suite>/`, with further options.
+fn generate(suite: &str, options: &[&str]) -> Outcome {
     let jobs = thread::available_parallelism().map_or(1, usize::from).to_string();
-    run(python(&["-m", "whisker_sim", command, &suite_file(suite), "--out", out, "--jobs", &jobs]))
+    let (file, out) = (suite_file(suite), format!("datasets/{suite}"));
+    let arguments = ["-m", "whisker_sim", "simulate", &file, "--out", &out, "--jobs", &jobs];
+    run(python(&[&arguments, options].concat()))
 }
 
 fn animations(suite: &str) -> String {

@@ -1,7 +1,7 @@
 //! External programs, each set up to run in the repository.
 
 use std::env;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command};
 
 use crate::failure::{Failure, Outcome};

@@ -25,10 +25,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
         [surplus, ..] => return Err(Failure::new(format!("demo: found `{surplus}`, expected --all or nothing"))),
     };
     let started = Instant::now();
-    pipeline::prepare_with(|| {
-        pipeline::simulate(SUITE)?;
-        pipeline::animate(SUITE)
-    })?;
+    pipeline::prepare_with(|| pipeline::simulate_with_animations(SUITE))?;
     pipeline::fit(SUITE)?;
     pipeline::evaluate(SUITE, estimators)?;
     pipeline::report(SUITE)?;

@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::repository::root;
-use crate::tools::{cargo, run as run_command, words};
+use crate::repository::words;
+use crate::tools::{cargo, run as run_command};
 
 /// Folder of all files.
 const FOLDER: &str = "target/rig";

@@ -44,8 +44,7 @@ fn end_to_end() -> Outcome {
     remove(&format!("datasets/{SUITE}"))?;
     remove(&format!("results/{SUITE}"))?;
     pipeline::prepare()?;
-    pipeline::simulate(SUITE)?;
-    pipeline::animate(SUITE)?;
+    pipeline::simulate_with_animations(SUITE)?;
     pipeline::fit(SUITE)?;
     pipeline::evaluate(SUITE, None)?;
     pipeline::report(SUITE)?;
