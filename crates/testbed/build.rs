@@ -1,4 +1,4 @@
-//! Passes the identities of the sources and the commit to the crate, for the watermarks of what it writes.
+//! Passes the identities of the sources and the commit to the crate, for the watermarks of its output files.
 
 #[path = "source_identity.rs"]
 mod source_identity;

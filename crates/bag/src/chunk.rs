@@ -21,7 +21,7 @@ pub(crate) struct Chunk {
 }
 
 impl Chunk {
-    /// Decompresses the body of a chunk record. Nothing longer than `longest` bytes is made of it, whatever length it claims.
+    /// Decompresses the body of a chunk record. The result has at most `longest` bytes, for any length stated in the record.
     ///
     /// # Errors
     /// If it is damaged, too long, compressed in another way, or its records do not fill it.

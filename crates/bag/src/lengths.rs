@@ -1,8 +1,8 @@
-//! Lengths that stand in the records of an MCAP file, checked against the bytes that follow.
+//! Lengths stated in the records of an MCAP file, checked against the bytes that follow.
 
 use mcap::records::op;
 
-/// `None` if a length in a record reaches beyond it: `mcap` would allocate what a length claims before it looks whether so much follows.
+/// `None` if a length in a record reaches beyond its end. The crate `mcap` would allocate the stated length before checking that as many bytes follow.
 pub(crate) fn fit(opcode: u8, body: &[u8]) -> Option<()> {
     match opcode {
         op::SCHEMA => {

@@ -1,8 +1,9 @@
 //! ROS 2 messages and rosbag2 recordings, without ROS.
 //!
-//! [`messages`] has the standard messages of a whisker, each with its ROS 2 definition. [`Writer`] records them into a rosbag2 folder, which is a
-//! `metadata.yaml` beside an MCAP file. [`Reader`] reads such folders and bare MCAP files of any writer, with uncompressed, zstd and LZ4 chunks. [`Publisher`]
-//! is the common interface of a recording and a node. [`topics`] has the names of topics and frames, and [`cdr`] encodes values.
+//! [`messages`] defines the ROS 2 messages in which the data of a whisker are recorded. [`Writer`] records them into a rosbag2 folder: a `metadata.yaml` beside
+//! an MCAP file. [`Reader`] reads such folders, and single MCAP files of any writer, with uncompressed, zstd and LZ4 chunks. [`Publisher`] is the common
+//! interface of a recording and a live node. [`topics`] defines the names of topics and frames, and [`cdr`] encodes values. The crate depends on no other crate
+//! of the project; the command `whisker bag` (`whisker_cli::ros`) converts traces and logs with it.
 //!
 //! # Example: rate of change of a recorded field
 //!

@@ -97,7 +97,7 @@ impl Reader {
                 None => {
                     over = true;
                     let expected = self.messages.filter(|expected| *expected != number)?;
-                    let expected = format!("{expected}, as its metadata says");
+                    let expected = format!("{expected}, as in its metadata");
                     Some(Err(Error::content(&self.path, "messages", number, expected)))
                 }
             }

@@ -1,14 +1,14 @@
 //! Conversion of published recordings of other groups into traces.
 //!
 //! An importer reads the layout in which a group publishes its data and returns [`Trace`]s with their units, frames and
-//! provenance, so that estimators run on them as on simulated traces. Where the position of the whisker on the rig is not
-//! documented, it is estimated from the calibration (registration). To add a format: one file with an import function,
-//! and one row in [`IMPORTERS`].
+//! provenance, so that estimators run on them as on simulated traces. If the position of the whisker on the rig is not documented, it
+//! is estimated from the calibration (registration). To add a format, add one file with an import function and one row
+//! in [`IMPORTERS`].
 //!
 //! # Example: root moment of a pressed whisker from raw counts
 //!
 //! A folder in the layout of `stanford-whisker` contains the calibration of a Hall sensor: the position of a pin (mm) and
-//! the reading (counts) at each point of a grid. The readings in this example are made with a known wire and sensor, of
+//! the reading (counts) at each point of a grid. The readings in this example are computed for a known wire and a sensor of
 //! -20 counts per micronewton metre. The import estimates the wire's pose, its shape and the characteristic of the sensor,
 //! and converts the counts into moments:
 //!

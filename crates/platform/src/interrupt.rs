@@ -1,4 +1,4 @@
-//! Interrupts: Ctrl-C and the other signals that ask the program to end.
+//! Interrupts: Ctrl-C and the other termination signals.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,6 +1,6 @@
-//! Animations of trials: one a set, drawn by the generator as `<group>.<whisker>.webp` with a still picture `.png`.
+//! Animations of trials: one per set, drawn by the generator as `<group>.<whisker>.webp` with a still picture `.png`.
 //!
-//! The page contains the still and links the animation, so that it stays still until the reader follows the link.
+//! The page contains the still picture and a link to the animation.
 
 use std::fs;
 use std::io::ErrorKind;

@@ -205,7 +205,7 @@ impl Picture {
         ))
     }
 
-    /// Writes the picture as a PNG of [`PNG_SCALE`] image pixels a CSS pixel, rasterised from its SVG.
+    /// Writes the picture as a PNG of [`PNG_SCALE`] image pixels per CSS pixel, rasterised from its SVG.
     ///
     /// # Errors
     /// When the file cannot be written; the error names it, and no part of it is left.

@@ -42,7 +42,7 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
             h3 { "Model probabilities and verdicts by set" }
             p {
                 "Probabilities of the models that an estimator averages over, mean over contact and trials. The verdict is on the NIS, "
-                "which is available without the truth; with hindsight it is on the NEES. With a model that does not fit the object an estimator is overconfident."
+                "which is available without the truth; with hindsight it is on the NEES. An estimator whose model does not fit the object is overconfident."
             }
             (models)
         }

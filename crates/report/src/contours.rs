@@ -1,4 +1,4 @@
-//! The page's tables of contour accuracy.
+//! The page's tables of outline accuracy.
 
 use maud::{Markup, html};
 use testbed::results::{ContourScoreRow, ContourTrialRow, RunEstimator};
@@ -19,10 +19,10 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
     let table = with_all_methods(data, |estimators| score_table(data, estimators))?;
     Some(html! {
         p {
-            "Outline estimated by the method, or the surface points of all contacts and strokes merged into one, with a 95 % band. Contact: RMS "
+            "Outline estimated by the method, or merged from the surface points of all contacts and strokes, with a 95 % band. Contact: RMS "
             "error after the first second. Mean and 95 %: mean and 95th percentile of the distance of the estimated outline from the true one. Hausdorff: the "
             "largest of these distances and of those of the touched part of the true outline from the estimated one. In the band: share of the outline "
-            "whose 95 % ellipses contain the true one. Medians over trials, the share a mean; without alignment. As data: "
+            "whose 95 % ellipses contain the true one. Medians over trials (the share: mean), without alignment. As data: "
             a href="contours.csv" { "contours.csv" } " " a href="contour_trials.csv" { "contour_trials.csv" }
         }
         (table)
@@ -36,7 +36,7 @@ fn score_table(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
     let rows: Vec<&ContourScoreRow> = rows.collect();
     (!rows.is_empty()).then(|| {
         html! {
-            div.scroll tabindex="0" aria-label="Table: contour accuracy" {
+            div.scroll tabindex="0" aria-label="Table: outline accuracy" {
                 table {
                     thead {
                         tr {

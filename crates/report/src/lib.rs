@@ -10,8 +10,8 @@
 //! | `figures/<name>.svg`, `.png` | one figure, with a few methods if the run has many |
 //! | `figures/all/<name>_<number>.svg`, `.png` | the same with all methods, in groups |
 //!
-//! Only these files are read: a report can be drawn again at any time, and the same results give the same bytes. PNG files are
-//! rasterised from the SVG with two image pixels a CSS pixel and the embedded typeface.
+//! No other files are read. A report can therefore be drawn again at any time, and the same results give the same bytes. PNG files are
+//! rasterised from the SVG with two image pixels per CSS pixel and the embedded typeface.
 //!
 //! ```no_run
 //! use std::path::Path;

@@ -155,12 +155,12 @@ fn sections(data: &RunData, animations: &[Animation], figures: &Figures) -> Resu
     for figure in &figures.drawn {
         add(figure.name, figure.title, Some(figure_content(figure)?));
     }
-    add("outlines", "Contour accuracy", contours::section(data));
+    add("outlines", "Outline accuracy", contours::section(data));
     add("consistent", "Consistency by method", consistency::section(data));
     Ok(sections)
 }
 
-/// The contents of the run in a sentence.
+/// Contents of the run in one sentence.
 fn lead(data: &RunData) -> Markup {
     let run = &data.run;
     let traces = run.sets.iter().map(|set| set.traces.len()).sum::<usize>();
@@ -310,8 +310,8 @@ fn summary(data: &RunData) -> Markup {
             b.best { "marked" }
             ". "
             @if summary_blocks(data, &data.run.estimators.iter().collect::<Vec<_>>()).iter().flatten().any(|line| line.silent_share > 0.0) {
-                "An estimator without an estimate for a part of a trial's steady state is scored on the rest and not ranked; beyond a "
-                "tenth it has no score. "
+                "An estimator that gives no estimate during part of a trial's steady state is scored on the rest and not ranked; if that "
+                "part exceeds a tenth, it has no score. "
             }
             @if data.run.estimators.iter().any(|estimator| estimator.class == MethodClass::Hindsight) {
                 "Methods with hindsight use all readings of a contact, later ones included, and are not ranked. "

@@ -20,7 +20,7 @@ pub(crate) struct RunData {
     folder: PathBuf,
     /// Description of the run.
     pub(crate) run: Run,
-    /// One row a trial, estimator, noise level and seed.
+    /// One row per trial, estimator, noise level and seed.
     pub(crate) trials: Vec<TrialRow>,
     /// One row a group, whisker, estimator and noise level.
     pub(crate) summary: Vec<SummaryRow>,
@@ -28,7 +28,7 @@ pub(crate) struct RunData {
     consistency: Vec<ConsistencyRow>,
     /// One row a group, whisker, estimator and noise level.
     pub(crate) contours: Vec<ContourScoreRow>,
-    /// One row a trace, estimator, noise level and seed.
+    /// One row per trace, estimator, noise level and seed.
     contour_trials: Vec<ContourTrialRow>,
 }
 
@@ -86,7 +86,7 @@ impl RunData {
         of_class.map(|estimator| estimator.name.as_str())
     }
 
-    /// The sets on which the error is followed over time, one a whisker: those whose contact stands still or, in a run
+    /// The sets on which the error is followed over time, one per whisker: those whose contact is at rest or, in a run
     /// without such, those of the first group.
     pub(crate) fn leading_sets(&self) -> Vec<&RunSet> {
         let first = self.run.sets.iter().find(|set| set.class() == ObjectClass::Pin);

@@ -36,13 +36,13 @@ pub(crate) struct Arguments {
     /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
-    /// Publish contacts too, by a calibration that `whisker platform fit` wrote
+    /// Calibration, written by `whisker platform fit`, with which contacts are estimated and published as well
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Duration of the readings in one message, in seconds; 0 for one message a reading
+    /// Duration of the readings in one message, in seconds; 0 for one message per reading
     #[arg(long, default_value_t = 0.1, value_parser = batch_s)]
     batch: f64,
-    /// Speed of the head in millimetres a minute
+    /// Speed of the head in millimetres per minute
     #[arg(long, default_value_t = 2000.0)]
     speed: f64,
     /// ROS 2 middleware of the service's caller

@@ -1,4 +1,4 @@
-//! Makes a trace of any length out of a short one, whose rows it repeats with the clock going on: for measuring what long traces take.
+//! Writes a trace of any length by repeating the rows of a short one with continued time stamps, to measure time and memory of long traces.
 //!
 //! `cargo run --release --example long_trace -- TRACE ROWS FOLDER`
 

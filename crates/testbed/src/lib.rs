@@ -4,7 +4,19 @@
 //! traces, calibration -> replay -> estimates x truth -> metrics -> results/<run>/
 //! ```
 //!
-//! [`fit`] fits sensor models to calibration traces; [`evaluate`] runs every estimator over every trial and writes a run.
+//! The estimators and sensor models are those of the crate `whisker`; the traces are those of the crate `trace`. This
+//! crate measures the estimators: it alone combines their estimates with the ground truth.
+//!
+//! | module | contents |
+//! | --- | --- |
+//! | [`fit`] | sensor models fitted to calibration traces: `calibrations/<whisker>.json` |
+//! | [`front_end`], [`encoders`] | simulated sensor chain and joint encoders, applied at replay with seeded noise |
+//! | [`replay`], [`participant`] | causal replay of a trace through a registered estimator or an external program |
+//! | [`evaluate`] | every participant on every trial: parallel, resumable, divisible among processes |
+//! | [`metrics`], [`consistency`], [`contact_events`] | scores of the estimates against the truth |
+//! | [`bound`] | posterior Cramer-Rao bound along a trace |
+//! | [`contour`], [`map`] | outlines of objects, and maps from several whiskers |
+//! | [`results`] | files of a run, the only input of the crate `report` |
 
 pub mod baseline;
 pub mod bound;

@@ -1,4 +1,4 @@
-//! The command `whisker`.
+//! Entry point of the command `whisker`: exit code and error message.
 
 use std::io;
 use std::process::ExitCode;

@@ -1,6 +1,6 @@
 //! `cargo xtask <command>`: set-up, demo, tests, checks and measurements of the project.
 //!
-//! Exit codes: 0 good, 1 failed, 2 usage.
+//! Exit codes: 0 success, 1 failure, 2 usage error.
 
 mod commands;
 mod failure;

@@ -1,12 +1,12 @@
 //! The calibration: labelled presses, the regression fitted to them, and the prediction interval.
 //!
-//! A file holds the presses as well as the fitted coefficients: the presses make the fit reproducible, the coefficients make reading fast. A file without
-//! coefficients, as earlier versions wrote it, is fitted again when it is read, to the same bits.
+//! A file contains the presses and the fitted coefficients: the presses make the fit reproducible, the coefficients make reading fast. A file without
+//! coefficients, written by an earlier version, is fitted again when it is read, with bit-identical results.
 //!
 //! The prediction interval is that of the jackknife+ (Barber, Candes, Ramdas and Tibshirani, "Predictive inference with the jackknife+",
 //! *Annals of Statistics* 49, 2021). It contains the distance of a new press with a probability of about `coverage`, and of at least `2 coverage - 1` for
-//! any distribution, if new presses are exchangeable with the labelled ones. If whole logs are held out it is the paper's CV+ with the logs as folds,
-//! and its coverage presumes that new logs are like the labelled ones.
+//! any distribution, if new presses are exchangeable with the labelled ones. If whole logs are held out, it is the CV+ interval of that paper with the logs as
+//! folds, and its coverage requires that new logs are exchangeable with the labelled ones.
 
 use std::path::Path;
 

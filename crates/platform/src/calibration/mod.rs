@@ -1,11 +1,10 @@
 //! Estimation of the radial distance of a contact from the samples of a magnetometer.
 //!
-//! Samples are unwrapped and low-passed and segmented into [`Press`]es ([`Chain`]), each with its [`Features`], of which a [`regression`] estimates the
-//! distance. The fit runs the code over a recording, sample by sample, that also runs live. The filter is causal in both, so its delay and damping are part
-//! of the calibration; only the onset of a contact is corrected by the filter's delay. The published pipeline fits with a zero-phase filter,
-//! which is in [`published`].
+//! Samples are unwrapped, low-passed and segmented into [`Press`]es ([`Chain`]), each with its [`Features`]. A [`regression`] estimates the distance from
+//! the features. Fit and live inference run the same code, sample by sample. The filter is causal in both, so its delay and damping are part of the
+//! calibration; only the onset of a contact is corrected by the filter's delay. The published pipeline, with a zero-phase filter, is in [`published`].
 //!
-//! A fit reads [`logs`] and gives a [`Calibration`], which is applied live. `docs/PLATFORM.md` has figures.
+//! A fit reads [`logs`] and returns a [`Calibration`], which is applied live. `docs/PLATFORM.md` states its accuracy.
 
 mod coefficients;
 mod cross_validation;

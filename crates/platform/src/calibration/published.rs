@@ -1,7 +1,7 @@
 //! Press detection of the published pipeline (OpenWhisker, TAROS 2024), kept as the reference for its figures.
 //!
 //! Samples are unwrapped and low-passed forwards and backwards (Butterworth, second order, 5 Hz). An episode begins where the slope falls below
-//! -10 counts a sample and ends where it rises above +10; its slope is that at its 120th sample. The fixed thresholds and the fixed sample suit one rig, one
+//! -10 counts per sample and ends where it rises above +10; its slope is that at its 120th sample. The fixed thresholds and the fixed sample suit one rig, one
 //! speed and one rate, and a zero-phase filter needs the whole recording, so the pipeline cannot run live.
 
 use super::front::filter;

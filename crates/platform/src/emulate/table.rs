@@ -1,4 +1,4 @@
-//! The rig's physics as a table: `rig.csv` and `rig.json`, which the generator makes.
+//! The rig's physics as a table: `rig.csv` and `rig.json`, written by the generator.
 
 use std::path::Path;
 

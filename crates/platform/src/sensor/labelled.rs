@@ -1,4 +1,4 @@
-//! Three lines a reading, `>X: ...`, `>Y: ...`, `>Z: ...`, in decimal microtesla.
+//! Three lines per reading, `>X: ...`, `>Y: ...`, `>Z: ...`, in decimal microtesla.
 //!
 //! A reading is three successive lines in this order. Any other line in between discards it, so axes of two readings are never mixed.
 

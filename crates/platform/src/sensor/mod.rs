@@ -92,7 +92,7 @@ pub fn format(name: &str) -> Option<&'static FormatRow> {
 mod tests {
     use super::*;
 
-    /// Exam of every format: it reads what it prints, and nothing else.
+    /// Exam of every format: it reads the lines that it prints, and no others.
     #[test]
     fn verif_every_format_reads_what_it_prints() {
         let extremes = [0, 1, 255, 0x7fff, 0x8000, 0xabcd, 0xffff];

@@ -1,4 +1,4 @@
-//! Consistency: NEES and NIS over time and the coverage of the 95 % ellipses, one column a whisker.
+//! Consistency: NEES and NIS over time and the coverage of the 95 % ellipses, one column per whisker.
 
 use anyhow::Result;
 use testbed::consistency::{ConsistencyTest, NEES_TEST, NIS_TEST, interval};
@@ -158,7 +158,7 @@ impl Column {
         let share = Axis::linear("95 % ellipses that contain the true contact (%)", 0.0, 100.0);
         let panel = Panel::new(canvas, frame, "coverage, with the verdict on the NEES", share, Axis::places(bars))?;
         panel.area([(90.0, -1.0), (98.0, -1.0), (98.0, bars as f64), (90.0, bars as f64)], INTERVAL)?;
-        // The first estimator stands at the top.
+        // The first estimator is at the top.
         for (row, (look, name, share, verdict)) in self.coverage.iter().rev().enumerate() {
             let (row, end) = (row as f64, 100.0 * share);
             panel

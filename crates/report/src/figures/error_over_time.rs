@@ -1,4 +1,4 @@
-//! Distribution of the contact error over trials against time since the touch, one column a whisker.
+//! Distribution of the contact error over trials against time since the touch, one column per whisker.
 
 use anyhow::Result;
 use whisker::estimators::MethodClass;

@@ -26,17 +26,17 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "physical_limit",
         title: "Error against the Cramér–Rao bound",
-        caption: "Above, RMS contact error over trials and noise seeds, and the posterior Cramér–Rao bound (black): the least RMS \
-                  error of any estimator from the readings so far, for the same traces, sensor model and noise, given the true \
-                  sliding of the contact. Below, the ratio of the error to the bound. The bound holds on average: with few trials \
-                  a curve can lie below it for a time. Methods with hindsight also use later readings and have no ratio.",
+        caption: "Above, RMS contact error over trials and noise seeds, and the posterior Cramér–Rao bound (black): the smallest RMS \
+                  error that any estimator can reach from the readings so far, for the same traces, sensor model and noise, if the \
+                  sliding of the contact is known. Below, the ratio of the error to the bound. The bound holds on average: with few trials \
+                  a curve can temporarily lie below it. Methods with hindsight also use later readings and have no ratio.",
         draw: physical_limit::draw,
     },
     Figure {
         name: "error_over_time",
         title: "Contact error over time",
         caption: "Distance between estimated and true contact since the first touch: median over trials and noise seeds, at the \
-                  times at which at least half of them have an estimate. Above the whole trial, below the first second. Errors \
+                  times at which at least half of them have an estimate. Above, the whole trial; below, the first second. Errors \
                   above 100 mm, more than the length of a whisker, are not shown.",
         draw: error_over_time::draw,
     },
@@ -44,8 +44,8 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         name: "start_and_steady",
         title: "Start-up and steady state",
         caption: "RMS contact error of every trial under every noise seed (dots) and the median (bar), within the first two seconds \
-                  of contact and after them. The error of a trial counts from the first estimate of the method. The baselines have \
-                  none until the whisker is deflected, so that in start-up the dots of filters and baselines cover different \
+                  of contact and after them. The error of a trial is evaluated from the first estimate of the method on. The baselines have \
+                  no estimate until the whisker is deflected, so that the dots of filters and baselines in start-up refer to different \
                   times. Factor: ratio of the error of the better baseline to that of the method in steady state, at common times.",
         draw: start_and_steady::draw,
     },
@@ -62,7 +62,7 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "observability",
         title: "Observability along the motion",
-        caption: "One trial a whisker. Left, the path of the base, coloured by the error bound given the readings of the last half \
+        caption: "One trial per whisker. Left, the path of the base, coloured by the error bound given the readings of the last half \
                   second alone: dark for a fraction of a millimetre, pale for a large one. Right, the reading; the ratio of the \
                   semi-axes of the uncertainty given that half second, which is the root of the condition number of its information \
                   matrix and large if only one direction is observable; and the error bounds given that half second and given all \
@@ -83,25 +83,25 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         title: "Contact detection",
         caption: "The first trial in which a contact is lost, for each detector: reading, detection signal, and the thresholds for \
                   a touch and, lower, for its end. Bars at the top: contacts detected; shaded: true contacts. The ringing of a \
-                  released whisker neither ends nor begins a contact.",
+                  released whisker must neither start nor end a detected contact.",
         draw: contact_events::draw,
     },
     Figure {
         name: "contours",
-        title: "Reconstructed contours",
-        caption: "Outlines estimated from all contacts and strokes of one trial a panel, with their 95 % bands, over the true \
-                  outline. The trial has the median contact error of the best method drawn. Above each panel, contact error after the first \
-                  second and mean distance of the outline, medians over trials and noise seeds. Dark: the touched part of the \
-                  outline; a single disc if only a corner was touched. Without alignment.",
+        title: "Reconstructed outlines",
+        caption: "Outlines estimated from all contacts and strokes of one trial per panel, with their 95 % bands, over the true \
+                  outline. The trial has the median contact error of the best method drawn. Above each panel: contact error after the first \
+                  second and mean distance of the estimated outline from the true one, medians over trials and noise seeds. Dark: the touched part of the \
+                  true outline, a single disc if only a corner was touched. Estimates are not aligned with the truth.",
         draw: contours::draw,
     },
     Figure {
         name: "real_objects",
-        title: "Contours without known contacts",
+        title: "Outlines without known contacts",
         caption: "Outlines estimated from single sweeps over objects without known contacts, with their 95 % bands, for the first two \
                   filters of the run. If the object's own outline could be placed, it is drawn, with the mean distance from it; \
                   for a round object also the radius of the fitted circle with its 95 % interval and the RMS distance from that \
-                  circle. Dots were touched; between them the outline is interpolated.",
+                  circle. Dots: touched points, between which the outline is interpolated.",
         draw: real_objects::draw,
     },
     Figure {
@@ -124,11 +124,11 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "encoder_noise",
         title: "Joint encoder noise",
-        caption: "Errors against the error of the arm's joint encoders, whose covariance the estimators are given. Left, contact error in \
+        caption: "Errors as a function of the error of the arm's joint encoders, whose covariance the estimators are given. Left, contact error in \
                   steady state: median over the whiskers and noise seeds of a set, mean over the sets; right, distance of the \
                   contact points of all whiskers from the nearest true outline, mean over the maps. Both in World, with the base \
-                  pose according to the encoders. Dashed: perfect encoders. A hollow marker on the upper edge: no score for lack of \
-                  estimates.",
+                  pose according to the encoders. Dashed: perfect encoders. Hollow marker on the upper edge: no score, because estimates \
+                  are missing.",
         draw: encoder_noise::draw,
     },
     Figure {
@@ -159,7 +159,7 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         name: "transfer",
         title: "Sensor characteristic",
         caption: "Counts of one sensor over the rotation of the whisker's root, without noise and without the earth's field. Left, \
-                  its three axes: the magnet turns and translates over the sensor, so that none is linear. Right, the axis \
+                  its three axes, none of which is linear, because the magnet both rotates and translates over the sensor. Right, the axis \
                   of the reading after amplifiers of several gains, saturating at the ends of the converter's range.",
         draw: transfer::draw,
     },
@@ -167,9 +167,9 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         name: "common_mode",
         title: "Compensation of the earth's magnetic field",
         caption: "Counts of sensors at rest that are rotated by half a turn and back, relative to the start: samples (pale) and \
-                  means of a fifth of a second. Orange, uncompensated: the earth's field rotates in the axes of the sensor. Blue, \
-                  with the common mode subtracted, which was estimated from the reference sensor at other headings; the noise of both \
-                  sensors adds up.",
+                  means of a fifth of a second. Orange: uncompensated; the earth's field rotates in the axes of the sensor. Blue: \
+                  with the common mode subtracted, which was estimated from the reference sensor at other headings and adds the noise \
+                  of that sensor.",
         draw: common_mode::draw,
     },
 ];

@@ -1,4 +1,4 @@
-//! Observability along the motion: base path, reading, condition number and error bound of one trace a whisker.
+//! Observability along the motion: base path, reading, condition number and error bound of one trace per whisker.
 
 use anyhow::Result;
 use testbed::bound::WINDOW_S;

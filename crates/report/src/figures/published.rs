@@ -1,4 +1,4 @@
-//! The published filters beside values read off the published figures: start-up and steady state, one column a whisker.
+//! The published filters beside values read off the published figures: start-up and steady state, one column per whisker.
 
 use anyhow::Result;
 use testbed::metrics::error;

@@ -1,4 +1,4 @@
-//! One trial a whisker: reading, motion and error over time.
+//! One trial per whisker: reading, motion and error over time.
 
 use anyhow::Result;
 use testbed::metrics::error;

@@ -88,7 +88,7 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
     if strips.iter().any(|strip| strip.factor.is_some()) {
         canvas.text("factor", (factors_x, frame.top - 13.0), PANEL_TITLE.aligned(Align::Center))?;
     }
-    // The first estimator stands at the top.
+    // The first estimator is at the top.
     for (row, strip) in strips.iter().rev().enumerate() {
         let row = row as f64;
         for (index, error) in strip.errors_mm.iter().enumerate() {

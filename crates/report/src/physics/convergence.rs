@@ -59,7 +59,7 @@ const QUANTITIES: [Quantity; 4] = [
 /// Content of one panel.
 struct Shown {
     quantity: &'static Quantity,
-    /// A line a whisker.
+    /// One line per whisker.
     lines: Lines,
     /// A sentence a whisker.
     orders: Vec<String>,

@@ -1,4 +1,4 @@
-//! Disturbance of free-standing objects: peak force above, displacement below, one column a tip or mass.
+//! Disturbance of free-standing objects: peak force above, displacement below, one column per kind of tip or mass.
 
 use anyhow::Result;
 use serde::Deserialize;

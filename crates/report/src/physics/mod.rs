@@ -25,9 +25,9 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
     Figure {
         name: "convergence",
         title: "Convergence at rest",
-        caption: "Error of the chain at rest against the elastica over the number of its segments: root mean square over the \
+        caption: "Error of the chain at rest relative to the elastica as a function of the number of its segments: root mean square over the \
                   places between two hinges, worst of all objects (pin, circles of 15 and 50 mm, corner) and of both \
-                  deflections (2 and 10 mm). The order is the power of the segment's length with which the error falls, \
+                  deflections (2 and 10 mm). The order is the power of the segment length with which the error decreases, \
                   over all cases.",
         draw: convergence::draw,
     },
@@ -43,8 +43,8 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
     Figure {
         name: "frequencies",
         title: "Natural frequencies",
-        caption: "Error of the chain's first three natural frequencies against those of the beam on its compliant root, over \
-                  the number of segments.",
+        caption: "Error of the chain's first three natural frequencies relative to those of the beam on its compliant root, as a \
+                  function of the number of segments.",
         draw: frequencies::draw,
     },
     Figure {
@@ -58,7 +58,7 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
     Figure {
         name: "speeds",
         title: "Dynamic part of the reading",
-        caption: "Difference of the reading from that of the elastica in a stroke of 10 mm forth and back, over the largest speed of \
+        caption: "Difference of the reading from that of the elastica in a stroke of 10 mm forwards and back, as a function of the largest speed of \
                   the base: RMS, relative to the largest static reading, in the first 0.1 s of the contact and \
                   after it has settled.",
         draw: speeds::draw,
@@ -73,7 +73,7 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
     Figure {
         name: "disturbance_approach",
         title: "Disturbance by angle of approach",
-        caption: "Largest force on a free-standing cylinder, averaged over 4 ms, and its displacement, over the angle \
+        caption: "Largest force on a free-standing cylinder, averaged over 4 ms, and its displacement, as functions of the angle \
                   between the undeflected whisker and its motion: 30 mm into the object and back. The cylinder is 30 mm thick and 120 mm \
                   tall; the whisker meets it 80 mm above the table. Left, frictionless tip: the whisker slips off; right, tip with friction 0.5, which sticks in head-on \
                   contact. Displacements under 1 µm are due to the compliance of the contact model.",
@@ -82,8 +82,8 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
     Figure {
         name: "disturbance_sideways",
         title: "Disturbance in lateral contact",
-        caption: "Peak force and displacement for the curved whisker with its convex side towards the object, root and tip across the \
-                  motion, over the diameter of the wire, for four root stiffnesses and three object masses.",
+        caption: "Peak force and displacement for the curved whisker with its convex side towards the object, with the line from root to tip perpendicular to the \
+                  motion, as functions of the diameter of the wire, for four root stiffnesses and three object masses.",
         draw: disturbance::sideways,
     },
     Figure {
@@ -97,13 +97,13 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         name: "disturbance_speed",
         title: "Disturbance by speed",
         caption: "Peak force and displacement for the straight and the curved whisker with friction at the tip, one degree off head-on, \
-                  over the speed of the base. A curved wire yields at once, and its force does not depend on the speed.",
+                  as functions of the speed of the base. A curved wire yields at once, and its force does not depend on the speed.",
         draw: disturbance::by_speed,
     },
     Figure {
         name: "rig",
         title: "Calibration rig",
-        caption: "The printed whisker of the calibration platform under its ruler: above, root rotation per push over the \
+        caption: "The printed whisker of the calibration platform under its ruler: above, root rotation per push as a function of the \
                   distance of the contact; below, relative deviation of the simulation from theory. At rest, the rotation of \
                   the whole push is compared with the elastica; while the ruler moves, the slope between 1 and 6 mm with that of \
                   the linear beam. The two nearly coincide. Grey: rotation with a rigid shaft.",

@@ -1,4 +1,4 @@
-//! Panels of errors that fall with the number of segments.
+//! Panels of errors that decrease with the number of segments.
 
 use anyhow::Result;
 

@@ -40,7 +40,7 @@ pub(super) fn claims() -> Vec<Claim> {
         claims.push(Claim::at_most(
             format!("pin_{whisker}_baseline_rmse"),
             format!("pin, {whisker} whisker, better baseline: steady RMSE, median over trials"),
-            // What the baseline reached in the publication that the filters come from.
+            // Error of the baseline in the publication of the filters.
             3.3,
             "mm",
             move |context| {

@@ -216,7 +216,7 @@ fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
     ))
 }
 
-/// Checks a scene by the generator, which alone knows shapes and motions.
+/// Checks a scene with the generator, which alone defines shapes and motions.
 fn check_scene(path: &Path) -> anyhow::Result<()> {
     let output = python::generator(["check".as_ref(), path.as_os_str()])?.output()?;
     if output.status.success() {

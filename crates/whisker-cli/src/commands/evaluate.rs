@@ -31,7 +31,7 @@ enum Starts {
     /// The first contact lies along the undeflected whisker
     #[default]
     Honest,
-    /// That, and six more trials with a prior 4 to 5 mm off the true contact, in groups of their own
+    /// The same, and six further trials with a prior 4 to 5 mm off the true contact, scored as separate groups
     Wrong,
 }
 
@@ -90,8 +90,8 @@ pub(super) struct Arguments {
     /// Parent folder of the run
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Do one of N equal shares of the work, K from 1 to N, while other processes do the others on this machine or on others with the same file
-    /// system; the command without --share then merges the run
+    /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or on machines with the same
+    /// file system, and the command without --share then merges the run
     #[arg(long, value_name = "K/N")]
     share: Option<Share>,
     /// Number of threads [default: number of cores]

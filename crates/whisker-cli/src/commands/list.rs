@@ -20,7 +20,7 @@ use crate::claims::claims;
 /// Name of the generator's registries, which its own `list` prints.
 const GENERATOR: &str = "generator";
 
-/// Names of more than this many rows are left out of the overview.
+/// Largest number of rows whose names the overview lists.
 const MOST_NAMES: usize = 40;
 
 /// Width of the overview in characters, and of its first column.

@@ -50,7 +50,7 @@ enum Command {
     Reproduce(reproduce::Arguments),
 }
 
-/// Runs the command that the arguments of the process name.
+/// Runs the command given by the arguments of the process.
 ///
 /// # Errors
 /// If the command fails.

@@ -1,4 +1,4 @@
-//! The filters timed against other libraries on one problem: `docs/PERFORMANCE.md`. The packages for it are installed in a folder of their own.
+//! The filters timed against other libraries on one problem: `docs/PERFORMANCE.md`. Their packages are installed in a separate folder.
 
 use std::process::Command;
 

@@ -19,7 +19,7 @@ use crate::Sample;
 /// Parser of the fields of a line.
 pub type Parse = fn(&[&str]) -> Result<Sample, (usize, &'static str)>;
 
-/// Layout of a log with one sample a line.
+/// Layout of a log with one sample per line.
 #[derive(Debug)]
 pub struct Layout {
     /// Name.

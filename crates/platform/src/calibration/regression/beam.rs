@@ -1,8 +1,8 @@
-//! Physics: a conical beam on a gel hinge.
+//! Physical model: a conical beam on a gel hinge.
 //!
 //! An edge at distance `d` displaces the shaft by `p`. Its force `F` turns the hinge of stiffness `k` by `F d / k` and bends the shaft by `F c` at the
 //! edge, where for a cone with its virtual tip at `t` and the stiffness `E I` at its root `c = d^3 / (3 E I (1 - d / t))` (Castigliano: the integral over
-//! `s` of `(d - s)^2 / (E I (1 - s / t)^4)`). So the hinge turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at a constant speed of
+//! `s` of `(d - s)^2 / (E I (1 - s / t)^4)`). The hinge therefore turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at a constant speed of
 //! the edge the slope is that with a gain `g` instead of `p`. `g`, `l` and `t` are fitted to the distances by Levenberg-Marquardt.
 //!
 //! Not modelled: the finite angle of the twist, the non-linear field of the magnet, the low-pass.

@@ -1,6 +1,6 @@
 //! Regressions: the radial distance of a contact from the features of its press.
 //!
-//! To add one: one file with its [`LiveFit`] and one row in [`REGRESSIONS`]. A fit must not depend on the order of the presses.
+//! To add a regression: one file with its [`LiveFit`] and one row in [`REGRESSIONS`]. A fit must not depend on the order of the presses.
 
 mod beam;
 mod published;

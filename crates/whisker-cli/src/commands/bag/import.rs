@@ -14,7 +14,7 @@ pub(super) struct Arguments {
     /// Folder to write to
     #[arg(long)]
     out: PathBuf,
-    /// Convert the readings of an interrupted recording up to its end
+    /// Convert an interrupted recording, up to the point of interruption
     #[arg(long)]
     salvage: bool,
 }

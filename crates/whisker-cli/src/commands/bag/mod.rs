@@ -1,4 +1,4 @@
-//! `whisker bag`: recordings for ROS 2 and Foxglove, one file a command.
+//! `whisker bag`: recordings for ROS 2 and Foxglove, one file per command.
 
 mod export;
 mod import;

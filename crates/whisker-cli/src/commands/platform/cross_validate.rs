@@ -9,7 +9,7 @@ use super::super::table::{millimetres, render};
 use super::super::{FINISHED_WITH_FAILURES, print};
 use super::logs::{LogArguments, row};
 
-/// Cross-validate regressions on presses held out, with errors by log
+/// Cross-validate regressions and print the errors of held-out presses by log
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if failed { ExitCode::from(FINISHED_WITH_FAILURES) } else { ExitCode::SUCCESS })
 }
 
-/// Table of errors (mm), one row for each log and one for all, and a line for each suspicious press.
+/// Table of errors (mm), one row per log and one for all, and a line per suspicious press.
 fn scores(presses: &[LabelledPress], validation: &CrossValidation) -> String {
     let mut logs: Vec<&str> = Vec::new();
     for press in presses {

@@ -1,4 +1,4 @@
-//! Printer of detections, as they occur.
+//! Output of detections as they occur.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ pub(super) enum Form {
     Csv,
 }
 
-/// Printer of events. If it receives pushes too, it prints a summary of the errors at the end.
+/// Output of events to stdout. If it receives pushes too, it prints a summary of the errors at the end.
 pub(super) struct Events {
     form: Form,
     /// Onset (s) and estimated distance (m) of the last press.

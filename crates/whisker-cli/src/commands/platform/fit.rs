@@ -9,7 +9,7 @@ use testbed::provenance::watermark;
 use super::super::{print, table::millimetres};
 use super::logs::{LogArguments, row};
 
-/// Fit radial contact distance to recorded presses
+/// Fit a regression of the radial contact distance to recorded presses
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]

@@ -21,25 +21,25 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// Estimate radial contact distances from a log or live from a magnetometer
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Calibration that `whisker platform fit` wrote
+    /// Calibration, written by `whisker platform fit`
     #[arg(long)]
     calibration: PathBuf,
     /// Log of samples, or - for stdin
     #[arg(required_unless_present = "port", conflicts_with = "port")]
     log: Option<PathBuf>,
-    /// Port of the magnetometer, which is read until it is unplugged or an interrupt
+    /// Port of the magnetometer; it is read until an interrupt or until it is unplugged
     #[arg(long)]
     port: Option<String>,
     /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex", conflicts_with = "log")]
     format: String,
-    /// Nominal rate of the magnetometer in readings a second [default: the calibration's]
+    /// Nominal rate of the magnetometer in readings per second [default: the calibration's]
     #[arg(long, value_parser = rate_hz, conflicts_with = "log")]
     rate_hz: Option<f64>,
     /// Format of events
     #[arg(long, value_enum, default_value_t = Form::Json)]
     print: Form,
-    /// Report the latency of the samples on stderr at the end
+    /// Print the latency of the samples to stderr at the end
     #[arg(long)]
     latency: bool,
 }
@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     error.map_or(Ok(ExitCode::SUCCESS), |error| Err(error.into()))
 }
 
-/// Processes the samples of a port until it fails or an interrupt. Returns the latency and the error of the port.
+/// Processes the samples of a port until an interrupt or an error of the port. Returns the latency and the error of the port.
 fn from_port(
     port: &str,
     mut inference: Inference<'_>,

@@ -12,13 +12,13 @@ use platform::calibration::{HoldOut, Settings};
 pub(super) struct LogArguments {
     /// Logs of samples with a sidecar, tables of presses, or manifests (.json) that name logs
     logs: Vec<PathBuf>,
-    /// Log whose presses all have this radial distance from the root in mm, for example 105=FILE
+    /// Log whose presses all have the radial distance MM (mm) from the root, for example 105=FILE
     #[arg(long, value_name = "MM=FILE", value_parser = labelled)]
     label: Vec<Source>,
-    /// Edge of the low-pass in Hz
+    /// Cut-off frequency of the low-pass in Hz
     #[arg(long, default_value_t = Settings::default().cutoff_hz)]
     cutoff_hz: f64,
-    /// Sampling rate of a table whose slopes are in counts a sample, in Hz
+    /// Sampling rate in Hz of a table whose slopes are in counts per sample
     #[arg(long, default_value_t = 888.0)]
     table_rate_hz: f64,
     /// Unit of cross-validation: one press, or all presses of a log

@@ -1,4 +1,4 @@
-//! `whisker platform`: the calibration platform, one file a subcommand.
+//! `whisker platform`: the calibration platform, one file per subcommand.
 
 mod cross_validate;
 #[cfg(unix)]
@@ -80,7 +80,7 @@ fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<In
     Ok(Inference::new(live))
 }
 
-/// Reports on stderr how a port was read, with a warning if its rate is not the calibration's.
+/// Prints the statistics of a port to stderr, with a warning if its rate is not the calibration's.
 fn report(report: &Report, calibration: Option<&Calibration>) {
     eprintln!("{report}");
     if let Some(calibration) = calibration {
@@ -98,10 +98,10 @@ fn warn_of_rate(found_hz: f64, calibration: &Calibration) {
     }
 }
 
-/// Parses a rate in readings a second.
+/// Parses a rate in readings per second.
 fn rate_hz(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1.0..=10_000.0).contains(&value) => Ok(value),
-        _ => Err("expected readings a second, 1 to 10000, for example 800".into()),
+        _ => Err("expected readings per second, 1 to 10000, for example 800".into()),
     }
 }

@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
-    /// Nominal rate in readings a second [default: the format's]
+    /// Nominal rate of the magnetometer in readings per second [default: the format's]
     #[arg(long, value_parser = rate_hz)]
     rate_hz: Option<f64>,
     /// Depth of a push in millimetres
@@ -44,19 +44,19 @@ pub(super) struct Arguments {
     /// Number of steps from the first place to the last
     #[arg(long, default_value_t = 15)]
     increments_y: u32,
-    /// Rest at each stop in seconds
+    /// Pause at each stop in seconds
     #[arg(long, default_value_t = 0)]
     pause: u32,
-    /// Speed of the head in millimetres a minute
+    /// Speed of the head in millimetres per minute
     #[arg(long, default_value_t = 2000.0)]
     speed: f64,
     /// Folder for log.csv, log.json and head.csv; it must not contain a log
     #[arg(long)]
     out: PathBuf,
-    /// Record into this rosbag2 folder too
+    /// Rosbag2 folder to record the session into as well
     #[arg(long)]
     bag: Option<PathBuf>,
-    /// Print contacts live, by a calibration that `whisker platform fit` wrote, and their errors at the end
+    /// Calibration, written by `whisker platform fit`, with which contacts are estimated and printed live, and their errors at the end
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// Format of the printed contacts
