@@ -1,8 +1,8 @@
 //! Bounded, strict reading and atomic, watermarked writing of files.
 //!
-//! An [`Error`] states file, line and column, the value found and the value expected. Files are written atomically
-//! ([`AtomicFile`], [`write_json`]). A [`Watermark`] records the program and the hash of the inputs from which a file
-//! was made.
+//! These are the rules of all file formats of the project. An [`Error`] states file, line and column, the value found
+//! and the value expected. Files are written atomically ([`AtomicFile`], [`write_json`]). A [`Watermark`] records the
+//! program and the hash of the inputs from which a file was made.
 //!
 //! In the following example, a JSON file is written and read back; a syntax error is then reported with its place:
 //!

@@ -2,7 +2,7 @@
 //!
 //! A filter has two operations on a belief: *predict* propagates it through a [`Process`] model; *update* conditions it on a reading through a
 //! [`Measurement`] model and returns the [`Innovation`]. Models are generic in the number of states `N` and of readings `M`, and the same model serves
-//! every filter. Jacobians default to central differences.
+//! every filter. Jacobians default to central differences. The models of whiskers are in the crate `whisker`, which depends on this one.
 //!
 //! | module | algorithm |
 //! | --- | --- |

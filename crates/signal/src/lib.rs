@@ -1,7 +1,12 @@
 //! Digital filters evaluated sample by sample: Butterworth designs as cascades of second-order sections.
 //!
-//! The problem: remove the noise of a force sensor, sampled at 250 Hz, above 5 Hz. The filter starts at the first
-//! sample, without a transient, and the noise gain gives the standard deviation of its output in advance.
+//! These are filters of signals; the crate `filters` contains Bayesian filters of states.
+//!
+//! # Example
+//!
+//! The noise of a force sensor above 5 Hz is removed; the sampling rate is 250 Hz. The filter is initialised in the
+//! steady state of a constant input, so that there is no transient. The noise gain is the standard deviation of the
+//! output if the input is white noise of unit standard deviation.
 //!
 //! ```
 //! use signal::{Cascade, low_pass};

@@ -10,7 +10,7 @@
 //! # Example: delay of a contact detector
 //!
 //! A whisker is swept against a pin. A detector compares the moment at the root with a threshold of 2 % of its range. It
-//! sees the recording alone; the ground truth then gives its delay:
+//! receives the recording alone; its delay is then computed from the ground truth:
 //!
 //! ```
 //! use std::path::Path;

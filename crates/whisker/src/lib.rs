@@ -1,7 +1,7 @@
 //! Whisker mechanics, sensor models and contact estimators.
 //!
-//! A whisker is a thin elastic wire on a compliant root ([`Whisker`]). Its only signal is the bending moment at the
-//! root, which depends on the point of contact: a [`sensor`] model, fitted to a calibration, predicts the reading of a
+//! A whisker is a thin elastic wire on a compliant root ([`Whisker`]). The measured quantity is the bending moment at
+//! the root, which depends on the point of contact: a [`sensor`] model, fitted to a calibration, predicts the reading of a
 //! contact. The map is many-to-one, so a single reading does not determine the contact; readings along a known motion
 //! of the base do, and an [estimator](estimators) computes the contact and its covariance from them, sample by sample.
 //!
@@ -13,7 +13,8 @@
 //! | [`events`] | contact detection |
 //! | [`estimators`] | estimators of the contact point |
 //!
-//! The crate reads no files and has no access to ground truth.
+//! The crate reads no files and has no access to ground truth. The Bayesian filters behind the estimators are those of
+//! the crate `filters`; the crate `testbed` replays traces through the estimators and scores them.
 //!
 //! # Example
 //! The whisker presses against a pin for one second. The robot knows the motion of its base and the noisy readings; the

@@ -1,4 +1,4 @@
-//! Trials that are single whiskers of recordings of several.
+//! Trials of single whiskers that belong to a recording of several whiskers.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Rows of the tables about outlines found.
+//! Rows of the tables of estimated outlines.
 
 use trace::{ObjectClass, Sidecar};
 

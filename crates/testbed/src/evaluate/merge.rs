@@ -1,8 +1,8 @@
 //! Merging of the items' results into the tables of a run.
 //!
-//! Tables with one row per trial are written as the shards are read, in the order of trials, noise levels and seeds, whatever the order in which the items were
-//! finished. A row over the trials of a set needs the values of all of them at once, for quantiles. Such rows are computed in windows of limited memory, and the shards are
-//! read again for each window: memory does not grow with the number of trials, unless the values of a single row exceed the limit.
+//! Tables with one row per trial are written as the shards are read, in the order of trials, noise levels and seeds, which does not depend on the order in which
+//! the items were finished. A row over the trials of a set needs the values of all of them at once, for quantiles. Such rows are computed in windows of limited memory, and
+//! the shards are read again for each window: memory does not grow with the number of trials, unless the values of a single row exceed the limit.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Folders that appear when they are complete.
+//! Folders that are written under a temporary name and renamed when they are complete.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Results of finished items, each in a file of its own until the run is merged.
+//! Results of finished items, each in a separate file until the run is merged.
 
 use std::fs;
 use std::io::Write;

@@ -1,4 +1,4 @@
-//! Interface of a front end: its input and its signal chain.
+//! Interface of a front end: input and signal chain.
 
 use std::fmt::Debug;
 

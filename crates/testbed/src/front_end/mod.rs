@@ -1,6 +1,6 @@
 //! Front ends: models of the sensor between the root moment of a simulated trace and the reading, applied at replay.
 //!
-//! To add one: a file with a [`Chain`] and a row in [`FRONT_ENDS`].
+//! To add a front end: one file with a [`Chain`] and one row in [`FRONT_ENDS`].
 
 mod chain;
 mod hall;

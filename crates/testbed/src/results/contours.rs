@@ -1,4 +1,4 @@
-//! Outlines found, and their distance from the true ones.
+//! Estimated outlines and their distance from the true ones.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Natural frequencies of the unloaded whisker, for judging a simulator's dynamics.
+//! Natural frequencies of the unloaded whisker, against which the dynamics of a simulator are validated.
 
 use std::f64::consts::PI;
 

@@ -1,6 +1,6 @@
 //! Convex outlines, described by their support: the point that lies farthest in a direction.
 //!
-//! To add one: implement [`Outline::support`], and [`Outline::flats`] where it has straight sides.
+//! To add an outline: implement [`Outline::support`], and [`Outline::flats`] if it has straight sides.
 
 use std::f64::consts::TAU;
 

@@ -1,10 +1,10 @@
 //! The integration: Taylor series of the equilibrium, summed from the contact back to the root.
 //!
-//! All derivatives at a point follow from recurrences, for the curvature `q = kappa0 + C m` is a product of series and
+//! All derivatives at a point follow from recurrences, since the curvature `q = kappa0 + C m` is a product of series and
 //! `(cos t)' = -q sin t`, `(sin t)' = q cos t` (Jorba and Zou, "A software package for the numerical integration of
 //! ODEs by means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step of order 20 covers a third
-//! of a radian or more to the last digit; no table of coefficients, no trial steps. Derivatives with respect to the
-//! load are those of the recurrences themselves.
+//! of a radian or more to machine precision, without tabulated coefficients or trial steps. Derivatives with respect
+//! to the load are those of the recurrences themselves.
 
 use super::Load;
 

@@ -9,9 +9,9 @@ use crate::frames::{Base, Point};
 /// exact pose.
 ///
 /// A pose from joint encoders has an independent error at each instant and does not drift. An estimator carries the
-/// contact along by the differences of such poses, so its error is that of the present pose alone, whatever the errors
-/// before. Hence this is no process noise but measurement noise: the reading is that of a contact displaced by the
-/// base's error.
+/// contact along by the differences of such poses, so its error is that of the present pose alone and does not
+/// depend on earlier errors. It is therefore measurement noise, not process noise: the reading is that of a contact
+/// displaced by the base's error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BaseNoise(pub Matrix3<f64>);
 

@@ -3,8 +3,8 @@
 //!
 //! All modes share the state of a sliding contact, `(s, d, rho, e)`. In the mode *static* every step resets the radius
 //! to that of a thin object. In the mode *sliding* the radius is estimated, from a diffuse prior whenever the mode is
-//! entered from another one. In the mode *lost* the sensor reads zero whatever the state, and the contact drifts from
-//! its last position. Each of several hypotheses at the touch is such an estimator; they are weighted, pruned and
+//! entered from another one. In the mode *lost* the expected reading is zero for every state, and the contact drifts
+//! from its last position. Each of several hypotheses at the touch is such an estimator; they are weighted, pruned and
 //! merged as in the other filters.
 
 use std::ops::RangeInclusive;

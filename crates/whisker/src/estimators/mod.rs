@@ -188,7 +188,7 @@ pub trait Tracker: Send {
         None
     }
 
-    /// Resumes tracking at the next touch after a release, with what was learnt of the object. Returns whether it does;
+    /// Resumes tracking at the next touch after a release, with the estimate of the object. Returns whether it does;
     /// if not, a new tracker is begun.
     fn resume(&mut self, _touch: &Touch<'_>) -> bool {
         false

@@ -7,8 +7,8 @@
 //! that the disagreement of probable candidates counts as uncertainty.
 //!
 //! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
-//! in proportion to their priors. So a refuted candidate can recover within a small multiple of the number of readings
-//! that refute the others.
+//! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
+//! readings that reject the others.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Coordinates in which the region within a whisker's reach is nearly a rectangle, whatever its curvature.
+//! Coordinates in which the region within a whisker's reach is nearly a rectangle, for any pre-curvature.
 //!
 //! They are polar: the distance `r` from the root, and the polar angle less that of a parabola `b(r)` through the
 //! undeflected whisker, positive away from the object. Unlike the coordinates along and away from the undeflected

@@ -101,7 +101,7 @@ impl Process<2> for Rest<'_> {
     }
 }
 
-/// Process of one step in Cartesian coordinates: linear, whatever the whisker's shape.
+/// Process of one step in Cartesian coordinates: linear for any shape of the whisker.
 pub(in crate::estimators) struct CartesianRest {
     motion: Pose<Base, Base>,
     /// Variance that it adds in each direction.

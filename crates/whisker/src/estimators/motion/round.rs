@@ -21,7 +21,7 @@ use crate::settings::{SettingsError, within};
 /// -rho dpsi` (the object on the right of the whisker; the opposite sign on its left), and the rotation of the tangent
 /// depends on the new position of the contact. The step solves for both at once: the centre rests in the world, and
 /// Newton's method finds the position on the whisker whose normal passes through the centre at the distance `rho`. So
-/// no error accumulates over the steps, whatever their size.
+/// no error accumulates over the steps, for any step size.
 ///
 /// The sensor model errs by `e` standard deviations of its calibrated error. This error does not average out: it is
 /// nearly the same at nearby positions. Over a path of length `l` in Base its correlation is `exp(-l / error_length_m)`
@@ -113,7 +113,7 @@ const NEWTON_STEPS: usize = 8;
 const CLOSE_ENOUGH_M: f64 = 1e-9;
 
 /// Lower bound of the error variance that a step adds. Without it the process noise would be singular while the base
-/// stands still.
+/// is at rest.
 const LEAST_RENEWAL: f64 = 1e-9;
 
 /// Process of one step.

@@ -1,4 +1,4 @@
-//! Readings that are kept.
+//! Readings that an outline is fitted to.
 
 use crate::frames::{Base, Pose, Start};
 

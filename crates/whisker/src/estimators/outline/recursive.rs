@@ -13,7 +13,7 @@ use crate::estimators::{Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracke
 use crate::frames::{Base, Pose, Start};
 use crate::sensor::AlongAway;
 
-/// Smallest number of samples of a touch before an outline begins, and the number after which it begins whatever the
+/// Smallest number of samples of a touch before an outline begins, and the number after which it begins for any
 /// variance.
 const LEAST_SAMPLES: usize = 25;
 const MOST_SAMPLES: usize = 250;
