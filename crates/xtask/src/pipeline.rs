@@ -16,7 +16,7 @@ pub(crate) fn prepare() -> Outcome {
 /// Installs the Python packages and then runs `simulation`, which needs nothing else, while cargo builds `whisker`.
 pub(crate) fn prepare_with(simulation: impl FnOnce() -> Outcome) -> Outcome {
     let started = Instant::now();
-    eprintln!("\n== build: the command whisker, beside the next steps");
+    eprintln!("\n== build: the command whisker, in parallel with the next steps");
     let build = start(cargo(&["build", "--quiet", "--release", "--package", "whisker-cli"]))?;
     let beside = || {
         step("Python packages", || python::install(Requirements::Runtime))?;

@@ -116,8 +116,9 @@ fn create() -> Outcome {
         .args(["-c", "import sys; print(*sys.version_info[:2]); import venv, ensurepip"])
         .output()
         .map_err(|error| Failure::new(format!("`{name}` does not start: {error}. {HOW_TO_GET_PYTHON}")))?;
-    let version = version(&String::from_utf8_lossy(&probe.stdout))
-        .ok_or_else(|| Failure::new(format!("`{name}` prints no version: not a Python 3. {HOW_TO_GET_PYTHON}")))?;
+    let version = version(&String::from_utf8_lossy(&probe.stdout)).ok_or_else(|| {
+        Failure::new(format!("`{name}` prints no version, expected that of Python 3. {HOW_TO_GET_PYTHON}"))
+    })?;
     if version < OLDEST {
         let (major, minor) = version;
         return Err(Failure::new(format!("`{name}` is Python {major}.{minor}. {HOW_TO_GET_PYTHON}")));

@@ -34,9 +34,7 @@ pub enum Error {
         expected: usize,
     },
     /// Too few labelled presses for the regression.
-    #[error(
-        "regression `{regression}`: found {found} labelled presses that are left to fit, expected at least {expected}"
-    )]
+    #[error("regression `{regression}`: found {found} labelled presses to fit, expected at least {expected}")]
     Few {
         /// Name of the regression.
         regression: &'static str,

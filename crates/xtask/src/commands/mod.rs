@@ -46,7 +46,7 @@ impl Command {
 #[rustfmt::skip]
 const COMMANDS: &[Command] = &[
     Command { name: "setup", about: "Install the Python packages in .venv", run: Plain(setup::run) },
-    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite, with every estimator by --all: results/standard/", run: With(demo::run) },
+    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite (--all: with every estimator): results/standard/", run: With(demo::run) },
     Command { name: "test", about: "Run every test: Rust, Python, end to end", run: Plain(test::run) },
     Command { name: "check", about: "Check format, lints and documentation of Rust and Python", run: Plain(check::run) },
     Command { name: "ci", about: "Run check and test", run: Plain(ci::run) },

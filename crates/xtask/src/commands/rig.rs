@@ -44,7 +44,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     println!();
     bars.iter().for_each(|bar| println!("{bar}"));
     if let Some(soak_s) = soak_s {
-        step(&format!("{soak_s} s of 800 readings a second into a recording"), || soak(soak_s))?;
+        step(&format!("{soak_s} s of 800 readings per second into a recording"), || soak(soak_s))?;
     }
     let missed = bars.iter().filter(|bar| !bar.is_met()).count();
     if missed > 0 { Err(Failure::new(format!("{missed} of {} bars missed", bars.len()))) } else { Ok(()) }
@@ -54,7 +54,7 @@ fn first(bars: &mut Vec<Bar>) -> Outcome {
     let (_, lost) = session("1", "first", &[&FIRST[..], &["--bag", &in_folder("first_bag")]].concat())?;
     let places = read("first/log.json")?.matches("\"distance_m\"").count();
     bars.push(Bar::new("places visited in the first session", places as f64, At::Exactly(FIRST_PLACES), ""));
-    bars.push(Bar::new("samples lost in it", lost, At::Exactly(0.0), ""));
+    bars.push(Bar::new("samples lost in the first session", lost, At::Exactly(0.0), ""));
     Ok(())
 }
 
@@ -65,7 +65,7 @@ fn messages(bars: &mut Vec<Bar>) -> Outcome {
     for file in ["log.csv", "log.json"] {
         differ += u32::from(read(&format!("first/{file}"))? != read(&format!("imported/{file}"))?);
     }
-    bars.push(Bar::new("files that its messages give otherwise", differ.into(), At::Exactly(0.0), ""));
+    bars.push(Bar::new("files that differ after import from the recording", differ.into(), At::Exactly(0.0), ""));
     Ok(())
 }
 
@@ -86,12 +86,12 @@ fn second(bars: &mut Vec<Bar>) -> Outcome {
     let late_ms = number(&output.stderr, "99 % ").ok_or_else(|| unknown("latency", &output.stderr))?;
     bars.extend([
         Bar::new("places visited in the second session", pushes.len() as f64, At::Exactly(SECOND_PLACES), ""),
-        Bar::new("samples lost in it", lost, At::Exactly(0.0), ""),
-        Bar::new("pushes not found", (pushes.len() - all.len()) as f64, At::Exactly(0.0), ""),
-        Bar::new("RMSE over all", rms(&all), At::Most(2.0), "mm"),
-        Bar::new("worst over all", worst(&all), At::Any, "mm"),
+        Bar::new("samples lost in the second session", lost, At::Exactly(0.0), ""),
+        Bar::new("pushes not detected", (pushes.len() - all.len()) as f64, At::Exactly(0.0), ""),
+        Bar::new("RMSE over all places", rms(&all), At::Most(2.0), "mm"),
+        Bar::new("largest error over all places", worst(&all), At::Any, "mm"),
         Bar::new("RMSE in the outer 70 mm", rms(&outer), At::Any, "mm"),
-        Bar::new("worst in the outer 70 mm", worst(&outer), At::Most(2.0), "mm"),
+        Bar::new("largest error in the outer 70 mm", worst(&outer), At::Most(2.0), "mm"),
         Bar::new("99th-percentile latency, arrival to report", late_ms, At::Most(5.0), "ms"),
     ]);
     Ok(())
@@ -151,7 +151,10 @@ impl Rig {
         let (rig, begun) = (Self(child), Instant::now());
         while !links.iter().all(|link| link.exists()) {
             if begun.elapsed() > STARTUP_LIMIT {
-                return Err(Failure::new(format!("no emulated ports within {} s", STARTUP_LIMIT.as_secs())));
+                return Err(Failure::new(format!(
+                    "the emulated ports did not appear within {} s",
+                    STARTUP_LIMIT.as_secs()
+                )));
             }
             sleep(Duration::from_millis(10));
         }
