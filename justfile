@@ -24,11 +24,11 @@ simulate *arguments: _setup
 fit *arguments:
     @{{ whisker }} fit "$@"
 
-# Run one estimator over one trace: just replay --help
+# Replay one trace through one estimator: just replay --help
 replay *arguments:
     @{{ whisker }} replay "$@"
 
-# Score every estimator on a suite or on folders of traces: just evaluate scenes/suites/standard.json
+# Evaluate every estimator on a suite or on folders of traces: just evaluate scenes/suites/standard.json
 evaluate *arguments:
     @{{ whisker }} evaluate "$@"
 
@@ -40,7 +40,7 @@ report *arguments:
 bench:
     @cargo xtask bench
 
-# Measure batches and long traces: time and memory
+# Measure time and memory of batches and long traces
 batch:
     @cargo xtask batch
 
@@ -64,7 +64,7 @@ deny:
 golden:
     @cargo xtask golden
 
-# Measure every published figure again: results/reference/claims.csv
+# Measure every claim of the documentation: results/reference/claims.csv
 reproduce:
     @cargo xtask reproduce
 
