@@ -24,14 +24,14 @@ pub(super) const ROW: EstimatorRow = EstimatorRow {
 /// Difference of log-likelihood to the most probable candidate above which a candidate is dropped.
 const HOPELESS: f64 = 30.0;
 
-/// Log-likelihood of a reading for a candidate outside the calibrated region: that of five standard deviations.
+/// Log-likelihood of a reading for a candidate outside the calibrated domain: that of five standard deviations.
 const OUTSIDE: f64 = -12.5;
 
 /// Settings.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Config {
-    /// Number of candidates along the calibrated region, and away from the undeflected whisker.
+    /// Number of candidates along the calibrated domain, and away from the undeflected whisker.
     nodes: usize,
 }
 

@@ -9,7 +9,7 @@
 //! | --- | --- |
 //! | [`frames`] | points, poses and twists whose types include their frame |
 //! | [`elastica`] | exact quasi-static mechanics of a whisker against points and convex outlines |
-//! | [`sensor`] | sensor models: fit, calibrated region, model error |
+//! | [`sensor`] | sensor models: fit, calibrated domain, model error |
 //! | [`events`] | contact detection |
 //! | [`estimators`] | estimators of the contact point |
 //!

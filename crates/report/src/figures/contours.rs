@@ -1,4 +1,4 @@
-//! Estimated outlines with their bands over the true ones, one panel a set.
+//! Estimated outlines with their bands over the true ones, one panel per set.
 
 use anyhow::Result;
 use testbed::contour::touched_stretch;

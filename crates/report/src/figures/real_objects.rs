@@ -1,4 +1,4 @@
-//! Estimated outlines of objects without known contacts, one panel a sweep.
+//! Estimated outlines of objects without known contacts, one panel per sweep.
 
 use anyhow::Result;
 use testbed::results::ContourTrialRow;

@@ -12,7 +12,7 @@ use crate::bound::TraceBound;
 use crate::metrics::GroundTruth;
 use crate::replay::motions;
 
-/// A trial with its trace in memory, and what all noise levels and seeds share.
+/// A trial with its trace in memory, and the data common to all noise levels and seeds.
 pub(super) struct LoadedTrial<'a> {
     pub(super) spec: &'a TrialSpec,
     pub(super) trace: Trace,
@@ -36,7 +36,7 @@ impl<'a> LoadedTrial<'a> {
         Ok(Self { spec, trace, motions, ground_truth, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
     }
 
-    /// Keeps the first instants, with what is derived from them.
+    /// Keeps the first instants and the data derived from them.
     pub(super) fn truncate(&mut self, rows: usize) {
         self.trace.recording.instants.truncate(rows);
         self.trace.truth.instants.truncate(rows);

@@ -64,7 +64,7 @@ impl Published {
     }
 }
 
-/// Measurement model of a contact in Cartesian coordinates, extrapolated linearly beyond the calibrated region.
+/// Measurement model of a contact in Cartesian coordinates, extrapolated linearly beyond the calibrated domain.
 struct Reading<'a> {
     side: &'a Side,
     /// Index of the sensor model's error in the state, in standard deviations. `None` if the error is part of the
@@ -139,7 +139,7 @@ impl<const N: usize> Measurement<N, 1> for Reading<'_> {
     }
 }
 
-/// Moves the contact of a state into the calibrated region.
+/// Moves the contact of a state into the calibrated domain.
 fn held<const N: usize>(side: &Side, x: &SVector<f64, N>) -> SVector<f64, N> {
     let contact = side.face.nearest_calibrated(Point::new(x[0], x[1]));
     let mut held = *x;
@@ -250,7 +250,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         let reading = Reading::of::<Model, N>(&self.side);
         let innovation = self.config.filter.update(&mut self.belief, &reading, &z).ok();
         let estimate = estimate(&self.side, &self.motion, &self.belief, innovation);
-        // The estimate's contact is held within the calibrated region.
+        // The estimate's contact is held within the calibrated domain.
         (self.belief.mean[0], self.belief.mean[1]) = (estimate.contact.x(), estimate.contact.y());
         Some(estimate)
     }

@@ -15,7 +15,7 @@ use crate::Whisker;
 use crate::frames::{Base, Point};
 use crate::sensor::{AlongAway, CalibratedFace, Turn};
 
-/// Largest distance of a contact from the calibrated region, as a share of the region's extent along the whisker.
+/// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
 
 /// The side in contact.
@@ -49,13 +49,13 @@ impl Side {
     }
 
     /// Angle (rad) from the undeflected whisker's tangent at arc length `s` to that of the deflected whisker at the
-    /// contact, and its derivatives along and away. Constant beyond the border of the calibrated region.
+    /// contact, and its derivatives along and away. Constant beyond the border of the calibrated domain.
     pub(super) fn turn_rad(&self, at: AlongAway) -> (f64, Vector2<f64>) {
         self.turn().at(self.face.domain.clamp(at))
     }
 
     /// Angle in Base (rad) of the deflected whisker's tangent at a contact, and its derivatives along and away.
-    /// Extrapolated linearly beyond the calibrated region.
+    /// Extrapolated linearly beyond the calibrated domain.
     pub(super) fn tangent_rad(&self, at: AlongAway) -> (f64, Vector2<f64>) {
         let held = self.face.domain.clamp(at);
         let (turn_rad, slope) = self.turn().at(held);
@@ -64,7 +64,7 @@ impl Side {
         (rest_rad + turn_rad + beyond, slope + vector![self.face.rest.curvature_per_m(at.along_m), 0.0])
     }
 
-    /// Expected reading of a contact, and its derivatives along and away. Beyond the calibrated region it is
+    /// Expected reading of a contact, and its derivatives along and away. Beyond the calibrated domain it is
     /// extrapolated linearly from the nearest calibrated contact, so that a belief that extends over the border is
     /// drawn back; the sensor model itself is never evaluated there.
     pub(super) fn expect(&self, at: AlongAway) -> (f64, RowVector2<f64>) {
@@ -85,7 +85,7 @@ impl Side {
         }
     }
 
-    /// Variance of the sensor model's error at a contact; beyond the calibrated region, that at its border.
+    /// Variance of the sensor model's error at a contact; beyond the calibrated domain, that at its border.
     pub(super) fn model_variance_n2_m2(&self, at: AlongAway) -> f64 {
         self.face.model_variance_at_n2_m2(at)
     }
@@ -112,7 +112,7 @@ impl Side {
         self.noise_n2_m2(at) / count + self.model_variance_n2_m2(at)
     }
 
-    /// Limits the distance of a contact from the calibrated region. The contact is not moved into the region: objects
+    /// Limits the distance of a contact from the calibrated domain. The contact is not moved into the domain: objects
     /// push the whisker farther than its calibration did, and a belief held within the region would be biased from then
     /// on.
     pub(super) fn hold<const N: usize>(&self, x: &mut SVector<f64, N>) {

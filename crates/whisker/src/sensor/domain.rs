@@ -1,4 +1,4 @@
-//! The calibrated region, in coordinates along and away from the undeflected whisker.
+//! The calibrated domain, in coordinates along and away from the undeflected whisker.
 
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub struct Domain {
     pub upper_m: Vec<f64>,
 }
 
-/// Position within the calibrated region, each share from 0 to 1.
+/// Position within the calibrated domain, each share from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shares {
     /// Share of the way from the first calibrated arc length to the last.

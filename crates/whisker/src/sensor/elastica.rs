@@ -304,7 +304,7 @@ fn check_response(response: usize) -> Result<(), ModelError> {
 }
 
 fn no_solution() -> ModelError {
-    ModelError::Data("the whisker's parameters have no equilibrium over the calibrated region".into())
+    ModelError::Data("the whisker's parameters have no equilibrium over the calibrated domain".into())
 }
 
 pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
@@ -396,7 +396,7 @@ struct Calibration<'a> {
 }
 
 impl Calibration<'_> {
-    /// `None` if the parameters have no equilibrium over the calibrated region.
+    /// `None` if the parameters have no equilibrium over the calibrated domain.
     fn look(&self, parameters: Parameters) -> Option<Look> {
         let tuned = Tuned::rough(self.region, parameters)?;
         let sensitivities = Sensitivities::new(self.region, &parameters.whisker(self.region.whisker))?;

@@ -1,4 +1,4 @@
-//! Error of a sensor model over its calibrated region.
+//! Error of a sensor model over its calibrated domain.
 //!
 //! It has two parts: the misfit of the formula, estimated from the residuals on held-out data, and the uncertainty due
 //! to noise and the number of samples, which the fit gives as a variance. The residuals contain both, the second as

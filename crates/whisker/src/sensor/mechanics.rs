@@ -24,7 +24,7 @@ const COARSE_NODES: [usize; 2] = [14, 10];
 /// where the contact passes that point.
 const DENSER: usize = 3;
 
-/// Extent of the grid beyond the calibrated region on each side, relative to the region's extent.
+/// Extent of the grid beyond the calibrated domain on each side, relative to the extent of the domain.
 const MARGIN: f64 = 0.06;
 
 /// Number of shorter steps from a node to the next if one step does not lead to a solution.

@@ -1,7 +1,7 @@
 //! Sensor models: the expected reading of a contact.
 //!
 //! A calibration presses a pin against one [`Face`] of the whisker at known positions. A [`SensorModel`] is a formula
-//! fitted to these samples; a [`CalibratedFace`] is that formula together with the calibrated region, its [`Domain`].
+//! fitted to these samples; a [`CalibratedFace`] is that formula together with the calibrated domain, its [`Domain`].
 //! Outside the domain there is no prediction: a formula that fits within can be arbitrarily wrong outside.
 //!
 //! To add a model: one file beside `polynomial.rs`, and one row in [`MODELS`].
@@ -130,7 +130,7 @@ pub struct Region<'a> {
     pub whisker: &'a Whisker,
     /// Side of the whisker on which the object lies.
     pub face: Face,
-    /// The calibrated region.
+    /// The calibrated domain.
     pub domain: &'a Domain,
 }
 
@@ -208,7 +208,7 @@ pub struct CalibratedFace {
     pub face: Face,
     /// The undeflected whisker, on which the domain is based.
     pub rest: RestShape,
-    /// The calibrated region.
+    /// The calibrated domain.
     pub domain: Domain,
     /// Name of the formula within the calibration.
     pub label: String,
@@ -265,7 +265,7 @@ impl CalibratedFace {
         (contact, Matrix2::from_columns(&[tangent * stretch, Vector2::new(-tangent.y, tangent.x) * sign]))
     }
 
-    /// Expected reading and gradient. `None` outside the calibrated region.
+    /// Expected reading and gradient. `None` outside the calibrated domain.
     pub fn predict(&self, contact: Point<Base>) -> Option<Prediction> {
         self.domain.contains(self.along_and_away(contact)).then(|| self.model.predict(contact))
     }
@@ -305,7 +305,7 @@ impl CalibratedFace {
         self.error.variance_n2_m2(self.domain.shares(at))
     }
 
-    /// The contact itself if it is calibrated, else a near one at the border of the calibrated region.
+    /// The contact itself if it is calibrated, else a near one at the border of the calibrated domain.
     pub fn nearest_calibrated(&self, contact: Point<Base>) -> Point<Base> {
         self.nearest_calibrated_at(contact, self.along_and_away(contact))
     }

@@ -229,7 +229,7 @@ fn check(intervals: [usize; 2]) -> Result<(), ModelError> {
 }
 
 fn frame(region: &Region<'_>) -> Result<Frame, ModelError> {
-    Frame::new(region).ok_or_else(|| ModelError::Data("the calibrated region has no extent".into()))
+    Frame::new(region).ok_or_else(|| ModelError::Data("the calibrated domain has no extent".into()))
 }
 
 pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {

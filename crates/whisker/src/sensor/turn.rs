@@ -7,7 +7,7 @@ use crate::Whisker;
 use crate::elastica::Elastica;
 
 /// Rotation of the whisker at a contact as a smooth function of its coordinates: `d` times a polynomial in `s` and `d`,
-/// fitted over the calibrated region to that of the sensor model or, if it has none, of the exact whisker.
+/// fitted over the calibrated domain to that of the sensor model or, if it has none, of the exact whisker.
 #[derive(Debug)]
 pub(crate) struct Turn {
     centre_m: f64,
