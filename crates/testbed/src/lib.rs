@@ -4,8 +4,8 @@
 //! traces, calibration -> replay -> estimates x truth -> metrics -> results/<run>/
 //! ```
 //!
-//! The estimators and sensor models are those of the crate `whisker`; the traces are those of the crate `trace`. This
-//! crate measures the estimators: it alone combines their estimates with the ground truth.
+//! The estimators and sensor models are those of the crate `whisker`, the traces those of the crate `trace`. This crate
+//! replays the traces through the estimators and compares the estimates with the ground truth.
 //!
 //! | module | contents |
 //! | --- | --- |
