@@ -97,7 +97,7 @@ const REGISTRIES: &[Registry] = &[
     },
     Registry {
         name: "log-layouts",
-        about: "layouts of magnetometer logs: platform fit --layout",
+        about: "layouts of magnetometer logs, recognised by platform fit",
         rows: || LAYOUTS.iter().map(|row| Row::new(row.name, row.about)).collect(),
     },
     Registry {
