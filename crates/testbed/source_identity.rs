@@ -109,7 +109,7 @@ impl Code {
     /// Names of the crates, which are those of their folders.
     fn crates(&self) -> BTreeSet<String> {
         let name = |source: &&str| source.split('/').nth(1).expect("a source lies in a crate").to_owned();
-        self.sources.iter().map(|source| name(&source)).collect()
+        self.sources.iter().map(name).collect()
     }
 }
 

@@ -378,7 +378,7 @@ fn summary_blocks<'a>(data: &'a RunData, estimators: &[&'a RunEstimator]) -> Vec
         .map(|(set, noise)| -> Vec<SummaryLine> {
             let lines = estimators.iter().filter_map(|estimator| {
                 Some(SummaryLine {
-                    estimator: *estimator,
+                    estimator,
                     scores: data.summary_at(set, &estimator.name, *noise)?,
                     silent_share: data.silent_share(set, &estimator.name, *noise),
                 })

@@ -4,10 +4,10 @@
 //! hold for pairs of their points:
 //!
 //! 1. **Tangents.** A convex object is behind each of its tangents: for a point `a` with outward normal `n`, every
-//! other point `b` satisfies `n' (b - a) <= 0`, up to the uncertainty of both points and of the normal (gate of
-//! [`GATE`] standard deviations).
+//!    other point `b` satisfies `n' (b - a) <= 0`, up to the uncertainty of both points and of the normal (gate of
+//!    [`GATE`] standard deviations).
 //! 2. **Free space.** The segment from `a` to `b` is inside the object: it does not cross space that a whisker has
-//! swept.
+//!    swept.
 //!
 //! The first condition separates objects that face each other or whose near sides are rounded; the second separates
 //! objects behind a gap. Compatible touches are merged by agglomerative clustering, the closest first, using the pairs
