@@ -152,6 +152,8 @@ def test_check_recognises_every_kind_of_file() -> None:
 
 
 def test_list_prints_every_registry() -> None:
-    listed = whisker("list")
-    for name in ("euler-bernoulli-calibrated", "polynomial", "hall", "error_over_time", "determinism", "lateral_sweep"):
-        assert name in listed
+    overview = whisker("list")
+    for name in ("euler-bernoulli-calibrated", "polynomial", "hall", "error_over_time", "claims", "generator"):
+        assert name in overview
+    for registry, name in (("estimators", "euler-bernoulli-calibrated"), ("claims", "determinism"), ("generator", "lateral_sweep")):
+        assert name in whisker("list", registry)
