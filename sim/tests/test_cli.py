@@ -23,7 +23,7 @@ WRONG = {
     "unknown shape": ({"object": {"shape": "star"}}, ["object.shape", "pin, circle, rectangle", '"star"']),
     "unknown motion": (
         {"motion": {"kind": "dance"}},
-        ["motion.kind", "calibration_grid, increments_beam_test, lateral_sweep, lift_offs, smooth", '"dance"'],
+        ["motion.kind", "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth", '"dance"'],
     ),
     "unknown whisker": ({"whisker": "cat"}, ["scene.json:7:3", "whisker", "straight, curved, stanford", "'cat'"]),
     "unknown role": ({"role": "test"}, ["role", "trial", "calibration", '"test"']),
@@ -155,7 +155,7 @@ def test_robust_interruption_leaves_whole_traces(tmp_path):
 
 def test_verif_suites_are_valid(capsys):
     assert main(["check", *(str(path) for path in sorted((SCENES / "suites").glob("*.json")))]) == 0
-    assert "suite of 34 traces" in capsys.readouterr().out
+    assert "suite of 34 runs" in capsys.readouterr().out
 
 
 def test_verif_every_scene_is_valid(capsys):

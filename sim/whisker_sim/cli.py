@@ -1,14 +1,16 @@
-"""Command line: `simulate`, `cluster`, `render`, `view`, `export`, `check` and `list`.
+"""Command line: `simulate`, `cluster`, `render`, `view`, `export`, `check`, `list` and `schema`.
 
 Exit codes: 0 success, 1 failure, 2 wrong usage or input, 3 finished but some traces failed, 130 interrupted.
 """
 
 import argparse
+import json
 import os
 import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType, UnionType
 
@@ -30,11 +32,13 @@ from whisker_sim.jobs import (
     process_executor,
     run_job,
 )
+from whisker_sim.lock import exclusive
 from whisker_sim.motions import AnyMotion
 from whisker_sim.paths import DATASETS, whisker_program
 from whisker_sim.progress import Progress
-from whisker_sim.runs import Run, first_of_each_set, load_runs, with_simulation
-from whisker_sim.scene import SIMULATIONS
+from whisker_sim.runs import Redrawn, Run, first_of_each_set, load_runs, with_simulation
+from whisker_sim.scene import LARGEST_SEED, SIMULATIONS
+from whisker_sim.schema import scene_schema
 from whisker_sim.shapes import AnyShape
 from whisker_sim.startup import missing_package
 from whisker_sim.whisker import PRESETS
@@ -124,6 +128,9 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("list", help="list whiskers, simulation settings, shapes and motions with their parameters")
     command.set_defaults(command=_list)
+
+    command = commands.add_parser("schema", help="print the JSON Schema of scene files, with the default of every key")
+    command.set_defaults(command=_schema)
     return parser
 
 
@@ -158,6 +165,15 @@ def _add_simulation_options(command: argparse.ArgumentParser) -> None:
         "the default folder of a suite is then datasets/<suite>_<name>",
     )
     command.add_argument("--force", action="store_true", help="simulate up-to-date traces again")
+    command.add_argument(
+        "--seed",
+        type=_seed,
+        metavar="S",
+        help="seed of a random suite (default: that of its file); the default folder is then datasets/<suite>_<seed>",
+    )
+    command.add_argument(
+        "--count", type=_positive, metavar="N", help="number of sets of a random suite (default: that of its file)"
+    )
 
 
 def _add_scheduler(command: argparse.ArgumentParser) -> None:
@@ -176,6 +192,12 @@ def add_jobs(command: argparse.ArgumentParser) -> None:
 def _positive(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"expected a number above zero, found '{text}'")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) > LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to {LARGEST_SEED}, found '{text}'")
     return int(text)
 
 
@@ -211,8 +233,10 @@ def _make_traces(
 ) -> int:
     items: list[tuple[Path, Run]] = []
     drawn: set[str] = set()
+    is_redrawn = options.seed is not None or options.count is not None
+    redrawn = Redrawn(options.seed, options.count) if is_redrawn else None
     for file in options.files:
-        suite, runs = load_runs(file)
+        suite, runs = load_runs(file, redrawn)
         if options.out is None and suite is None:
             raise InputError(f"{file}: a scene needs --out DIR; only a suite has a folder of its own")
         if animations is not None and suite is None:
@@ -233,12 +257,26 @@ def _make_traces(
     for target, run in targets:
         if count[target] > 1:
             raise InputError(f"{run.path}: expected traces of different names, found '{target.name}' {count[target]} times")
+    sidecars = [target.with_name(f"{target.name}.json") for target, _ in targets]
+    _check_apart(sidecars, [*options.files, *(run.path for _, run in items)])
     # An interrupt while MuJoCo is imported would be lost, or taken for a failure of the library.
     with deferred_interrupts():
         from whisker_sim import products
     number, shares = share
     job = products.trace_job(options.force, animations, frozenset(drawn))
-    return run_job(job, items[number - 1 :: shares], executor, options.force)
+    with ExitStack() as locks:
+        for folder in sorted({folder for folder, _ in items}):
+            locks.enter_context(exclusive(folder, f"{number}-of-{shares}" if shares > 1 else ""))
+        return run_job(job, items[number - 1 :: shares], executor, options.force)
+
+
+def _check_apart(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raises `InputError` if an output is an input, also through links."""
+    read = {path.resolve() for path in set(inputs)}
+    names = {path.name for path in read}
+    for path in outputs:
+        if path.name in names and path.resolve() in read:
+            raise InputError(f"{path}: is an input, which a trace of that name would replace; choose another --out DIR")
 
 
 def _check_settings(folder: Path, run: Run) -> None:
@@ -284,6 +322,8 @@ def _export(options: argparse.Namespace) -> int:
     from whisker_sim.products import product_of
 
     run = _one_scene(options.scene)
+    if options.out.resolve() == options.scene.resolve():
+        raise InputError(f"{options.out}: is the scene itself; choose another --out FILE.xml")
     export(run, options.out, product_of(run).start)
     print(options.out)
     return SUCCESS
@@ -306,7 +346,7 @@ def _check(options: argparse.Namespace) -> int:
                 raise located(run.path, str(error)) from None
             progress.finish()
     for file, suite, runs in files:
-        print(f"{file}: valid, {'scene' if suite is None else f'suite of {len(runs)} traces'}")
+        print(f"{file}: valid, {'scene' if suite is None else f'suite of {len(runs)} runs'}")
     return SUCCESS
 
 
@@ -322,6 +362,11 @@ def _list(_: argparse.Namespace) -> int:
         for name, row in rows.items():
             print(f"  {name:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")
             print(f"  {'':<18}{_parameters(row)}")
+    return SUCCESS
+
+
+def _schema(_: argparse.Namespace) -> int:
+    print(json.dumps(scene_schema(), indent=1))
     return SUCCESS
 
 

@@ -55,7 +55,7 @@ class SweepRenderer:
     """Flat colours compress better without loss."""
 
     def __init__(self, run: Run, simulated: Simulated) -> None:
-        self.run, self._simulated = run, simulated
+        self.run, self._scene, self._simulated = run, run.scene, simulated
         whisker, truth = run.scene.resolved_whisker, simulated.truth
         self._line_m = CenterLine.from_joints(whisker, simulated.base_pose, simulated.rotations_rad).points_m
         largest_n = np.max(simulated.force_n)
@@ -68,6 +68,11 @@ class SweepRenderer:
         self._arrow_end_m = truth.surface_m + arrow_m
         self._fit_view()
         self._font = ImageFont.load_default(_OVERSAMPLING * _FONT_SIZE)
+
+    @property
+    def rate_hz(self) -> float:
+        """Number of instants per second."""
+        return self._scene.rate_hz
 
     @property
     def rows(self) -> int:
@@ -114,8 +119,8 @@ class SweepRenderer:
         simulated = self._simulated
         reached_m = np.concatenate((self._line_m.reshape(-1, 2), self._arrow_end_m[simulated.touching]))
         low_m, high_m = reached_m.min(axis=0), reached_m.max(axis=0)
-        beyond_m = _BEYOND_SHARE * self.run.scene.resolved_whisker.length_m
-        near_m = np.clip(self.run.scene.object.outline_m(), low_m - beyond_m, high_m + beyond_m)
+        beyond_m = _BEYOND_SHARE * self._scene.resolved_whisker.length_m
+        near_m = np.clip(self._scene.object.outline_m(), low_m - beyond_m, high_m + beyond_m)
         low_m, high_m = np.minimum(low_m, near_m.min(axis=0)), np.maximum(high_m, near_m.max(axis=0))
         width_m, height_m = high_m - low_m
         across, up = _WIDTH - 2.0 * (_MARGIN + _FIELD_BORDER), _MOST_FIELD_HEIGHT - 2.0 * _FIELD_BORDER
@@ -133,7 +138,7 @@ class SweepRenderer:
         height = self._bottom + _LEGEND_HEIGHT
         picture = Image.new("RGB", (_OVERSAMPLING * _WIDTH, _OVERSAMPLING * height), _PAPER)
         pen = _Pen(picture)
-        outline = self._to_pixels(self.run.scene.object.outline_m())
+        outline = self._to_pixels(self._scene.object.outline_m())
         pen.polygon(outline, _BODY)
         pen.line(outline, _THIN_WIDTH, _EDGE)
         # The object may extend beyond the edges of the view.

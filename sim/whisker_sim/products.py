@@ -17,6 +17,9 @@ from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.export import Start, passage_at_start, sweep_at_start
 from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Job, Outcome
 from whisker_sim.progress import part
+from whisker_sim.random_suite import simulate as random_set
+from whisker_sim.random_suite.picture import RandomSetRenderer
+from whisker_sim.random_suite.suite import RandomSet
 from whisker_sim.render import Renderer, check_format, is_rendered, render, render_set, replayed_sweep
 from whisker_sim.runs import Run, set_name
 from whisker_sim.scene import Scene
@@ -45,6 +48,14 @@ PRODUCTS: dict[type, Product] = {
     Scene: Product(simulate, trace.write_trace, trace.is_up_to_date, SweepRenderer, replayed_sweep, sweep_at_start),
     ArmScene: Product(
         simulate_passage, recording.write_recording, recording.is_up_to_date, PassageRenderer, replayed_passage, passage_at_start
+    ),
+    RandomSet: Product(
+        random_set.simulate_set,
+        random_set.write_set,
+        random_set.is_set_up_to_date,
+        RandomSetRenderer,
+        lambda _, traces: replayed_sweep(traces[0].run, traces[0].simulated),
+        lambda run: sweep_at_start(random_set.first_trace(run)),
     ),
 }
 """Products by kind of scene."""

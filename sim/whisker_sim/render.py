@@ -44,6 +44,10 @@ class Renderer(Protocol):
         """Prepares the frames of `run`, which was simulated to `simulated`."""
 
     @property
+    def rate_hz(self) -> float:
+        """Number of instants per second."""
+
+    @property
     def rows(self) -> int:
         """Number of instants."""
 
@@ -113,7 +117,7 @@ def _write_still(path: Path, renderer: Renderer) -> None:
 
 def _write_animation(path: Path, renderer: Renderer) -> None:
     """Writes an endless animation in real time."""
-    rate_hz = renderer.run.scene.rate_hz
+    rate_hz = renderer.rate_hz
     stride = max(1, round(rate_hz / renderer.frames_hz))
     rows = range(0, renderer.rows, stride)
     frames = []

@@ -10,10 +10,11 @@ import msgspec
 from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located, read_document, read_json
 from whisker_sim.errors import InputError
+from whisker_sim.random_suite.suite import RandomSet, RandomSuite
 from whisker_sim.scene import Format, Scene, Seed, Simulation
 from whisker_sim.whisker import Name
 
-AnyScene = Scene | ArmScene
+AnyScene = Scene | ArmScene | RandomSet
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,6 +32,13 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scenes: Annotated[tuple[SuiteEntry, ...], msgspec.Meta(min_length=1)]
 
 
+class Redrawn(msgspec.Struct, frozen=True):
+    """Values in place of those of a random suite's file; `None` keeps the file's."""
+
+    seed: Seed | None = None
+    sets: int | None = None
+
+
 class Run(msgspec.Struct, frozen=True):
     """One run, which makes a trace or a recording of several whiskers."""
 
@@ -41,13 +49,16 @@ class Run(msgspec.Struct, frozen=True):
     """File of the scene."""
 
 
-def load(path: Path) -> AnyScene | Suite:
-    """Reads a scene or a suite; a scene with an arm has the key `arm`. Raises `InputError` if the file is neither."""
+def load(path: Path) -> AnyScene | Suite | RandomSuite:
+    """Reads a scene or a suite. A scene with an arm has the key `arm`, a random suite the key `random`.
+
+    Raises `InputError` if the file is neither.
+    """
     value, _ = read_json(path)
     if not isinstance(value, dict):
         raise InputError(f"{path}: expected an object, found {type(value).__name__}")
-    kind = Suite if "scenes" in value else ArmScene if "arm" in value else Scene
-    return read_document(path, kind)
+    kinds = {"scenes": Suite, "random": RandomSuite, "arm": ArmScene}
+    return read_document(path, next((kind for key, kind in kinds.items() if key in value), Scene))
 
 
 def with_simulation(run: Run, simulation: Simulation) -> Run:
@@ -58,12 +69,17 @@ def with_simulation(run: Run, simulation: Simulation) -> Run:
         raise located(run.path, str(error)) from None
 
 
-def load_runs(path: Path) -> tuple[str | None, list[Run]]:
+def load_runs(path: Path, redrawn: Redrawn | None = None) -> tuple[str | None, list[Run]]:
     """Name of the suite, or `None` for a scene, and the runs of a scene or suite file.
 
-    Raises `InputError`, also if two traces or recordings of a suite have the same name.
+    `redrawn` replaces the seed and the number of sets of a random suite. Raises `InputError`, also if two traces or recordings of a
+    suite have the same name, or if `redrawn` is given for another file.
     """
     document = load(path)
+    if isinstance(document, RandomSuite):
+        return random_runs(path, document, redrawn or Redrawn())
+    if redrawn is not None:
+        raise InputError(f"{path}: expected a random suite with --seed or --count, found another file")
     if not isinstance(document, Suite):
         return None, [Run(document.name, document, path)]
     runs: list[Run] = []
@@ -84,6 +100,18 @@ def load_runs(path: Path) -> tuple[str | None, list[Run]]:
                 taken.add(made)
             runs.append(Run(name, msgspec.structs.replace(scene, seed=seed), scene_path))
     return document.name, runs
+
+
+def random_runs(path: Path, suite: RandomSuite, redrawn: Redrawn) -> tuple[str, list[Run]]:
+    """Name and runs of a random suite: the calibrations of its whiskers, then its sets.
+
+    With a seed other than that of the file, the name ends with the seed.
+    """
+    given = {key: value for key, value in msgspec.structs.asdict(redrawn).items() if value is not None}
+    drawn = msgspec.structs.replace(suite, random=msgspec.structs.replace(suite.random, **given))
+    calibrations = [Run(f"{scene.name}_{scene.seed:02d}", scene, path) for scene in drawn.calibrations()]
+    name = suite.name if drawn.random.seed == suite.random.seed else drawn.prefix
+    return name, calibrations + [Run(drawn_set.name, drawn_set, path) for drawn_set in drawn.sets()]
 
 
 def first_of_each_set(runs: Iterable[Run]) -> list[Run]:

@@ -7,11 +7,14 @@ import msgspec
 import numpy as np
 
 from whisker_sim.motions import AnyMotion, Plan, Stage
+from whisker_sim.replay import Replay
 from whisker_sim.shapes import AnyShape
 from whisker_sim.vibration import Vibration
 from whisker_sim.whisker import Name, Positive, Whisker, WhiskerOverride, resolve_whisker
 
-Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+LARGEST_SEED = 2**53
+"""Largest whole number up to which every JSON reader is exact."""
+Seed = Annotated[int, msgspec.Meta(ge=0, le=LARGEST_SEED)]
 Format = Literal[1]
 
 
@@ -80,6 +83,8 @@ class Scene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=Fa
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
     simulation: str | Simulation = Simulation()
     """A name is replaced by its settings on reading, so that a scene and the sidecar of a trace contain the settings themselves."""
+    replay: Replay | msgspec.UnsetType = msgspec.UNSET
+    """Effects that are added at replay; omitted from sidecars if not stated."""
 
     def __post_init__(self) -> None:
         resolve_whisker(self.whisker)

@@ -16,6 +16,7 @@ import whisker_sim
 from whisker_sim.certificate import Certificate, certify
 from whisker_sim.documents import to_json
 from whisker_sim.paths import IN_REPOSITORY
+from whisker_sim.replay import Replay
 from whisker_sim.runs import Run
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import Simulated
@@ -52,12 +53,15 @@ _WITHOUT_INFLUENCE = {
     "drawing.py",
     "export.py",
     "jobs.py",
+    "lock.py",
     "paths.py",
     "physics",
     "products.py",
     "progress.py",
+    "random_suite/picture.py",
     "render.py",
     "rig",
+    "schema.py",
     "startup.py",
 }
 """Modules and packages that do not influence the bytes of a trace; a change in them makes no trace out of date."""
@@ -107,25 +111,34 @@ class Sidecar(msgspec.Struct, Generic[AnyScene], frozen=True):
     certificate: Certificate
     recording: str | msgspec.UnsetType = msgspec.UNSET
     """Name of the recording of several whiskers to which the trace belongs; omitted if there is none."""
+    replay: Replay | msgspec.UnsetType = msgspec.UNSET
+    """Effects to be added at replay; omitted if the scene states none."""
 
 
 def write_trace(folder: Path, run: Run, simulated: Simulated) -> str:
-    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json` into `folder`; returns one line of text for the user.
+    """Writes the files of the trace `run` into `folder`; returns one line of text for the user."""
+    scene = run.scene
+    certificate = certify(scene.resolved_whisker, [scene.object], scene.face, simulated, scene.vibration is not None)
+    write_files(folder, run, simulated, certificate, inputs_sha256(scene))
+    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
+
+
+def write_files(folder: Path, run: Run, simulated: Simulated, certificate: Certificate, made_from: str) -> None:
+    """Writes `<name>.csv`, `<name>.contour.csv` and, last, `<name>.json` into `folder`; `made_from` is the hash of the inputs.
 
     The sidecar is last, so that its presence shows that the trace is complete.
     """
     scene = run.scene
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
     contour, outline = contour_of(run.name, scene.object)
-    certificate = certify(scene.resolved_whisker, [scene.object], scene.face, simulated, scene.vibration is not None)
     sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
+    sidecar = msgspec.structs.replace(sidecar, inputs_sha256=made_from, replay=scene.replay)
     folder.mkdir(parents=True, exist_ok=True)
     # An old sidecar must not remain beside rows that it does not describe.
     (folder / f"{run.name}.json").unlink(missing_ok=True)
     write_atomically(folder / f"{run.name}.csv", csv)
     write_atomically(folder / contour.file, outline)
     write_atomically(folder / f"{run.name}.json", to_json(sidecar))
-    return f"{run.name}: {simulated.time_s[-1]:.1f} s, {100 * simulated.touching.mean():.0f} % in contact"
 
 
 def contour_of(name: str, shape: Shape) -> tuple[Contour, bytes]:
@@ -170,12 +183,17 @@ def sidecar_of(
 
 def is_up_to_date(folder: Path, run: Run) -> bool:
     """Whether `folder` holds exactly the trace of `run`: same inputs, and files that match their hashes."""
+    return is_complete(folder, run.name, inputs_sha256(run.scene))
+
+
+def is_complete(folder: Path, name: str, made_from: str) -> bool:
+    """Whether `folder` holds the trace `name` of inputs with the hash `made_from`, and files that match their hashes."""
     try:
-        sidecar = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())
+        sidecar = msgspec.json.decode((folder / f"{name}.json").read_bytes())
         return bool(
-            sidecar["inputs_sha256"] == inputs_sha256(run.scene)
-            and sidecar["csv_sha256"] == sha256((folder / f"{run.name}.csv").read_bytes())
-            and sidecar["contour"]["sha256"] == sha256((folder / f"{run.name}.contour.csv").read_bytes())
+            sidecar["inputs_sha256"] == made_from
+            and sidecar["csv_sha256"] == sha256((folder / f"{name}.csv").read_bytes())
+            and sidecar["contour"]["sha256"] == sha256((folder / f"{name}.contour.csv").read_bytes())
         )
     except (OSError, msgspec.DecodeError, KeyError, TypeError):
         return False
@@ -270,7 +288,7 @@ def _git_commit(folder: Path) -> str | None:
             capture_output=True,
             text=True,
             check=True,
-            timeout=10,
+            timeout=120,
         )
     except (OSError, subprocess.SubprocessError):
         return None

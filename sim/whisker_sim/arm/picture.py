@@ -61,6 +61,11 @@ class PassageRenderer:
         }
 
     @property
+    def rate_hz(self) -> float:
+        """Number of instants per second."""
+        return self.run.scene.rate_hz
+
+    @property
     def rows(self) -> int:
         """Number of instants."""
         return len(self._passed.time_s)

@@ -2,6 +2,7 @@
 
 from whisker_sim.motions.base import Motion, Plan, Stage
 from whisker_sim.motions.calibration_grid import CalibrationGrid
+from whisker_sim.motions.excursions import Excursions
 from whisker_sim.motions.increments_beam_test import IncrementsBeamTest
 from whisker_sim.motions.lateral_sweep import LateralSweep
 from whisker_sim.motions.lift_offs import LiftOffs
@@ -9,6 +10,7 @@ from whisker_sim.motions.smooth import Smooth
 
 AnyMotion = (
     CalibrationGrid  #
+    | Excursions
     | IncrementsBeamTest
     | LateralSweep
     | LiftOffs

@@ -7,6 +7,7 @@ from whisker_sim.shapes.ellipse import Ellipse
 from whisker_sim.shapes.pin import Pin
 from whisker_sim.shapes.rectangle import Rectangle
 from whisker_sim.shapes.regular_polygon import RegularPolygon
+from whisker_sim.shapes.rounded_polygon import RoundedPolygon
 from whisker_sim.shapes.stadium import Stadium
 
 AnyShape = (
@@ -17,6 +18,7 @@ AnyShape = (
     | Ellipse
     | Stadium
     | ConvexPolygon
+    | RoundedPolygon
 )
 """Shapes that the key `shape` of a scene's `object` may name."""
 

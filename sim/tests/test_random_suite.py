@@ -1,0 +1,187 @@
+"""Random suites: draws, rejection, files, and the separation of the suite for settings from the one for reports."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from whisker_sim.cli import main
+from whisker_sim.documents import to_json
+from whisker_sim.jobs import SUCCESS, WRONG_INPUT, process_executor, run_job
+from whisker_sim.products import product_of, trace_job
+from whisker_sim.random_suite import simulate as random_set
+from whisker_sim.random_suite.effects import MISCALIBRATIONS, RATES_HZ
+from whisker_sim.random_suite.movements import MOVEMENTS
+from whisker_sim.random_suite.objects import KINDS
+from whisker_sim.random_suite.simulate import SET_ATTEMPTS, TRACE_ATTEMPTS, simulate_set
+from whisker_sim.random_suite.suite import Draws, RandomSuite
+from whisker_sim.random_suite.whiskers import STANDARD, calibration_scene, random_whisker
+from whisker_sim.replay import Miscalibration
+from whisker_sim.runs import Redrawn, Run, load_runs
+from whisker_sim.scene import Simulation
+from whisker_sim.shapes import Circle
+from whisker_sim.whisker import resolve_whisker
+
+from conftest import SCENES
+
+HELD_OUT, TRAINING = SCENES / "suites/random.json", SCENES / "suites/random_training.json"
+
+
+def sets_of(path: Path, redrawn: Redrawn | None = None) -> list[Run]:
+    """Runs of the sets of a random suite."""
+    return [run for run in load_runs(path, redrawn)[1] if run.scene.role == "trial"]
+
+
+def contents(runs: list[Run]) -> list[str]:
+    """Hash of what is drawn of each scene, as first drawn, without its names."""
+    scenes = (run.scene.draw(0).scene(trace, 0) for run in runs for trace in range(run.scene.traces))
+    drawn = ([scene.object, scene.motion, scene.seed, scene.face, scene.rate_hz, scene.replay] for scene in scenes)
+    return [hashlib.sha256(to_json(values)).hexdigest() for values in drawn]
+
+
+def test_verif_settings_and_reports_use_disjoint_scenes():
+    """No scene of the suite for settings occurs in the suite for reports, with the same seed or another, and none occurs twice."""
+    training, held_out = contents(sets_of(TRAINING)), contents(sets_of(HELD_OUT))
+    assert len(set(training)) == len(training) == 600
+    assert len(set(held_out)) == len(held_out) == 1500
+    assert set(training).isdisjoint(held_out)
+    seeds = {run.scene.seed for run in (*sets_of(TRAINING), *sets_of(HELD_OUT))}
+    for seed in (*seeds, 2, 3):
+        assert set(contents(sets_of(TRAINING, Redrawn(seed, 20)))).isdisjoint(held_out)
+
+
+def test_verif_a_set_depends_on_suite_seed_and_number_alone():
+    """A longer suite begins with the sets of a shorter one, in any order of drawing."""
+    short, long = sets_of(TRAINING, Redrawn(5, 3)), sets_of(TRAINING, Redrawn(5, 30))
+    assert contents(short) == contents(long)[: len(contents(short))]
+    assert contents(long[::-1])[-5:] == [*contents(long[:1])[:5]]
+    names = [name for run in long for name in run.scene.names(run.name)]
+    assert names[0] == "random_training_5_0000_00"
+    assert len(set(names)) == len(names)
+
+
+def test_val_distribution_of_draws():
+    """All kinds occur about as often as their weights state, and quantities cover their ranges."""
+    runs = sets_of(HELD_OUT, Redrawn(4, 3000))
+    scenes = [run.scene.draw(0).scene(0, 0) for run in runs]
+    count = len(scenes)
+    shares = {scene.shape: 0 for scene in scenes}
+    for scene in scenes:
+        shares[scene.shape] += 1
+    circles = sum(weight for weight, kind in KINDS if kind.name == "circle") / sum(weight for weight, _ in KINDS)
+    assert abs(shares["circle"] / count - circles) < 0.03
+    assert len(shares) == 8, "every shape but none else"
+    assert len({scene.motion_kind for scene in scenes}) == len(MOVEMENTS)
+    assert {scene.rate_hz for scene in scenes} == set(RATES_HZ)
+    assert {scene.face for scene in scenes} == {"left", "right"}
+    # The logarithm of a log-uniform radius has the mean and the variance of a uniform distribution.
+    share = np.log10([scene.object.radius_m / 1e-3 for scene in scenes if isinstance(scene.object, Circle)]) / 2.0
+    assert share.min() >= 0.0
+    assert share.max() <= 1.0
+    assert abs(share.mean() - 0.5) < 4.0 * np.sqrt(1.0 / 12.0 / len(share))
+    noise = np.log([scene.replay.noise / 0.001 for scene in scenes]) / np.log(50.0)
+    assert noise.min() >= 0.0
+    assert noise.max() <= 1.0
+    assert abs(noise.mean() - 0.5) < 4.0 * np.sqrt(1.0 / 12.0 / count)
+    off = [scene.replay.miscalibration for scene in scenes if scene.replay.miscalibration != Miscalibration()]
+    assert abs(len(off) / count - 0.3) < 0.04
+    used = {key for one in off for key, value in msgspec.structs.asdict(one).items() if value != 0.0}
+    assert used == set(Miscalibration.__struct_fields__)
+    assert len(MISCALIBRATIONS) == 7
+    standard = np.mean([run.scene.resolved_whisker.name in STANDARD for run in runs])
+    assert abs(standard - 0.5) < 0.04
+
+
+def test_verif_random_whiskers_and_their_calibrations_are_valid():
+    """Whiskers differ, are slender, and the motion of their calibration fits both faces."""
+    rng = np.random.default_rng(1)
+    whiskers = [random_whisker(f"w{index}", rng) for index in range(200)]
+    for whisker in map(resolve_whisker, whiskers):
+        assert 250.0 < whisker.length_m / whisker.root_diameter_m < 430.0
+        assert whisker.tip_diameter_m <= whisker.root_diameter_m
+    assert any(len(whisker.curvature) == 2 for whisker in whiskers)
+    for whisker in whiskers[:4]:
+        for face in ("left", "right"):
+            plan = calibration_scene("suite_1", whisker, face, 0).plan()
+            assert len(plan.touching) == 20
+
+
+@pytest.fixture(scope="module")
+def suite_path(tmp_path_factory):
+    """A random suite of three sets of one trace."""
+    path = tmp_path_factory.mktemp("random") / "few.json"
+    path.write_bytes(to_json(RandomSuite(1, "few", Draws(seed=2, sets=3, traces=1, whiskers=0))))
+    return path
+
+
+def test_verif_same_bytes_on_one_process_and_two(suite_path, tmp_path, capsys):
+    """The bytes do not depend on the number of processes; a second run finds all traces up to date."""
+    one, two = tmp_path / "one", tmp_path / "two"
+    for folder, jobs in ((one, 1), (two, 2)):
+        items = [(folder, run) for run in sets_of(suite_path)]
+        assert run_job(trace_job(False), items, process_executor(jobs), False) == SUCCESS
+    files = sorted(path.name for path in one.iterdir())
+    assert files == sorted(path.name for path in two.iterdir())
+    assert len(files) == 9
+    assert all((one / name).read_bytes() == (two / name).read_bytes() for name in files)
+    capsys.readouterr()
+    assert run_job(trace_job(False), items, process_executor(1), False) == SUCCESS
+    assert capsys.readouterr().err.count("up to date") == 3
+    run = items[0][1]
+    sidecar = json.loads((two / f"{run.name}_00.json").read_text())
+    assert sidecar["replay"] == sidecar["scene"]["replay"]
+    assert 0.001 <= sidecar["replay"]["noise"] <= 0.05
+    (two / f"{run.name}_00.csv").write_text("damaged")
+    assert not product_of(run).is_up_to_date(two, run)
+
+
+def test_verif_rejected_scenes_are_drawn_again(suite_path, monkeypatch):
+    """A trace takes the first possible attempt; a set without one is drawn again as a whole."""
+    run = sets_of(suite_path)[0]
+    tried = []
+
+    def accept(number):
+        def accepted(run):
+            tried.append(run.scene)
+            return random_set.SimulatedTrace(run, None, None) if len(tried) == number else None
+
+        return accepted
+
+    monkeypatch.setattr(random_set, "_accepted", accept(3))
+    (trace,) = simulate_set(run)
+    assert trace.run.scene == run.scene.draw(0).scene(0, 2) != run.scene.draw(0).scene(0, 1)
+    tried.clear()
+    monkeypatch.setattr(random_set, "_accepted", accept(TRACE_ATTEMPTS + 1))
+    (trace,) = simulate_set(run)
+    assert trace.run.scene == run.scene.draw(1).scene(0, 0)
+    tried.clear()
+    monkeypatch.setattr(random_set, "_accepted", accept(0))
+    with pytest.raises(random_set.SimulationError, match=f"in {SET_ATTEMPTS} attempts"):
+        simulate_set(run)
+
+
+def test_verif_coarse_time_steps_take_rates_that_fit():
+    """With the fast settings, sets are drawn again until their rate is a whole number of time steps."""
+    simulation = Simulation(timestep_s=0.001)
+    drawn = [msgspec.structs.replace(run.scene, simulation=simulation).draw(0) for run in sets_of(TRAINING, Redrawn(6, 60))]
+    scenes = [random_set._scene(one, 0, 0) for one in drawn]
+    valid = {scene.rate_hz for scene in scenes if scene is not None}
+    assert None in scenes
+    assert valid == {50.0, 100.0, 125.0, 200.0, 250.0, 500.0, 1000.0}
+
+
+def test_robust_options_of_random_suites(tmp_path, capsys):
+    """Seed and count apply to random suites only and must be numbers."""
+    golden = str(SCENES / "suites/golden.json")
+    assert main(["simulate", golden, "--out", str(tmp_path), "--seed", "3"]) == WRONG_INPUT
+    assert "expected a random suite with --seed or --count, found another file" in capsys.readouterr().err
+    for wrong in (["--seed", "-1"], ["--seed", str(2**60)], ["--count", "0"]):
+        with pytest.raises(SystemExit):
+            main(["simulate", str(TRAINING), "--out", str(tmp_path), *wrong])
+    path = tmp_path / "wrong.json"
+    path.write_text('{"format": 1, "name": "wrong", "random": {"seed": 1, "sets": 0}}')
+    assert main(["check", str(path)]) == WRONG_INPUT
+    assert "random.sets" in capsys.readouterr().err

@@ -1,0 +1,146 @@
+"""Documents of random suites, and the scenes that they define."""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from whisker_sim.motions import Smooth
+from whisker_sim.random_suite.effects import random_rate_hz, random_replay
+from whisker_sim.random_suite.movements import DURATION_S, random_movement
+from whisker_sim.random_suite.objects import random_kind
+from whisker_sim.random_suite.whiskers import CALIBRATION_SEEDS, FACES, STANDARD, calibration_scene, random_whisker
+from whisker_sim.scene import Format, Scene, SceneBase, Seed, Simulation, random_stream
+from whisker_sim.whisker import Name, Whisker, WhiskerOverride, resolve_whisker
+
+Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
+
+
+class Draws(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Numbers of sets, traces and whiskers of a random suite, and its seed."""
+
+    seed: Seed
+    sets: Count
+    traces: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
+    """Traces of each set."""
+    whiskers: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 8
+    """Random whiskers, beside the presets `STANDARD`."""
+
+
+class RandomSuite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A suite whose scenes are drawn."""
+
+    format: Format
+    name: Name
+    random: Draws
+
+    @property
+    def prefix(self) -> str:
+        """Common prefix of the names of its traces."""
+        return f"{self.name}_{self.random.seed}"
+
+    def whisker(self, index: int) -> str | WhiskerOverride:
+        """The whisker number `index`: the presets, then the random ones."""
+        if index < len(STANDARD):
+            return STANDARD[index]
+        name = f"{self.prefix}_w{index - len(STANDARD):02d}"
+        return random_whisker(name, random_stream(f"{self.name} whisker {index}", self.random.seed))
+
+    def sets(self) -> "Iterator[RandomSet]":
+        """The sets."""
+        for index in range(self.random.sets):
+            rng = random_stream(f"{self.name} set {index} whisker", self.random.seed)
+            is_standard = self.random.whiskers == 0 or rng.random() < 0.5
+            number = rng.integers(len(STANDARD)) if is_standard else len(STANDARD) + rng.integers(self.random.whiskers)
+            yield RandomSet(
+                format=self.format,
+                suite=self.name,
+                seed=self.random.seed,
+                index=index,
+                traces=self.random.traces,
+                whisker=self.whisker(int(number)),
+            )
+
+    def calibrations(self) -> Iterator[Scene]:
+        """Scenes of the calibrations of all whiskers of the sets."""
+        whiskers = {resolve_whisker(drawn.whisker).name: drawn.whisker for drawn in self.sets()}
+        for name in sorted(whiskers):
+            for face in FACES:
+                for seed in CALIBRATION_SEEDS:
+                    yield calibration_scene(self.prefix, whiskers[name], face, seed)
+
+
+class RandomSet(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One set of a random suite: the traces of one whisker on one object.
+
+    It is drawn again as a whole if too few of its traces are possible; see `whisker_sim.random_suite.simulate`.
+    """
+
+    format: Format
+    suite: Name
+    seed: Seed
+    index: Annotated[int, msgspec.Meta(ge=0)]
+    traces: int
+    whisker: str | WhiskerOverride
+    simulation: Simulation = Simulation()
+
+    role: Literal["trial"] = "trial"
+
+    @property
+    def name(self) -> str:
+        """Name of the set, and its group."""
+        return f"{self.suite}_{self.seed}_{self.index:04d}"
+
+    @property
+    def group(self) -> str:
+        """Group of its traces."""
+        return self.name
+
+    def names(self, name: str) -> tuple[str, ...]:
+        """Names in the dataset of its traces."""
+        return tuple(f"{name}_{trace:02d}" for trace in range(self.traces))
+
+    def plan(self) -> None:
+        """Nothing to check: scenes that are not possible are drawn again."""
+
+    def draw(self, attempt: int) -> "DrawnSet":
+        """The set as drawn for the `attempt`-th time."""
+        rng = random_stream(f"{self.suite} set {self.index} attempt {attempt}", self.seed)
+        return DrawnSet(self, attempt, rng)
+
+
+class DrawnSet:
+    """Properties that the traces of a set have in common, and the random stream of each trace."""
+
+    def __init__(self, of: RandomSet, attempt: int, rng: np.random.Generator) -> None:
+        self._set, self._attempt = of, attempt
+        whisker: Whisker = of.resolved_whisker
+        self._kind = random_kind(rng)
+        self._object = self._kind.draw(rng)
+        self._movement = random_movement(whisker, rng)
+        self._face = str(rng.choice(FACES))
+        self._rate_hz = random_rate_hz(rng)
+        self._replay = random_replay(rng)
+
+    def scene(self, trace: int, attempt: int) -> Scene:
+        """Scene of a trace of the set, as drawn for the `attempt`-th time."""
+        of = self._set
+        rng = random_stream(f"{of.suite} set {of.index} attempt {self._attempt} trace {trace} attempt {attempt}", of.seed)
+        motion = self._movement(rng)
+        return Scene(
+            format=of.format,
+            name=of.name,
+            role="trial",
+            group=of.group,
+            face=self._face,
+            whisker=of.whisker,
+            object=self._kind.placed(self._object, rng),
+            motion=motion,
+            # The motion is drawn from the seed.
+            seed=int(rng.integers(2**32)),
+            duration_s=DURATION_S if isinstance(motion, Smooth) else None,
+            rate_hz=self._rate_hz,
+            simulation=of.simulation,
+            replay=self._replay,
+        )
