@@ -130,6 +130,7 @@ impl Tracker for Swarm {
             innovation: None,
             radius: None,
             models: None,
+            model_doubtful: false,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! Identities of the code that computes calibrations and evaluations: hashes of declared sources and of the locked packages that they depend on.
 //!
-//! `build.rs` and the test of these declarations include this file. The sources of a declared folder count as a whole, unit tests and comments included; tests in
-//! `tests/`, benches and examples do not.
+//! `build.rs` and the test of these declarations include this file. The sources of a declared folder count as a whole,
+//! unit tests and comments included; tests in `tests/`, benches and examples do not.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -40,6 +40,7 @@ pub(crate) const CALIBRATION: Code = Code {
         "crates/whisker/src/elastica",
         "crates/whisker/src/face.rs",
         "crates/whisker/src/frames.rs",
+        "crates/whisker/src/gate.rs",
         "crates/whisker/src/rest.rs",
         "crates/whisker/src/sensor",
         "crates/whisker/src/settings.rs",
@@ -61,9 +62,12 @@ pub(crate) const EVALUATION: Code = Code {
         "crates/testbed/src/dataset.rs",
         "crates/testbed/src/encoders.rs",
         "crates/testbed/src/evaluate",
+        "crates/testbed/src/fitted_traces.rs",
         "crates/testbed/src/front_end",
         "crates/testbed/src/map",
         "crates/testbed/src/metrics",
+        "crates/testbed/src/miscalibration.rs",
+        "crates/testbed/src/noise.rs",
         "crates/testbed/src/participant",
         "crates/testbed/src/provenance.rs",
         "crates/testbed/src/replay.rs",
@@ -77,8 +81,8 @@ pub(crate) const EVALUATION: Code = Code {
 };
 
 impl Code {
-    /// Identity of the code in a workspace: hash of its files with their paths, and of the locked versions of the packages that its crates depend on, except for
-    /// development and build dependencies of the crates.
+    /// Identity of the code in a workspace: hash of its files with their paths, and of the locked versions of the
+    /// packages that its crates depend on, except for development and build dependencies of the crates.
     pub(crate) fn sha256(&self, workspace: &Path) -> String {
         let mut digest = Sha256::new();
         for file in self.files(workspace) {

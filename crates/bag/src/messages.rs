@@ -102,8 +102,9 @@ macro_rules! messages {
             }
         )*
 
-        /// Message of any known type.
-        #[derive(Clone, Debug, PartialEq)]
+        /// Message of any known type. It is serialised as its fields.
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        #[serde(untagged)]
         pub enum AnyMessage {
             $($(#[$about])* $name($name),)*
         }

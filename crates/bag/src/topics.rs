@@ -18,6 +18,9 @@ pub const BASE_TWIST: &str = "/base_twist";
 /// Service that pushes the whisker at places along it.
 pub const BEAM_TEST: &str = "/increments_beam_test";
 
+/// Service that stops the printer at once.
+pub const STOP: &str = "/stop";
+
 /// World frame.
 pub const WORLD: &str = "world";
 /// Frame at the root of the whisker.

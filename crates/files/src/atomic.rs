@@ -26,7 +26,8 @@ impl AtomicFile {
         let create = || {
             fs::create_dir_all(folder)?;
             let mut builder = tempfile::Builder::new();
-            builder.prefix(TEMPORARY.0).suffix(TEMPORARY.1);
+            let prefix = prefix(path);
+            builder.prefix(&prefix).rand_bytes(RANDOM).suffix(SUFFIX);
             // Temporary files are private by default; results are created with the permissions that the umask allows.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -76,13 +77,60 @@ impl Write for AtomicFile {
     }
 }
 
-/// Prefix and suffix of temporary names.
-const TEMPORARY: (&str, &str) = (".", ".part");
+/// Suffix of temporary names.
+const SUFFIX: &str = ".part";
+
+/// Number of random letters and digits before the suffix.
+const RANDOM: usize = 6;
+
+/// Longest file name in bytes on common file systems.
+const LONGEST_NAME: usize = 255;
+
+/// First part of the temporary names of a file: `.<name>.`, shortened if the temporary name would be too long.
+fn prefix(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let most = LONGEST_NAME - 2 - RANDOM - SUFFIX.len();
+    let end = (0..=name.len().min(most)).rev().find(|&end| name.is_char_boundary(end)).unwrap_or_default();
+    format!(".{}.", &name[..end])
+}
 
 /// Whether a path has a temporary name. Unless a writer is active, such a file was left by a process that was killed.
-pub fn is_temporary(path: &Path) -> bool {
+fn is_temporary(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    name.starts_with(TEMPORARY.0) && name.ends_with(TEMPORARY.1)
+    let random = name.strip_prefix('.').and_then(|rest| rest.strip_suffix(SUFFIX)?.rsplit('.').next());
+    random.is_some_and(|random| random.len() == RANDOM && random.bytes().all(|byte| byte.is_ascii_alphanumeric()))
+}
+
+/// Removes the temporary files of an output that killed processes left: of a file those with its name, of a folder those in it.
+pub(crate) fn remove_unfinished(output: &Path) -> io::Result<()> {
+    if output.is_dir() {
+        return remove_temporary(output);
+    }
+    let prefix = prefix(output);
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    remove_if(folder, |path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.strip_prefix(&prefix).is_some_and(|rest| rest.len() == RANDOM + SUFFIX.len())
+    })
+}
+
+/// Removes the temporary files that killed processes left in a folder, not in its subfolders.
+///
+/// # Errors
+/// If the folder cannot be read or a file cannot be removed.
+pub fn remove_temporary(folder: &Path) -> io::Result<()> {
+    remove_if(folder, |_| true)
+}
+
+/// Removes the temporary files of a folder that meet a condition.
+fn remove_if(folder: &Path, condition: impl Fn(&Path) -> bool) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if is_temporary(&path) && condition(&path) {
+            fs::remove_file(path)?;
+        }
+    }
+    Ok(())
 }
 
 /// Writes a whole file atomically, see [`AtomicFile`].

@@ -1,8 +1,8 @@
 //! Bounded, strict reading and atomic, watermarked writing of files.
 //!
 //! These are the rules of all file formats of the project. An [`Error`] states file, line and column, the value found
-//! and the value expected. Files are written atomically ([`AtomicFile`], [`write_json`]). A [`Watermark`] records the
-//! program and the hash of the inputs from which a file was made.
+//! and the value expected. Files are written atomically ([`AtomicFile`], [`write_json`]), and an [`OutputLock`] excludes
+//! a second writer. A [`Watermark`] records the program and the hash of the inputs from which a file was made.
 //!
 //! In the following example, a JSON file is written and read back; a syntax error is then reported with its place:
 //!
@@ -25,14 +25,16 @@ mod bounded;
 mod digest;
 mod error;
 mod json;
+mod lock;
 pub mod table;
 mod watermark;
 
-pub use atomic::{AtomicFile, is_temporary, write_atomically};
+pub use atomic::{AtomicFile, remove_temporary, write_atomically};
 pub use bounded::read_table;
-pub use digest::{Digest, hexadecimal, sha256};
+pub use digest::{Digest, hexadecimal, sha256, sha256_of_file};
 pub use error::Error;
 pub use json::{read_json, write_json};
+pub use lock::{OutputLock, resolved};
 pub use watermark::Watermark;
 
 /// Version of every JSON and CSV format of the project.

@@ -154,6 +154,9 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         let parts = &self.shapes;
         for (i, (weight, one, width)) in parts.iter().enumerate() {
             for (j, (other_weight, other, other_width)) in parts.iter().enumerate().skip(i + 1) {
+                if least_loss((*weight, one), (*other_weight, other)) >= best.0 {
+                    continue;
+                }
                 let together = one.merged(*weight, other, *other_weight);
                 let joint = (weight + other_weight) * log_determinant(&together.covariance);
                 let loss = 0.5 * (joint - width - other_width);
@@ -170,6 +173,21 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         Gaussian::of_mixture(self.hypotheses.iter().map(|one| (one.belief.moments(), one.weight())))
     }
 
+    /// Mean and covariance of the mixture without the hypotheses whose weight is below `ignored`. `None` if it is empty.
+    pub fn moments_above(&self, ignored: f64) -> Option<Gaussian<N>> {
+        let parts = self.hypotheses.iter().filter(|one| one.weight() >= ignored);
+        Gaussian::of_mixture(parts.map(|one| (one.belief.moments(), one.weight())))
+    }
+
+    /// Adds hypotheses, given with the logarithms of their relative weights, which together have the probability `share`.
+    pub fn add(&mut self, parts: impl IntoIterator<Item = (Part, f64)>, share: f64) {
+        for one in &mut self.hypotheses {
+            one.log_weight += (1.0 - share).ln();
+        }
+        let added = Self::new(parts).hypotheses.into_iter();
+        self.hypotheses.extend(added.map(|one| Hypothesis { log_weight: one.log_weight + share.ln(), ..one }));
+    }
+
     /// Most probable hypothesis. `None` if the mixture is empty.
     pub fn most_probable(&self) -> Option<&Hypothesis<Part>> {
         self.hypotheses.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight))
@@ -182,5 +200,52 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         for hypothesis in &mut self.hypotheses {
             hypothesis.log_weight -= heaviest + total.ln();
         }
+    }
+}
+
+/// Lower bound of the loss of merging two weighted Gaussians, cheaper than the loss: with the weighted mean `P` of the covariances, the difference `d`
+/// of the means and the shares `u` and `v` of the weights, the merged covariance is `P + u v d d'`. Its determinant is `det P (1 + u v d' P^-1 d)`, of
+/// which `d' P^-1 d >= d_i^2 / P_ii` for every `i`, and `ln det P` is at least the weighted mean of those of the parts.
+fn least_loss<const N: usize>((weight, one): (f64, &Gaussian<N>), (other_weight, other): (f64, &Gaussian<N>)) -> f64 {
+    let total = weight + other_weight;
+    let (share, other_share) = (weight / total, other_weight / total);
+    let apart = (0..N).map(|i| {
+        let variance = share * one.covariance[(i, i)] + other_share * other.covariance[(i, i)];
+        (one.mean[i] - other.mean[i]).powi(2) / variance
+    });
+    0.5 * total * (share * other_share * apart.fold(0.0, f64::max)).ln_1p()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{matrix, vector};
+
+    use super::*;
+
+    #[test]
+    fn verif_the_least_loss_is_a_lower_bound() {
+        let one = Gaussian::new(vector![0.0, 1.0], matrix![2.0, 0.3; 0.3, 0.5]);
+        for (i, apart) in [0.0, 0.1, 1.0, 10.0, 1e3].into_iter().enumerate() {
+            let other = Gaussian::new(vector![apart, 1.0 - 0.4 * apart], matrix![0.4, -0.1; -0.1, 0.1 + i as f64]);
+            let (weight, other_weight) = (0.3, 0.1);
+            let together = one.merged(weight, &other, other_weight);
+            let width = |belief: &Gaussian<2>| log_determinant(&belief.covariance);
+            let widths = weight * width(&one) + other_weight * width(&other);
+            let loss = 0.5 * ((weight + other_weight) * width(&together) - widths);
+            let least = least_loss((weight, &one), (other_weight, &other));
+            assert!(least <= loss + 1e-12, "{apart}: {least} {loss}");
+        }
+    }
+
+    #[test]
+    fn verif_added_hypotheses_have_the_given_probability() {
+        let at = |x: f64| Gaussian::new(vector![x], matrix![1.0]);
+        let mut bank = Bank::new([(at(0.0), 0.0), (at(1.0), 0.0)]);
+        bank.add([(at(5.0), -3.0), (at(6.0), -3.0)], 0.2);
+        let weights: Vec<f64> = bank.hypotheses().iter().map(Hypothesis::weight).collect();
+        for (weight, expected) in weights.iter().zip([0.4, 0.4, 0.1, 0.1]) {
+            assert!((weight - expected).abs() < 1e-12, "{weights:?}");
+        }
+        assert!((bank.moments_above(0.2).unwrap().mean[0] - 0.5).abs() < 1e-12);
     }
 }

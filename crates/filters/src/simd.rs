@@ -1,8 +1,9 @@
 //! Vectorised arithmetic on arrays.
 //!
-//! The loops are plain Rust over slices, which the compiler vectorises; [`vectorised!`](crate::vectorised) compiles them once per instruction set and selects the
-//! widest that the processor supports. Results do not depend on the instruction set: each element is computed by the same operations, sums have sixteen
-//! partial sums at every width, and Rust never contracts a product and a sum to a fused multiply-add.
+//! The loops are plain Rust over slices, which the compiler vectorises; [`vectorised!`](crate::vectorised) compiles
+//! them once per instruction set and selects the widest that the processor supports. Results do not depend on the
+//! instruction set: each element is computed by the same operations, sums have sixteen partial sums at every width, and
+//! Rust never contracts a product and a sum to a fused multiply-add.
 
 use std::f32::consts::{FRAC_1_SQRT_2, FRAC_PI_4};
 use std::f64::consts::{LOG2_E, SQRT_2};

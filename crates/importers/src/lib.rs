@@ -1,6 +1,7 @@
-//! Conversion of published recordings of other groups into traces.
+//! Conversion of recordings of real sensors into traces.
 //!
-//! An importer reads the layout in which a group publishes its data and returns [`Trace`]s with their units, frames and
+//! `csv` and `bag` read the recordings of any laboratory by a mapping file that names columns, units and frames. Other
+//! importers read the layout in which a group publishes its data. All return [`Trace`]s with their units, frames and
 //! provenance, so that estimators run on them as on simulated traces. If the position of the whisker on the rig is not documented, it
 //! is estimated from the calibration (registration). To add a format, add one file with an import function and one row
 //! in [`IMPORTERS`].
@@ -55,7 +56,7 @@
 //! std::fs::write(data.join("calibration/sensor1_tip_calib_May_04.csv"), table)?;
 //!
 //! let importer = importers::importer("stanford-whisker").expect("a registered format");
-//! let imported = (importer.import)(home.path())?;
+//! let imported = (importer.import)(home.path(), &|_, _| {})?;
 //! assert!(imported.failures.is_empty());
 //! let moments = imported.traces.iter().flat_map(|trace| &trace.recording.instants).map(|at| at.moment_z_n_m.abs());
 //! let found_n_m = moments.fold(0.0, f64::max);
@@ -66,6 +67,7 @@
 //! [`Trace`]: trace::Trace
 
 mod mesh;
+mod own;
 mod registration;
 mod stanford_whisker;
 
@@ -80,9 +82,12 @@ pub struct ImporterRow {
     pub name: &'static str,
     /// One-line description.
     pub about: &'static str,
-    /// Imports a folder in the published layout.
-    pub import: fn(&Path) -> Result<Imported, Error>,
+    /// Imports a mapping file, or a folder in the published layout.
+    pub import: fn(&Path, Progress<'_>) -> Result<Imported, Error>,
 }
+
+/// Receives the number of files that are done, and of all files.
+pub type Progress<'a> = &'a dyn Fn(u64, u64);
 
 /// Result of an import.
 #[derive(Debug, Default)]
@@ -91,16 +96,30 @@ pub struct Imported {
     pub traces: Vec<Trace>,
     /// Outlines of the traces' objects, each with the file name given in the trace's sidecar.
     pub outlines: Vec<(String, Outline)>,
+    /// Remarks about recordings, for example that they were interpolated.
+    pub notes: Vec<String>,
     /// Errors of the files that could not be imported. The other files do not depend on them.
     pub failures: Vec<Error>,
 }
 
 /// Registry of importers.
-pub const IMPORTERS: &[ImporterRow] = &[ImporterRow {
-    name: stanford_whisker::NAME,
-    about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): planar part of calibrations, pin trials and object sweeps",
-    import: stanford_whisker::import,
-}];
+pub const IMPORTERS: &[ImporterRow] = &[
+    ImporterRow {
+        name: own::columns::NAME,
+        about: "CSV files of any laboratory, by a mapping file (docs/own-data.md)",
+        import: own::import_columns,
+    },
+    ImporterRow {
+        name: own::topics::NAME,
+        about: "rosbag2 folders and MCAP files of any robot, by a mapping file (docs/own-data.md)",
+        import: own::import_topics,
+    },
+    ImporterRow {
+        name: stanford_whisker::NAME,
+        about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): planar part of calibrations, pin trials and object sweeps",
+        import: stanford_whisker::import,
+    },
+];
 
 /// Entry with this name. `None` if there is none.
 pub fn importer(name: &str) -> Option<&'static ImporterRow> {

@@ -35,9 +35,9 @@ use whisker::Whisker;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
 
-use crate::Imported;
 use crate::mesh::section;
 use crate::registration::{Mounted, Pressed, Registration, pieces, register};
+use crate::{Imported, Progress};
 
 pub(crate) const NAME: &str = "stanford-whisker";
 
@@ -150,11 +150,22 @@ impl Sensor {
 ///
 /// # Errors
 /// [`Error`] if a folder of the layout is missing or a calibration is damaged. Damaged tests are listed in `failures`.
-pub(crate) fn import(folder: &Path) -> Result<Imported, Error> {
+pub(crate) fn import(folder: &Path, progress: Progress<'_>) -> Result<Imported, Error> {
     let data = folder.join(FOLDER);
+    let calibrations = tables(&data.join("calibration"))?;
+    let mut tests = Vec::new();
+    for session in folders(&data.join("test"))? {
+        tests.extend(tables(&session)?.into_iter().map(|path| (session.clone(), path)));
+    }
+    let (mut done, all) = (0, (calibrations.len() + tests.len()) as u64);
+    let mut advance = || {
+        progress(done, all);
+        done += 1;
+    };
     let mut calibrated: BTreeMap<PathBuf, Calibrated> = BTreeMap::new();
     let mut imported = Imported::default();
-    for path in tables(&data.join("calibration"))? {
+    for path in calibrations {
+        advance();
         let stem = stem(&path);
         let Some(sensor) = SENSORS.iter().find(|sensor| stem.starts_with(sensor.calibration)) else {
             let known = SENSORS.map(|sensor| sensor.calibration).join(", ");
@@ -165,15 +176,14 @@ pub(crate) fn import(folder: &Path) -> Result<Imported, Error> {
         imported.traces.extend(calibration.traces());
         calibrated.insert(path, calibration);
     }
-    for session in folders(&data.join("test"))? {
-        for path in tables(&session)? {
-            match import_test(folder, &session, &path, &calibrated) {
-                Ok((trace, outline)) => {
-                    imported.outlines.extend(outline);
-                    imported.traces.push(trace);
-                }
-                Err(error) => imported.failures.push(error),
+    for (session, path) in tests {
+        advance();
+        match import_test(folder, &session, &path, &calibrated) {
+            Ok((trace, outline)) => {
+                imported.outlines.extend(outline);
+                imported.traces.push(trace);
             }
+            Err(error) => imported.failures.push(error),
         }
     }
     Ok(imported)
@@ -518,6 +528,7 @@ impl Calibrated {
                 object_class: Some(class_of(head.object)),
             }),
             recording: None,
+            replay: None,
         };
         let mut trace =
             Trace { sidecar, recording: Recording { instants: recording }, truth: Truth { instants: truth } };

@@ -112,6 +112,21 @@ pub enum Error {
         /// Expected range.
         expected: String,
     },
+    /// A push that the whisker does not bear.
+    #[error(
+        "total_x_distance: found {:.1} mm, expected at most {:.1} mm, the largest push at {:.0} mm from the root, {reason}; choose a smaller push, or allow the overload by name (--allow-overload)",
+        1e3 * push_m, 1e3 * most_m, 1e3 * distance_m
+    )]
+    Overload {
+        /// Depth of the push (m).
+        push_m: f64,
+        /// Largest push at the place (m).
+        most_m: f64,
+        /// Distance of the place from the root (m).
+        distance_m: f64,
+        /// What limits it.
+        reason: String,
+    },
     /// Interrupted by the user.
     #[error("interrupted; the printer was stopped at once and must be reset before it moves again")]
     Interrupted,
@@ -129,6 +144,10 @@ pub enum Error {
 }
 
 impl Error {
+    pub(crate) fn range(what: &str, found: impl ToString, expected: impl Into<String>) -> Self {
+        Self::Range { what: what.into(), found: found.to_string(), expected: expected.into() }
+    }
+
     pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |reason| Self::File(files::Error::Io { path: path.into(), reason })
     }

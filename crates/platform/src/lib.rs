@@ -23,11 +23,7 @@
 //!
 //! // Slope (counts/s) of a press at a distance (m).
 //! let slope = |distance_m: f64| {
-//!     Features {
-//!         slope_counts_per_s: 4e3 / (distance_m + 6.0 * distance_m.powi(2) / (1.0 - distance_m / 0.19)),
-//!         peak_counts: None,
-//!         slope_ratio: None,
-//!     }
+//!     Features::of_slope(4e3 / (distance_m + 6.0 * distance_m.powi(2) / (1.0 - distance_m / 0.19)))
 //! };
 //! let presses = (0..16).map(|i| {
 //!     let distance_m = 0.045 + 0.1 * f64::from(i) / 15.0;
@@ -38,7 +34,7 @@
 //! let watermark =
 //!     Watermark { tool: "example".into(), version: "1".into(), git_commit: None, inputs_sha256: String::new() };
 //! let beam = regression("beam").expect("a name in the registry");
-//! let calibration = Calibration::fit(beam, presses.collect(), None, HoldOut::Press, 0.9, watermark)?;
+//! let calibration = Calibration::fit(beam, presses.collect(), None, HoldOut::Place, 0.9, watermark)?;
 //! assert!(calibration.scores().rmse_m < 1e-3);
 //!
 //! let estimate = calibration.estimate(&slope(0.1)).expect("inside the calibrated domain");

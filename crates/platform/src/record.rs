@@ -1,7 +1,7 @@
 //! Recording: sinks of a session's data, and the project's own log.
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use files::{FORMAT, Watermark, write_json};
@@ -88,11 +88,17 @@ impl LogSidecar {
     }
 }
 
+/// File that reserves space on the disk for the end of a log, and its size in bytes: the sidecar and the rows of half a minute.
+const RESERVE: (&str, usize) = ("reserve.part", 1 << 20);
+
 /// The project's log: samples (`log.csv`), sidecar (`log.json`) and positions of the head (`head.csv`). A file that is being written ends in `.part`; one of an
 /// interrupted session has `interrupted` in its name.
+///
+/// The space for its end is reserved from the beginning, so that a disk that fills up meanwhile, which ends the session, costs no sample.
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
+    reserve: PathBuf,
     samples: Table,
     heads: Table,
     sidecar: LogSidecar,
@@ -106,8 +112,11 @@ impl Log {
     pub fn create(folder: &Path, sidecar: LogSidecar) -> Result<Self, Error> {
         Self::check_is_free(folder)?;
         fs::create_dir_all(folder).map_err(Error::file(folder))?;
+        let reserve = folder.join(RESERVE.0);
+        fs::write(&reserve, vec![0; RESERVE.1]).map_err(Error::file(&reserve))?;
         Ok(Self {
             folder: folder.into(),
+            reserve,
             samples: Table::create(folder.join(PART), "t_s,x_counts,y_counts,z_counts")?,
             heads: Table::create(folder.join("head.csv.part"), "t_s,x_m,y_m,z_m")?,
             sidecar,
@@ -129,9 +138,11 @@ impl Log {
 
 impl Sink for Log {
     fn samples(&mut self, samples: &[Sample]) -> Result<(), Error> {
-        samples
-            .iter()
-            .try_for_each(|Sample { t_s, counts: [x, y, z] }| self.samples.row(format_args!("{t_s:.6},{x},{y},{z}")))
+        // All are taken before the first is written, so that a full disk costs none.
+        for Sample { t_s, counts: [x, y, z] } in samples {
+            self.samples.take(format_args!("{t_s:.6},{x},{y},{z}"));
+        }
+        self.samples.write_chunk()
     }
 
     fn detected(&mut self, _: &Detection) -> Result<(), Error> {
@@ -140,7 +151,8 @@ impl Sink for Log {
     }
 
     fn head(&mut self, Head { t_s, x_m, y_m, z_m }: Head) -> Result<(), Error> {
-        self.heads.row(format_args!("{t_s:.6},{x_m:.6},{y_m:.6},{z_m:.6}"))
+        self.heads.take(format_args!("{t_s:.6},{x_m:.6},{y_m:.6},{z_m:.6}"));
+        self.heads.write_chunk()
     }
 
     fn contact(&mut self, contact: Contact) -> Result<(), Error> {
@@ -155,37 +167,64 @@ impl Sink for Log {
         };
         let name = |file: &str, end: &str| self.folder.join(format!("{file}.{stem}{end}"));
         let files = [name("head", "csv"), name("log", "json"), name("log", "csv")];
-        self.heads.finish(&files[0])?;
-        // The table is renamed last: if it exists, the log is complete.
-        write_json(&files[1], &self.sidecar)?;
-        self.samples.finish(&files[2])?;
+        let Self { reserve, heads, sidecar, samples, .. } = *self;
+        let released = fs::remove_file(&reserve).map_err(Error::file(&reserve));
+        // An error of one file does not keep the others from being written. The table is renamed last: if it exists, the log is complete.
+        let heads = heads.finish(&files[0]);
+        let sidecar = write_json(&files[1], &sidecar).map_err(Error::from);
+        let samples = samples.finish(&files[2]);
+        released.and(heads).and(sidecar).and(samples)?;
         Ok(files.into())
     }
 }
 
-/// A table that is written under a temporary name.
+/// Number of bytes of rows that are written at once.
+const CHUNK: usize = 1 << 13;
+
+/// A table that is written under a temporary name, in whole rows.
 #[derive(Debug)]
 struct Table {
     path: PathBuf,
-    file: BufWriter<File>,
+    file: File,
+    /// Rows that are not in the file yet.
+    rows: Vec<u8>,
+    /// Length of the file in bytes: that of its whole rows.
+    length: u64,
 }
 
 impl Table {
     fn create(path: PathBuf, header: &str) -> Result<Self, Error> {
         let file = File::create(&path).map_err(Error::file(&path))?;
-        let mut table = Self { path, file: BufWriter::new(file) };
-        table.row(format_args!("{header}"))?;
-        Ok(table)
+        Ok(Self { path, file, rows: format!("{header}\n").into_bytes(), length: 0 })
     }
 
-    fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<(), Error> {
-        writeln!(self.file, "{row}").map_err(Error::file(&self.path))
+    /// Takes a row.
+    fn take(&mut self, row: std::fmt::Arguments<'_>) {
+        writeln!(self.rows, "{row}").expect("memory can be written to");
     }
 
-    fn finish(self, path: &Path) -> Result<(), Error> {
-        let Self { path: part, file } = self;
-        let flushed = file.into_inner().map_err(std::io::IntoInnerError::into_error);
-        flushed.and_then(|file| file.sync_all()).and_then(|()| fs::rename(&part, path)).map_err(Error::file(path))
+    /// Writes the rows taken if they make a chunk.
+    fn write_chunk(&mut self) -> Result<(), Error> {
+        if self.rows.len() >= CHUNK { self.flush().map_err(Error::file(&self.path)) } else { Ok(()) }
+    }
+
+    /// Writes the pending rows. After an error they remain pending, and the file ends with the last row that was written whole.
+    fn flush(&mut self) -> io::Result<()> {
+        if let Err(error) = self.file.write_all(&self.rows) {
+            // The first error is the one to report. A file that cannot be cut ends with an incomplete row, which readers skip.
+            let _ = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
+            return Err(error);
+        }
+        self.length += self.rows.len() as u64;
+        self.rows.clear();
+        Ok(())
+    }
+
+    /// Writes the pending rows as far as possible and gives the table its name.
+    fn finish(mut self, path: &Path) -> Result<(), Error> {
+        let written = self.flush().and_then(|()| self.file.sync_all());
+        let renamed = fs::rename(&self.path, path);
+        written.and(renamed).map_err(Error::file(path))
     }
 }
 
@@ -220,6 +259,41 @@ mod tests {
         let sidecar: LogSidecar = files::read_json(&files[1]).expect("a sidecar");
         assert_eq!((sidecar.kind.as_str(), sidecar.contacts.len()), (LOG_KIND, 1));
         assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 3);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn robust_rows_that_could_not_be_written_are_written_once_there_is_space() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("table.part");
+        std::os::unix::fs::symlink("/dev/full", &path).expect("a link");
+        let mut table = Table::create(path.clone(), "k").expect("open");
+        let mut failed = 0;
+        for k in 0..2 * CHUNK {
+            table.take(format_args!("{k}"));
+            failed += u32::from(table.write_chunk().is_err());
+        }
+        assert!(failed > 0);
+        fs::remove_file(&path).expect("removed");
+        table.file = File::create(&path).expect("a disk with space");
+        table.finish(&folder.path().join("table.csv")).expect("written");
+        let expected: Vec<String> = (0..2 * CHUNK).map(|k| k.to_string()).collect();
+        let text = fs::read_to_string(folder.path().join("table.csv")).expect("text");
+        assert_eq!(text, format!("k\n{}\n", expected.join("\n")));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn robust_a_table_that_cannot_be_written_does_not_cost_the_others() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut log = log(folder.path());
+        log.heads.file = File::options().write(true).open("/dev/full").expect("open");
+        let error = log.finish(Ending::Interrupted).expect_err("the disk is full").to_string();
+        assert!(error.contains("head.interrupted.csv: No space left on device"), "{error}");
+        let text = fs::read_to_string(folder.path().join("log.interrupted.csv")).expect("text");
+        assert_eq!(text, "t_s,x_counts,y_counts,z_counts\n0.500000,1,2,65535\n");
+        let sidecar: LogSidecar = files::read_json(&folder.path().join("log.interrupted.json")).expect("a sidecar");
+        assert_eq!(sidecar.contacts.len(), 1);
     }
 
     #[test]

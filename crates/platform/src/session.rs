@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use crate::inference::{Inference, Latency};
 use crate::printer::{Head, Printer};
 use crate::record::{Ending, Sink};
-use crate::routine::{Contact, IncrementsBeamTest, Observer};
+use crate::routine::{Contact, Observer, Plan};
 use crate::sensor::{Reader, Report};
 use crate::{Error, Sample};
 
@@ -34,10 +34,11 @@ enum Event {
     Contact(Contact),
 }
 
-/// Runs the routine on a printer while the samples of a sensor and the detections of `inference` are recorded into `sinks`. Times are counted from `origin`, which
-/// must be that of printer and reader. If the sensor or a sink fails, the head stops after the current push; if the printer fails, the samples up to then are recorded.
+/// Runs the routine on a printer while the samples of a sensor and the detections of `inference` are recorded into
+/// `sinks`. Times are counted from `origin`, which must be that of printer and reader. If the sensor or a sink fails,
+/// the head stops after the current push; if the printer fails, the samples up to then are recorded.
 pub fn run(
-    routine: &IncrementsBeamTest,
+    routine: &Plan<'_>,
     printer: &mut Printer,
     reader: Reader,
     inference: Option<Inference<'_>>,
@@ -128,10 +129,13 @@ fn record(
     Recorded { report, latency: inference.map(Inference::latency), sinks, error: error.or(failure) }
 }
 
+/// Feeds a sink with everything, also after an error, and returns the first error.
 fn feed(sink: &mut dyn Sink, samples: &[Sample], events: &[Event]) -> Result<(), Error> {
-    sink.samples(samples)?;
-    events.iter().try_for_each(|event| match event {
-        Event::Head(head) => sink.head(*head),
-        Event::Contact(contact) => sink.contact(*contact),
+    events.iter().fold(sink.samples(samples), |fed, event| {
+        let next = match event {
+            Event::Head(head) => sink.head(*head),
+            Event::Contact(contact) => sink.contact(*contact),
+        };
+        fed.and(next)
     })
 }

@@ -7,9 +7,10 @@ use files::Watermark;
 use platform::Sample;
 use platform::calibration::logs::{GatherError, LogReader, Source, gather};
 use platform::calibration::published::zero_phase;
-use platform::calibration::regression::{Fit, REGRESSIONS, RegressionRow, regression};
+use platform::calibration::regression::{Fit, REGRESSIONS, RegressionRow, by_places, regression};
 use platform::calibration::{
     Calibration, Detection, Error, Estimate, Features, HoldOut, LabelledPress, Live, Presses, Settings, cross_validate,
+    no_progress,
 };
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -30,8 +31,16 @@ fn counts_per_m(distance_m: f64) -> f64 {
 /// Synthetic recording: at each distance the edge moves 6 mm at 2000 mm/min, rests, and moves back. The stage shakes the whisker before each push. The
 /// counts of the y axis wrap around.
 fn record(distances_m: &[f64], seed: u64) -> (Vec<Sample>, Vec<(f64, f64, f64)>) {
-    const PUSH_M: f64 = 6e-3;
-    const SPEED_M_S: f64 = 2.0 / 60.0;
+    record_pushes(distances_m, seed, 2.0 / 60.0, |_| 6e-3)
+}
+
+/// As [`record`], at another speed and with a depth that depends on the number of the push.
+fn record_pushes(
+    distances_m: &[f64],
+    seed: u64,
+    speed_m_s: f64,
+    depth_m: impl Fn(usize) -> f64,
+) -> (Vec<Sample>, Vec<(f64, f64, f64)>) {
     const CYCLE_S: f64 = 2.5;
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     let spans: Vec<_> =
@@ -39,9 +48,10 @@ fn record(distances_m: &[f64], seed: u64) -> (Vec<Sample>, Vec<(f64, f64, f64)>)
     let count = (CYCLE_S * distances_m.len() as f64 * RATE_HZ) as usize;
     let sample = |i: usize| {
         let t_s = i as f64 / RATE_HZ;
-        let (start_s, _, distance_m) = spans[((t_s / CYCLE_S) as usize).min(spans.len() - 1)];
+        let push = ((t_s / CYCLE_S) as usize).min(spans.len() - 1);
+        let (start_s, _, distance_m) = spans[push];
         let t = t_s - start_s;
-        let push_m = (SPEED_M_S * (t - 1.0)).min(SPEED_M_S * (2.0 - t)).clamp(0.0, PUSH_M);
+        let push_m = (speed_m_s * (t - 1.0)).min(speed_m_s * (2.0 - t)).clamp(0.0, depth_m(push));
         let shake = if t > 0.5 { 150.0 * (-(t - 0.5) / 0.02).exp() * (200.0 * (t - 0.5)).sin() } else { 0.0 };
         let moved = counts_per_m(distance_m) * push_m;
         let mut axis = |rest: f64, share: f64| {
@@ -54,10 +64,13 @@ fn record(distances_m: &[f64], seed: u64) -> (Vec<Sample>, Vec<(f64, f64, f64)>)
 }
 
 fn write_log(folder: &Path, name: &str, distances_m: &[f64], seed: u64) -> PathBuf {
-    let (samples, spans) = record(distances_m, seed);
+    write_samples(folder, name, &record(distances_m, seed))
+}
+
+fn write_samples(folder: &Path, name: &str, (samples, spans): &(Vec<Sample>, Vec<(f64, f64, f64)>)) -> PathBuf {
     let path = folder.join(format!("{name}.csv"));
     let mut text = String::from("t_s,x_counts,y_counts,z_counts\n");
-    for Sample { t_s, counts: [x, y, z] } in &samples {
+    for Sample { t_s, counts: [x, y, z] } in samples {
         text.push_str(&format!("{t_s:.6},{x},{y},{z}\n"));
     }
     fs::write(&path, text).unwrap();
@@ -85,7 +98,7 @@ fn scattered(count: usize, scatter: f64, seed: u64) -> Vec<LabelledPress> {
         let distance_m = 0.045 + 0.1 * generator.random::<f64>();
         let noise: f64 = generator.sample(StandardNormal);
         let slope_counts_per_s = counts_per_m(distance_m) / 30.0 * (1.0 + scatter * noise);
-        let features = Features { slope_counts_per_s, peak_counts: None, slope_ratio: None };
+        let features = Features::of_slope(slope_counts_per_s);
         LabelledPress { log: "table".into(), onset_s: None, features, distance_m }
     };
     (0..count).map(press).collect()
@@ -146,7 +159,7 @@ fn verif_the_published_feature_leaks_the_truth() {
     let mean_m = presses.iter().map(|press| press.distance_m).sum::<f64>() / 45.0;
     let spread_m = (presses.iter().map(|press| (press.distance_m - mean_m).powi(2)).sum::<f64>() / 45.0).sqrt();
     let rmse_m = |name| {
-        let validation = cross_validate(regression(name).unwrap(), &presses, HoldOut::Press).unwrap();
+        let validation = cross_validate(regression(name).unwrap(), &presses, HoldOut::Press, &mut no_progress).unwrap();
         validation.scores().rmse_m
     };
     assert!(rmse_m("published") < 0.1 * spread_m, "the feature contains the true distance");
@@ -176,6 +189,106 @@ fn val_the_prediction_interval_has_its_nominal_coverage() {
     }
 }
 
+/// Presses at new places vary as the labelled ones do: the speed of the push differs by 2 % from place to place and by 0.5 % from press to press.
+#[test]
+fn val_the_interval_of_held_out_places_covers_new_places() {
+    let row = regression("robust").unwrap();
+    for places in [8, 16] {
+        let (mut inside, mut count) = (0, 0);
+        for seed in 0..60 {
+            let mut generator = Pcg64Mcg::seed_from_u64(1000 * places as u64 + seed);
+            let mut normal = || -> f64 { generator.sample(StandardNormal) };
+            let mut at_place = |distance_m: f64, presses: usize| -> Vec<LabelledPress> {
+                let speed = 1.0 + 0.02 * normal();
+                let press = |_| {
+                    let slope = counts_per_m(distance_m) / 30.0 * speed * (1.0 + 0.005 * normal());
+                    LabelledPress {
+                        log: "table".into(),
+                        onset_s: None,
+                        features: Features::of_slope(slope),
+                        distance_m,
+                    }
+                };
+                (0..presses).map(press).collect()
+            };
+            let labelled = positions(places, 0.045, 0.145).into_iter().flat_map(|d| at_place(d, 3)).collect();
+            let calibration = Calibration::fit(row, labelled, None, HoldOut::Place, 0.9, watermark()).unwrap();
+            for distance_m in positions(11, 0.0531, 0.1369) {
+                for press in at_place(distance_m, 1) {
+                    let Some(estimate) = calibration.estimate(&press.features) else { continue };
+                    let [low_m, high_m] = estimate.interval_m.unwrap();
+                    count += 1;
+                    inside += u32::from((low_m..=high_m).contains(&distance_m));
+                }
+            }
+        }
+        let coverage = f64::from(inside) / f64::from(count);
+        assert!(count > 600 && (0.88..0.97).contains(&coverage), "{places} places: {coverage} of {count}");
+    }
+}
+
+#[test]
+fn val_pushes_of_different_depth_are_estimated_by_the_slope_before_the_low_pass() {
+    let folder = tempfile::tempdir().unwrap();
+    // 25 and 45 ms: short for a low-pass of 10 Hz.
+    let recorded = record_pushes(&positions(16, 0.045, 0.145), 9, 0.2, |push| if push % 3 == 0 { 9e-3 } else { 5e-3 });
+    let log = write_samples(folder.path(), "short", &recorded);
+    let row = regression("robust").unwrap();
+    let gathered = gather(&[source(log)], &Settings::default(), row, RATE_HZ).unwrap();
+    assert_eq!(gathered.presses.len(), 16, "{:?}", gathered.notes);
+    let errors: Vec<f64> = gathered
+        .presses
+        .iter()
+        .map(|press| press.features.ramp_counts_per_s.unwrap() / (0.2 * counts_per_m(press.distance_m)) - 1.0)
+        .collect();
+    // The noise of peak and slope is amplified.
+    let rms = (errors.iter().map(|error| error * error).sum::<f64>() / 16.0).sqrt();
+    assert!(rms < 0.04, "{errors:?}");
+    let candidates = by_places(&gathered.presses, &mut no_progress);
+    let rmse_m = |name: &str| {
+        let candidate = candidates.iter().find(|candidate| candidate.row.name == name).unwrap();
+        *candidate.rmse_m.as_ref().unwrap()
+    };
+    assert!(candidates[0].row.name.ends_with("-ramp"), "{}", candidates[0].row.name);
+    for name in ["robust", "beam"] {
+        assert!(rmse_m(&format!("{name}-ramp")) < 0.3 * rmse_m(name), "{name}: {}", rmse_m(name));
+    }
+}
+
+#[test]
+fn robust_labelled_presses_at_one_place_or_with_two_labels_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = write_log(folder.path(), "log", &positions(6, 0.05, 0.14), 1);
+    let row = regression("robust").unwrap();
+    let labelled = |path: &Path| Source { path: path.into(), distance_m: Some(0.065) };
+    let error = gather(&[labelled(&log)], &Settings::default(), row, RATE_HZ).unwrap_err().to_string();
+    assert!(error.contains("log.csv: label: found 65.0 mm, and 50.0 to 140.0 mm in "), "{error}");
+    let table = folder.path().join("table.csv");
+    fs::write(&table, "distance_mm,slope_counts_per_s\n50,9e4\n60,8e4\n").unwrap();
+    let error = gather(&[labelled(&table)], &Settings::default(), row, RATE_HZ).unwrap_err().to_string();
+    assert!(error.contains("table.csv: label: found 65.0 mm for the whole table"), "{error}");
+
+    // Without a sidecar, the label is the only one, and all presses are at one place.
+    fs::remove_file(log.with_extension("json")).unwrap();
+    let gathered = gather(&[labelled(&log)], &Settings::default(), row, RATE_HZ).unwrap();
+    let fitted = Calibration::fit(row, gathered.presses, gathered.chain, HoldOut::Press, 0.9, watermark());
+    assert_eq!(fitted.unwrap_err(), Error::OnePlace { regression: "robust", distance_m: 0.065 });
+}
+
+#[test]
+fn robust_times_in_milliseconds_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut samples, spans) = record(&positions(4, 0.05, 0.14), 1);
+    samples.iter_mut().for_each(|sample| sample.t_s *= 1e3);
+    let log = write_samples(folder.path(), "milliseconds", &(samples, spans));
+    let row = regression("robust").unwrap();
+    let error = gather(&[source(log)], &Settings::default(), row, RATE_HZ).unwrap_err().to_string();
+    assert!(
+        error.contains("milliseconds.csv: found a sample every 1.12") && error.contains("look like milliseconds"),
+        "{error}"
+    );
+}
+
 #[test]
 fn robust_mislabelled_presses_are_suspicious_and_have_no_weight() {
     let mut presses = scattered(45, 0.005, 3);
@@ -197,9 +310,7 @@ fn verif_no_estimate_outside_the_calibrated_domain_and_no_interval_of_few_presse
     let presses = scattered(8, 0.0, 3);
     let row = regression("robust").unwrap();
     let calibration = Calibration::fit(row, presses.clone(), None, HoldOut::Press, 0.9, watermark()).unwrap();
-    let at = |slope_counts_per_s| {
-        calibration.estimate(&Features { slope_counts_per_s, peak_counts: None, slope_ratio: None })
-    };
+    let at = |slope_counts_per_s| calibration.estimate(&Features::of_slope(slope_counts_per_s));
     assert!(at(presses[0].features.slope_counts_per_s).is_some_and(|estimate| estimate.interval_m.is_none()));
     assert!([0.0, 1.0, 1e9, f64::NAN, f64::INFINITY].iter().all(|&slope| at(slope).is_none()));
 }
@@ -209,9 +320,10 @@ fn with_all_features(count: usize, seed: u64) -> Vec<LabelledPress> {
     let mut presses = scattered(count, 0.02, seed);
     for (i, press) in presses.iter_mut().enumerate() {
         press.log = format!("log {}", i % 4);
-        let Features { slope_counts_per_s, peak_counts, slope_ratio } = &mut press.features;
+        let Features { slope_counts_per_s, peak_counts, slope_ratio, ramp_counts_per_s } = &mut press.features;
         *peak_counts = Some(0.02 * *slope_counts_per_s * (1.0 + 0.3 * (7.0 * i as f64).sin()));
         *slope_ratio = Some(0.1 + 0.02 * (3.0 * i as f64).cos());
+        *ramp_counts_per_s = Some(1.1 * *slope_counts_per_s);
     }
     presses
 }
@@ -298,7 +410,9 @@ fn robust_an_unknown_regression_is_reported_with_the_registered_ones() {
     for name in ["cubic", "gaussian-process", "published"] {
         changed(&fitted, &file, |json| json["regression"] = name.into());
         let message = Calibration::read(&file).unwrap_err().to_string();
-        let expected = format!("regression: found {name}, expected robust, several, beam: fit again with one of these");
+        let expected = format!(
+            "regression: found {name}, expected robust, several, beam, robust-ramp, beam-ramp: fit again with one of these"
+        );
         assert!(message.ends_with(&expected), "{message}");
     }
 }
@@ -371,7 +485,7 @@ fn val_openwhisker_episodes_leave_one_out() {
     let row = regression("robust").unwrap();
     let gathered = gather(&table, &Settings::default(), row, RATE_HZ).unwrap();
     assert_eq!(gathered.presses.len(), 45);
-    let scores = cross_validate(row, &gathered.presses, HoldOut::Press).unwrap().scores();
+    let scores = cross_validate(row, &gathered.presses, HoldOut::Press, &mut no_progress).unwrap().scores();
     assert!(scores.rmse_m <= 1.35e-3 && scores.median_m <= 0.8e-3, "{scores:?}");
     assert!(!scores.suspicious.is_empty());
 }
@@ -396,7 +510,7 @@ fn val_ratatouille_presses_are_all_detected_and_their_slopes_decrease_with_the_d
         assert!(median < last, "{}: {median}", log.path.display());
         last = median;
     }
-    let held_out = |by| cross_validate(row, &gathered.presses, by).unwrap().scores().rmse_m;
+    let held_out = |by| cross_validate(row, &gathered.presses, by, &mut no_progress).unwrap().scores().rmse_m;
     assert!(held_out(HoldOut::Press) < held_out(HoldOut::Log), "files differ in more than the distance");
 }
 

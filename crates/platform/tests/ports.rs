@@ -10,6 +10,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use platform::printer::Printer;
+use platform::rig::Rig;
 use platform::sensor::{FormatRow, Reader, ReaderSettings, Report, format};
 use platform::{Error, Sample};
 use pseudo::{Device, pair};
@@ -119,7 +120,7 @@ fn scripted(device: Device, mut answer: impl FnMut(&str) -> String + Send + 'sta
 }
 
 fn open(name: &str, stop: &Arc<AtomicBool>) -> Result<Printer, Error> {
-    Printer::open(name, Instant::now(), stop.clone())
+    Printer::open(name, Rig::built_in().bed, Instant::now(), stop.clone())
 }
 
 /// `ok`, after a position if it was queried.

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use bag::messages::PoseStamped;
 use bag::topics;
 use files::Watermark;
+use platform::Error;
 use platform::calibration::logs::{Source, gather};
 use platform::calibration::regression::regression;
 use platform::calibration::{Calibration, HoldOut, Live, Settings};
@@ -18,15 +19,18 @@ use platform::emulate::{Emulated, Emulation, RigTable};
 use platform::inference::Inference;
 use platform::printer::Printer;
 use platform::record::{Log, LogSidecar, Sink};
-use platform::routine::IncrementsBeamTest;
+use platform::rig::Rig;
+use platform::routine::{IncrementsBeamTest, Overload};
 use platform::sensor::{Reader, ReaderSettings, format};
 use platform::session::{self, Outcome};
 use platform::streams::{Bag, PUSHED};
-use platform::{Error, rig};
+
+/// Highest speed of the head (m/s).
+const FASTEST_M_S: f64 = 0.25;
 
 fn emulation() -> Emulation {
-    let rig = Arc::new(RigTable::built_in());
-    Emulation::start(&Emulated { rig, format: format("hex").expect("registered"), seed: 1 }).expect("ports")
+    let (rig, table) = (Arc::new(Rig::built_in()), Arc::new(RigTable::built_in()));
+    Emulation::start(&Emulated { rig, table, format: format("hex").expect("registered"), seed: 1 }).expect("ports")
 }
 
 fn watermark() -> Watermark {
@@ -45,12 +49,14 @@ fn session_into(
     sink: Box<dyn Sink>,
     stop: Arc<AtomicBool>,
 ) -> Outcome {
-    let origin = Instant::now();
+    let (origin, rig) = (Instant::now(), Rig::built_in());
+    let plan = routine.on(&rig, Overload::Refused).expect("allowed");
     let row = format("hex").expect("registered");
-    let mut printer = Printer::open(emulation.printer.to_str().expect("text"), origin, stop).expect("a printer");
+    let mut printer =
+        Printer::open(emulation.printer.to_str().expect("text"), rig.bed, origin, stop).expect("a printer");
     let settings = ReaderSettings::new(row, origin);
     let reader = Reader::open(emulation.sensor.to_str().expect("text"), settings).expect("a sensor");
-    session::run(routine, &mut printer, reader, inference, vec![sink], origin)
+    session::run(&plan, &mut printer, reader, inference, vec![sink], origin)
 }
 
 /// Times and y counts of a log's table, unwrapped.
@@ -72,7 +78,7 @@ fn readings(path: &Path) -> Vec<(f64, f64)> {
 fn verif_pushes_at_two_places_are_recorded() {
     let emulation = emulation();
     let folder = tempfile::tempdir().expect("a folder");
-    let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: rig::SPEEDS_M_S[1], ..Default::default() };
+    let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: FASTEST_M_S, ..Default::default() };
     let outcome = session(&emulation, &routine, folder.path(), Arc::default());
     assert!(outcome.error.is_none(), "{:?}", outcome.error);
     let sidecar: LogSidecar = files::read_json(&folder.path().join("log.json")).expect("a sidecar");
@@ -101,7 +107,7 @@ fn verif_pushes_at_two_places_are_recorded() {
 #[test]
 fn verif_a_calibration_of_one_session_estimates_the_next_live() {
     let folder = tempfile::tempdir().expect("a folder");
-    let routine = IncrementsBeamTest { increments_y: 7, speed_m_s: rig::SPEEDS_M_S[1], ..Default::default() };
+    let routine = IncrementsBeamTest { increments_y: 7, speed_m_s: FASTEST_M_S, ..Default::default() };
     let outcome = session(&emulation(), &routine, folder.path(), Arc::default());
     assert!(outcome.error.is_none(), "{:?}", outcome.error);
     let log = [Source { path: folder.path().join("log.csv"), distance_m: None }];
@@ -152,7 +158,9 @@ fn robust_an_interrupt_stops_the_head_and_keeps_the_data() {
     #[cfg(not(target_os = "linux"))]
     thread::sleep(Duration::from_millis(200));
     let printer = emulation.printer.to_str().expect("text");
-    Printer::open(printer, Instant::now(), Arc::default()).and_then(|mut printer| printer.home()).expect("homed");
+    Printer::open(printer, Rig::built_in().bed, Instant::now(), Arc::default())
+        .and_then(|mut printer| printer.home())
+        .expect("homed");
 }
 
 #[test]

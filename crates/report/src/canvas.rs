@@ -10,7 +10,7 @@ use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree};
 
 use super::color::{Rgb, Rgba};
-use super::font;
+use super::font::{self, outlines};
 
 /// Image pixels in a CSS pixel of the PNG files.
 const PNG_SCALE: f32 = 2.0;
@@ -52,6 +52,17 @@ pub(crate) enum Align {
     Upwards,
 }
 
+impl Align {
+    /// Share of a text's width that lies before its anchor.
+    fn before(self) -> f64 {
+        match self {
+            Self::Left => 0.0,
+            Self::Center | Self::Upwards => 0.5,
+            Self::Right => 1.0,
+        }
+    }
+}
+
 /// Size, weight, colour and alignment of a text.
 #[derive(Clone, Copy)]
 pub(crate) struct Lettering {
@@ -65,9 +76,19 @@ pub(crate) struct Lettering {
     pub(crate) align: Align,
 }
 
+/// Form of texts in an SVG.
+#[derive(Clone, Copy, PartialEq)]
+enum Texts {
+    /// Text elements: they can be searched and copied, and need the font.
+    Elements,
+    /// Outlines of the glyphs, for rasterising.
+    Outlines,
+}
+
 /// The elements of a picture, addressed in CSS pixels.
 pub(crate) struct Canvas {
     size_px: (u32, u32),
+    texts: Texts,
     elements: RefCell<String>,
 }
 
@@ -115,22 +136,31 @@ impl Canvas {
         if text.is_empty() {
             return Ok(());
         }
+        let (x, y) = (round(x), round(y));
+        let baseline = round(y + font::MIDDLE_EM * lettering.size_px);
+        let turn = match lettering.align {
+            Align::Upwards => format!(" transform=\"rotate(-90 {x} {y})\""),
+            _ => String::new(),
+        };
+        let fill = paint("fill", lettering.color.into());
+        if self.texts == Texts::Outlines {
+            let outlines = outlines(text, lettering.bold);
+            let left = x - lettering.align.before() * lettering.size_px * outlines.width_em;
+            let scale = lettering.size_px / outlines.units_per_em;
+            return self.element(format_args!(
+                "<g{turn}><path transform=\"matrix({scale} 0 0 {} {left} {baseline})\" {fill} d=\"{}\"/></g>",
+                -scale, outlines.path
+            ));
+        }
         let anchor = match lettering.align {
             Align::Left => "start",
             Align::Center | Align::Upwards => "middle",
             Align::Right => "end",
         };
-        let turn = match lettering.align {
-            Align::Upwards => format!(" transform=\"rotate(-90 {} {})\"", round(x), round(y)),
-            _ => String::new(),
-        };
         let weight = if lettering.bold { " font-weight=\"bold\"" } else { "" };
         self.element(format_args!(
-            "<text x=\"{}\" y=\"{}\" font-size=\"{}\"{weight} text-anchor=\"{anchor}\" {}{turn}>{}</text>",
-            round(x),
-            round(y + font::MIDDLE_EM * lettering.size_px),
+            "<text x=\"{x}\" y=\"{baseline}\" font-size=\"{}\"{weight} text-anchor=\"{anchor}\" {fill}{turn}>{}</text>",
             lettering.size_px,
-            paint("fill", lettering.color.into()),
             maud::html! { (text) }.into_string()
         ))
     }
@@ -183,16 +213,16 @@ impl Picture {
     /// The picture as an SVG element without a font, for a page that has [`font::face_css`]; `title` is its label for screen
     /// readers.
     pub(crate) fn to_inline_svg(&self, title: &str) -> Result<String> {
-        self.to_svg(title, "")
+        self.to_svg(title, "", Texts::Elements)
     }
 
     /// The picture as an SVG file with its font.
     pub(crate) fn to_standalone_svg(&self, title: &str) -> Result<String> {
-        self.to_svg(title, &format!("<style>{}</style>\n", font::face_css()))
+        self.to_svg(title, &format!("<style>{}</style>\n", font::face_css()), Texts::Elements)
     }
 
-    fn to_svg(&self, title: &str, style: &str) -> Result<String> {
-        let canvas = Canvas { size_px: self.size_px, elements: RefCell::default() };
+    fn to_svg(&self, title: &str, style: &str, texts: Texts) -> Result<String> {
+        let canvas = Canvas { size_px: self.size_px, texts, elements: RefCell::default() };
         (self.paint)(&canvas)?;
         let (width, height) = self.size_px;
         let widest = LARGEST_ZOOM * f64::from(width);
@@ -210,8 +240,7 @@ impl Picture {
     /// # Errors
     /// When the file cannot be written; the error names it, and no part of it is left.
     pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
-        let options = Options { fontdb: font::database(), font_family: font::FAMILY.to_owned(), ..Options::default() };
-        let tree = Tree::from_str(&self.to_inline_svg("")?, &options).context("SVG")?;
+        let tree = Tree::from_str(&self.to_svg("", "", Texts::Outlines)?, &Options::default()).context("SVG")?;
         let size = tree.size().to_int_size().scale_by(PNG_SCALE).context("a picture without size")?;
         let mut pixels = Pixmap::new(size.width(), size.height()).context("a picture without size")?;
         resvg::render(&tree, Transform::from_scale(PNG_SCALE, PNG_SCALE), &mut pixels.as_mut());

@@ -1,7 +1,7 @@
 //! The page's tables of consistency: NEES, NIS and coverage with verdicts.
 
 use maud::{Markup, html};
-use testbed::consistency::{ConsistencyTest, NEES_TEST, NIS_TEST};
+use testbed::consistency::{Average, Verdict};
 use testbed::metrics::consistency;
 use testbed::results::{ConsistencyRow, RunEstimator, RunSet, SummaryRow};
 use whisker::estimators::MethodClass;
@@ -13,14 +13,26 @@ use super::style::plain;
 /// Three columns of the table: an average, its verdict, and the share of times inside the interval.
 struct Columns {
     heading: &'static str,
-    judged: ConsistencyTest,
+    /// The average over the contact, and the verdict. `None` if there is no such average.
+    judge: fn(&RunData, &RunSet, &str) -> Option<(Average, Verdict)>,
     /// The average at one time with its interval.
     at: fn(&ConsistencyRow) -> Option<[f64; 3]>,
 }
 
 const COLUMNS: [Columns; 2] = [
-    Columns { heading: "NEES", judged: NEES_TEST, at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]) },
-    Columns { heading: "NIS", judged: NIS_TEST, at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]) },
+    Columns {
+        heading: "NEES",
+        judge: |data, set, estimator| {
+            let errors = data.errors_of(set, estimator)?;
+            Some((errors.nees, errors.verdict()))
+        },
+        at: |row| Some([row.anees?, row.anees_low?, row.anees_high?]),
+    },
+    Columns {
+        heading: "NIS",
+        judge: |data, set, estimator| data.nis_of(set, estimator).map(|nis| (nis, nis.verdict())),
+        at: |row| Some([row.anis?, row.anis_low?, row.anis_high?]),
+    },
 ];
 
 /// The content of the section. `None` if no estimator states a covariance on a leading set.
@@ -34,15 +46,16 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
             "NEES: squared contact error normalised by the stated covariance, with expectation 2 for a consistent estimator; NIS: "
             "squared innovation normalised by its expected variance, with expectation 1. Average over the whole contact, with its 95 % interval in brackets, "
             "from the chi-square distribution (Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2) with the number of independent samples "
-            "estimated from the scatter of the trials' averages. An estimator is consistent if its average lies in the interval. "
+            "estimated from the scatter of the trials' averages and, for the NEES, from its autocorrelation. The verdict beside the NEES is on the errors: an "
+            "estimator is overconfident if its NEES lies above the interval or its 95 % ellipses contain the contact too rarely. "
             "Times inside: share of the times at which the average over trials lies in the interval for one time."
         }
         (table)
         @if let Some(models) = models {
             h3 { "Model probabilities and verdicts by set" }
             p {
-                "Probabilities of the models that an estimator averages over, mean over contact and trials. The verdict is on the NIS, "
-                "which is available without the truth; with hindsight it is on the NEES. An estimator whose model does not fit the object is overconfident."
+                "Probabilities of the models that an estimator averages over, mean over contact and trials. The verdict is on the errors, by "
+                "NEES and coverage. The verdict on the innovations (NIS) requires no truth; it does not detect errors that the readings do not show, such as those of gain and mount."
             }
             (models)
         }
@@ -95,23 +108,24 @@ fn models(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
     let rows = data.run.sets.iter().flat_map(|set| {
         estimators.iter().filter_map(move |estimator| {
             let head = &data.summary_of(set, &estimator.name)?.head;
-            Some((set, estimator.label(), head.models.as_deref().unwrap_or("–"), head.verdict.as_ref()?))
+            Some((set, estimator.label(), head.models.as_deref().unwrap_or("–"), head))
         })
     });
-    let rows: Vec<_> = rows.collect();
+    let rows: Vec<_> = rows.filter(|(.., head)| head.verdict.is_some() || head.nis_verdict.is_some()).collect();
     (!rows.is_empty()).then(|| {
         html! {
             div.scroll tabindex="0" aria-label="Table: models and verdicts" {
                 table.blocks {
-                    thead { tr { th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" } } }
+                    thead { tr { th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" } th { "by innovations" } } }
                     tbody {
-                        @for (set, label, models, verdict) in &rows {
+                        @for (set, label, models, head) in &rows {
                             tr {
                                 td { (plain(&set.group)) }
                                 td { (set.whisker) }
                                 td { (label) }
                                 td { (models) }
-                                td { (verdict) }
+                                td { (head.verdict.as_deref().unwrap_or("–")) }
+                                td { (head.nis_verdict.as_deref().unwrap_or("–")) }
                             }
                         }
                     }
@@ -123,7 +137,7 @@ fn models(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
 
 impl Columns {
     fn cells(&self, data: &RunData, set: &RunSet, row: &SummaryRow) -> Markup {
-        let Some(average) = data.average_of(set, &row.head.estimator, &self.judged) else {
+        let Some((average, verdict)) = (self.judge)(data, set, &row.head.estimator) else {
             return html! { td.number { "–" } td { "–" } td.number { "–" } };
         };
         let (low, high) = average.interval;
@@ -133,7 +147,7 @@ impl Columns {
         let share = inside.iter().filter(|is_inside| **is_inside).count() as f64 / inside.len() as f64;
         html! {
             td.number { (format!("{:.2} [{low:.2}, {high:.2}]", average.value)) }
-            td { (average.verdict().word()) }
+            td { (verdict.word()) }
             td.number { (percent(Some(share).filter(|share| share.is_finite()))) }
         }
     }

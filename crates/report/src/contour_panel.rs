@@ -25,7 +25,8 @@ const PANEL_PX: u32 = 210;
 const GAP_PX: u32 = 64;
 /// Corners of half an ellipse.
 const END_STEPS: u32 = 16;
-/// Height of a line of text.
+/// Height of the title above a panel, without the lines of text below it, and of one of these.
+const HEAD_PX: f64 = 24.0;
 const LINE_PX: f64 = 15.0;
 
 /// The outline estimated by one method.
@@ -93,7 +94,7 @@ pub(crate) fn picture(panels: Vec<ContourPanel>) -> Option<Picture> {
     let columns = panels.len().min(COLUMNS);
     let rows = panels.len().div_ceil(columns);
     let lines = panels.iter().map(|panel| panel.words().count()).max().unwrap_or(0);
-    let head_px = 24.0 + LINE_PX * lines as f64;
+    let head_px = HEAD_PX + LINE_PX * lines as f64;
     let mut looks: Vec<(String, Look)> = Vec::new();
     for found in panels.iter().flat_map(|panel| &panel.found) {
         if !looks.iter().any(|(name, _)| *name == found.estimator) {
@@ -119,7 +120,7 @@ pub(crate) fn picture(panels: Vec<ContourPanel>) -> Option<Picture> {
         for (index, (panel, frame)) in panels.iter().zip(frames).enumerate() {
             let x_name = if index + columns >= panels.len() { "x (mm)" } else { "" };
             let y_name = if index % columns == 0 { "y (mm)" } else { "" };
-            panel.paint(canvas, frame, head_px, (x_name, y_name))?;
+            panel.paint(canvas, frame, (x_name, y_name))?;
         }
         Ok(())
     };
@@ -132,7 +133,7 @@ impl ContourPanel {
         self.found.iter().flat_map(|found| found.words.iter().map(|line| (line.as_str(), found.look)))
     }
 
-    fn paint(&self, canvas: &Canvas, frame: Rect, head_px: f64, labels: (&str, &str)) -> Result<()> {
+    fn paint(&self, canvas: &Canvas, frame: Rect, labels: (&str, &str)) -> Result<()> {
         let near = || self.touched.iter().chain(self.found.iter().flat_map(|found| &found.line));
         let (left, right) = extent(near().map(|point| point.0)).unwrap_or((-1.0, 1.0));
         let (low, high) = extent(near().map(|point| point.1)).unwrap_or((-1.0, 1.0));
@@ -140,6 +141,7 @@ impl ContourPanel {
         let (x, y) = (0.5 * (left + right), 0.5 * (low + high));
         let (wide, tall) = (half(left, right), half(low, high));
         let panel = Panel::with_equal_scales(canvas, frame, "", labels, [x - wide, x + wide, y - tall, y + tall])?;
+        let head_px = HEAD_PX + LINE_PX * self.words().count() as f64;
         let line_at = |line: usize| (frame.left, frame.top - head_px + 8.0 + LINE_PX * line as f64);
         canvas.text(&self.title, line_at(0), PANEL_TITLE)?;
         for (index, (words, look)) in self.words().enumerate() {

@@ -79,8 +79,9 @@ fn sweep_table(data: &RunData, rows: &[&ContourTrialRow]) -> Markup {
     html! {
         h3 { "Single sweeps without known contacts" }
         p {
-            "Mean and 95 %: distance from the object's own outline, if that could be placed. Radius: of the circle fitted to the outline, with the 95 % interval "
-            "that follows from the outline's band; residual: RMS distance of the outline from the circle."
+            "Mean and 95 %: distance from the object's own outline, if that could be placed. Radius: of the circle fitted "
+            "to the outline, with the 95 % interval that follows from the outline's band; residual: RMS distance of the "
+            "outline from the circle."
         }
         div.scroll tabindex="0" aria-label="Table: single sweeps" {
             table {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use files::write_atomically;
+use indicatif::ProgressBar;
 
 use super::canvas::Picture;
 
@@ -49,17 +50,23 @@ pub(crate) struct Figures {
 }
 
 /// Draws every figure and writes `figures/<name>.svg` and `.png` in `folder`, and the pictures of all methods as
-/// `figures/all/<name>_<number>.svg` and `.png`. Removes those of an earlier report.
+/// `figures/all/<name>_<number>.svg` and `.png`. Removes those of an earlier report. The unit of progress is one figure.
 ///
 /// # Errors
 /// When a figure cannot be drawn or a file cannot be written; the error names the figure or the file.
-pub(crate) fn draw_all<Data>(folder: &Path, figures: &[Figure<Data>], data: &Data) -> Result<Figures> {
+pub(crate) fn draw_all<Data>(
+    folder: &Path,
+    figures: &[Figure<Data>],
+    data: &Data,
+    progress: &ProgressBar,
+) -> Result<Figures> {
+    progress.set_length(figures.len() as u64);
     let all_methods = folder.join(ALL_METHODS);
     if all_methods.exists() {
         fs::remove_dir_all(&all_methods).with_context(|| format!("{}: cannot be removed", all_methods.display()))?;
     }
     let mut all = Figures { drawn: Vec::new(), left_out: Vec::new(), files: Vec::new() };
-    for &Figure { name, title, caption, draw } in figures {
+    for &Figure { name, title, caption, draw } in progress.wrap_iter(figures.iter()) {
         let files = files_of(folder, FOLDER, name);
         let Some(picture) = draw(data).with_context(|| format!("figure `{name}`"))? else {
             // A picture of an earlier run must not stand beside a page that leaves it out.

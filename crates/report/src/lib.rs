@@ -13,12 +13,51 @@
 //! No other files are read. A report can therefore be drawn again at any time, and the same results give the same bytes. PNG files are
 //! rasterised from the SVG with two image pixels per CSS pixel and the embedded typeface.
 //!
-//! ```no_run
-//! use std::path::Path;
+//! # Example
+//! The report of an evaluation of the filter `ekf` on one sweep, made as on the front page of the crate `testbed`:
+//!
+//! ```
+//! # use std::path::Path;
+//! #
+//! # use files::sha256;
+//! use indicatif::ProgressBar;
+//! # use testbed::dataset::Dataset;
+//! # use testbed::evaluate::{EvaluateSettings, evaluate};
+//! # use testbed::fit::{FitSettings, Models, fit};
+//! # use trace::{Role, Trace};
 //!
 //! # fn main() -> anyhow::Result<()> {
-//! let written = report::report(Path::new("results/standard"))?;
-//! assert!(written.page.ends_with("index.html"));
+//! # let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+//! # let folder = tempfile::tempdir()?;
+//! # for (of, name, role) in [
+//! #     ("golden_pin", "pin", Role::Trial),
+//! #     ("golden_pin", "grid_0", Role::Calibration),
+//! #     ("golden_circle", "grid_1", Role::Calibration),
+//! # ] {
+//! #     let mut trace = Trace::read(&golden.join(of).with_extension("csv"))?;
+//! #     (trace.sidecar.name, trace.sidecar.role, trace.sidecar.contour) = (name.into(), role, None);
+//! #     trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+//! #     trace.write(folder.path())?;
+//! # }
+//! # let dataset = Dataset::open(folder.path(), None)?;
+//! # let models = Models::One { kind: "elastica".into(), config: serde_json::json!({}) };
+//! # let fit_settings = FitSettings { models, noise: 0.01, seed: 1, front_end: Default::default(), sensors: Vec::new() };
+//! # fit(&dataset, &fit_settings, &dataset.calibrations("white"), &ProgressBar::hidden())?;
+//! # let settings = EvaluateSettings {
+//! #     name: "golden".into(),
+//! #     estimators: Some(vec!["ekf".into()]),
+//! #     noise: vec![0.01],
+//! #     seeds: vec![1],
+//! #     results: folder.path().join("results"),
+//! #     ..Default::default()
+//! # };
+//! // Data: the folder of a run.
+//! let run = evaluate(&[dataset], &settings, &ProgressBar::hidden())?.folder;
+//!
+//! // Answer: a page and its figures beside the results.
+//! let written = report::report(&run, &ProgressBar::hidden())?;
+//! assert_eq!(written.page, run.join("index.html"));
+//! assert!(written.figures.iter().any(|path| path.ends_with("figures/error_over_time.svg")));
 //! # Ok(())
 //! # }
 //! ```
@@ -34,6 +73,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use files::write_atomically;
+use indicatif::ProgressBar;
 
 mod all_metrics;
 mod animations;
@@ -77,19 +117,19 @@ pub fn take_animations(run: &Path, from: &Path) -> Result<()> {
     animations::take(run, from)
 }
 
-/// Reads the results in a folder and writes its figures and `index.html` there.
+/// Reads the results in a folder and writes its figures and `index.html` there. The unit of progress is one figure.
 ///
 /// # Errors
 /// When a file of the results is missing or damaged or holds no scores, or a file cannot be written. The error names the file
 /// and, for a damaged one, line and column.
-pub fn report(folder: &Path) -> Result<ReportPaths> {
+pub fn report(folder: &Path, progress: &ProgressBar) -> Result<ReportPaths> {
     let (html, figures) = if physics::is_study(folder) {
         let data = physics::Data::read(folder)?;
-        let figures = draw_all(folder, physics::FIGURES, &data)?;
+        let figures = draw_all(folder, physics::FIGURES, &data, progress)?;
         (physics::html(&data, &figures)?, figures.files)
     } else {
         let data = RunData::read(folder)?;
-        let figures = draw_all(folder, FIGURES, &data)?;
+        let figures = draw_all(folder, FIGURES, &data, progress)?;
         let animations = animations::read(folder, &data.run.sets)?;
         (page::html(&data, &animations, &figures)?, figures.files)
     };

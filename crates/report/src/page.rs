@@ -6,6 +6,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::json;
 use testbed::metrics::{bound, error};
+use testbed::noise::NoiseUnit;
 use testbed::results::files::Writer;
 use testbed::results::{RUN_FILES, RunCalibration, RunEstimator, SummaryRow};
 use whisker::estimators::MethodClass;
@@ -36,13 +37,41 @@ struct Column {
     decimals: usize,
 }
 
-const COLUMNS: [Column; 9] = [
+const COLUMNS: [Column; 13] = [
     Column {
         heading: "RMSE",
         unit: "mm",
         meaning: "median over trials of the root mean square contact error after the first 2 s of contact",
         value: |row| row.get(&error::RMSE).map(|value| 1e3 * value),
         decimals: 3,
+    },
+    Column {
+        heading: "mean",
+        unit: "mm",
+        meaning: "mean over trials of the root mean square contact error after the first 2 s of contact",
+        value: |row| row.head.rmse_mean_m.map(|value| 1e3 * value),
+        decimals: 3,
+    },
+    Column {
+        heading: "90th percentile",
+        unit: "mm",
+        meaning: "90th percentile over trials of the root mean square contact error after the first 2 s of contact",
+        value: |row| row.head.rmse_p90_m.map(|value| 1e3 * value),
+        decimals: 3,
+    },
+    Column {
+        heading: "above 0.5 mm",
+        unit: "%",
+        meaning: "share of the trials whose root mean square contact error after the first 2 s of contact exceeds 0.5 mm, or which have none",
+        value: |row| Some(100.0 * row.head.above_0p5mm),
+        decimals: 0,
+    },
+    Column {
+        heading: "no answer",
+        unit: "%",
+        meaning: "share of the instants of contact without an estimate, mean over trials",
+        value: |row| row.get(&error::ANSWERED).map(|value| 100.0 * (1.0 - value)),
+        decimals: 1,
     },
     Column {
         heading: "over bound",
@@ -168,7 +197,7 @@ fn lead(data: &RunData) -> Markup {
         p {
             (counted(traces, "trial")) " in " (counted(run.sets.len(), "set")) ", "
             (counted(run.estimators.len(), "estimator")) ", "
-            "measurement noise " (percent_list(&run.noise)) " of each set's largest reading"
+            "measurement noise " (run.noise_unit.describe(&run.noise))
             @if !run.front_end.sensors.is_empty() { ", in addition to that of the front end " (run.front_end.name) }
             ", "
             (counted(run.seeds.len(), "noise seed")) ". "
@@ -242,17 +271,6 @@ fn sweeps(animations: &[Animation]) -> Markup {
             }
         }
     }
-}
-
-fn percent_list(fractions: &[f64]) -> String {
-    let percents: Vec<String> =
-        fractions.iter().map(|noise| format!("{} %", round_significant(100.0 * noise))).collect();
-    percents.join(", ")
-}
-
-/// The number to nine digits, without the traces of binary arithmetic.
-fn round_significant(value: f64) -> f64 {
-    format!("{value:.8e}").parse().unwrap_or(value)
 }
 
 /// The factor by which the error of each method is smaller than that of the better baseline, in start-up and steady state.
@@ -329,7 +347,7 @@ fn summary(data: &RunData) -> Markup {
 }
 
 fn summary_table(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
-    let several_levels = data.run.noise.len() > 1;
+    let unit = (data.run.noise.len() > 1).then_some(data.run.noise_unit);
     let blocks = summary_blocks(data, estimators);
     (!blocks.is_empty()).then(|| {
         html! {
@@ -338,14 +356,14 @@ fn summary_table(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup>
                     thead {
                         tr {
                             @for name in ["group", "whisker", "estimator"] { th { (name) } }
-                            @if several_levels { th.number { "noise" br; small { "%" } } }
+                            @if let Some(unit) = unit { th.number { "noise" br; small { (unit.symbol()) } } }
                             @for column in &COLUMNS {
                                 th.number title=(column.meaning) { (column.heading) br; small { (column.unit) } }
                             }
                             th.number { "trials" }
                         }
                     }
-                    @for block in &blocks { tbody { (summary_block(block, several_levels)) } }
+                    @for block in &blocks { tbody { (summary_block(block, unit)) } }
                 }
             }
         }
@@ -398,7 +416,8 @@ fn best_of(lines: &[SummaryLine<'_>], column: &Column) -> Option<String> {
     lines.iter().any(|line| line.printed(column).as_ref() != Some(&best)).then_some(best)
 }
 
-fn summary_block(lines: &[SummaryLine<'_>], several_levels: bool) -> Markup {
+/// The rows of one set and noise level; `unit` is the unit of the noise if there are several levels.
+fn summary_block(lines: &[SummaryLine<'_>], unit: Option<NoiseUnit>) -> Markup {
     let best: Vec<Option<String>> = COLUMNS.iter().map(|column| best_of(lines, column)).collect();
     html! {
         @for line in lines {
@@ -410,7 +429,7 @@ fn summary_block(lines: &[SummaryLine<'_>], several_levels: bool) -> Markup {
                     (line.estimator.label())
                     @if line.silent_share > 0.0 { " " small { "without estimate: " (two_digits(100.0 * line.silent_share)) " %" } }
                 }
-                @if several_levels { td.number { (round_significant(100.0 * row.head.noise)) } }
+                @if let Some(unit) = unit { td.number { (unit.printed(row.head.noise)) } }
                 @for (column, best) in COLUMNS.iter().zip(&best) {
                     @match line.printed(column) {
                         Some(text) if line.is_ranked() && Some(&text) == best.as_ref() => {
@@ -437,7 +456,7 @@ fn provenance(data: &RunData, left_out: &[&str]) -> Markup {
                 dt { "written by" } dd { (mark.tool) " " (mark.version) }
                 dt { "commit" } dd { code { (mark.git_commit.as_deref().unwrap_or("unknown")) } }
                 dt { "inputs, SHA-256" } dd { code { (mark.inputs_sha256) } }
-                dt { "measurement noise" } dd { (percent_list(&run.noise)) " of each set's largest reading" }
+                dt { "measurement noise" } dd { (run.noise_unit.describe(&run.noise)) }
                 dt { "seeds of the noise" } dd { (seeds.join(", ")) }
                 @for calibration in &run.calibrations { (calibration_entry(calibration)) }
                 (left_out_entry(left_out))
@@ -495,6 +514,10 @@ mod tests {
             step_ns: 500.0,
             models: None,
             verdict: None,
+            nis_verdict: None,
+            rmse_mean_m: rmse_m,
+            rmse_p90_m: rmse_m,
+            above_0p5mm: 0.0,
         };
         SummaryRow {
             head,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use testbed::consistency::{Average, ConsistencyTest};
+use testbed::consistency::{Average, ErrorConsistency, NIS_TEST, TrialErrors};
 use testbed::metrics::{Metric, error};
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
@@ -179,9 +179,15 @@ impl RunData {
         self.contour_trials.iter().filter(is_kept)
     }
 
-    /// The average of a metric over the trials of a set, with its interval. `None` if no trial has it.
-    pub(crate) fn average_of(&self, set: &RunSet, estimator: &str, judged: &ConsistencyTest) -> Option<Average> {
-        judged.average(self.trials_of(set, estimator))
+    /// Consistency of an estimator on a set by its errors. `None` if it states no covariance.
+    pub(crate) fn errors_of(&self, set: &RunSet, estimator: &str) -> Option<ErrorConsistency> {
+        let errors: Vec<TrialErrors> = self.trials_of(set, estimator).into_iter().filter_map(TrialErrors::of).collect();
+        ErrorConsistency::of_trials(&errors)
+    }
+
+    /// Average NIS of an estimator over the trials of a set, with its interval. `None` if it states no innovation.
+    pub(crate) fn nis_of(&self, set: &RunSet, estimator: &str) -> Option<Average> {
+        NIS_TEST.average(self.trials_of(set, estimator))
     }
 
     /// The estimator with the smallest median error in steady state, summed over the [`Self::leading_sets`].

@@ -5,17 +5,18 @@ use anyhow::Result;
 use super::canvas::{Align, Canvas, Lettering, Px};
 use super::color::{Rgb, Rgba};
 
-/// The colour-blind safe palette of Okabe and Ito (jfly.uni-koeln.de/color), without its yellow, which has too little
-/// contrast on white.
-const PALETTE: [Rgb; 7] = [
-    Rgb(0, 114, 178),
-    Rgb(230, 159, 0),
-    Rgb(0, 158, 115),
-    Rgb(204, 121, 167),
-    Rgb(213, 94, 0),
-    Rgb(86, 180, 233),
-    Rgb(60, 60, 60),
-];
+// The colour-blind safe palette of Okabe and Ito (jfly.uni-koeln.de/color), with a dark grey for its black and without
+// its yellow, which has too little contrast on white.
+pub(crate) const BLUE: Rgb = Rgb(0, 114, 178);
+pub(crate) const ORANGE: Rgb = Rgb(230, 159, 0);
+pub(crate) const GREEN: Rgb = Rgb(0, 158, 115);
+pub(crate) const PURPLE: Rgb = Rgb(204, 121, 167);
+pub(crate) const VERMILION: Rgb = Rgb(213, 94, 0);
+pub(crate) const SKY: Rgb = Rgb(86, 180, 233);
+pub(crate) const DARK: Rgb = Rgb(60, 60, 60);
+
+/// Colours of methods, in order.
+const PALETTE: [Rgb; 7] = [BLUE, ORANGE, GREEN, PURPLE, VERMILION, SKY, DARK];
 
 /// Most methods in a picture: one for each colour but the last, which is close to that of the truth and of bounds.
 pub(crate) const LOOKS: usize = PALETTE.len() - 1;
@@ -32,6 +33,14 @@ pub(crate) const GRID: Rgb = Rgb(226, 229, 233);
 pub(crate) const FINE_GRID: Rgb = Rgb(241, 243, 245);
 /// The inside of an object.
 pub(crate) const OBJECT: Rgb = Rgb(233, 236, 239);
+/// Readings behind the values of filters.
+pub(crate) const READING: Rgb = Rgb(86, 96, 110);
+/// Stated uncertainties and intervals.
+pub(crate) const STATED: Rgb = Rgb(125, 133, 144);
+/// Durations of true contacts.
+pub(crate) const TRUE_CONTACT: Rgba = GREEN.mix(0.16);
+/// Bars of the contacts detected.
+pub(crate) const DETECTED: Rgb = BLUE;
 
 /// Width of a curve in CSS pixels.
 pub(crate) const CURVE_PX: f64 = 1.75;

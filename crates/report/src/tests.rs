@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use indicatif::ProgressBar;
 use serde::Serialize;
 use serde_json::json;
 use testbed::map::MapConfig;
@@ -15,7 +16,7 @@ use testbed::results::{
 use whisker::events::{DETECTORS, TouchConfig};
 
 use super::run_data::RunData;
-use super::{FIGURES, report, take_animations};
+use super::{FIGURES, ReportPaths, take_animations};
 
 const ESTIMATORS: [&str; 3] = ["ekf", "euler-bernoulli", "paper-ekf"];
 
@@ -196,7 +197,7 @@ fn write_maps(folder: &Path) {
         t_s: 1.0,
         whisker: "left_1".to_owned(),
         array: "left".to_owned(),
-        object: Some(1),
+        object: (y_m > 0.0015).then_some(1),
         x_m,
         y_m,
         normal_rad: -2.4,
@@ -303,6 +304,10 @@ fn summary_row(object: &str, estimator: &str, error_m: f64) -> SummaryRow {
         step_ns: 500.0,
         models: None,
         verdict: None,
+        nis_verdict: None,
+        rmse_mean_m: Some(error_m),
+        rmse_p90_m: Some(error_m),
+        above_0p5mm: 0.0,
     };
     SummaryRow { head, scores: scores(error_m) }
 }
@@ -406,6 +411,11 @@ fn write_sensor(folder: &Path) {
 }
 
 /// Draws the report. Returns the bytes of each of its files.
+/// The report of a folder, without showing progress.
+pub(crate) fn report(folder: &Path) -> anyhow::Result<ReportPaths> {
+    super::report(folder, &ProgressBar::hidden())
+}
+
 pub(crate) fn files_of_report(folder: &Path) -> Vec<Vec<u8>> {
     let paths = report(folder).expect("drawn");
     let files = paths.figures.iter().chain([&paths.page]);
@@ -431,6 +441,15 @@ fn verif_every_figure_is_drawn_and_shown_on_the_page() {
     assert!(page.contains("id=\"outlines\"") && page.contains("<td class=\"number\">15.30</td>"), "a radius");
     // The median error of the baseline is 25 times that of the filter.
     assert!(page.contains("25 ×"));
+}
+
+#[test]
+fn regress_points_left_out_of_the_outlines_of_a_map_are_counted() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    report(folder.path()).expect("drawn");
+    let map = fs::read_to_string(folder.path().join("figures/scene_map.svg")).expect("drawn");
+    assert!(map.contains(">contact points left out of the outlines, 1 of 10<"));
 }
 
 #[test]

@@ -1,71 +1,129 @@
-//! A live feed for Foxglove, over a WebSocket.
+//! A live feed for Foxglove, over a WebSocket, and the services of the platform on it.
 //!
 //! Topics, types and bytes are those of the recordings. Messages of a topic without a subscriber are dropped, and so are the oldest ones of a slow subscriber.
+//! Connections pass the [`gate`]; the routine runs only for calls with the [`Token`].
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
 use bag::{Error, Message, Publisher, cdr, topics};
-use foxglove::websocket::service::{self, Handler, Responder, ServiceSchema};
+use foxglove::websocket::service::{self, Handler, Responder, Service, ServiceSchema};
 use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle};
 
+use crate::gate;
 use crate::outlet::{Desk, Outlet, Routine};
-use crate::request::{Request, Response};
+use crate::request::{Authorised, Request, Response, Triggered, schema};
+use crate::token::Token;
 
 /// Messages that are kept for a slow subscriber: some seconds of all topics.
 const DEPTH: usize = 8192;
+/// Largest number of calls that wait for the end of a routine.
+const MOST_WAITING: usize = 4;
 /// Longest wait for a call.
 const POLL: Duration = Duration::from_millis(20);
 /// Encodings of messages and of their definitions.
 const ENCODING: &str = "cdr";
 const DEFINITIONS: &str = "ros2msg";
+/// Origin of the Foxglove application in a browser.
+const APPLICATION: &str = "https://app.foxglove.dev";
 
-/// Whether to publish to Foxglove, and the address to listen on.
+/// Whether to publish to Foxglove, and who may connect.
 #[derive(clap::Args)]
 pub(crate) struct Foxglove {
     /// Feed Foxglove over a WebSocket instead of ROS 2 [default address: 127.0.0.1:8765]
     #[arg(long = "foxglove", value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
     pub(crate) address: Option<SocketAddr>,
+    /// Allow web pages of this origin to connect, such as http://localhost:8080; may be repeated [default: https://app.foxglove.dev]
+    #[arg(long, value_name = "ORIGIN", requires = "address")]
+    allow_origin: Vec<String>,
+    /// Allow an address that other machines reach
+    #[arg(long, requires = "address")]
+    allow_remote: bool,
 }
 
 /// Publisher to every connected Foxglove client.
 pub(crate) struct Feed {
-    /// Stops when it is dropped.
-    _server: WebSocketServerHandle,
+    /// `None` once it is dropped.
+    server: Option<WebSocketServerHandle>,
     context: Arc<Context>,
     channels: HashMap<String, Arc<RawChannel>>,
     standing: Arc<Standing>,
 }
 
-/// Calls of the service by Foxglove.
-pub(crate) struct Calls(Receiver<(service::Request, Responder)>);
+/// Calls of the routine by Foxglove.
+pub(crate) struct Calls(Receiver<(Request, Responder)>);
 
-impl Feed {
-    /// Listens on an address and prints it.
-    pub(crate) fn open(address: SocketAddr) -> anyhow::Result<(Self, Calls)> {
+impl Foxglove {
+    /// Publishes on an address and prints it.
+    pub(crate) fn feed(&self, address: SocketAddr) -> anyhow::Result<Feed> {
+        self.open(address, Vec::new())
+    }
+
+    /// Publishes on an address, offers the services of the platform, and prints the address and the token. A call of the service that stops sets `stop`.
+    pub(crate) fn platform(&self, address: SocketAddr, stop: Arc<AtomicBool>) -> anyhow::Result<(Feed, Calls)> {
+        let (token, (sender, calls)) = (Token::random()?, sync_channel(MOST_WAITING));
+        let shown = format!("token {}", token.text());
+        let part = |(name, fields): (&str, &str)| Schema::new(name, DEFINITIONS, fields.as_bytes().to_vec());
+        let [routine, stopping] = [
+            (schema::BEAM_TEST, schema::BEAM_TEST_REQUEST, schema::BEAM_TEST_RESPONSE),
+            (schema::TRIGGER, schema::TRIGGER_REQUEST, schema::TRIGGER_RESPONSE),
+        ]
+        .map(|(name, request, response)| {
+            ServiceSchema::new(name).with_request(ENCODING, part(request)).with_response(ENCODING, part(response))
+        });
+        let stops = move |_: service::Request| {
+            stop.store(true, Ordering::Relaxed);
+            Ok::<_, Error>(cdr::encode(&Triggered::stopped()))
+        };
+        let services = vec![
+            Service::builder(topics::BEAM_TEST, routine).handler(Queue { token, sender }),
+            Service::builder(topics::STOP, stopping).handler_fn(stops),
+        ];
+        let feed = self.open(address, services)?;
+        println!("{shown}");
+        Ok((feed, Calls(calls)))
+    }
+
+    fn open(&self, address: SocketAddr, services: Vec<Service>) -> anyhow::Result<Feed> {
+        if !(address.ip().is_loopback() || self.allow_remote) {
+            bail!(
+                "{address}: found an address that other machines reach, expected a loopback address or --allow-remote"
+            );
+        }
+        let mut origins = self.allow_origin.clone();
+        if origins.is_empty() {
+            origins.push(APPLICATION.into());
+        }
         let (context, standing) = (Context::new(), Arc::new(Standing::default()));
-        let (sender, calls) = channel();
-        let part = |name: &str, fields: &str| Schema::new(name, DEFINITIONS, fields.as_bytes().to_vec());
-        let schema = ServiceSchema::new(Request::SERVICE)
-            .with_request(ENCODING, part(Request::TYPE, Request::DEFINITION))
-            .with_response(ENCODING, part(Response::TYPE, Response::DEFINITION));
+        let hidden = gate::hidden_address()?;
         let server = WebSocketServer::new()
             .name("whisker")
-            .bind(address.ip().to_string(), address.port())
+            .bind(hidden.to_string(), 0)
             .context(&context)
             .listener(standing.clone())
-            .services([service::Service::builder(topics::BEAM_TEST, schema).handler(Queue(sender))])
+            .services(services)
             .supported_encodings([ENCODING])
             .message_backlog_size(DEPTH)
             .start_blocking()
-            .map_err(|error| anyhow!("{address}: {error}"))?;
-        println!("ws://{}", SocketAddr::new(address.ip(), server.port()));
-        Ok((Self { _server: server, context, channels: HashMap::new(), standing }, Calls(calls)))
+            .map_err(|error| anyhow!("{hidden}: {error}"))?;
+        let at = gate::open(address, origins, SocketAddr::new(hidden.into(), server.port()))?;
+        println!("ws://{at}");
+        Ok(Feed { server: Some(server), context, channels: HashMap::new(), standing })
+    }
+}
+
+impl Drop for Feed {
+    /// Ends the connections after their last responses.
+    fn drop(&mut self) {
+        if let Some(server) = self.server.take() {
+            server.stop().wait_blocking();
+        }
     }
 }
 
@@ -136,13 +194,39 @@ impl ServerListener for Standing {
     }
 }
 
-/// Handler that puts calls into the queue of [`Calls`].
-struct Queue(Sender<(service::Request, Responder)>);
+/// Handler that puts calls with the token into the queue of [`Calls`].
+struct Queue {
+    token: Token,
+    sender: SyncSender<(Request, Responder)>,
+}
+
+impl Queue {
+    /// The routine that a call asks for, if it has the token.
+    fn authorised(&self, call: &service::Request) -> Result<Request, String> {
+        let found = cdr::decode::<Authorised>(call.payload());
+        let Authorised { request, token } =
+            found.map_err(|found| format!("found {found}, expected a {}", schema::BEAM_TEST_REQUEST.0))?;
+        if !self.token.is(&token) {
+            return Err("token: found another one, expected the token that the program printed when it started".into());
+        }
+        Ok(request)
+    }
+}
 
 impl Handler for Queue {
-    fn call(&self, request: service::Request, responder: Responder) {
-        // After the end of serving the responder is dropped, which answers the call with an error.
-        let _ = self.0.send((request, responder));
+    fn call(&self, call: service::Request, responder: Responder) {
+        let request = match self.authorised(&call) {
+            Ok(request) => request,
+            Err(refusal) => return responder.respond_err(refusal),
+        };
+        match self.sender.try_send((request, responder)) {
+            Ok(()) => {}
+            Err(TrySendError::Full((_, responder))) => {
+                responder
+                    .respond_err(format!("found {MOST_WAITING} calls that wait, expected fewer: call again later"));
+            }
+            Err(TrySendError::Disconnected((_, responder))) => responder.respond_err("the program ends".into()),
+        }
     }
 }
 
@@ -150,9 +234,7 @@ impl Desk for Calls {
     fn serve_next(&self, routine: &mut Routine<'_>) -> anyhow::Result<()> {
         match self.0.recv_timeout(POLL) {
             Ok((request, responder)) => {
-                let request = cdr::decode::<Request>(request.payload())
-                    .map_err(|found| anyhow!("found {found}, expected a {}", Request::TYPE));
-                let done = request.and_then(routine);
+                let done = routine(request);
                 responder
                     .respond(done.map(|()| cdr::encode(&Response::default())).map_err(|error| format!("{error:#}")));
                 Ok(())

@@ -5,12 +5,16 @@
 
 #[cfg(feature = "foxglove")]
 mod feed;
+#[cfg(feature = "foxglove")]
+mod gate;
 mod node;
 mod outlet;
 mod play;
 mod request;
 mod run;
 mod service;
+#[cfg(feature = "foxglove")]
+mod token;
 
 use std::process::ExitCode;
 

@@ -2,13 +2,16 @@
 
 use std::any::Any;
 use std::collections::HashMap;
+use std::fmt;
+use std::net::{IpAddr, Ipv4Addr};
 use std::thread;
 use std::time::Duration;
 
 use bag::{Error, Message, Publisher, topics};
 use futures::executor::block_on;
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
-use ros2_client::{Context, ContextOptions, MessageTypeName, Name, NodeName, NodeOptions};
+use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions};
 
 use crate::outlet::Outlet;
 
@@ -23,6 +26,39 @@ pub(crate) struct Network {
     /// ROS 2 domain of the node
     #[arg(long, env = "ROS_DOMAIN_ID", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=232))]
     domain: u16,
+    /// Announce the node on this machine alone, as other nodes do if ROS_LOCALHOST_ONLY is 1
+    #[arg(long)]
+    localhost_only: bool,
+    /// Address of a network interface to announce the node on; may be repeated [default: all interfaces]
+    #[arg(long, value_name = "ADDRESS", conflicts_with = "localhost_only")]
+    interface: Vec<IpAddr>,
+}
+
+impl Network {
+    /// Addresses of the interfaces to announce the node on. `None`: all interfaces.
+    fn interfaces(&self) -> Option<Vec<IpAddr>> {
+        let by_environment = || std::env::var_os("ROS_LOCALHOST_ONLY").is_some_and(|value| value == "1");
+        if !self.interface.is_empty() {
+            Some(self.interface.clone())
+        } else if self.localhost_only || by_environment() {
+            Some(vec![Ipv4Addr::LOCALHOST.into()])
+        } else {
+            None
+        }
+    }
+}
+
+impl fmt::Display for Network {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ROS 2 domain {}, announced on ", self.domain)?;
+        match self.interfaces() {
+            None => f.write_str("every network interface"),
+            Some(interfaces) => {
+                let named: Vec<String> = interfaces.iter().map(ToString::to_string).collect();
+                f.write_str(&named.join(", "))
+            }
+        }
+    }
 }
 
 /// A node and its publishers, one for each topic.
@@ -33,8 +69,11 @@ pub(crate) struct Node {
 
 impl Node {
     pub(crate) fn new(network: &Network) -> anyhow::Result<Self> {
-        let options = ContextOptions::new().domain_id(network.domain);
-        let context = Context::with_options(options)?;
+        let mut participant = DomainParticipantBuilder::new(network.domain);
+        if let Some(interfaces) = network.interfaces() {
+            participant = participant.with_only_networks(interfaces);
+        }
+        let context = Context::from_domain_participant(participant.build()?)?;
         let mut node = context.new_node(NodeName::new("/", "whisker")?, NodeOptions::new())?;
         let spinner = node.spinner()?;
         thread::spawn(move || block_on(spinner.spin()));

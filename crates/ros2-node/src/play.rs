@@ -10,7 +10,7 @@ use bag::messages::AnyMessage;
 use bag::{Message, Publisher, Reader, Record};
 
 #[cfg(feature = "foxglove")]
-use crate::feed::{Feed, Foxglove};
+use crate::feed::Foxglove;
 use crate::node::{Network, Node};
 use crate::outlet::Outlet;
 
@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     #[cfg(feature = "foxglove")]
     if let Some(address) = arguments.foxglove.address {
-        return send(&messages, Feed::open(address)?.0, arguments.wait_for.as_deref());
+        return send(&messages, arguments.foxglove.feed(address)?, arguments.wait_for.as_deref());
     }
     send(&messages, Node::new(&arguments.network)?, arguments.wait_for.as_deref())
 }

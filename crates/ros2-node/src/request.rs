@@ -1,4 +1,4 @@
-//! Request and response of the service `increments_beam_test`.
+//! Requests and responses of the services.
 
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
@@ -25,23 +25,57 @@ pub(crate) struct Response {
     structure_needs_at_least_one_member: u8,
 }
 
-#[cfg(feature = "foxglove")]
-impl Request {
-    /// Name of the service's type.
-    pub(crate) const SERVICE: &str = "whisker_interfaces/srv/IncrementsBeamTest";
-    /// Name of its type.
-    pub(crate) const TYPE: &str = "whisker_interfaces/srv/IncrementsBeamTest_Request";
-    /// Its fields.
-    pub(crate) const DEFINITION: &str = "float32 total_x_distance\nfloat32 total_y_distance\nuint32 increments_x\nuint32 increments_y\nuint32 pause_sec\n";
+/// Request of `std_srvs/srv/Trigger`, by which the printer is stopped.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Trigger {
+    structure_needs_at_least_one_member: u8,
 }
 
+/// Response of `std_srvs/srv/Trigger`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Triggered {
+    /// Whether the request was fulfilled.
+    success: bool,
+    /// Text for the user.
+    message: String,
+}
+
+impl Triggered {
+    /// The printer is being stopped.
+    pub(crate) fn stopped() -> Self {
+        let message = "the printer is stopped at once, and the program ends; reset the printer before it moves again";
+        Self { success: true, message: message.into() }
+    }
+}
+
+/// Request of the routine by Foxglove: [`Request`] and the token.
 #[cfg(feature = "foxglove")]
-impl Response {
-    /// Name of its type.
-    pub(crate) const TYPE: &str = "whisker_interfaces/srv/IncrementsBeamTest_Response";
-    /// Its fields.
-    pub(crate) const DEFINITION: &str = "uint8 structure_needs_at_least_one_member\n";
+#[derive(Clone, Debug, Deserialize)]
+pub(crate) struct Authorised {
+    /// The request.
+    pub(crate) request: Request,
+    /// The token that the program printed.
+    pub(crate) token: String,
+}
+
+/// Names of types, and their fields as Foxglove shows them.
+#[cfg(feature = "foxglove")]
+pub(crate) mod schema {
+    pub(crate) const BEAM_TEST: &str = "whisker_interfaces/srv/IncrementsBeamTest";
+    pub(crate) const BEAM_TEST_REQUEST: (&str, &str) = (
+        "whisker_interfaces/srv/IncrementsBeamTest_Request",
+        "float32 total_x_distance\nfloat32 total_y_distance\nuint32 increments_x\nuint32 increments_y\nuint32 pause_sec\nstring token\n",
+    );
+    pub(crate) const BEAM_TEST_RESPONSE: (&str, &str) =
+        ("whisker_interfaces/srv/IncrementsBeamTest_Response", "uint8 structure_needs_at_least_one_member\n");
+    pub(crate) const TRIGGER: &str = "std_srvs/srv/Trigger";
+    pub(crate) const TRIGGER_REQUEST: (&str, &str) =
+        ("std_srvs/srv/Trigger_Request", "uint8 structure_needs_at_least_one_member\n");
+    pub(crate) const TRIGGER_RESPONSE: (&str, &str) =
+        ("std_srvs/srv/Trigger_Response", "bool success\nstring message\n");
 }
 
 impl Message for Request {}
 impl Message for Response {}
+impl Message for Trigger {}
+impl Message for Triggered {}

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -13,18 +13,19 @@ use platform::calibration::{Calibration, Live};
 use platform::inference::Inference;
 use platform::interrupt;
 use platform::printer::{Head, Printer};
-use platform::routine::{Contact, IncrementsBeamTest, Observer};
+use platform::rig::Rig;
+use platform::routine::{Contact, IncrementsBeamTest, Observer, Overload};
 use platform::sensor::{Reader, ReaderSettings};
 use platform::streams::{PUSHED, Streams};
 
 #[cfg(feature = "foxglove")]
-use crate::feed::{Feed, Foxglove};
+use crate::feed::Foxglove;
 use crate::node::{Network, Node};
 use crate::outlet::{Desk, Outlet};
 use crate::request::Request;
-use crate::service::{Middleware, Service};
+use crate::service::{Middleware, Service, Stops};
 
-/// Stream the magnetometer and offer the service increments_beam_test, which runs the routine on the printer
+/// Stream the magnetometer and offer the services increments_beam_test, which runs the routine on the printer, and stop
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Port of the printer
@@ -42,9 +43,15 @@ pub(crate) struct Arguments {
     /// Duration of the readings in one message, in seconds; 0 for one message per reading
     #[arg(long, default_value_t = 0.1, value_parser = batch_s)]
     batch: f64,
-    /// Speed of the head in millimetres per minute
-    #[arg(long, default_value_t = 2000.0)]
-    speed: f64,
+    /// Speed of the head in millimetres per minute [default: the rig's]
+    #[arg(long)]
+    speed: Option<f64>,
+    /// Geometry of the rig, such as rigs/openwhisker.json [default: that one, which is built in]
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Allow pushes that strain the whisker beyond its limit or exceed its length
+    #[arg(long)]
+    allow_overload: bool,
     /// ROS 2 middleware of the service's caller
     #[arg(long, value_enum, default_value = "fastrtps")]
     middleware: Middleware,
@@ -61,24 +68,40 @@ const PATIENCE: Duration = Duration::from_millis(50);
 type Shared<O> = Mutex<Streams<O>>;
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let stop = interrupt::asked()?;
     #[cfg(feature = "foxglove")]
     if let Some(address) = arguments.foxglove.address {
-        let (feed, calls) = Feed::open(address)?;
-        return serve(arguments, feed, &calls);
+        let (feed, calls) = arguments.foxglove.platform(address, stop.clone())?;
+        return serve(arguments, feed, &calls, || {}, &stop);
     }
     let mut node = Node::new(&arguments.network)?;
     let service = Service::new(&mut node, arguments.middleware)?;
-    serve(arguments, node, &service)
+    let stops = Stops::new(&mut node, arguments.middleware)?;
+    eprintln!(
+        "warning: {}: everyone who reaches it reads the sensor and moves the printer with {}; confine it with --localhost-only, --interface, \
+         ROS_DOMAIN_ID or a firewall",
+        arguments.network,
+        topics::BEAM_TEST
+    );
+    serve(arguments, node, &service, || stops.serve(&stop), &stop)
 }
 
-/// Streams to an outlet and runs the routine for each call, one after the other, until interrupted.
-fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> anyhow::Result<()> {
+/// Streams to an outlet and runs the routine for each call, one after the other, until `stop` is set: by an interrupt, or by `stops`, which runs meanwhile.
+fn serve(
+    arguments: &Arguments,
+    mut outlet: impl Outlet,
+    desk: &impl Desk,
+    stops: impl FnOnce() + Send,
+    stop: &Arc<AtomicBool>,
+) -> anyhow::Result<()> {
+    let rig = arguments.rig.as_deref().map_or_else(|| Ok(Rig::built_in()), Rig::read)?;
+    let overload = if arguments.allow_overload { Overload::Allowed } else { Overload::Refused };
+    let speed_m_s = arguments.speed.map_or(rig.speed_m_s(), |speed| speed / 60e3);
     let calibration = arguments.calibration.as_deref().map(calibration).transpose()?;
     let calibrated = calibration.as_ref().zip(arguments.calibration.as_deref());
     let inference = calibrated.map(|(calibration, path)| inference(calibration, path)).transpose()?;
     let format = platform::sensor::format(&arguments.format)
         .with_context(|| format!("unknown line format `{}`; `whisker platform list` names them", arguments.format))?;
-    let stop = interrupt::asked()?;
     // Subscribers find the topics before the first push.
     outlet.announce::<MagneticFieldArray>(topics::MAGNETOMETER)?;
     outlet.announce::<TfMessage>(topics::TF_STATIC)?;
@@ -87,20 +110,21 @@ fn serve(arguments: &Arguments, mut outlet: impl Outlet, desk: &impl Desk) -> an
     outlet.announce::<PoseStamped>(topics::DETECTED_CONTACT)?;
     let origin = Instant::now();
     let epoch_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
-    let mut printer = Printer::open(&arguments.printer, origin, stop.clone())?;
+    let mut printer = Printer::open(&arguments.printer, rig.bed, origin, stop.clone())?;
     let reader = Reader::open(&arguments.sensor, ReaderSettings::new(format, origin))?;
     let streams = Mutex::new(Streams::new(outlet, epoch_ns, arguments.batch));
     println!("ready");
     thread::scope(|scope| {
+        scope.spawn(stops);
         let sensor = scope.spawn(|| {
-            let done = stream(reader, inference, &streams, &stop);
+            let done = stream(reader, inference, &streams, stop);
             // Without a sensor there is nothing to serve.
             stop.store(true, Ordering::Relaxed);
             done
         });
         let mut routine = |request| {
-            let routine = routine(request, arguments.speed / 60e3);
-            Ok(routine.run(&mut printer, origin, &stop, &mut Published(&streams))?)
+            let routine = routine(request, speed_m_s);
+            Ok(routine.on(&rig, overload)?.run(&mut printer, origin, stop, &mut Published(&streams))?)
         };
         let mut served = Ok(());
         while served.is_ok() && !stop.load(Ordering::Relaxed) {

@@ -1,5 +1,7 @@
-//! The service `increments_beam_test` on a ROS 2 node.
+//! The services of the platform on a ROS 2 node: `increments_beam_test` and `stop`.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
 use std::time::Duration;
 
 use bag::topics;
@@ -8,7 +10,7 @@ use ros2_client::{Name, ServiceMapping, ServiceTypeName};
 
 use crate::node::Node;
 use crate::outlet::{Desk, Routine};
-use crate::request::{Request, Response};
+use crate::request::{Request, Response, Trigger, Triggered};
 
 /// Interval between two looks for a request.
 const POLL: Duration = Duration::from_millis(20);
@@ -22,6 +24,55 @@ pub(crate) enum Middleware {
     Cyclonedds,
 }
 
+/// Quality of service of a service. At most as many calls wait as it keeps.
+fn quality() -> QosProfile {
+    QosProfile::publisher_default()
+        .reliability_reliable(WhenFull::DEFAULT)
+        .durability(Durability::Volatile)
+        .history(History::KeepLast { depth: 10 })
+}
+
+/// The service that stops the printer.
+pub(crate) struct Stops {
+    server: ros2_client::Server<Trigger, Triggered>,
+}
+
+impl Stops {
+    pub(crate) fn new(node: &mut Node, middleware: Middleware) -> anyhow::Result<Self> {
+        let (name, type_name) = (Name::parse(topics::STOP)?, ServiceTypeName::new("std_srvs", "Trigger"));
+        let server = node.ros().create_server(middleware.mapping(), &name, &type_name, quality(), quality())?;
+        Ok(Self { server })
+    }
+
+    /// Sets `stop` when it is called. Returns once `stop` is set.
+    pub(crate) fn serve(&self, stop: &AtomicBool) {
+        while !stop.load(Ordering::Relaxed) {
+            match self.server.receive_request() {
+                Ok(Some((id, _))) => {
+                    stop.store(true, Ordering::Relaxed);
+                    if let Err(error) = self.server.send_response(id, Triggered::stopped()) {
+                        eprintln!("error: {}: {error}", topics::STOP);
+                    }
+                }
+                Ok(None) => sleep(POLL),
+                Err(error) => {
+                    eprintln!("error: {}: {error}", topics::STOP);
+                    sleep(POLL);
+                }
+            }
+        }
+    }
+}
+
+impl Middleware {
+    fn mapping(self) -> ServiceMapping {
+        match self {
+            Self::Fastrtps => ServiceMapping::Enhanced,
+            Self::Cyclonedds => ServiceMapping::Cyclone,
+        }
+    }
+}
+
 /// The service on a node.
 pub(crate) struct Service {
     server: ros2_client::Server<Request, Response>,
@@ -29,16 +80,9 @@ pub(crate) struct Service {
 
 impl Service {
     pub(crate) fn new(node: &mut Node, middleware: Middleware) -> anyhow::Result<Self> {
-        let mapping = match middleware {
-            Middleware::Fastrtps => ServiceMapping::Enhanced,
-            Middleware::Cyclonedds => ServiceMapping::Cyclone,
-        };
-        let quality = QosProfile::publisher_default()
-            .reliability_reliable(WhenFull::DEFAULT)
-            .durability(Durability::Volatile)
-            .history(History::KeepLast { depth: 10 });
+        let quality = quality();
         let server = node.ros().create_server(
-            mapping,
+            middleware.mapping(),
             &Name::parse(topics::BEAM_TEST)?,
             &ServiceTypeName::new("whisker_interfaces", "IncrementsBeamTest"),
             quality.clone(),
@@ -58,7 +102,7 @@ impl Desk for Service {
                 }
                 self.server.send_response(id, Response::default())?;
             }
-            Ok(None) => std::thread::sleep(POLL),
+            Ok(None) => sleep(POLL),
             Err(error) => eprintln!("error: {}: {error}", topics::BEAM_TEST),
         }
         Ok(())

@@ -15,9 +15,10 @@ pub const START_UP: Range<f64> = 0.0..START_UP_S;
 /// Steady state, as time since the touch.
 pub const STEADY: Range<f64> = START_UP_S..f64::INFINITY;
 
-/// Error of the better baseline over that of an estimator, on one group and whisker at the run's first noise level. An error is the root mean square over time of the median
-/// over trials, at the times in `when_s` at which every trial has an estimate of both: the baselines give none until the whisker has been pushed. `None` for a baseline, or
-/// if there are no such times.
+/// Error of the better baseline over that of an estimator, on one group and whisker at the run's first noise level. An
+/// error is the root mean square over time of the median over trials, at the times in `when_s` at which every trial has
+/// an estimate of both: the baselines give none until the whisker has been pushed. `None` for a baseline, or if there
+/// are no such times.
 pub fn factor(
     run: &Run,
     bands: &[ErrorBandRow],

@@ -13,11 +13,23 @@
 //! of `N m` samples, with `m` at least one. It is much narrower than that of `N` and rejects any filter if there are
 //! enough trials. A [`Verdict`] is consistent if and only if the average lies inside the interval; the ratio of the
 //! average to its expectation measures the deviation.
+//!
+//! # Verdict by the truth
+//! Where the truth is known, an estimator is judged by its errors ([`ErrorConsistency`]): by the NEES and by the share
+//! of instants at which the stated 95 % ellipse contains the true contact. The innovations of a filter do not show errors
+//! that the readings do not, such as those of a wrong mount or gain. Both intervals count effective samples, the smaller
+//! of two numbers and at least one per trace:
+//!
+//! - by autocorrelation, the sum over the trials of [`effective_samples`](crate::statistics::effective_samples),
+//! - by scatter, with a trace under all noise seeds as one cluster, because its trials share the errors of the model.
+
+use std::collections::BTreeMap;
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::function::beta::beta_reg;
 
 use crate::metrics::Metric;
-use crate::metrics::consistency::{NEES, NIS};
+use crate::metrics::consistency::{COVERAGE, NEES, NEES_SAMPLES, NIS};
 use crate::results::TrialRow;
 use crate::statistics::mean;
 
@@ -45,6 +57,24 @@ pub fn interval(freedom: usize, samples: f64) -> (f64, f64) {
         low / samples
     };
     (quantile(0.5 * (1.0 - LEVEL)), quantile(0.5 * (1.0 + LEVEL)))
+}
+
+/// Interval of the shares that are found with a two-sided probability of 95 % among `samples` independent instants, of
+/// which each is counted with the probability `share`, by the binomial distribution continued to real numbers.
+pub fn share_interval(share: f64, samples: f64) -> (f64, f64) {
+    let tail = 0.5 * (1.0 - LEVEL);
+    // P(K >= k) and P(K <= k) as regularised incomplete beta functions.
+    let at_least = |k: f64| if k <= 0.0 { 1.0 } else { beta_reg(k, samples - k + 1.0, share) };
+    let at_most = |k: f64| if k >= samples { 1.0 } else { 1.0 - beta_reg(k + 1.0, samples - k, share) };
+    let edge = |is_inside: &dyn Fn(f64) -> bool, mut outside: f64| {
+        let mut inside = share;
+        for _ in 0..60 {
+            let middle = 0.5 * (inside + outside);
+            if is_inside(middle) { inside = middle } else { outside = middle }
+        }
+        inside
+    };
+    (edge(&|found| at_most(found * samples) >= tail, 0.0), edge(&|found| at_least(found * samples) >= tail, 1.0))
 }
 
 /// Consistency test: a metric that is a mean of chi-square variables if the stated covariances are correct.
@@ -84,12 +114,9 @@ impl Average {
     /// Average of the trials' averages over time. `None` without trials.
     pub fn of_trials(freedom: usize, of_trials: &[f64]) -> Option<Self> {
         let value = mean(of_trials.iter().copied())?;
-        let count = of_trials.len() as f64;
-        let squares: f64 = of_trials.iter().map(|of_trial| (of_trial - value).powi(2)).sum();
-        let relative_variance = squares / (count - 1.0) / value.powi(2);
-        // A single trial has no scatter; without scatter a trial counts as one independent instant.
-        let instants = if relative_variance > 0.0 { 2.0 / (freedom as f64 * relative_variance) } else { 1.0 };
-        Some(Self { value, interval: interval(freedom, count * instants.max(1.0)), freedom })
+        // Without scatter a trial counts as one independent instant.
+        let instants = independent_instants(freedom, of_trials).unwrap_or(1.0);
+        Some(Self { value, interval: interval(freedom, of_trials.len() as f64 * instants.max(1.0)), freedom })
     }
 
     /// Verdict on the estimator.
@@ -113,6 +140,83 @@ impl Average {
             _ => format!("{word}: {times:.2} times the chi-square that the right model would have"),
         }
     }
+}
+
+/// Errors of one trial relative to the stated covariances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrialErrors {
+    /// Name of the trace.
+    pub trace: String,
+    /// Average NEES.
+    pub nees: f64,
+    /// Share of the stated 95 % ellipses that contain the true contact.
+    pub coverage: f64,
+    /// Number of independent samples of the NEES.
+    pub samples: f64,
+}
+
+impl TrialErrors {
+    /// Errors of a row of `trials.csv`. `None` if the estimator stated no covariance.
+    pub fn of(trial: &TrialRow) -> Option<Self> {
+        Some(Self {
+            trace: trial.head.trace.clone(),
+            nees: trial.get(&NEES)?,
+            coverage: trial.get(&COVERAGE)?,
+            samples: trial.get(&NEES_SAMPLES)?,
+        })
+    }
+}
+
+/// Consistency of an estimator on a set by its errors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorConsistency {
+    /// Average NEES over trials and time.
+    pub nees: Average,
+    /// Share of the stated 95 % ellipses that contain the true contact, over trials and time.
+    pub coverage: f64,
+    /// Interval that contains 95 % of the shares of a consistent estimator.
+    pub coverage_interval: (f64, f64),
+}
+
+impl ErrorConsistency {
+    /// Consistency over the trials of a set. `None` without trials.
+    pub fn of_trials(trials: &[TrialErrors]) -> Option<Self> {
+        let value = mean(trials.iter().map(|trial| trial.nees))?;
+        let coverage = mean(trials.iter().map(|trial| trial.coverage))?;
+        let mut clusters: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        trials.iter().for_each(|trial| clusters.entry(&trial.trace).or_default().push(trial.nees));
+        let of_clusters: Vec<f64> = clusters.into_values().filter_map(mean).collect();
+        let by_autocorrelation: f64 = trials.iter().map(|trial| trial.samples).sum();
+        let count = of_clusters.len() as f64;
+        let by_scatter = independent_instants(NEES_FREEDOM, &of_clusters).map_or(f64::INFINITY, |each| each * count);
+        let samples = by_autocorrelation.min(by_scatter).max(count);
+        let nees = Average { value, interval: interval(NEES_FREEDOM, samples), freedom: NEES_FREEDOM };
+        Some(Self { nees, coverage, coverage_interval: share_interval(LEVEL, samples) })
+    }
+
+    /// Verdict on the estimator: overconfident if the NEES is too large or the coverage too small.
+    pub fn verdict(&self) -> Verdict {
+        if self.coverage < self.coverage_interval.0 { Verdict::Overconfident } else { self.nees.verdict() }
+    }
+
+    /// Verdict as a sentence.
+    pub fn sentence(&self) -> String {
+        let (word, times) = (self.verdict().word(), self.nees.value / self.nees.freedom as f64);
+        match self.verdict() {
+            Verdict::Consistent => word.to_owned(),
+            _ => format!("{word}: NEES {times:.2} times its expectation, coverage {:.0} %", 100.0 * self.coverage),
+        }
+    }
+}
+
+/// Equivalent number of independent instants per average over time, by the scatter of averages about their mean: averages
+/// over `m` independent values that are chi-square with `f` degrees of freedom have the relative variance `2 / (f m)`.
+/// `None` without scatter, as of a single average.
+fn independent_instants(freedom: usize, averages: &[f64]) -> Option<f64> {
+    let value = mean(averages.iter().copied())?;
+    let squares: f64 = averages.iter().map(|average| (average - value).powi(2)).sum();
+    let relative_variance = squares / (averages.len() as f64 - 1.0) / value.powi(2);
+    (relative_variance > 0.0).then(|| 2.0 / (freedom as f64 * relative_variance))
 }
 
 /// Verdict of a consistency test.
@@ -181,5 +285,53 @@ mod tests {
         assert!((low - exact_low).abs() < 2e-3 && (high - exact_high).abs() < 2e-3, "{low} {high}");
         let alone = Average::of_trials(2, &[1.7]).unwrap();
         assert_eq!(alone.interval, interval(2, 1.0));
+    }
+
+    /// Quantiles of the binomial distribution: among 25 instants, 20 and fewer have the probability 0.0072 and 21 and
+    /// fewer 0.0341; among 400, 370 and fewer 0.0190, 371 and fewer 0.0307, 388 and more 0.0355, 389 and more 0.0190.
+    #[test]
+    fn val_share_intervals_match_the_binomial_distribution() {
+        let (low, high) = share_interval(0.95, 25.0);
+        assert!((20.0 / 25.0..21.0 / 25.0).contains(&low) && high > 1.0 - 1e-9, "{low} {high}");
+        let (low, high) = share_interval(0.95, 400.0);
+        assert!((370.0..371.0).contains(&(400.0 * low)) && (388.0..389.0).contains(&(400.0 * high)), "{low} {high}");
+    }
+
+    /// Trials of a consistent estimator and of others, four traces under five seeds.
+    #[test]
+    fn verif_errors_are_judged_by_nees_and_coverage() {
+        let mut rng = Pcg64::seed_from_u64(3);
+        let mut verdict = |nees: f64, coverage: f64| {
+            let trial = |index: usize| TrialErrors {
+                trace: format!("trace {}", index / 5),
+                nees: nees * rng.random_range(0.8..1.2),
+                coverage,
+                samples: 12.0,
+            };
+            ErrorConsistency::of_trials(&(0..20).map(trial).collect::<Vec<_>>()).unwrap()
+        };
+        assert_eq!(verdict(2.0, 0.95).verdict(), Verdict::Consistent);
+        assert_eq!(verdict(2.0, 0.95).sentence(), "consistent");
+        assert_eq!(verdict(7.0, 0.94).verdict(), Verdict::Overconfident);
+        assert_eq!(verdict(2.0, 0.80).verdict(), Verdict::Overconfident);
+        assert_eq!(verdict(0.5, 1.00).verdict(), Verdict::Underconfident);
+        let wrong = verdict(14.0, 0.61).sentence();
+        assert!(wrong.starts_with("overconfident: NEES ") && wrong.ends_with("coverage 61 %"), "{wrong}");
+    }
+
+    /// Traces that differ more than their autocorrelation explains count as fewer samples, at least one each.
+    #[test]
+    fn verif_scatter_of_traces_widens_the_interval() {
+        let trial =
+            |trace: usize, nees: f64| TrialErrors { trace: trace.to_string(), nees, coverage: 0.95, samples: 1e3 };
+        let alike: Vec<TrialErrors> = (0..6).map(|trace| trial(trace, 2.0 + 0.01 * trace as f64)).collect();
+        let apart: Vec<TrialErrors> = (0..6).map(|trace| trial(trace, [0.4, 4.0][trace % 2])).collect();
+        let width = |trials: &[TrialErrors]| {
+            let (low, high) = ErrorConsistency::of_trials(trials).unwrap().nees.interval;
+            high - low
+        };
+        assert!(width(&alike) < 0.12 && width(&apart) > 1.0, "{} {}", width(&alike), width(&apart));
+        let far: Vec<TrialErrors> = (0..6).map(|trace| trial(trace, [0.1, 90.0][trace % 2])).collect();
+        assert_eq!(ErrorConsistency::of_trials(&far).unwrap().nees.interval, interval(NEES_FREEDOM, 6.0));
     }
 }

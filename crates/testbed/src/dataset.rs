@@ -5,15 +5,23 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use files::read_json;
-use trace::{ArrayRecording, ArraySidecar, Role, Sidecar, Suite, Trace};
+use serde_json::Value;
+use trace::{
+    ArrayRecording, ArraySidecar, RandomDraws, Role, SceneDifference, Sidecar, Suite, SuiteRun, Trace, scene_difference,
+};
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
+
+/// Name of the folder of calibrations in the folder of their traces.
+pub const CALIBRATIONS: &str = "calibrations";
 
 /// Traces to process and the name of their results.
 #[derive(Clone, Debug)]
 pub struct Dataset {
     /// Name of the suite or folder.
     pub name: String,
+    /// Path of the suite or folder, as given.
+    pub input: PathBuf,
     /// Folder of the traces and their calibrations.
     pub folder: PathBuf,
     /// Paths of the traces' CSV files, in order.
@@ -24,7 +32,7 @@ impl Dataset {
     /// Opens the traces of a suite or of a folder. A suite is a JSON file; its traces lie in `folder`, by default `datasets/<suite>`.
     ///
     /// # Errors
-    /// If the suite does not parse, or a trace is missing.
+    /// If the suite does not parse, a trace is missing, or a scene has changed since its trace was simulated.
     pub fn open(input: &Path, folder: Option<&Path>) -> anyhow::Result<Self> {
         if input.is_dir() {
             if folder.is_some() {
@@ -35,18 +43,23 @@ impl Dataset {
         if input.extension().is_some_and(|extension| extension == "csv") {
             bail!("{}: is one file, expected a suite (.json) or a folder of traces", input.display());
         }
+        let keys: Value = read_json(input)?;
+        if keys.get("scenes").is_none() && keys.get("random").is_none() {
+            bail!("{}: scenes: found no such key, expected a suite, or the folder of the traces", input.display());
+        }
         let suite = Suite::read(input)?;
-        let folder = folder.map_or_else(|| Path::new("datasets").join(&suite.name), Into::into);
+        let simulated = Simulated { suite: input, folder, name: &suite.name };
+        let folder = simulated.folder();
         let mut paths = Vec::new();
-        for name in suite.names(input)? {
-            for path in traces(&folder, &name)? {
-                if !path.with_extension("json").is_file() {
-                    bail!("{}: no such trace; `whisker simulate {}` makes it", path.display(), input.display());
-                }
-                paths.push(path);
+        for run in suite.runs(input)? {
+            paths.extend(simulated.traces(&run)?);
+        }
+        if let Some(random) = &suite.random {
+            for name in random_names(&folder, &suite.name, random)? {
+                paths.extend(simulated.present(&name)?);
             }
         }
-        Ok(Self { name: suite.name, folder, paths })
+        Ok(Self { name: suite.name, input: input.into(), folder, paths })
     }
 
     fn of_folder(folder: &Path) -> anyhow::Result<Self> {
@@ -59,13 +72,16 @@ impl Dataset {
             }
         }
         if paths.is_empty() {
-            bail!("{}: no traces, expected pairs of .csv and .json", folder.display());
+            bail!(
+                "{}: found no traces, expected pairs of .csv and .json, as written by `whisker simulate ... --out {0}`",
+                folder.display()
+            );
         }
         paths.sort();
         let folder = folder.to_path_buf();
         let absolute = folder.canonicalize().with_context(|| folder.display().to_string())?;
         let name = absolute.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy().into_owned());
-        Ok(Self { name, folder, paths })
+        Ok(Self { name, input: folder.clone(), folder, paths })
     }
 
     /// The dataset restricted to traces with these names.
@@ -87,7 +103,13 @@ impl Dataset {
             }
         }
         if paths.is_empty() {
-            bail!("{}: no traces with the role `{}`", self.folder.display(), role.name());
+            let remedy = match role {
+                Role::Calibration => {
+                    "simulate a scene with this role into the folder, or name other calibrations by --calibrations"
+                }
+                Role::Trial => "simulate a scene with this role into the folder",
+            };
+            bail!("{}: found no traces with the role `{}`; {remedy}", self.folder.display(), role.name());
         }
         Ok(paths)
     }
@@ -100,16 +122,36 @@ impl Dataset {
         self.of_role(role)?.into_iter().map(|path| Ok(Trace::read(path)?)).collect()
     }
 
-    /// Default measurement noise to add, see [`FrontEnd::default_noise`]. A dataset with a simulated trace counts as simulated.
+    /// Whether every trial states the noise that is to be added to it.
     ///
     /// # Errors
     /// If a sidecar cannot be read.
-    pub fn default_noise(&self, front_end: &FrontEnd) -> anyhow::Result<f64> {
-        let mut noise = 0.0;
+    pub fn states_noise(&self) -> anyhow::Result<bool> {
         for path in &self.paths {
-            noise = front_end.default_noise(&read_json(&path.with_extension("json"))?).max(noise);
+            let sidecar = Sidecar::read(path)?;
+            if sidecar.role == Role::Trial && sidecar.replay.is_none() {
+                return Ok(false);
+            }
         }
-        Ok(noise)
+        Ok(true)
+    }
+
+    /// Default measurement noise to add to every trace of datasets, see [`FrontEnd::default_noise`].
+    ///
+    /// # Errors
+    /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together.
+    pub fn default_noise(datasets: &[Self], front_end: &FrontEnd) -> anyhow::Result<f64> {
+        let mut noise: Option<f64> = None;
+        for path in datasets.iter().flat_map(|dataset| &dataset.paths) {
+            let own = front_end.default_noise(&Sidecar::read(path)?);
+            if *noise.get_or_insert(own) != own {
+                bail!(
+                    "{}: found recordings and simulated traces together, expected one kind, since noise is added to simulated traces alone; give the noise for all by --noise",
+                    path.display()
+                );
+            }
+        }
+        Ok(noise.unwrap_or_default())
     }
 
     /// Folder of the calibrations of these traces through a front end, see [`calibrations`].
@@ -120,8 +162,100 @@ impl Dataset {
 
 /// Folder of the calibrations of a folder of traces: `calibrations` for the default front end, and a subfolder for any other.
 pub fn calibrations(folder: &Path, front_end: &str) -> PathBuf {
-    let folder = folder.join("calibrations");
+    let folder = folder.join(CALIBRATIONS);
     if front_end == FRONT_ENDS[0].name { folder } else { folder.join(front_end) }
+}
+
+/// Names of the traces of a random suite: the calibrations in the folder, then the trials of all sets.
+fn random_names(folder: &Path, suite: &str, random: &RandomDraws) -> anyhow::Result<Vec<String>> {
+    let prefix = format!("{suite}_{}_", random.seed);
+    let sets = (0..random.sets).flat_map(|set| (0..random.traces()).map(move |trace| format!("{set:04}_{trace:02}")));
+    let trials: Vec<String> = sets.map(|number| format!("{prefix}{number}")).collect();
+    let mut names = Vec::new();
+    // Without a folder, the first trial is reported as missing.
+    for entry in fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.with_context(|| folder.display().to_string())?.path();
+        let is_trace = path.extension().is_some_and(|extension| extension == "json");
+        let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        if let Some(name) = stem.filter(|name| is_trace && name.starts_with(&prefix))
+            && Sidecar::read(&path)?.role == Role::Calibration
+        {
+            names.push(name);
+        }
+    }
+    names.sort();
+    names.extend(trials);
+    Ok(names)
+}
+
+/// Traces that were simulated from the scenes of a suite.
+struct Simulated<'a> {
+    /// Path of the suite.
+    suite: &'a Path,
+    /// Folder of the traces, if it is not the suite's own.
+    folder: Option<&'a Path>,
+    /// Name of the suite.
+    name: &'a str,
+}
+
+impl Simulated<'_> {
+    fn folder(&self) -> PathBuf {
+        self.folder.map_or_else(|| Path::new("datasets").join(self.name), Into::into)
+    }
+
+    /// Paths of the traces of a run, one, or one per whisker of a recording, which are those of its scene.
+    fn traces(&self, run: &SuiteRun) -> anyhow::Result<Vec<PathBuf>> {
+        let paths = self.present(&run.name)?;
+        paths.iter().try_for_each(|path| self.check(run, path))?;
+        Ok(paths)
+    }
+
+    /// Paths of the traces of a scene with this name, all of which exist.
+    fn present(&self, name: &str) -> anyhow::Result<Vec<PathBuf>> {
+        let paths = traces(&self.folder(), name)?;
+        for path in &paths {
+            if !path.with_extension("json").is_file() {
+                bail!(
+                    "{}: no such trace; run {}, or give the folder of the traces by --traces",
+                    path.display(),
+                    self.remedy()
+                );
+            }
+        }
+        Ok(paths)
+    }
+
+    /// Checks that a trace was simulated from the scene as it is now. A recording of a real sensor has no scene.
+    ///
+    /// `whisker simulate --simulation` replaces the settings of the integration; they are compared in the suite's own folder alone.
+    fn check(&self, run: &SuiteRun, path: &Path) -> anyhow::Result<()> {
+        let mut simulated = Sidecar::read(path)?.scene;
+        if simulated.is_null() {
+            return Ok(());
+        }
+        let mut scene = run.scene.clone();
+        if self.folder.is_some() {
+            // Removed from both, so that both have the default.
+            for keys in [&mut scene, &mut simulated].into_iter().filter_map(Value::as_object_mut) {
+                keys.shift_remove("simulation");
+            }
+        }
+        if let Some(SceneDifference { key, in_file, in_trace }) = scene_difference(&scene, &simulated) {
+            bail!(
+                "{}: {key}: found {in_file}, but {} was simulated with {in_trace}: the scene has changed; run {}",
+                run.path.display(),
+                path.display(),
+                self.remedy()
+            );
+        }
+        Ok(())
+    }
+
+    /// The command that simulates the traces again.
+    fn remedy(&self) -> String {
+        let out = self.folder.map_or_else(String::new, |folder| format!(" --out {}", folder.display()));
+        format!("`whisker simulate {}{out}`", self.suite.display())
+    }
 }
 
 /// Paths of the traces of a scene: one, or one per whisker of a recording.

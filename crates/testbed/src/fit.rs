@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use files::{Digest, Watermark, read_json, write_atomically, write_json};
+use files::{Watermark, read_json, write_atomically, write_json};
+use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, FaceFile, FrontEndFile, Role, Sidecar, Trace, TruthInstant};
+use trace::{CalibrationFile, FaceFile, FrontEndFile, Role, Sidecar, Trace, TruthInstant, data_sha256};
 use whisker::Whisker;
 use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
@@ -98,10 +99,16 @@ pub struct Fitted {
 }
 
 /// Fits every whisker with calibration traces in the dataset and writes its calibration, unless an up-to-date one is there.
+/// The unit of progress is one candidate for one face.
 ///
 /// # Errors
 /// If traces cannot be read, contradict one another, or do not determine the model.
-pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Result<Vec<Fitted>> {
+pub fn fit(
+    dataset: &Dataset,
+    settings: &FitSettings,
+    out: &Path,
+    progress: &ProgressBar,
+) -> anyhow::Result<Vec<Fitted>> {
     let candidates = settings.models.candidates()?;
     let front_end = FrontEnd::new(&settings.front_end)?;
     let mut whiskers: BTreeMap<String, Vec<Trace>> = BTreeMap::new();
@@ -109,15 +116,22 @@ pub fn fit(dataset: &Dataset, settings: &FitSettings, out: &Path) -> anyhow::Res
         front_end.check_trace(&trace.sidecar)?;
         whiskers.entry(trace.sidecar.whisker.name.clone()).or_default().push(trace);
     }
+    progress
+        .set_length(whiskers.values().map(|traces| faces_of(traces).count() * candidates.len()).sum::<usize>() as u64);
     whiskers
         .iter()
         .map(|(whisker, traces)| {
             let mountings = mountings(dataset, whisker, settings)?;
             let (candidates, front_end, mountings) = (&candidates, &front_end, &mountings);
             let (whisker, folder) = (&traces[0].sidecar.whisker, &dataset.folder);
-            WhiskerFit { whisker, candidates, traces, front_end, mountings, settings, folder, out }.run()
+            WhiskerFit { whisker, candidates, traces, front_end, mountings, settings, folder, out, progress }.run()
         })
         .collect()
+}
+
+/// Faces that the traces touch.
+fn faces_of(traces: &[Trace]) -> impl Iterator<Item = Face> {
+    [Face::Left, Face::Right].into_iter().filter(|face| traces.iter().any(|trace| trace.sidecar.face == *face))
 }
 
 /// The sensors with a whisker, each once.
@@ -149,6 +163,7 @@ struct WhiskerFit<'a> {
     folder: &'a Path,
     /// Folder of the calibrations.
     out: &'a Path,
+    progress: &'a ProgressBar,
 }
 
 impl WhiskerFit<'_> {
@@ -159,10 +174,11 @@ impl WhiskerFit<'_> {
             let (other, name, first) = (&other.sidecar.name, &whisker.name, &self.traces[0].sidecar.name);
             bail!("{other}: its whisker `{name}` has other parameters than that of {first}");
         }
-        let data_sha256 = self.data_sha256();
+        let data_sha256 = data_sha256(self.traces.iter().map(|trace| &trace.sidecar));
         let watermark = self.watermark(&data_sha256)?;
         let path = self.out.join(format!("{}.json", whisker.name));
         if let Some(calibration) = self.up_to_date(&path, &watermark) {
+            self.progress.inc((faces_of(self.traces).count() * self.candidates.len()) as u64);
             return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new() });
         }
         // The readings of a recording already contain noise.
@@ -175,16 +191,6 @@ impl WhiskerFit<'_> {
         let calibration = CalibrationFile::new(whisker, noise, seed, sensors, data_sha256, names, faces, watermark);
         write_json(&path, &calibration)?;
         Ok(Fitted { calibration, path, is_new: true, left_out })
-    }
-
-    /// Hash of the traces.
-    fn data_sha256(&self) -> String {
-        let mut data = Digest::default();
-        for trace in self.traces {
-            data.add(&trace.sidecar.name).add(&trace.sidecar.csv_sha256).add(trace.sidecar.face.name());
-            data.add(trace.sidecar.contour.as_ref().map_or("", |contour| &contour.sha256));
-        }
-        data.finish()
     }
 
     /// Watermark of the calibration from everything that determines it.
@@ -232,15 +238,12 @@ impl WhiskerFit<'_> {
     /// Fits every face with traces and writes the tables of the report. Returns the reasons of failed candidates too.
     fn faces(&self, readings_n_m: &[Vec<f64>]) -> anyhow::Result<(Vec<FaceFile>, Vec<String>)> {
         let (mut faces, mut left_out) = (Vec::new(), Vec::new());
-        for face in [Face::Left, Face::Right] {
+        for face in faces_of(self.traces) {
             let read = self.traces.iter().zip(readings_n_m).filter(|(trace, _)| trace.sidecar.face == face);
             let read: Vec<Read> = read.map(|(trace, readings_n_m)| Read { trace, readings_n_m }).collect();
-            if read.is_empty() {
-                continue;
-            }
             let of_face: Vec<&Trace> = read.iter().map(|read| read.trace).collect();
             let place = || format!("whisker `{}`, face {}", self.whisker.name, face.name());
-            let fitted = fit_face(self.candidates, self.whisker, face, &read, self.folder);
+            let fitted = fit_face(self.candidates, self.whisker, face, &read, self.folder, self.progress);
             let (fits, failed) = fitted.with_context(place)?;
             left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
             let file = FaceFile::new(&fits).expect("there is a fit");
@@ -265,6 +268,7 @@ fn fit_face(
     face: Face,
     read: &[Read],
     folder: &Path,
+    progress: &ProgressBar,
 ) -> anyhow::Result<(Vec<Fit>, Vec<String>)> {
     let measured: Vec<Vec<Sample>> = read.iter().map(|read| contacts(read.trace, read.readings_n_m)).collect();
     let reference: Vec<Vec<Sample>> = read.iter().map(|read| clean_contacts(read.trace)).collect();
@@ -277,8 +281,12 @@ fn fit_face(
         reference_noise_sd_n_m: noise.sqrt(),
         pin_radius_m: pin_radius_m(read.iter().map(|read| read.trace), folder)?,
     };
-    let fitted: Vec<Result<Fit, ModelError>> =
-        candidates.par_iter().map(|it| sensor::fit(it.row, &it.config, &material)).collect();
+    let fit = |candidate: &Candidate| {
+        let fitted = sensor::fit(candidate.row, &candidate.config, &material);
+        progress.inc(1);
+        fitted
+    };
+    let fitted: Vec<Result<Fit, ModelError>> = candidates.par_iter().map(fit).collect();
     let mut fits = Vec::new();
     let mut failed = Vec::new();
     for (candidate, fitted) in candidates.iter().zip(fitted) {

@@ -15,10 +15,12 @@ use testbed::dataset::Dataset;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::FrontEndConfig;
+use testbed::metrics::{Scores, error};
+use testbed::noise::NoiseUnit;
 use testbed::participant::Program;
-use testbed::results::RUN_FILES;
 use testbed::results::files::{Writer, run_file};
-use trace::{CalibrationFile, Role, Trace, TruthInstant};
+use testbed::results::{RUN_FILES, Run, TrialRow, read_scores};
+use trace::{CalibrationFile, Miscalibration, ReplayEffects, Role, Sidecar, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
 
 /// Dataset of the golden pin as a trial and as a calibration, and of a trial without any contact.
@@ -44,7 +46,7 @@ fn dataset(folder: &Path) -> Dataset {
 fn fitted(dataset: &Dataset, front_end: &FrontEndConfig, out: &Path) {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
     let settings = FitSettings { models, noise: 0.01, seed: 1, front_end: front_end.clone(), sensors: Vec::new() };
-    fit(dataset, &settings, out).unwrap();
+    fit(dataset, &settings, out, &ProgressBar::hidden()).unwrap();
 }
 
 fn evaluated(dataset: &Dataset, results: &Path) -> Evaluated {
@@ -205,4 +207,89 @@ fn verif_the_bound_continues_through_chatter_and_restarts_after_a_lift_off() {
     assert!(around(2, &noisy).0.sd_m > before.sd_m);
     assert!(TraceBound::new(&trace, face, 0.0, &exact).is_none());
     assert!(TraceBound::new(&trace, face, 0.0, &noisy).is_some());
+}
+
+/// Scores of a trial of a run.
+fn scores_of(results: &Path, trace: &str) -> Vec<Scores> {
+    let rows: Vec<TrialRow> = read_scores(&results.join("golden/trials.csv")).unwrap();
+    rows.into_iter().filter(|row| row.head.trace == trace).map(|row| row.scores).collect()
+}
+
+/// Trials with a miscalibration stand beside the exact one, whose scores stay the same; a deviation that the trace states is applied without the option.
+#[test]
+fn verif_miscalibrations_are_trials_of_their_own() {
+    let [traces, alone, with] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
+    let dataset = dataset.only(&["pin".into()]);
+    let run = |settings: EvaluateSettings| evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden());
+    run(settings(alone.path())).unwrap();
+    let exact = scores_of(alone.path(), "pin");
+    let gain = Miscalibration { gain: 0.05, ..Miscalibration::default() };
+    let mount = Miscalibration { mount_x_m: 1e-3, stiffness: -0.02, latency_s: 2e-3, ..Miscalibration::default() };
+    let miscalibrations = vec![Miscalibration::default(), gain, mount];
+    let evaluated = run(EvaluateSettings { miscalibrations, ..settings(with.path()) }).unwrap();
+    assert_eq!(scores_of(with.path(), "pin"), exact);
+    let groups: Vec<&str> = evaluated.summary.iter().map(|row| row.head.group.as_str()).collect();
+    assert_eq!(groups, ["pin", "pin, gain 5e-2", "pin, stiffness -2e-2 mount x m 1e-3 latency s 2e-3"]);
+    let rmse = |row: usize| evaluated.summary[row].get(&error::START_RMSE).unwrap();
+    assert!(rmse(1) > rmse(0) && rmse(2) > 0.5e-3, "{} {} {}", rmse(0), rmse(1), rmse(2));
+    let run_json: Run = files::read_json(&evaluated.folder.join("run.json")).unwrap();
+    assert_eq!(
+        run_json.sets.iter().map(|set| set.miscalibration).collect::<Vec<_>>(),
+        [Miscalibration::default(), gain, mount]
+    );
+
+    let path = traces.path().join("pin.json");
+    let mut sidecar: Sidecar = files::read_json(&path).unwrap();
+    sidecar.replay = Some(ReplayEffects { noise: 0.02, miscalibration: gain });
+    files::write_json(&path, &sidecar).unwrap();
+    let stated = EvaluateSettings { noise: vec![0.5], noise_unit: NoiseUnit::Stated, ..settings(alone.path()) };
+    run(EvaluateSettings { force: true, ..stated }).unwrap();
+    let stated = scores_of(alone.path(), "pin");
+    assert_eq!(stated, scores_of(with.path(), "pin_gain_5e-2"), "half of the stated noise of 2 % is 1 %");
+    assert_eq!(stated.len(), 1);
+}
+
+/// The same noise in each unit gives the same scores.
+#[test]
+fn verif_noise_units() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
+    let dataset = dataset.only(&["pin".into()]);
+    let run = |level: f64, noise_unit: NoiseUnit| {
+        let settings = EvaluateSettings { noise: vec![level], noise_unit, force: true, ..settings(results.path()) };
+        evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden())
+    };
+    let evaluated = run(0.01, NoiseUnit::Set).unwrap();
+    let rmse = evaluated.summary[0].get(&error::START_RMSE).unwrap();
+    let run_json: Run = files::read_json(&evaluated.folder.join("run.json")).unwrap();
+    let largest_n_m = run_json.sets[0].largest_reading_n_m;
+    let calibrated_n_m = run_json.calibrations[0].largest_reading_n_m;
+    for (level, unit) in
+        [(0.01 * largest_n_m, NoiseUnit::NewtonMetre), (0.01 * largest_n_m / calibrated_n_m, NoiseUnit::Range)]
+    {
+        let same = run(level, unit).unwrap().summary[0].get(&error::START_RMSE).unwrap();
+        assert!((same / rmse - 1.0).abs() < 1e-9, "{unit:?}: {same} {rmse}");
+    }
+    let error = run(1.0, NoiseUnit::Stated).unwrap_err().to_string();
+    assert!(error.contains("pin.json: replay: found no stated noise"), "{error}");
+}
+
+#[test]
+fn robust_files_beside_a_calibration_are_required_before_the_start() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    let calibrations = dataset.calibrations("white");
+    fitted(&dataset, &FrontEndConfig::default(), &calibrations);
+    for name in ["straight_left.surface.csv", "straight_left.residuals.csv"] {
+        let moved = calibrations.join("moved");
+        fs::rename(calibrations.join(name), &moved).unwrap();
+        let announced = EvaluateSettings { on_start: Some(|_| panic!("it starts")), ..settings(results.path()) };
+        let error = evaluate(slice::from_ref(&dataset), &announced, &ProgressBar::hidden()).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("no such file beside its calibration"), "{error}");
+        fs::rename(&moved, calibrations.join(name)).unwrap();
+    }
+    assert!(fs::read_dir(results.path()).unwrap().next().is_none());
 }

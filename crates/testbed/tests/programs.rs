@@ -220,6 +220,19 @@ fn robust_child_processes_are_killed_with_the_trial() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn robust_a_child_process_with_a_session_of_its_own_is_killed_with_the_trial() {
+    let folder = tempfile::tempdir().unwrap();
+    let pid = folder.path().join("pid");
+    // The process group ends at `setsid`, and the parent of the process ends at once.
+    let daemon =
+        format!("(setsid sh -c 'echo $$ > {0}; exec sleep 600' &); while [ ! -s {0} ]; do :; done", pid.display());
+    fails(&format!("{daemon}; sleep 600"), MIDDLING, &["no answer to row 1"]);
+    let pid = fs::read_to_string(pid).unwrap();
+    assert!(!Path::new("/proc").join(pid.trim()).exists(), "{pid} is still there");
+}
+
+#[test]
 fn robust_a_program_that_does_not_start_is_reported() {
     let program = Program::new("no-such-program --fast", TIMEOUT).unwrap();
     let error = format!("{:#}", program.check(&world::knowledge(NOISE_N_M)).unwrap_err());

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use files::{Error, FORMAT, Watermark, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use whisker::Whisker;
 use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
+use whisker::{ReadingGate, Whisker};
 
 use crate::Characteristic;
 use crate::characteristic::polynomial;
@@ -245,6 +245,11 @@ impl CalibrationFile {
         file.check_sensors(path)?;
         file.check_faces(path)?;
         Ok(file)
+    }
+
+    /// Gate of the readings: that of the largest reading of all faces.
+    pub fn gate(&self) -> ReadingGate {
+        ReadingGate::new(self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max))
     }
 
     /// Loads the calibrated faces with the model of this label, or with the chosen model if `label` is `None`. `path`

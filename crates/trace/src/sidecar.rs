@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use files::{Error, FORMAT, read_json};
+use files::{Digest, Error, FORMAT, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
-use crate::{Certificate, ObjectClass};
+use crate::{Certificate, ObjectClass, ReplayEffects};
 
 /// Smallest and largest sampling rate.
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];
@@ -127,6 +127,9 @@ pub struct Sidecar {
     /// Name of the array recording that the trace belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<String>,
+    /// Effects to be added at replay, if the scene states any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replay: Option<ReplayEffects>,
 }
 
 impl Sidecar {
@@ -139,6 +142,16 @@ impl Sidecar {
     /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)
+    }
+
+    /// Hash of everything that a result from the trace may depend on: the sidecar, which contains the hashes of its files, without scene, certificate
+    /// and provenance.
+    pub fn data_sha256(&self) -> String {
+        let mut value = serde_json::to_value(self).expect("numbers and names serialise");
+        for key in ["scene", "generator", "inputs_sha256", "certificate"] {
+            value.as_object_mut().expect("a struct is an object").shift_remove(key);
+        }
+        sha256(value.to_string())
     }
 
     /// Reads and checks the sidecar of the trace with this CSV or sidecar path.
@@ -165,6 +178,9 @@ impl Sidecar {
         check_rate(path, self.rate_hz)?;
         if let Some(recorded) = &self.recorded {
             recorded.validate(path)?;
+        }
+        if let Some(replay) = &self.replay {
+            replay.validate(path)?;
         }
         plain_name(path, "name", &self.name)?;
         // Figures are named after the group, which is also shown with the trace.
@@ -209,6 +225,15 @@ impl Recorded {
         }
         Ok(())
     }
+}
+
+/// Hash of the data of several traces, in this order.
+pub fn data_sha256<'a>(sidecars: impl IntoIterator<Item = &'a Sidecar>) -> String {
+    let mut data = Digest::default();
+    for sidecar in sidecars {
+        data.add(sidecar.data_sha256());
+    }
+    data.finish()
 }
 
 /// Whether a name is a single path component without control characters.

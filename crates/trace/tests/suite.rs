@@ -16,7 +16,7 @@ fn suite(entries: &str) -> (tempfile::TempDir, PathBuf) {
 
 fn names(entries: &str) -> Vec<String> {
     let (_folder, path) = suite(entries);
-    Suite::read(&path).unwrap().names(&path).unwrap()
+    Suite::read(&path).unwrap().runs(&path).unwrap().into_iter().map(|run| run.name).collect()
 }
 
 #[test]
@@ -24,6 +24,29 @@ fn verif_trace_names_contain_the_seeds() {
     assert_eq!(names(r#"{"scene": "scene.json"}"#), ["scene"]);
     assert_eq!(names(r#"{"scene": "scene.json", "seeds": [3]}"#), ["scene_03"]);
     assert_eq!(names(r#"{"scene": "scene.json", "seeds": [0, 112]}"#), ["scene_00", "scene_112"]);
+}
+
+#[test]
+fn verif_a_random_suite_states_its_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("suite.json");
+    let read = |text: &str| {
+        fs::write(&path, format!(r#"{{"format": 1, "name": "suite", {text}}}"#)).unwrap();
+        Suite::read(&path)
+    };
+    let suite = read(r#""random": {"seed": 3, "sets": 20}"#).unwrap();
+    assert_eq!(suite.random.map(|random| (random.seed, random.sets, random.traces())), Some((3, 20, 5)));
+    assert!(suite.scenes.is_empty() && suite.runs(&path).unwrap().is_empty());
+    for (text, words) in [
+        (r#""random": {"seed": 3, "sets": 0}"#, "random.sets"),
+        (r#""random": {"seed": 3, "sets": 2, "traces": 100}"#, "1 to 99"),
+        (r#""random": {"seed": 3, "set": 2}"#, "unknown field `set`"),
+        (r#""random": {"seed": 3, "sets": 2}, "scenes": [{"scene": "scene.json"}]"#, "one of the two"),
+        (r#""scenes": []"#, "at least one, or the key `random`"),
+    ] {
+        let error = read(text).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
 }
 
 #[test]
@@ -35,7 +58,7 @@ fn robust_invalid_suites_are_rejected_with_their_place() {
         (r#"{"scene": "other.json"}"#, "other.json"),
     ] {
         let (_folder, path) = suite(entries);
-        let error = Suite::read(&path).and_then(|suite| suite.names(&path)).unwrap_err().to_string();
+        let error = Suite::read(&path).and_then(|suite| suite.runs(&path)).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     }
 }

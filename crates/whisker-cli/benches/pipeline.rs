@@ -65,7 +65,7 @@ fn set(folder: &Path) -> Dataset {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
     let settings =
         FitSettings { models, noise: NOISE, seed: 1, front_end: FrontEndConfig::default(), sensors: Vec::new() };
-    fit(&set, &settings, &set.calibrations("white")).expect("calibration traces");
+    fit(&set, &settings, &set.calibrations("white"), &ProgressBar::hidden()).expect("calibration traces");
     set
 }
 
@@ -73,19 +73,10 @@ fn set(folder: &Path) -> Dataset {
 fn evaluated(set: &Dataset, results: &Path) -> Evaluated {
     let settings = EvaluateSettings {
         name: "golden".into(),
-        estimators: None,
-        programs: Vec::new(),
-        config: Default::default(),
-        front_end: Default::default(),
-        touch: Default::default(),
         noise: vec![NOISE],
         seeds: (1..=5).collect(),
-        starts: Default::default(),
-        encoders: Vec::new(),
-        map: Default::default(),
-        calibrations: None,
         results: results.into(),
-        on_start: None,
+        ..Default::default()
     };
     evaluate(slice::from_ref(set), &settings, &ProgressBar::hidden()).expect("a valid set")
 }
@@ -102,5 +93,5 @@ fn whole_evaluation(bencher: Bencher) {
 fn whole_report(bencher: Bencher) {
     let folder = TempDir::new().expect("a temporary folder");
     let run = evaluated(&set(folder.path()), &folder.path().join("results")).folder;
-    bencher.bench_local(|| report(&run).expect("results just written"));
+    bencher.bench_local(|| report(&run, &ProgressBar::hidden()).expect("results just written"));
 }

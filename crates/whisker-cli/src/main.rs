@@ -1,6 +1,6 @@
 //! Entry point of the command `whisker`: exit code and error message.
 
-use std::io;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use strict_json::one_line;
@@ -11,7 +11,8 @@ fn main() -> ExitCode {
         // The reader of stdout has seen enough.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", one_line(&format!("{error:#}")));
+            // A terminal that was closed cannot show it.
+            let _ = writeln!(io::stderr(), "error: {}", one_line(&format!("{error:#}")));
             ExitCode::FAILURE
         }
     }

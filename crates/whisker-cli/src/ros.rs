@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
@@ -63,8 +64,8 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
         Some(contour) => Some((&contour.file, read(&path.with_file_name(&contour.file))?)),
         None => None,
     };
-    // All inputs are valid: no incomplete recording is left behind.
-    let mut writer = Writer::create(folder)?;
+    let staging = Staging::new(folder)?;
+    let mut writer = Writer::create(&staging.recording)?;
     for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
         let time_ns = time_ns(known.t_s, path)?;
         let mut row = Row { writer: &mut writer, time_ns };
@@ -78,7 +79,48 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
     if let Some((file, outline)) = outline {
         writer.attach(file, "text/csv", &outline)?;
     }
-    Ok(writer.finish()?)
+    writer.finish()?;
+    staging.finish()
+}
+
+/// Hidden folder beside a recording, in which it is written. An export that is repeated after a kill removes the incomplete recording.
+struct Staging<'a> {
+    folder: PathBuf,
+    /// The recording in the hidden folder, under its own name.
+    recording: PathBuf,
+    target: &'a Path,
+}
+
+impl<'a> Staging<'a> {
+    fn new(target: &'a Path) -> anyhow::Result<Self> {
+        let name = target
+            .file_name()
+            .with_context(|| format!("{}: path: expected the name of a new folder", target.display()))?;
+        ensure!(
+            !target.exists(),
+            "{}: path: found something of that name, expected nothing yet: remove or rename it",
+            target.display()
+        );
+        let folder = target.with_file_name(format!(".{}.export", name.display()));
+        let staging = Self { recording: folder.join(name), folder, target };
+        staging.remove()?;
+        Ok(staging)
+    }
+
+    /// Gives the complete recording its name.
+    fn finish(self) -> anyhow::Result<()> {
+        fs::rename(&self.recording, self.target).with_context(|| self.target.display().to_string())?;
+        self.remove()
+    }
+
+    fn remove(&self) -> anyhow::Result<()> {
+        match fs::remove_dir_all(&self.folder) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(error).with_context(|| self.folder.display().to_string())
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Converts a recording to a trace, if it contains one, else to a log of the platform with the magnetometer's readings. Returns the files written.

@@ -1,4 +1,5 @@
-//! Machine faults and untrusted files: an existing file stays unchanged or is replaced as a whole, no file outside the folder is written, and the error is one line.
+//! Machine faults and untrusted files: an existing file stays unchanged or is replaced as a whole, no file outside the
+//! folder is written, and the error is one line.
 #![cfg(unix)]
 
 use std::collections::BTreeMap;
@@ -173,7 +174,7 @@ fn robust_a_read_only_folder_is_an_error() {
     }
     let command_lines = [
         "fit traces --model spline",
-        "evaluate traces --estimators ekf --seeds 3 --results results --name run",
+        "evaluate traces --estimators ekf --seeds 3 --results results --name run --force",
         "evaluate traces --estimators ekf --seeds 3 --results results --name other",
         REPORT,
     ];

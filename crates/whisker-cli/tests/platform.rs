@@ -12,9 +12,12 @@ use std::time::{Duration, Instant};
 use platform::Error;
 use platform::emulate::{Emulated, Emulation, RigTable};
 use platform::printer::{Head, Printer};
-use platform::rig::SPEEDS_M_S;
-use platform::routine::{Contact, IncrementsBeamTest, Observer};
+use platform::record::LogSidecar;
+use platform::rig::Rig;
+use platform::routine::{Contact, IncrementsBeamTest, Observer, Overload};
 use platform::sensor::format;
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 /// Maximum time until a program has opened its port.
 const START: Duration = Duration::from_millis(500);
@@ -36,6 +39,11 @@ fn done(arguments: &[&str]) -> Output {
     output
 }
 
+fn emulation() -> Emulation {
+    let (rig, table) = (Arc::new(Rig::built_in()), Arc::new(RigTable::built_in()));
+    Emulation::start(&Emulated { rig, table, format: format("hex").unwrap(), seed: 1 }).unwrap()
+}
+
 struct NoObserver;
 
 impl Observer for NoObserver {
@@ -51,8 +59,7 @@ impl Observer for NoObserver {
 #[test]
 fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
     let folder = tempfile::tempdir().unwrap();
-    let emulated = || Emulated { rig: Arc::new(RigTable::built_in()), format: format("hex").unwrap(), seed: 1 };
-    let emulation = Emulation::start(&emulated()).unwrap();
+    let emulation = emulation();
     let [log, calibration] = ["log", "calibration.json"].map(|name| folder.path().join(name));
     let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
     let ports = ["run", "--printer", printer, "--sensor", sensor, "--out", text(&log)];
@@ -77,6 +84,24 @@ fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
         assert_eq!(stderr.contains("warning: found 4"), is_warned, "{stderr}");
     }
 
+    // Times in milliseconds are refused.
+    let milliseconds = folder.path().join("milliseconds.csv");
+    let scaled = rows.lines().map(|row| match row.split_once(',') {
+        Some((t_s, rest)) if t_s != "t_s" => format!("{},{rest}\n", 1e3 * t_s.parse::<f64>().unwrap()),
+        _ => format!("{row}\n"),
+    });
+    fs::write(&milliseconds, scaled.collect::<String>()).unwrap();
+    let output = whisker(&[&["infer", text(&milliseconds)], &calibrated[..]].concat()).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && stderr.contains("the times look like milliseconds"), "{stderr}");
+
+    // A label does not override the distances that the sidecar states.
+    let labelled = format!("65={}", text(&log.join("log.csv")));
+    let output = whisker(&["fit", "--label", &labelled, "--out", text(&folder.path().join("none"))]).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && stderr.contains("found 65.0 mm, and 45.0 to 145.0 mm in "), "{stderr}");
+    assert!(!folder.path().join("none").exists());
+
     // A session prints contacts on the standard output and their errors on stderr.
     let out = folder.path().join("second");
     let ports = ["run", "--printer", printer, "--sensor", sensor, "--out", text(&out)];
@@ -98,9 +123,14 @@ fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
         whisker(&[&["infer", "--port", sensor, "--print", "csv", "--latency"], &calibrated[..]].concat());
     let listener = listener.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     thread::sleep(START);
-    let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: SPEEDS_M_S[1], ..Default::default() };
-    let mut driver = Printer::open(printer, Instant::now(), Arc::default()).unwrap();
-    routine.run(&mut driver, Instant::now(), &AtomicBool::new(false), &mut NoObserver).unwrap();
+    let routine = IncrementsBeamTest { increments_y: 1, speed_m_s: 0.25, ..Default::default() };
+    let rig = Rig::built_in();
+    let mut driver = Printer::open(printer, rig.bed, Instant::now(), Arc::default()).unwrap();
+    routine
+        .on(&rig, Overload::Refused)
+        .unwrap()
+        .run(&mut driver, Instant::now(), &AtomicBool::new(false), &mut NoObserver)
+        .unwrap();
     emulation.unplug();
     let output = listener.wait_with_output().unwrap();
     let (events, stderr) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
@@ -120,27 +150,110 @@ fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
     assert!(fs::exists(out.join("log.csv")).unwrap());
 }
 
-#[test]
-fn robust_two_signals_at_once_are_one_request_to_stop_the_printer() {
-    let folder = tempfile::tempdir().unwrap();
-    let emulated = Emulated { rig: Arc::new(RigTable::built_in()), format: format("hex").unwrap(), seed: 1 };
-    let emulation = Emulation::start(&emulated).unwrap();
-    let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
-    let mut run = whisker(&["run", "--printer", printer, "--sensor", sensor, "--out", text(folder.path())]);
-    let run = run.stderr(Stdio::piped()).spawn().unwrap();
+/// Waits for the log of a session.
+fn wait_for_log(folder: &Path) {
     let start = Instant::now();
-    while !folder.path().join("log.csv.part").exists() {
+    while !folder.join("log.csv.part").exists() {
         assert!(start.elapsed() < Duration::from_secs(60), "no log was created");
         thread::sleep(START / 10);
     }
-    let pid = rustix::process::Pid::from_child(&run);
-    for _ in 0..2 {
-        rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+}
+
+#[test]
+fn robust_two_signals_at_once_are_one_request_to_stop_the_printer() {
+    for signal in [Signal::INT, Signal::HUP] {
+        let folder = tempfile::tempdir().unwrap();
+        let emulation = emulation();
+        let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
+        let mut run = whisker(&["run", "--printer", printer, "--sensor", sensor, "--out", text(folder.path())]);
+        let run = run.stderr(Stdio::piped()).spawn().unwrap();
+        wait_for_log(folder.path());
+        for _ in 0..2 {
+            kill_process(Pid::from_child(&run), signal).unwrap();
+        }
+        let output = run.wait_with_output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(1) && stderr.contains("the printer was stopped at once"), "{stderr}");
+        assert!(["csv", "json"].iter().all(|end| folder.path().join(format!("log.interrupted.{end}")).exists()));
     }
-    let output = run.wait_with_output().unwrap();
+}
+
+#[test]
+fn robust_a_closed_terminal_ends_the_session_and_keeps_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulation = emulation();
+    let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
+    let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&terminal).and_then(|()| unlockpt(&terminal)).unwrap();
+    let path = ptsname(&terminal, Vec::new()).unwrap().into_string().unwrap();
+    let side = || Stdio::from(fs::File::options().read(true).write(true).open(&path).unwrap());
+    let mut run = whisker(&["run", "--printer", printer, "--sensor", sensor, "--out", text(folder.path())])
+        .stdout(side())
+        .stderr(side())
+        .spawn()
+        .unwrap();
+    wait_for_log(folder.path());
+    drop(terminal);
+    kill_process(Pid::from_child(&run), Signal::HUP).unwrap();
+    assert_eq!(run.wait().unwrap().code(), Some(1), "an error, not a panic");
+    assert!(["csv", "json"].iter().all(|end| folder.path().join(format!("log.interrupted.{end}")).exists()));
+}
+
+/// The session fills a file system of 1200 KiB within ten seconds.
+#[cfg(target_os = "linux")]
+#[test]
+fn robust_a_disk_that_fills_up_ends_the_session_and_keeps_every_sample() {
+    let mounts = |script: &str| {
+        let mut command = Command::new("unshare");
+        command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]);
+        command
+    };
+    let (disk, kept) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let mount = format!("mount -t tmpfs -o size=1200k tmpfs {}", text(disk.path()));
+    if !mounts(&mount).output().is_ok_and(|output| output.status.success()) {
+        return;
+    }
+    let emulation = emulation();
+    let (printer, sensor) = (text(&emulation.printer), text(&emulation.sensor));
+    let script = format!(
+        "{mount} && {{ {} platform run --printer {printer} --sensor {sensor} --speed 15000 --out {disk}/log; code=$?; cp {disk}/log/* {}; exit $code; }}",
+        env!("CARGO_BIN_EXE_whisker"),
+        text(kept.path()),
+        disk = text(disk.path()),
+    );
+    let output = mounts(&script).output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && stderr.contains("the printer was stopped at once"), "{stderr}");
-    assert!(folder.path().join("log.interrupted.csv").exists());
+    assert!(output.status.code() == Some(1) && stderr.contains("No space left on device"), "{stderr}");
+    let samples: usize = stderr.split_whitespace().next().unwrap().parse().unwrap();
+    let rows = fs::read_to_string(kept.path().join("log.interrupted.csv")).unwrap();
+    assert_eq!(rows.lines().count(), samples + 1, "{stderr}");
+    let sidecar: LogSidecar = files::read_json(&kept.path().join("log.interrupted.json")).unwrap();
+    assert!(!sidecar.contacts.is_empty());
+    assert_eq!(fs::read_dir(kept.path()).unwrap().count(), 3);
+}
+
+#[test]
+fn robust_a_push_beyond_the_whiskers_limit_is_refused_before_the_printer_is_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, rig) = (folder.path().join("log"), folder.path().join("rig.json"));
+    let run = |options: &[&str]| {
+        let ports = ["run", "--printer", "/dev/none", "--sensor", "/dev/none", "--out", text(&out)];
+        let output = whisker(&[&ports[..], options].concat()).output().unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let refused = run(&["--x", "103"]);
+    assert!(refused.contains("found 103.0 mm, expected at most 18.4 mm, the largest push at 45 mm"), "{refused}");
+    // A whisker of another rig, without a rebuild.
+    let shipped = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/openwhisker.json")).unwrap();
+    fs::write(&rig, shipped.replace("\"largest_strain\": 0.025", "\"largest_strain\": 0.008")).unwrap();
+    let refused = run(&["--rig", text(&rig)]);
+    assert!(refused.contains("found 6.0 mm, expected at most 4."), "{refused}");
+    fs::write(&rig, shipped.replace("0.025", "0.025x")).unwrap();
+    let invalid = run(&["--rig", text(&rig)]);
+    assert!(invalid.contains("rig.json:21:"), "{invalid}");
+    let allowed = run(&["--x", "103", "--allow-overload"]);
+    assert!(allowed.contains("/dev/none: cannot be opened"), "{allowed}");
 }
 
 #[test]

@@ -147,7 +147,7 @@ fn evaluated(dataset: &Dataset, encoders: Vec<Encoders>, results: &Path) -> Eval
 fn try_evaluated(dataset: &Dataset, encoders: Vec<Encoders>, results: &Path) -> anyhow::Result<Evaluated> {
     let models = Models::One { kind: "elastica".into(), config: json!({}) };
     let settings = FitSettings { models, noise: 0.01, seed: 1, front_end: Default::default(), sensors: Vec::new() };
-    fit(dataset, &settings, &dataset.calibrations("white")).unwrap();
+    fit(dataset, &settings, &dataset.calibrations("white"), &ProgressBar::hidden()).unwrap();
     let settings = EvaluateSettings {
         name: "arm".into(),
         estimators: Some(vec!["sliding".into()]),

@@ -180,3 +180,22 @@ fn robust_unrequested_attachments_are_not_written() {
     expected.sort();
     assert_eq!(tree(home.path()), expected);
 }
+
+#[test]
+fn robust_info_prints_no_control_characters_of_a_recording() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("hostile");
+    let mut writer = Writer::create(&folder).unwrap();
+    let readings = MagneticFieldArray { magnetic_field_array: vec![field(0, 1.0)] };
+    writer.write("/\u{1b}[2J\u{7}\u{9b}31mtopic\n", 0, &readings).unwrap();
+    writer.attach("\u{1b}]0;title\u{7}", "text/plain", b"none").unwrap();
+    writer.finish().unwrap();
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_whisker"))
+        .args(["bag", "info", folder.to_str().unwrap()])
+        .output()
+        .unwrap();
+    for bytes in [output.stdout, output.stderr] {
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.lines().all(|line| !line.contains(char::is_control)), "{text:?}");
+    }
+}

@@ -117,11 +117,13 @@ pub mod estimators;
 pub mod events;
 mod face;
 pub mod frames;
+mod gate;
 mod presets;
 mod rest;
 pub mod sensor;
 mod settings;
 mod wire;
 
+pub use gate::ReadingGate;
 pub use rest::{Foot, RestShape};
 pub use wire::{Curvature, Invalid, Whisker};

@@ -23,6 +23,9 @@ const ALLOCATING: &[(&str, &str)] = &[
     ("outline-batch", "keeps the readings since the first touch"),
 ];
 
+/// The estimators that allocate only if they search for a contact that has left its place.
+const SEARCHING: [&str; 2] = ["round", "installed"];
+
 #[test]
 fn verif_only_listed_estimators_allocate() {
     let knowledge = world::knowledge(NOISE_N_M);
@@ -30,7 +33,8 @@ fn verif_only_listed_estimators_allocate() {
     for row in ESTIMATORS {
         let reason = ALLOCATING.iter().find(|(name, _)| *name == row.name).map(|(_, reason)| *reason);
         let method = (row.build)(&(row.defaults)(), &knowledge).unwrap();
-        assert_eq!(method.is_of_fixed_size(), reason.is_none(), "{}: {reason:?}", row.name);
+        let may_search = SEARCHING.contains(&row.name);
+        assert_eq!(method.is_of_fixed_size(), reason.is_none() && !may_search, "{}: {reason:?}", row.name);
         let mut estimator = world::estimator(row, &knowledge, 1);
         for (_, sample) in &samples[..BEGUN] {
             estimator.step(sample);

@@ -63,12 +63,16 @@ fn verif_published_filters_rest_by_default() {
 fn verif_a_contact_at_rest_is_most_probably_static() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
-    for (name, winner) in [("recommended", "ukf"), ("imm", "static"), ("batch-recommended", "batch")] {
+    // `round` contains thin objects as well.
+    let winners: [(&str, &[&str]); 3] =
+        [("recommended", &["ukf", "round"]), ("imm", &["static"]), ("batch-recommended", &["batch"])];
+    for (name, winners) in winners {
         let row = estimators::estimator(name).unwrap();
         let estimates = run(estimator(row, &knowledge, 1), &samples);
         let models = estimates.last().copied().flatten().and_then(|last| last.models).expect("models");
-        let (leading, share) = models.iter().next().unwrap();
-        assert_eq!(leading, winner, "{name}: {models}");
+        let (leading, _) = models.iter().next().unwrap();
+        assert_eq!(leading, winners[0], "{name}: {models}");
+        let share: f64 = models.iter().filter(|(model, _)| winners.contains(model)).map(|(_, share)| share).sum();
         assert!(share > 0.8, "{name}: {models}");
         assert!((models.iter().map(|(_, share)| share).sum::<f64>() - 1.0).abs() < 1e-9, "{name}: {models}");
     }

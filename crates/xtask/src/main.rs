@@ -4,6 +4,7 @@
 
 mod commands;
 mod failure;
+mod kept;
 mod parts;
 mod pipeline;
 mod python;

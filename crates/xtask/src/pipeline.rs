@@ -47,61 +47,83 @@ pub(crate) fn fit(suite: &str) -> Outcome {
     step("fit", || run(whisker(&["fit", &suite_file(suite)])))
 }
 
-/// Estimators on every trial, scored: `results/<suite>/`. `None` runs every registered one.
-pub(crate) fn evaluate(suite: &str, estimators: Option<&[&str]>) -> Outcome {
-    let names = estimators.map(|names| names.join(","));
-    let chosen: Vec<&str> = names.iter().flat_map(|names| ["--estimators", names]).collect();
-    step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &chosen[..]].concat())))
-}
-
-/// Every estimator on traces that were simulated for another suite, with the calibrations of a third, for a number of seeds of the measurement noise.
-pub(crate) fn evaluate_on(suite: &str, traces: &str, calibrated: &str, seeds: u32) -> Outcome {
-    let (traces, seeds) = (format!("datasets/{traces}"), seeds.to_string());
-    let calibrations = format!("datasets/{calibrated}/calibrations");
-    let options = ["--traces", &traces, "--calibrations", &calibrations, "--seeds", &seeds];
-    step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &options[..]].concat())))
-}
-
 /// Calibration traces through a front end to sensor models: `datasets/<suite>/calibrations/<front end>/`.
 pub(crate) fn fit_through(front_end: &str, suite: &str) -> Outcome {
     step("fit", || run(whisker(&["fit", &suite_file(suite), "--front-end", front_end])))
 }
 
-/// Estimators on the traces of a suite through a front end at several noise levels, with the calibrations of another suite:
-/// `results/<name>/`.
-pub(crate) fn evaluate_through(
-    front_end: &str,
-    suite: &str,
-    calibrated: &str,
-    name: &str,
-    estimators: &str,
-    noise: &str,
-) -> Outcome {
-    let traces = format!("datasets/{suite}");
-    let calibrations = format!("datasets/{calibrated}/calibrations/{front_end}");
-    let inputs = ["--traces", &traces, "--calibrations", &calibrations, "--front-end", front_end, "--name", name];
-    let options = ["--estimators", estimators, "--noise", noise, "--seeds", "2"];
-    step("evaluate", || run(whisker(&[&["evaluate", &suite_file(suite)], &inputs[..], &options[..]].concat())))
+/// Evaluations of suites. A finished run with other settings is replaced only if asked for.
+#[derive(Clone, Copy)]
+pub(crate) struct Evaluations {
+    force: bool,
 }
 
-/// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, with a page: `results/<suite>_encoders/`.
-pub(crate) fn evaluate_encoders(suite: &str, noise_rad: &[&str]) -> Outcome {
-    let name = format!("{suite}_encoders");
-    let levels: Vec<String> = noise_rad.iter().map(|noise_rad| format!("{{\"noise_rad\": {noise_rad}}}")).collect();
-    let file = suite_file(suite);
-    let mut arguments = vec!["evaluate", &file, "--name", &name, "--estimators", "recommended", "--seeds", "2"];
-    arguments.extend(levels.iter().flat_map(|level| ["--encoders", level.as_str()]));
-    step("evaluate with noisy encoders", || run(whisker(&arguments)))?;
-    page(&name)
-}
+/// Option by which finished runs with other settings are replaced.
+pub(crate) const FORCE: &str = "--force";
 
-/// Recordings of other groups to traces, sensor models and scores, with right and wrong priors of the first contact:
-/// `datasets/<name>/`, `results/<name>/`.
-pub(crate) fn recordings(format: &str, from: &str, name: &str) -> Outcome {
-    let traces = format!("datasets/{name}");
-    step("import recordings", || run(whisker(&["import", format, from, "--out", &traces])))?;
-    step("fit recordings", || run(whisker(&["fit", &traces])))?;
-    step("evaluate recordings", || run(whisker(&["evaluate", &traces, "--starts", "wrong"])))
+impl Evaluations {
+    /// Evaluations that replace finished runs with other settings if `force` is set.
+    pub(crate) fn new(force: bool) -> Self {
+        Self { force }
+    }
+
+    fn run(self, arguments: &[&str]) -> Outcome {
+        let force: &[&str] = if self.force { &[FORCE] } else { &[] };
+        run(whisker(&[&["evaluate"], arguments, force].concat()))
+    }
+
+    /// Estimators on every trial, scored: `results/<suite>/`. `None` runs every registered one.
+    pub(crate) fn of(self, suite: &str, estimators: Option<&[&str]>) -> Outcome {
+        let names = estimators.map(|names| names.join(","));
+        let chosen: Vec<&str> = names.iter().flat_map(|names| ["--estimators", names]).collect();
+        step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &chosen[..]].concat()))
+    }
+
+    /// Every estimator on traces that were simulated for another suite, with the calibrations of a third, for a number of seeds of the measurement noise.
+    pub(crate) fn on(self, suite: &str, traces: &str, calibrated: &str, seeds: u32) -> Outcome {
+        let (traces, seeds) = (format!("datasets/{traces}"), seeds.to_string());
+        let calibrations = format!("datasets/{calibrated}/calibrations");
+        let options = ["--traces", &traces, "--calibrations", &calibrations, "--seeds", &seeds];
+        step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &options[..]].concat()))
+    }
+
+    /// Estimators on the traces of a suite through a front end at several noise levels, with the calibrations of another suite:
+    /// `results/<name>/`.
+    pub(crate) fn through(
+        self,
+        front_end: &str,
+        suite: &str,
+        calibrated: &str,
+        name: &str,
+        estimators: &str,
+        noise: &str,
+    ) -> Outcome {
+        let traces = format!("datasets/{suite}");
+        let calibrations = format!("datasets/{calibrated}/calibrations/{front_end}");
+        let inputs = ["--traces", &traces, "--calibrations", &calibrations, "--front-end", front_end, "--name", name];
+        let options = ["--estimators", estimators, "--noise", noise, "--seeds", "2"];
+        step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &inputs[..], &options[..]].concat()))
+    }
+
+    /// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, with a page: `results/<suite>_encoders/`.
+    pub(crate) fn with_encoders(self, suite: &str, noise_rad: &[&str]) -> Outcome {
+        let name = format!("{suite}_encoders");
+        let levels: Vec<String> = noise_rad.iter().map(|noise_rad| format!("{{\"noise_rad\": {noise_rad}}}")).collect();
+        let file = suite_file(suite);
+        let mut arguments = vec![file.as_str(), "--name", &name, "--estimators", "recommended", "--seeds", "2"];
+        arguments.extend(levels.iter().flat_map(|level| ["--encoders", level.as_str()]));
+        step("evaluate with noisy encoders", || self.run(&arguments))?;
+        page(&name)
+    }
+
+    /// Recordings of other groups to traces, sensor models and scores, with right and wrong priors of the first contact:
+    /// `datasets/<name>/`, `results/<name>/`.
+    pub(crate) fn of_recordings(self, format: &str, from: &str, name: &str) -> Outcome {
+        let traces = format!("datasets/{name}");
+        step("import recordings", || run(whisker(&["import", format, from, "--out", &traces])))?;
+        step("fit recordings", || run(whisker(&["fit", &traces])))?;
+        step("evaluate recordings", || self.run(&[&traces, "--starts", "wrong"]))
+    }
 }
 
 /// Scores to figures and a page with links to the animations: `results/<suite>/`.

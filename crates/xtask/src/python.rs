@@ -12,6 +12,7 @@ use std::time::Instant;
 
 use crate::failure::{Failure, Outcome};
 use crate::repository::{root, words};
+use crate::tools::{python, run};
 
 /// Oldest version of Python that runs the generator.
 const OLDEST: (u32, u32) = (3, 11);
@@ -67,6 +68,13 @@ pub(crate) fn install(requirements: Requirements) -> Outcome {
     remove_if_present(fs::remove_file(stamp()), ".venv/installed.lock")?;
     pip_install(requirements, &packages(&wanted))?;
     write_stamp(&wanted)
+}
+
+/// Builds the package `whisker_contact` and installs it into the environment, with the packages that develop it.
+pub(crate) fn install_package() -> Outcome {
+    install(Requirements::Development)?;
+    // The build takes the pinned build backend of the environment, and pip has nothing to download.
+    run(python(&["-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "./python"]))
 }
 
 fn folder() -> PathBuf {

@@ -13,7 +13,7 @@ pub(super) fn run(bytes: &[u8]) {
     scratch::file("clone/data/3d_data/ConeFixture.stl", mesh);
     let clone = calibration.ancestors().nth(4).expect("the clone");
     for row in IMPORTERS {
-        let Some(imported) = one_error((row.import)(clone), "clone") else { continue };
+        let Some(imported) = one_error((row.import)(clone, &|_, _| {}), "clone") else { continue };
         for failure in imported.failures {
             one_error(Err::<(), _>(failure), "clone");
         }

@@ -5,11 +5,13 @@ mod bag;
 mod calibration;
 mod import;
 mod log;
+mod mapping;
 mod outline;
 mod platform_calibration;
 mod printer;
 mod recording;
 mod results;
+mod rig;
 mod run;
 mod sensor;
 mod settings;
@@ -37,6 +39,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "suite", about: "suite and one of its scenes", run: suite::run },
     Target { name: "calibration", about: "calibration of a whisker", run: calibration::run },
     Target { name: "import", about: "published recordings: calibration, test and mesh", run: import::run },
+    Target { name: "mapping", about: "mapping of own recordings, with a CSV and an MCAP file", run: mapping::run },
     Target { name: "run", about: "description of a run", run: run::run },
     Target { name: "results", about: "tables of a run", run: results::run },
     Target { name: "settings", about: "settings of estimators, front ends, detection and maps", run: settings::run },
@@ -45,5 +48,6 @@ pub const TARGETS: &[Target] = &[
     Target { name: "sensor", about: "serial stream of a magnetometer", run: sensor::run },
     Target { name: "printer", about: "replies of a printer", run: printer::run },
     Target { name: "platform_calibration", about: "calibration of the platform", run: platform_calibration::run },
+    Target { name: "rig", about: "rig of the platform", run: rig::run },
     Target { name: "log", about: "recorded log: table, sidecar and manifest", run: log::run },
 ];

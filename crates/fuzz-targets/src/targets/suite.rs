@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use strict_json::parse_json;
-use trace::{Suite, is_plain_name};
+use trace::{Suite, is_plain_name, scene_difference};
 
 use crate::properties::{one_error, same_json};
 use crate::scratch;
@@ -15,6 +15,9 @@ pub(super) fn run(bytes: &[u8]) {
     assert!(is_plain_name(&read.name));
     let file: Value = parse_json(suite).expect("it was read");
     same_json(&file, &serde_json::to_value(&read).expect("it serialises"));
-    let Some(names) = one_error(read.names(&path), "") else { return };
-    assert!(names.iter().all(|name| is_plain_name(name)), "{names:?}");
+    let Some(runs) = one_error(read.runs(&path), "") else { return };
+    for run in runs {
+        assert!(is_plain_name(&run.name), "{}", run.name);
+        assert_eq!(scene_difference(&run.scene, &run.scene), None);
+    }
 }

@@ -89,15 +89,23 @@ pub enum HoldOut {
     Press,
     /// All presses of one recording.
     Log,
+    /// All presses at one place, from whatever recordings.
+    Place,
 }
+
+/// Largest difference between the distances of two presses at the same place (m).
+pub(super) const SAME_PLACE_M: f64 = 0.5e-3;
 
 impl HoldOut {
     /// Index of the group of each press, from zero.
     pub fn groups(self, presses: &[LabelledPress]) -> Vec<usize> {
+        if self == Self::Place {
+            return places(presses);
+        }
         let mut logs: Vec<&str> = Vec::new();
         let group = |(i, press)| match self {
             Self::Press => i,
-            Self::Log => number_of(&mut logs, press),
+            Self::Log | Self::Place => number_of(&mut logs, press),
         };
         presses.iter().enumerate().map(group).collect()
     }
@@ -110,20 +118,49 @@ fn number_of<'a>(logs: &mut Vec<&'a str>, press: &'a LabelledPress) -> usize {
     })
 }
 
+/// Index of the place of each press, from zero, in the order of the distances. Presses whose distances follow each other within [`SAME_PLACE_M`] are at one
+/// place.
+fn places(presses: &[LabelledPress]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..presses.len()).collect();
+    order.sort_by(|&a, &b| presses[a].distance_m.total_cmp(&presses[b].distance_m));
+    let (mut places, mut place) = (vec![0; presses.len()], 0);
+    for pair in order.windows(2) {
+        place += usize::from(presses[pair[1]].distance_m - presses[pair[0]].distance_m > SAME_PLACE_M);
+        places[pair[1]] = place;
+    }
+    places
+}
+
+/// Whether each press is at an inner place: neither at the nearest nor at the farthest one.
+pub(super) fn inner(presses: &[LabelledPress]) -> Vec<bool> {
+    let places = places(presses);
+    let last = places.iter().max().copied().unwrap_or_default();
+    places.iter().map(|&place| 0 < place && place < last).collect()
+}
+
+/// Callback with the number of fits done and of all fits.
+pub type Progress<'a> = dyn FnMut(usize, usize) + 'a;
+
+/// Progress that is not shown.
+pub fn no_progress(_: usize, _: usize) {}
+
 /// One fit for each group, to the presses of all other groups.
 pub(super) fn fits_without_each<R>(
     row: &RegressionRow,
     fit: impl Fn(&[LabelledPress]) -> Result<R, Error>,
     presses: &[LabelledPress],
     groups: &[usize],
+    progress: &mut Progress<'_>,
 ) -> Result<Vec<R>, Error> {
-    let without = |group| {
+    let count = groups.iter().max().map_or(0, |last| last + 1);
+    let mut without = |group| {
+        progress(group, count);
         let rest = presses.iter().zip(groups).filter(|(_, other)| **other != group);
         let rest: Vec<LabelledPress> = rest.map(|(press, _)| press.clone()).collect();
         row.enough(&rest)?;
         fit(&rest)
     };
-    (0..groups.iter().max().map_or(0, |last| last + 1)).map(without).collect()
+    (0..count).map(&mut without).collect()
 }
 
 /// Estimates each press by a regression that was fitted without its group. A leaking regression is given the true distance.
@@ -134,17 +171,18 @@ pub fn cross_validate(
     row: &RegressionRow,
     presses: &[LabelledPress],
     hold_out: HoldOut,
+    progress: &mut Progress<'_>,
 ) -> Result<CrossValidation, Error> {
     row.enough(presses)?;
     let groups = hold_out.groups(presses);
     let pairs = presses.iter().zip(&groups);
     let estimated_m: Vec<f64> = match row.fit {
         Fit::Live(live) => {
-            let fits = fits_without_each(row, live.fit, presses, &groups)?;
+            let fits = fits_without_each(row, live.fit, presses, &groups, progress)?;
             pairs.map(|(press, &group)| fits[group].distance_m(&press.features)).collect()
         }
         Fit::Leaking(fit) => {
-            let fits = fits_without_each(row, fit, presses, &groups)?;
+            let fits = fits_without_each(row, fit, presses, &groups, progress)?;
             pairs.map(|(press, &group)| fits[group].distance_m(press)).collect()
         }
     };

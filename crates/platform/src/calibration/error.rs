@@ -43,6 +43,26 @@ pub enum Error {
         /// Smallest number.
         expected: usize,
     },
+    /// All labelled presses are at one place.
+    #[error("regression `{regression}`: found all labelled presses at {:.1} mm, expected several places", 1e3 * distance_m)]
+    OnePlace {
+        /// Name of the regression.
+        regression: &'static str,
+        /// The place (m).
+        distance_m: f64,
+    },
+    /// Samples are too far apart for the low-pass.
+    #[error("{log}: found a sample every {interval_s} s, expected one every {expected_s:.3} s at least{hint}")]
+    Slow {
+        /// The recording.
+        log: String,
+        /// Mean interval between samples (s).
+        interval_s: f64,
+        /// Half a period of the low-pass's edge (s).
+        expected_s: f64,
+        /// Probable cause.
+        hint: &'static str,
+    },
     /// The regression uses a feature that a press does not have.
     #[error("regression `{regression}`: press {press} has no {feature}")]
     Feature {

@@ -7,14 +7,22 @@
 //! *Annals of Statistics* 49, 2021). It contains the distance of a new press with a probability of about `coverage`, and of at least `2 coverage - 1` for
 //! any distribution, if new presses are exchangeable with the labelled ones. If whole logs are held out, it is the CV+ interval of that paper with the logs as
 //! folds, and its coverage requires that new logs are exchangeable with the labelled ones.
+//!
+//! If whole places are held out, the interval is one for a press at a new place: `x +- t s`, with the mean square `s^2` of the errors at the inner places, each
+//! estimated without it, and the quantile `t` of Student's distribution with as many degrees of freedom as there are inner places. It contains the scatter
+//! between places, such as that of the speed of the push, which the presses of one place share and which a press held out alone does not show. The outermost
+//! places do not count, since the regression without them extrapolates, which no estimate does by more than the margin of the calibrated domain. The fit without
+//! a place is interpolated over twice the distance, so that the interval is rather too wide than too narrow.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use files::{FORMAT, Watermark, read_json, write_json};
 use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::coefficients::{Coefficients, Fitted};
-use super::cross_validation::{HoldOut, fits_without_each};
+use super::cross_validation::{HoldOut, Progress, fits_without_each, inner, no_progress};
 use super::regression::{Fit, LiveFit, REGRESSIONS, RegressionRow};
 use super::{Chain, Error, Features, LabelledPress};
 
@@ -93,6 +101,8 @@ pub struct Calibration {
     groups: Vec<usize>,
     /// Absolute error of each press by the regression without its group (m).
     residuals_m: Vec<f64>,
+    /// Half of the interval at a new place (m). `None` if no places were held out, or there are too few.
+    half_m: Option<f64>,
     /// Range of the logarithm of the slope over the presses.
     log_slopes: [f64; 2],
     was_fitted_on_reading: bool,
@@ -113,10 +123,26 @@ impl Calibration {
         coverage: f64,
         watermark: Watermark,
     ) -> Result<Self, Error> {
+        Self::fit_with(row, presses, chain, hold_out, coverage, watermark, &mut no_progress)
+    }
+
+    /// As [`Calibration::fit`], with a callback that receives the progress.
+    ///
+    /// # Errors
+    /// As [`Calibration::fit`].
+    pub fn fit_with(
+        row: &RegressionRow,
+        presses: Vec<LabelledPress>,
+        chain: Option<Chain>,
+        hold_out: HoldOut,
+        coverage: f64,
+        watermark: Watermark,
+        progress: &mut Progress<'_>,
+    ) -> Result<Self, Error> {
         let Fit::Live(live) = row.fit else { return Err(Error::Leaks(row.name)) };
         check(row, &presses, coverage)?;
         let groups = hold_out.groups(&presses);
-        let held_out = fits_without_each(row, live.fit, &presses, &groups)?;
+        let held_out = fits_without_each(row, live.fit, &presses, &groups, progress)?;
         let fitted = Fitted { all: (live.fit)(&presses)?, held_out };
         let coefficients = Coefficients::of(&fitted, &live).ok_or(Error::Undetermined(row.name))?;
         let scores = fitted.validation(&presses, &groups).scores();
@@ -142,8 +168,11 @@ impl Calibration {
             .iter()
             .map(|press| press.features.slope_counts_per_s.ln())
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+        let residuals_m: Vec<f64> = validation.held_out.iter().map(|held_out| held_out.error_m.abs()).collect();
+        let is_by_place = file.hold_out == HoldOut::Place;
         Self {
-            residuals_m: validation.held_out.iter().map(|held_out| held_out.error_m.abs()).collect(),
+            half_m: is_by_place.then(|| half_m(&file.presses, &groups, &residuals_m, file.coverage)).flatten(),
+            residuals_m,
             file,
             fitted,
             groups,
@@ -230,10 +259,13 @@ impl Calibration {
         let log_slope = features.slope_counts_per_s.ln();
         let distance_m = self.fitted.all.distance_m(features);
         let is_inside = (low - margin..=high + margin).contains(&log_slope) && distance_m.is_finite();
-        is_inside.then(|| Estimate { distance_m, interval_m: self.interval_m(features) })
+        is_inside.then(|| Estimate { distance_m, interval_m: self.interval_m(features, distance_m) })
     }
 
-    fn interval_m(&self, features: &Features) -> Option<[f64; 2]> {
+    fn interval_m(&self, features: &Features, distance_m: f64) -> Option<[f64; 2]> {
+        if self.file.hold_out == HoldOut::Place {
+            return self.half_m.map(|half_m| [distance_m - half_m, distance_m + half_m]);
+        }
         let count = self.groups.len();
         // Barber et al., equation 1.2: the ceil((1 - a)(n + 1))-th smallest upper end; the lower end by symmetry.
         let rank = (self.file.coverage * (count + 1) as f64).ceil() as usize;
@@ -250,6 +282,28 @@ impl Calibration {
         let ends = [ends(-1.0), ends(1.0)];
         ends.iter().all(|end| end.is_finite()).then_some(ends)
     }
+}
+
+/// Fewest inner places that determine an interval.
+const FEWEST_INNER: usize = 3;
+
+/// Half of the interval at a new place (m): Student's quantile times the root mean square over the inner places of the root mean square error at each. `None` if
+/// there are too few, or an error is not finite.
+fn half_m(presses: &[LabelledPress], places: &[usize], residuals_m: &[f64], coverage: f64) -> Option<f64> {
+    let inner = inner(presses);
+    let mut squares: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+    for i in (0..presses.len()).filter(|&i| inner[i]) {
+        let (sum, count) = squares.entry(places[i]).or_default();
+        *sum += residuals_m[i].powi(2);
+        *count += 1.0;
+    }
+    if squares.len() < FEWEST_INNER {
+        return None;
+    }
+    let freedom = squares.len() as f64;
+    let scatter_m = (squares.values().map(|(sum, count)| sum / count).sum::<f64>() / freedom).sqrt();
+    let student = StudentsT::new(0.0, 1.0, freedom).ok()?;
+    Some(scatter_m * student.inverse_cdf(0.5 + 0.5 * coverage)).filter(|half_m| half_m.is_finite())
 }
 
 /// # Errors

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use signal::{Cascade, LONGEST_GAP_S, low_pass};
 
+use super::ramp::Ramps;
 use super::{Error, Unwrapped};
 use crate::Sample;
 
@@ -127,6 +128,11 @@ impl Front {
             *last = level_counts;
         }
         moved
+    }
+
+    /// Slopes of ramps before the low-pass.
+    pub(super) fn ramps(&self) -> Ramps {
+        Ramps::new(&self.filter, self.delay_s(), self.rate_hz)
     }
 
     /// Delay of the slope (s): the group delay of the low-pass at frequency zero, and half a sample of the difference.

@@ -1,7 +1,8 @@
 //! Estimation of the [`Chain`] from unlabelled recordings: sampling rate, moving axes, noise at rest and threshold of a press.
 
 use super::front::{Front, MOST_ORDER};
-use super::{Chain, Error, Rate, is_same_rate};
+use super::rate::hint;
+use super::{Chain, Error, Intervals, Rate, is_same_rate};
 use crate::Sample;
 
 /// Standard deviation of a normal variable over its median absolute deviation.
@@ -65,7 +66,7 @@ impl Settings {
 /// If there are no recordings.
 pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, Error> {
     settings.validate()?;
-    let rate_hz = common_rate_hz(logs)?;
+    let rate_hz = common_rate_hz(logs, settings.cutoff_hz)?;
     let mut moved = Vec::with_capacity(logs.len());
     for (_, log) in logs {
         let mut front = Front::new(settings.order, settings.cutoff_hz, rate_hz)?;
@@ -103,10 +104,21 @@ pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, E
     })
 }
 
-fn common_rate_hz(logs: &[(&str, &[Sample])]) -> Result<f64, Error> {
+fn common_rate_hz(logs: &[(&str, &[Sample])], cutoff_hz: f64) -> Result<f64, Error> {
     const FEWEST: usize = 100;
     if let Some((name, log)) = logs.iter().find(|(_, log)| log.len() < FEWEST) {
         return Err(Error::Short { log: (*name).into(), found: log.len(), expected: FEWEST });
+    }
+    let expected_s = 0.5 / cutoff_hz;
+    for (name, log) in logs {
+        let mut intervals = Intervals::default();
+        for sample in *log {
+            intervals.step(sample.t_s);
+        }
+        if let Some(interval_s) = intervals.mean_s().filter(|interval_s| *interval_s > expected_s) {
+            // Magnetometers have rates about 800 Hz.
+            return Err(Error::Slow { log: (*name).into(), interval_s, expected_s, hint: hint(800.0 * interval_s) });
+        }
     }
     let rate_hz = |log: &[Sample]| {
         let mut rate = Rate::default();

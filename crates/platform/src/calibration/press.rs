@@ -1,10 +1,12 @@
 //! Detection of presses: an edge moves against the whisker, rests, and releases it.
 //!
 //! A press begins when the main axis's slope exceeds the [`Chain`]'s threshold; the sign of the slope is its direction. It is reported when the slope has
-//! decreased again, and once more, with updated features, if the edge moves on. It ends when the level has decreased to half its peak and the whisker has then been
-//! quiet, without ringing, for a while. The whisker must be free at the beginning of a recording and after a gap.
+//! decreased again, and once more, with updated features, if the edge moves on. It ends when the level has decreased to
+//! half its peak and the whisker has then been quiet, without ringing, for a while. The whisker must be free at the
+//! beginning of a recording and after a gap.
 
 use super::front::{Front, Motion, Moved};
+use super::ramp::Ramps;
 use super::{Chain, Error, Features};
 use crate::Sample;
 
@@ -48,6 +50,7 @@ enum Phase {
 pub struct Presses {
     chain: Chain,
     front: Front,
+    ramps: Ramps,
     delay_s: f64,
     quiet_samples: u32,
     rest_counts: f64,
@@ -62,6 +65,7 @@ impl Presses {
     pub fn new(chain: &Chain) -> Result<Self, Error> {
         let front = Front::new(chain.order, chain.cutoff_hz, chain.rate_hz)?;
         Ok(Self {
+            ramps: front.ramps(),
             delay_s: front.delay_s(),
             quiet_samples: (chain.quiet_s * chain.rate_hz).round().max(1.0) as u32,
             rest_counts: 0.0,
@@ -82,7 +86,7 @@ impl Presses {
         }
         match &mut self.phase {
             Phase::Free if slope.abs() > threshold => {
-                let features = Features { slope_counts_per_s: 0.0, peak_counts: None, slope_ratio: None };
+                let features = Features::of_slope(0.0);
                 let direction = slope.signum();
                 let press = Press { onset_s: sample.t_s - self.delay_s, t_s: sample.t_s, direction, features };
                 self.phase = Phase::Touched { press, moving: true };
@@ -117,6 +121,9 @@ impl Presses {
         if *moving && slope < STILL_SHARE * threshold {
             *moving = false;
             press.t_s = t_s;
+            let Features { slope_counts_per_s, peak_counts, .. } = press.features;
+            press.features.ramp_counts_per_s =
+                peak_counts.and_then(|peak| self.ramps.slope_counts_per_s(peak, slope_counts_per_s));
             return Some(Event::Pressed(*press));
         }
         // The slope alone does not show a release: the low-pass overshoots when the edge stops.

@@ -7,8 +7,10 @@ use std::collections::VecDeque;
 
 use super::motion::Motion;
 use crate::printer::gcode::checksum;
-use crate::rig;
+use crate::rig::Bed;
 
+/// Speed before the first `F` (mm/s).
+const START_MM_S: f64 = 2000.0 / 60.0;
 /// Speed of homing (mm/s).
 const HOMING_MM_S: f64 = 50.0;
 /// Capacity of the planner in moves.
@@ -19,6 +21,7 @@ const BUSY_S: f64 = 2.0;
 /// Firmware of a printer.
 #[derive(Debug)]
 pub(super) struct Firmware {
+    bed: Bed,
     /// Queue of accepted commands.
     commands: VecDeque<String>,
     /// Condition that ends the current command.
@@ -60,9 +63,11 @@ enum Begun {
     Waits(Until),
 }
 
-impl Default for Firmware {
-    fn default() -> Self {
+impl Firmware {
+    /// Firmware after a start, of a printer with this bed.
+    pub(super) fn new(bed: Bed) -> Self {
         Self {
+            bed,
             commands: VecDeque::new(),
             pending: None,
             words: String::new(),
@@ -70,12 +75,10 @@ impl Default for Firmware {
             is_relative: false,
             is_homed: false,
             is_halted: false,
-            speed_mm_s: 1e3 * rig::SPEED_M_S,
+            speed_mm_s: START_MM_S,
         }
     }
-}
 
-impl Firmware {
     /// Receives a line without its end.
     pub(super) fn receive(&mut self, line: &str, now_s: f64, motion: &mut Motion) {
         let line = line.split(';').next().unwrap_or("").trim();
@@ -214,7 +217,7 @@ impl Firmware {
         }
         // After homing, targets are clamped to the bed.
         if self.is_homed {
-            for (axis, [least_m, most_m]) in [rig::BED_X_M, rig::BED_Y_M].into_iter().enumerate() {
+            for (axis, [least_m, most_m]) in [self.bed.x_m, self.bed.y_m].into_iter().enumerate() {
                 goal_mm[axis] = goal_mm[axis].clamp(1e3 * least_m, 1e3 * most_m);
             }
         }
@@ -238,6 +241,7 @@ fn value(parameters: &str, letter: char) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::printer::gcode::numbered;
+    use crate::rig::Rig;
 
     struct Bench {
         firmware: Firmware,
@@ -246,7 +250,7 @@ mod tests {
 
     impl Bench {
         fn new() -> Self {
-            Self { firmware: Firmware::default(), motion: Motion::default() }
+            Self { firmware: Firmware::new(Rig::built_in().bed), motion: Motion::default() }
         }
 
         /// Answers up to this time.

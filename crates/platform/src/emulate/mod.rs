@@ -23,13 +23,16 @@ use pty::Pty;
 pub use table::RigTable;
 
 use crate::Error;
+use crate::rig::Rig;
 use crate::sensor::FormatRow;
 
 /// Settings of an emulation.
 #[derive(Clone, Debug)]
 pub struct Emulated {
-    /// Physics of the rig.
-    pub rig: Arc<RigTable>,
+    /// Geometry of the rig.
+    pub rig: Arc<Rig>,
+    /// Physics of its whisker.
+    pub table: Arc<RigTable>,
     /// Line format of the sensor.
     pub format: &'static FormatRow,
     /// Seed of the sensor's noise.
@@ -82,8 +85,9 @@ impl Emulation {
     /// Starts an emulation.
     ///
     /// # Errors
-    /// If no pseudo-terminal or thread can be created.
+    /// If the table is not that of the rig's whisker, or no pseudo-terminal or thread can be created.
     pub fn start(emulated: &Emulated) -> Result<Self, Error> {
+        emulated.table.check_is_of(&emulated.rig.shaft)?;
         let [printer, sensor] = [Pty::open()?, Pty::open()?];
         let (printer_path, sensor_path) = (printer.path.clone(), sensor.path.clone());
         let shared = Arc::new(Shared {
@@ -101,7 +105,8 @@ impl Emulation {
             links: Vec::new(),
         };
         let of_printer = shared.clone();
-        emulation.spawn("printer", move || printer::run(&printer, &of_printer))?;
+        let bed = emulated.rig.bed;
+        emulation.spawn("printer", move || printer::run(&printer, bed, &of_printer))?;
         let emulated = emulated.clone();
         emulation.spawn("sensor", move || sensor::run(&sensor, &emulated, &shared))?;
         Ok(emulation)

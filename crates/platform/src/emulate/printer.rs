@@ -7,13 +7,14 @@ use super::firmware::Firmware;
 use super::pty::{Heard, Pty};
 use crate::Error;
 use crate::lines::Lines;
+use crate::rig::Bed;
 
 /// Time step of the firmware.
 const TICK: Duration = Duration::from_millis(5);
 
 /// Runs the firmware until the emulation ends.
-pub(super) fn run(pty: &Pty, shared: &Shared) -> Result<(), Error> {
-    let (mut firmware, mut lines) = (Firmware::default(), Lines::default());
+pub(super) fn run(pty: &Pty, bed: Bed, shared: &Shared) -> Result<(), Error> {
+    let (mut firmware, mut lines) = (Firmware::new(bed), Lines::default());
     let (mut bytes, mut words) = ([0; 4096], Vec::new());
     let mut was_open = false;
     while !shared.ends() {
@@ -32,7 +33,7 @@ pub(super) fn run(pty: &Pty, shared: &Shared) -> Result<(), Error> {
                 // A board restarts when its port is opened; the emulation restarts when it is closed.
                 if std::mem::take(&mut was_open) {
                     motion.stop(now_s);
-                    (firmware, lines) = (Firmware::default(), Lines::default());
+                    (firmware, lines) = (Firmware::new(bed), Lines::default());
                     words.clear();
                 }
                 drop(motion);

@@ -20,7 +20,7 @@ const MOST_WAITING: usize = 1 << 16;
 /// Prints readings until the emulation ends.
 pub(super) fn run(pty: &Pty, emulated: &Emulated, shared: &Shared) -> Result<(), Error> {
     let format = (emulated.format.build)();
-    let mut whisker = Whisker::new(emulated.rig.clone());
+    let mut whisker = Whisker::new(emulated.rig.clone(), emulated.table.clone());
     let mut rng = Pcg64::seed_from_u64(emulated.seed);
     let mut waiting = Vec::new();
     for reading in 0_u64.. {
@@ -34,7 +34,7 @@ pub(super) fn run(pty: &Pty, emulated: &Emulated, shared: &Shared) -> Result<(),
         }
         let position_mm = shared.motion.lock().expect("no holder of the lock panics").position_mm(due_s);
         let rotation_rad = whisker.rotation_rad(due_s, [1e-3 * position_mm[0], 1e-3 * position_mm[1]]);
-        let counts = counts(&emulated.rig.field, rotation_rad, &mut rng);
+        let counts = counts(&emulated.table.field, rotation_rad, &mut rng);
         if !pty.is_open()? {
             waiting.clear();
             continue;

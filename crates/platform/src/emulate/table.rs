@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use crate::Error;
+use crate::rig::Shaft;
 
 const COLUMNS: [&str; 6] = ["contact_m", "push_m", "rotation_rad", "slope_rad", "moment_n_m", "force_n"];
 
@@ -18,6 +19,7 @@ pub struct RigTable {
     pub(super) ring_hz: f64,
     pub(super) decay_s: f64,
     pub(super) field: Field,
+    whisker: Dimensions,
 }
 
 /// Keys of `rig.json` that are read; the others document its origin.
@@ -26,6 +28,15 @@ struct Sidecar {
     ring_hz: f64,
     decay_s: f64,
     field: Field,
+    whisker: Dimensions,
+}
+
+/// Dimensions of the whisker that the table was computed for.
+#[derive(Clone, Copy, Debug, Deserialize)]
+struct Dimensions {
+    length_m: f64,
+    root_diameter_m: f64,
+    tip_diameter_m: f64,
 }
 
 /// Response of the magnetometer: counts = `rest_counts + counts_per_rad` x rotation of the root + noise, modulo 2^16.
@@ -49,16 +60,40 @@ impl RigTable {
     /// # Errors
     /// [`Error::File`] names file, line and column.
     pub fn parse(csv: &Path, rows: &str, json: &Path, sidecar: &str) -> Result<Self, Error> {
-        let Sidecar { ring_hz, decay_s, field } = serde_json::from_str(sidecar).map_err(files::Error::json(json))?;
+        let Sidecar { ring_hz, decay_s, field, whisker } =
+            serde_json::from_str(sidecar).map_err(files::Error::json(json))?;
         for (key, value) in [("ring_hz", ring_hz), ("decay_s", decay_s)] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(files::Error::value(json, key, value, "more than zero").into());
             }
         }
-        let mut table =
-            Self { contacts_m: Vec::new(), pushes_m: Vec::new(), rotations_rad: Vec::new(), ring_hz, decay_s, field };
+        let mut table = Self {
+            contacts_m: Vec::new(),
+            pushes_m: Vec::new(),
+            rotations_rad: Vec::new(),
+            ring_hz,
+            decay_s,
+            field,
+            whisker,
+        };
         table.fill(csv, rows)?;
         Ok(table)
+    }
+
+    /// Checks that the table was computed for this shaft.
+    pub(super) fn check_is_of(&self, shaft: &Shaft) -> Result<(), Error> {
+        let Dimensions { length_m, root_diameter_m, tip_diameter_m } = self.whisker;
+        for (key, found_m, table_m) in [
+            ("length_m", shaft.length_m, length_m),
+            ("root_diameter_m", shaft.root_diameter_m, root_diameter_m),
+            ("tip_diameter_m", shaft.tip_diameter_m, tip_diameter_m),
+        ] {
+            if found_m != table_m {
+                let expected = format!("{table_m}, that of the whisker whose physics is emulated");
+                return Err(Error::range(&format!("rig: whisker.{key}"), found_m, expected));
+            }
+        }
+        Ok(())
     }
 
     fn fill(&mut self, path: &Path, rows: &str) -> Result<(), files::Error> {
@@ -113,8 +148,9 @@ impl RigTable {
         Some(self.field.counts_per_rad.map(|counts_per_rad| counts_per_rad * rotation_rad))
     }
 
-    /// Rotation of the root (rad) for a contact distance and a push past first contact (m), by bilinear interpolation. `None` without contact: beyond the tip, or
-    /// slipped off. Larger pushes and smaller distances than those of the grid are clamped to it.
+    /// Rotation of the root (rad) for a contact distance and a push past first contact (m), by bilinear interpolation.
+    /// `None` without contact: beyond the tip, or slipped off. Larger pushes and smaller distances than those of the
+    /// grid are clamped to it.
     pub(super) fn rotation_rad(&self, contact_m: f64, push_m: f64) -> Option<f64> {
         if contact_m > *self.contacts_m.last()? {
             return None;
@@ -146,7 +182,8 @@ pub(super) mod tests {
     use super::*;
 
     const JSON: &str = r#"{"ring_hz": 20.0, "decay_s": 0.1, "field": {"rest_counts": [25000, 500, 36000],
-        "counts_per_rad": [1000.0, -50000.0, 0.0], "noise_sd_counts": 2.0, "bits": 16}}"#;
+        "counts_per_rad": [1000.0, -50000.0, 0.0], "noise_sd_counts": 2.0, "bits": 16},
+        "whisker": {"length_m": 0.15, "root_diameter_m": 0.003, "tip_diameter_m": 0.0006}}"#;
 
     /// The rotation is push over contact; at the tip the ruler slips off at the second node.
     const CSV: &str = "contact_m,push_m,rotation_rad,slope_rad,moment_n_m,force_n\n\

@@ -8,11 +8,12 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use super::table::RigTable;
-use crate::rig;
+use crate::rig::Rig;
 
 /// State of a whisker.
 #[derive(Debug)]
 pub(super) struct Whisker {
+    rig: Arc<Rig>,
     table: Arc<RigTable>,
     t_s: f64,
     rotation_rad: f64,
@@ -37,21 +38,21 @@ enum Side {
 
 impl Whisker {
     /// Whisker at rest, with the ruler on its left.
-    pub(super) fn new(table: Arc<RigTable>) -> Self {
+    pub(super) fn new(rig: Arc<Rig>, table: Arc<RigTable>) -> Self {
         let state = State::Free { side: Side::Left, since_s: 0.0, rotation_rad: 0.0, rate_rad_s: 0.0 };
-        Self { table, t_s: 0.0, rotation_rad: 0.0, rate_rad_s: 0.0, state }
+        Self { rig, table, t_s: 0.0, rotation_rad: 0.0, rate_rad_s: 0.0, state }
     }
 
     /// Rotation of the root (rad) at a time, with the nozzle at this position (m). Times must increase.
     pub(super) fn rotation_rad(&mut self, t_s: f64, nozzle_m: [f64; 2]) -> f64 {
-        let contact_m = rig::distance_m(nozzle_m[1]);
+        let contact_m = self.rig.distance_m(nozzle_m[1]);
         let side = match self.state {
             State::Touched(side) => side,
-            State::Free { side, .. } => side_of(nozzle_m[0]).unwrap_or(side),
+            State::Free { side, .. } => self.side_of(nozzle_m[0]).unwrap_or(side),
         };
         let (push_m, sign) = match side {
-            Side::Left => (nozzle_m[0] - rig::nozzle_x_m(0.0), 1.0),
-            Side::Right => (rig::WHISKER_X_M - (nozzle_m[0] + rig::BEAM_START_M), -1.0),
+            Side::Left => (nozzle_m[0] - self.rig.nozzle_x_m(0.0), 1.0),
+            Side::Right => (self.rig.shaft.x_m - (nozzle_m[0] + self.rig.ruler.left_m), -1.0),
         };
         let pushed = if push_m > 0.0 { self.table.rotation_rad(contact_m, push_m) } else { None };
         let before_rad = self.rotation_rad;
@@ -76,21 +77,22 @@ impl Whisker {
         self.rotation_rad
     }
 
+    /// Side of the whole ruler for this x of the nozzle. `None` if the ruler is across the whisker.
+    fn side_of(&self, nozzle_x_m: f64) -> Option<Side> {
+        let Rig { ruler, shaft, .. } = &*self.rig;
+        if nozzle_x_m + self.rig.ruler_right_m() <= shaft.x_m {
+            Some(Side::Left)
+        } else if nozzle_x_m + ruler.left_m >= shaft.x_m {
+            Some(Side::Right)
+        } else {
+            None
+        }
+    }
+
     fn ringing_rad(&self, since_s: f64, start_rad: f64, rate_rad_s: f64) -> f64 {
         let (w, decay_s) = (TAU * self.table.ring_hz, self.table.decay_s);
         let sine = (rate_rad_s + start_rad / decay_s) / w;
         (-since_s / decay_s).exp() * (start_rad * (w * since_s).cos() + sine * (w * since_s).sin())
-    }
-}
-
-/// Side of the whole ruler for this x of the nozzle. `None` if the ruler is across the whisker.
-fn side_of(nozzle_x_m: f64) -> Option<Side> {
-    if nozzle_x_m + rig::BEAM_END_M <= rig::WHISKER_X_M {
-        Some(Side::Left)
-    } else if nozzle_x_m + rig::BEAM_START_M >= rig::WHISKER_X_M {
-        Some(Side::Right)
-    } else {
-        None
     }
 }
 
@@ -99,14 +101,19 @@ mod tests {
     use super::super::table::tests::small;
     use super::*;
 
+    fn whisker(table: Arc<RigTable>) -> Whisker {
+        Whisker::new(Arc::new(Rig::built_in()), table)
+    }
+
     fn at(whisker: &mut Whisker, t_s: f64, push_m: f64, distance_m: f64) -> f64 {
-        whisker.rotation_rad(t_s, [rig::nozzle_x_m(push_m), rig::nozzle_y_m(distance_m)])
+        let rig = whisker.rig.clone();
+        whisker.rotation_rad(t_s, [rig.nozzle_x_m(push_m), rig.nozzle_y_m(distance_m)])
     }
 
     #[test]
     fn verif_the_table_while_touched_and_ringing_once_free() {
         let table = Arc::new(small());
-        let mut whisker = Whisker::new(table.clone());
+        let mut whisker = whisker(table.clone());
         assert_eq!(at(&mut whisker, 0.00, -0.010, 0.1), 0.0);
         assert!((at(&mut whisker, 0.10, 0.005, 0.1) - 0.05).abs() < 1e-9);
         assert!((at(&mut whisker, 0.11, 0.004, 0.1) - 0.04).abs() < 1e-9);
@@ -120,16 +127,17 @@ mod tests {
 
     #[test]
     fn verif_the_other_side_bends_the_other_way() {
-        let mut whisker = Whisker::new(Arc::new(small()));
-        let x_m = |push_m: f64| rig::WHISKER_X_M - rig::BEAM_START_M - push_m;
-        let y_m = rig::nozzle_y_m(0.1);
+        let mut whisker = whisker(Arc::new(small()));
+        let rig = Rig::built_in();
+        let x_m = |push_m: f64| rig.shaft.x_m - rig.ruler.left_m - push_m;
+        let y_m = rig.nozzle_y_m(0.1);
         assert_eq!(whisker.rotation_rad(0.0, [x_m(-0.001), y_m]), 0.0);
         assert!((whisker.rotation_rad(0.1, [x_m(0.005), y_m]) + 0.05).abs() < 1e-9);
     }
 
     #[test]
     fn verif_no_contact_beyond_the_tip() {
-        let mut whisker = Whisker::new(Arc::new(small()));
+        let mut whisker = whisker(Arc::new(small()));
         assert_eq!(at(&mut whisker, 0.1, 0.005, 0.16), 0.0);
     }
 }

@@ -1,6 +1,6 @@
 //! Driver of the 3D printer that moves the ruler (Marlin dialect).
 //!
-//! The printer is not moved before homing, out of its bed, or at a speed outside the rig's range.
+//! The printer is not moved before homing, out of its bed, or at a speed outside the range of its rig.
 
 mod answer;
 pub(crate) mod gcode;
@@ -14,7 +14,8 @@ pub use answer::{Answer, Position};
 use gcode::millimetres;
 use link::{Link, PROMPT};
 
-use crate::{Error, range, rig};
+use crate::rig::Bed;
+use crate::{Error, range};
 
 /// Baud rate of the printer's port.
 pub const BAUD: u32 = 115_200;
@@ -44,6 +45,7 @@ pub type Watch<'a> = dyn FnMut(Head) -> Result<(), Error> + 'a;
 /// A printer on a port.
 pub struct Printer {
     link: Link,
+    bed: Bed,
     origin: Instant,
     is_homed: bool,
     /// Motor counts per metre of each axis, known after a move: printers report steps or millimetres.
@@ -51,14 +53,14 @@ pub struct Printer {
 }
 
 impl Printer {
-    /// Opens a port and waits for the printer to answer, which takes some seconds if opening restarts it. Times are counted from
+    /// Opens a port and waits for the printer to answer, which takes some seconds if opening restarts it. The head does not leave `bed`. Times are counted from
     /// `origin`. Once `stop` is set, the printer is stopped at once, and every call returns [`Error::Interrupted`].
     ///
     /// # Errors
     /// If the port cannot be opened, or no printer answers.
-    pub fn open(port: &str, origin: Instant, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+    pub fn open(port: &str, bed: Bed, origin: Instant, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let link = Link::open(port, BAUD, stop)?;
-        Ok(Self { link, origin, is_homed: false, counts_per_m: [None; 2] })
+        Ok(Self { link, bed, origin, is_homed: false, counts_per_m: [None; 2] })
     }
 
     /// Selects millimetres and absolute positions, and homes both axes.
@@ -80,9 +82,9 @@ impl Printer {
     /// # Errors
     /// If the printer was not homed, the target is out of its bed, the speed is out of range, or the head does not end at the target.
     pub fn move_to(&mut self, goal_m: [f64; 2], speed_m_s: f64, watch: &mut Watch<'_>) -> Result<(), Error> {
-        range::check_length("x of the head", goal_m[0], rig::BED_X_M)?;
-        range::check_length("y of the head", goal_m[1], rig::BED_Y_M)?;
-        range::check_speed("speed of the head", speed_m_s, rig::SPEEDS_M_S)?;
+        range::check_length("x of the head", goal_m[0], self.bed.x_m)?;
+        range::check_length("y of the head", goal_m[1], self.bed.y_m)?;
+        range::check_speed("speed of the head", speed_m_s, self.bed.speeds_m_s())?;
         let [x, y] = goal_m.map(millimetres);
         let command = format!("G1 X{x} Y{y} F{:.0}", 60e3 * speed_m_s);
         if !self.is_homed {

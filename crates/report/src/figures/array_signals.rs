@@ -4,17 +4,9 @@ use anyhow::Result;
 
 use crate::axes::{Axis, Panel, Rect, equal, extent};
 use crate::canvas::{Canvas, Picture};
-use crate::color::Rgb;
 use crate::run_data::{RunData, spans};
-use crate::style::{LegendEntry, legend, plain};
+use crate::style::{DETECTED, LegendEntry, READING, TRUE_CONTACT, legend, plain};
 
-/// Colour of the readings.
-const READING: Rgb = Rgb(60, 60, 60);
-/// Colour of the contacts detected.
-const FOUND: Rgb = Rgb(0, 114, 178);
-/// Colour and opacity of the true contacts.
-const TRUTH: Rgb = Rgb(0, 158, 115);
-const FAINT: f64 = 0.16;
 /// Margin below the readings relative to their range; above them it is twice as large, for the bars of the contacts detected.
 const SPARE: f64 = 0.1;
 /// Height of a panel and of the gap between two.
@@ -41,8 +33,8 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let paint = move |canvas: &Canvas| {
         let entries = [
             LegendEntry::line("reading", READING, 1.5),
-            LegendEntry::line("contact detected", FOUND, 6.0),
-            LegendEntry::bands("true contact", vec![TRUTH.mix(FAINT)]),
+            LegendEntry::line("contact detected", DETECTED, 6.0),
+            LegendEntry::bands("true contact", vec![TRUE_CONTACT]),
         ];
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
@@ -58,12 +50,12 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let name = if 2 * place == last || 2 * place + 1 == last { "reading (µN·m)" } else { "" };
             let panel = Panel::new(canvas, frame, title, time, Axis::linear(name, bottom, top))?;
             for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.truth_surface_x_m.is_some()) {
-                panel.area([(from_s, bottom), (to_s, bottom), (to_s, top), (from_s, top)], TRUTH.mix(FAINT))?;
+                panel.area([(from_s, bottom), (to_s, bottom), (to_s, top), (from_s, top)], TRUE_CONTACT)?;
             }
             let (bar_top, bar_bottom) = (top - 0.4 * spare, top - 1.3 * spare);
             for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.contact_x_m.is_some()) {
                 let corners = [(from_s, bar_bottom), (to_s, bar_bottom), (to_s, bar_top), (from_s, bar_top)];
-                panel.area(corners, FOUND)?;
+                panel.area(corners, DETECTED)?;
             }
             panel.line(rows.iter().map(|row| (row.t_s, 1e6 * row.reading_n_m)), READING, 1.0)?;
         }

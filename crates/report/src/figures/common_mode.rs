@@ -9,11 +9,11 @@ use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Canvas, Picture};
 use crate::color::Rgb;
 use crate::run_data::RunData;
-use crate::style::{CURVE_PX, HAIRLINE_PX, INK, LegendEntry, legend, two_digits};
+use crate::style::{BLUE, CURVE_PX, HAIRLINE_PX, INK, LegendEntry, VERMILION, legend, plain, two_digits};
 
 /// Colours of the counts without and with compensation.
-const UNCOMPENSATED: Rgb = Rgb(213, 94, 0);
-const COMPENSATED: Rgb = Rgb(0, 114, 178);
+const UNCOMPENSATED: Rgb = VERMILION;
+const COMPENSATED: Rgb = BLUE;
 /// Opacity of the single counts behind their means.
 const FAINT: f64 = 0.28;
 /// Samples per mean: a fifth of a second.
@@ -58,12 +58,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let time = Axis::linear("time (s)", 0.0, rows[rows.len() - 1].t_s);
             let shifts = [|row: &TurnRow| row.counts, |row: &TurnRow| row.compensated_counts]
                 .map(|value: Value| shift_counts(rows, value).map_or("unknown".into(), two_digits));
-            let title = format!(
-                "{}: {} counts by half a turn, {} after compensation",
-                sensor.replace('_', " "),
-                shifts[0],
-                shifts[1]
-            );
+            let title = format!("{}: {} counts, {} compensated", plain(sensor), shifts[0], shifts[1]);
             let panel = Panel::new(canvas, frames[0], &title, time.clone().bare(), axis(&counts))?;
             let series: [(Rgb, Value); 2] =
                 [(UNCOMPENSATED, |row| row.counts), (COMPENSATED, |row| row.compensated_counts)];

@@ -8,13 +8,13 @@ use whisker::estimators::MethodClass;
 
 use crate::axes::{Axis, Panel, Rect, equal, without_dips};
 use crate::canvas::{Canvas, Picture};
-use crate::color::{Rgb, Rgba};
+use crate::color::Rgba;
 use crate::methods::{self, Method};
 use crate::run_data::RunData;
-use crate::style::{CURVE_PX, LABEL, LegendEntry, Look, MUTED, legend, plain};
+use crate::style::{CURVE_PX, LABEL, LegendEntry, Look, MUTED, STATED, legend, plain};
 
 /// Shade of the interval that holds 95 % of the averages of a consistent estimator.
-const INTERVAL: Rgba = Rgb(125, 133, 144).mix(0.28);
+const INTERVAL: Rgba = STATED.mix(0.28);
 /// Largest average drawn.
 const LARGEST: f64 = 1e3;
 /// Distance between the markers on a curve.
@@ -127,7 +127,7 @@ fn column(data: &RunData, set: &RunSet, methods: &[Method]) -> Column {
     });
     let coverage = methods.iter().filter_map(|method| {
         let row = data.summary_of(set, &method.name)?;
-        let verdict = data.average_of(set, &method.name, &NEES_TEST)?.verdict().word();
+        let verdict = data.errors_of(set, &method.name)?.verdict().word();
         Some((method.look, method.label.clone(), row.get(&consistency::COVERAGE)?, verdict.to_owned()))
     });
     Column {
@@ -156,7 +156,7 @@ impl Column {
     fn paint_coverage(&self, canvas: &Canvas, frame: Rect) -> Result<()> {
         let bars = self.coverage.len();
         let share = Axis::linear("95 % ellipses that contain the true contact (%)", 0.0, 100.0);
-        let panel = Panel::new(canvas, frame, "coverage, with the verdict on the NEES", share, Axis::places(bars))?;
+        let panel = Panel::new(canvas, frame, "coverage, with the verdict", share, Axis::places(bars))?;
         panel.area([(90.0, -1.0), (98.0, -1.0), (98.0, bars as f64), (90.0, bars as f64)], INTERVAL)?;
         // The first estimator is at the top.
         for (row, (look, name, share, verdict)) in self.coverage.iter().rev().enumerate() {

@@ -9,18 +9,14 @@ use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Canvas, Picture};
 use crate::color::Rgb;
 use crate::run_data::{RunData, spans};
-use crate::style::{LegendEntry, legend};
+use crate::style::{BLUE, DETECTED, LegendEntry, TRUE_CONTACT, VERMILION, legend, plain};
 
-/// Colour of the reading.
-const READING: Rgb = Rgb(150, 158, 168);
+/// Colour of the reading, paler than the signal in front of it.
+const PALE_READING: Rgb = Rgb(150, 158, 168);
 /// Colour of the signal that a detector compares with its thresholds.
-const WATCHED: Rgb = Rgb(0, 114, 178);
+const WATCHED: Rgb = BLUE;
 /// Colour of its thresholds.
-const THRESHOLD: Rgb = Rgb(213, 94, 0);
-/// Colour of the true contacts.
-const TRUTH: Rgb = Rgb(0, 158, 115);
-/// Opacity of the areas of the true contacts.
-const FAINT: f64 = 0.16;
+const THRESHOLD: Rgb = VERMILION;
 /// Height of the bars of the contacts detected and of the gap below them, relative to that of the panel.
 const BAR: f64 = 0.04;
 
@@ -41,17 +37,17 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let trace = trial.head.trace.clone();
     let paint = move |canvas: &Canvas| {
         let entries = [
-            LegendEntry::line("reading", READING, 1.75),
+            LegendEntry::line("reading", PALE_READING, 1.75),
             LegendEntry::line("detection signal", WATCHED, 1.75),
             LegendEntry::line("thresholds", THRESHOLD, 1.75),
-            LegendEntry::line("contact detected", WATCHED, 6.0),
-            LegendEntry::line("true contact", TRUTH, 6.0),
+            LegendEntry::line("contact detected", DETECTED, 6.0),
+            LegendEntry::bands("true contact", vec![TRUE_CONTACT]),
         ];
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
         let last = seen.len() - 1;
         for (place, ((detector, rows), frame)) in seen.iter().zip(plot.rows(&equal(seen.len()), 40.0)).enumerate() {
-            let title = format!("{trace}, {}: {}", detector.name, detector.about);
+            let title = format!("{}, {}: {}", plain(&trace), detector.name, detector.about);
             paint_detector(canvas, frame, &title, rows, place == last)?;
         }
         Ok(())
@@ -68,14 +64,14 @@ fn paint_detector(canvas: &Canvas, frame: Rect, title: &str, rows: &[EventRow], 
     let time = if is_last { time } else { time.bare() };
     let panel = Panel::new(canvas, frame, title, time, Axis::linear("reading (µN·m)", -top, top))?;
     for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.truth_touching == Some(true)) {
-        panel.area([(from_s, -top), (to_s, -top), (to_s, top), (from_s, top)], TRUTH.mix(FAINT))?;
+        panel.area([(from_s, -top), (to_s, -top), (to_s, top), (from_s, top)], TRUE_CONTACT)?;
     }
     let (bar_top, bar_bottom) = (top * (1.0 - 2.0 * BAR), top * (1.0 - 4.0 * BAR));
     for (from_s, to_s) in spans(rows, |row| row.t_s, |row| row.touched) {
         let corners = [(from_s, bar_bottom), (to_s, bar_bottom), (to_s, bar_top), (from_s, bar_top)];
-        panel.area(corners, WATCHED)?;
+        panel.area(corners, DETECTED)?;
     }
-    panel.line(rows.iter().map(|row| (row.t_s, micro(row.reading_n_m))), READING, 1.0)?;
+    panel.line(rows.iter().map(|row| (row.t_s, micro(row.reading_n_m))), PALE_READING, 1.0)?;
     for sign in [1.0, -1.0] {
         panel.line(rows.iter().map(|row| (row.t_s, sign * micro(row.threshold_n_m))), THRESHOLD, 1.0)?;
     }

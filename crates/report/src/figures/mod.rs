@@ -55,8 +55,8 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         caption: "Normalised estimation error squared (NEES) and normalised innovation squared (NIS), averages over trials and noise \
                   seeds. Band: 95 % interval of the chi-square distribution for that many independent runs; above it an estimator \
                   is overconfident, below it underconfident. Bars: coverage, the share of the stated 95 % ellipses that contain the \
-                  true contact, over the whole contact; band from 90 to 98 %. The verdict is on the average over the whole \
-                  contact, with each run as one sample.",
+                  true contact, over the whole contact; band from 90 to 98 %. The verdict is on NEES and \
+                  coverage over the whole contact, with intervals that count effective samples.",
         draw: consistency::draw,
     },
     Figure {
@@ -98,10 +98,11 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "real_objects",
         title: "Outlines without known contacts",
-        caption: "Outlines estimated from single sweeps over objects without known contacts, with their 95 % bands, for the first two \
-                  filters of the run. If the object's own outline could be placed, it is drawn, with the mean distance from it; \
-                  for a round object also the radius of the fitted circle with its 95 % interval and the RMS distance from that \
-                  circle. Dots: touched points, between which the outline is interpolated.",
+        caption: "Outlines estimated from single sweeps over objects without known contacts, with their 95 % bands, for the \
+                  recommended filter and that for general outlines, or for the first filters of the run. If the object's own outline \
+                  could be placed, it is drawn, with the mean distance from it; for a round object also the radius of the fitted \
+                  circle with its 95 % interval and the RMS distance from that circle. Dots: touched points, between which the outline \
+                  is interpolated.",
         draw: real_objects::draw,
     },
     Figure {
@@ -109,9 +110,11 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
         title: "Map from several whiskers",
         caption: "Plan view of a recording as mapped by the filter in the title from all whiskers, under one noise seed: contact \
                   points by array, assigned to convex objects without use of the truth; the estimated outline of each object with its \
-                  95 % band, often narrower than the line; and the occupancy grid, white if unobserved. On each object, the mean \
-                  distance of its outline from the true one and, for a round object, the fitted circle. Without alignment. \
-                  As data: maps.csv and map_objects.csv.",
+                  95 % band, often narrower than the line; and the occupancy grid, white if unobserved. Points in front of their \
+                  object's other tangents, and those of very short touches, are left out of the outlines: at a corner, an estimator \
+                  extends the face until readings contradict it. On each object, the mean distance of its outline from the true one \
+                  and, for a round object, the fitted circle. Without alignment. As data: maps.csv, whose distances of points include \
+                  those left out, and map_objects.csv.",
         draw: scene_map::draw,
     },
     Figure {
@@ -166,10 +169,10 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "common_mode",
         title: "Compensation of the earth's magnetic field",
-        caption: "Counts of sensors at rest that are rotated by half a turn and back, relative to the start: samples (pale) and \
-                  means of a fifth of a second. Orange: uncompensated; the earth's field rotates in the axes of the sensor. Blue: \
-                  with the common mode subtracted, which was estimated from the reference sensor at other headings and adds the noise \
-                  of that sensor.",
+        caption: "Counts of sensors at rest that are rotated by half a turn and back, relative to the start, with the shift by half a \
+                  turn in the title: samples (pale) and means of a fifth of a second. Orange: uncompensated; the earth's field rotates \
+                  in the axes of the sensor. Blue: with the common mode subtracted, which was estimated from the reference sensor at \
+                  other headings and adds the noise of that sensor.",
         draw: common_mode::draw,
     },
 ];

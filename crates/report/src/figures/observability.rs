@@ -10,12 +10,10 @@ use crate::canvas::{Canvas, Picture};
 use crate::color::{Rgb, viridis};
 use crate::methods::look_of;
 use crate::run_data::RunData;
-use crate::style::{INK, LegendEntry, Look, SMALL, legend};
+use crate::style::{INK, LegendEntry, Look, READING, SMALL, VERMILION, legend};
 
-/// Colour of the reading.
-const READING: Rgb = Rgb(86, 96, 110);
 /// Colour of quantities of a window of readings.
-const WINDOW: Rgb = Rgb(213, 94, 0);
+const WINDOW: Rgb = VERMILION;
 /// Radius of the dots of a path.
 const DOT_PX: f64 = 2.6;
 

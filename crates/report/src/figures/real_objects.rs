@@ -1,7 +1,7 @@
 //! Estimated outlines of objects without known contacts, one panel per sweep.
 
 use anyhow::Result;
-use testbed::results::ContourTrialRow;
+use testbed::results::{ContourTrialRow, RECOMMENDED};
 
 use crate::canvas::Picture;
 use crate::contour_panel::{ContourPanel, Found, picture};
@@ -9,21 +9,26 @@ use crate::methods::look_of;
 use crate::run_data::RunData;
 use crate::style::{plain, two_digits};
 
-/// Number of filters drawn: the first of the run.
-const FILTERS: usize = 2;
+/// Filters drawn, if they state outlines: the recommended one, and that for general convex outlines. Otherwise the first that do.
+const FILTERS: [&str; 2] = [RECOMMENDED, "outline"];
 
 /// Lays the figure out.
 pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
+    let traces: Vec<&String> = data.unscored_sets().into_iter().flat_map(|set| &set.traces).collect();
+    let states = |name: &str| traces.iter().any(|trace| data.contours_of(trace).any(|row| row.estimator == name));
+    let stating: Vec<&str> = data.filters().filter(|name| states(name)).collect();
+    let preferred: Vec<&str> = stating.iter().copied().filter(|name| FILTERS.contains(name)).collect();
+    let filters = if preferred.is_empty() { stating.into_iter().take(FILTERS.len()).collect() } else { preferred };
     let mut panels = Vec::new();
-    for trace in data.unscored_sets().into_iter().flat_map(|set| &set.traces) {
-        panels.extend(panel(data, trace)?);
+    for trace in traces {
+        panels.extend(panel(data, trace, &filters)?);
     }
     Ok(picture(panels))
 }
 
-fn panel(data: &RunData, trace: &str) -> Result<Option<ContourPanel>> {
+fn panel(data: &RunData, trace: &str, filters: &[&str]) -> Result<Option<ContourPanel>> {
     let (mut object, mut found) = (None, Vec::new());
-    for row in data.contours_of(trace).filter(|row| data.filters().take(FILTERS).any(|name| name == row.estimator)) {
+    for row in data.contours_of(trace).filter(|row| filters.contains(&row.estimator.as_str())) {
         object = Some(&row.object);
         if let Some(vertices) = data.contour(trace, &row.estimator)? {
             let look = look_of(data, &row.estimator);

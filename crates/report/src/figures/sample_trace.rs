@@ -9,17 +9,12 @@ use crate::canvas::{Canvas, Picture};
 use crate::color::Rgb;
 use crate::methods::look_of;
 use crate::run_data::RunData;
-use crate::style::{INK, LegendEntry, Look, legend};
+use crate::style::{BLUE, INK, LegendEntry, Look, PURPLE, READING, STATED, VERMILION, legend};
 
 /// Colours of the three coordinates of the base.
-const MOTION: [(&str, Rgb); 3] =
-    [("base x", Rgb(0, 114, 178)), ("base y", Rgb(213, 94, 0)), ("base yaw", Rgb(204, 121, 167))];
+const MOTION: [(&str, Rgb); 3] = [("base x", BLUE), ("base y", VERMILION), ("base yaw", PURPLE)];
 /// Relative heights of the rows: reading, position, yaw, error.
 const ROWS: [f64; 4] = [1.0, 1.0, 0.6, 1.1];
-/// Colour of the standard deviation.
-const CLAIMED: Rgb = Rgb(125, 133, 144);
-/// Colour of the reading.
-const READING: Rgb = Rgb(86, 96, 110);
 
 /// A quantity over time.
 type Series = Vec<(f64, f64)>;
@@ -54,7 +49,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
 
     let paint = move |canvas: &Canvas| {
         let mut entries: Vec<_> = MOTION.iter().map(|(name, color)| LegendEntry::line(name, *color, 1.75)).collect();
-        entries.push(LegendEntry::line("stated standard deviation", CLAIMED, 1.75));
+        entries.push(LegendEntry::line("stated standard deviation", STATED, 1.75));
         entries.push(LegendEntry::dashes("first touch", INK));
         legend(canvas, (60.0, 18.0), &entries)?;
         let plot = Rect::inside(canvas, [64.0, 64.0, 16.0, 48.0]);
@@ -128,7 +123,7 @@ impl Trial {
         let yaw = panel(2)?;
         yaw.line(self.yaw_deg.iter().copied(), yaw_color, 1.75)?;
         let error = panel(3)?;
-        error.line(self.claimed_mm.iter().copied(), CLAIMED, 1.75)?;
+        error.line(self.claimed_mm.iter().copied(), STATED, 1.75)?;
         error.line(self.error_mm.iter().copied(), self.look.color, 1.5)?;
         for panel in [&reading, &position, &yaw, &error] {
             panel.instant(self.touch_s, INK)?;

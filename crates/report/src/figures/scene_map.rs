@@ -5,20 +5,20 @@ use testbed::results::{GridRow, MapObjectRow, MapPointRow, MapVertexRow, RunReco
 
 use crate::axes::{Panel, Rect, extent};
 use crate::canvas::{Align, Canvas, Lettering, Picture};
-use crate::color::Rgb;
+use crate::color::{Rgb, Rgba};
 use crate::contour_panel::{Points, band};
 use crate::run_data::RunData;
-use crate::style::{CURVE_PX, FRAME, INK, LegendEntry, Look, OBJECT, SMALL, legend, plain};
+use crate::style::{CURVE_PX, DARK, FRAME, GREEN, INK, LegendEntry, Look, OBJECT, SKY, SMALL, STATED, legend, plain};
 
 /// Radius of a contact point.
 const DOT_PX: f64 = 3.0;
-/// Colours and opacities of free and occupied cells.
-const FREE: Rgb = Rgb(86, 180, 233);
-const FREE_OPACITY: f64 = 0.22;
-const OCCUPIED: Rgb = Rgb(60, 60, 60);
-const OCCUPIED_OPACITY: f64 = 0.45;
+/// Colours of free and occupied cells.
+const FREE: Rgba = SKY.mix(0.22);
+const OCCUPIED: Rgba = DARK.mix(0.45);
+/// Contact points that belong to no outline.
+const LEFT_OUT: Rgb = STATED;
 /// Outlines found.
-const FOUND: Rgb = Rgb(0, 158, 115);
+const FOUND: Rgb = GREEN;
 const BAND_OPACITY: f64 = 0.35;
 /// Margin around the objects.
 const MARGIN_MM: f64 = 40.0;
@@ -34,8 +34,10 @@ struct Scene {
     cells: Vec<(f64, f64, f64, bool)>,
     cell_mm: f64,
     truths: Vec<Points>,
-    /// The contact points of each array.
+    /// The contact points of each array that outlines are made of.
     arrays: Vec<(String, Points)>,
+    /// The other contact points.
+    left_out: Points,
     /// Outline and band of each object found.
     found: Vec<(Points, Points)>,
     /// Annotations: position and lines of text.
@@ -49,14 +51,18 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     let Some(recording) = recordings.iter().find(|recording| recording.encoders.are_perfect()) else { return Ok(None) };
     let Some(scene) = scene(data, recording, estimator)? else { return Ok(None) };
     let paint = move |canvas: &Canvas| {
+        let left_out = scene.left_out_name();
         let names: Vec<String> = scene.arrays.iter().map(|(name, _)| format!("contact points, array {name}")).collect();
         let mut entries: Vec<LegendEntry> =
             names.iter().enumerate().map(|(place, name)| LegendEntry::line(name, color(place), 2.0 * DOT_PX)).collect();
+        if !scene.left_out.is_empty() {
+            entries.push(LegendEntry::line(&left_out, LEFT_OUT, 2.0 * DOT_PX));
+        }
         entries.push(LegendEntry::line("estimated outline", FOUND, CURVE_PX));
         entries.push(LegendEntry::bands("95 % band", vec![FOUND.mix(BAND_OPACITY)]));
         entries.push(LegendEntry::line("true outline", FRAME, 1.5));
-        entries.push(LegendEntry::bands("free", vec![FREE.mix(FREE_OPACITY)]));
-        entries.push(LegendEntry::bands("occupied", vec![OCCUPIED.mix(OCCUPIED_OPACITY)]));
+        entries.push(LegendEntry::bands("free", vec![FREE]));
+        entries.push(LegendEntry::bands("occupied", vec![OCCUPIED]));
         let below = legend(canvas, (56.0, 18.0), &entries)?;
         scene.paint(canvas, Rect::inside(canvas, [60.0, below + 40.0, 14.0, 48.0]))
     };
@@ -94,8 +100,13 @@ fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Op
         truths.push(outline);
     }
     let mut arrays: Vec<(String, Points)> = Vec::new();
+    let mut left_out = Points::new();
     for row in &points {
         let at = (1e3 * row.x_m, 1e3 * row.y_m);
+        if row.object.is_none() {
+            left_out.push(at);
+            continue;
+        }
         match arrays.iter_mut().find(|(array, _)| *array == row.array) {
             Some((_, points)) => points.push(at),
             None => arrays.push((row.array.clone(), vec![at])),
@@ -112,6 +123,7 @@ fn scene(data: &RunData, recording: &RunRecording, estimator: &str) -> Result<Op
         cell_mm: 1e3 * recording.map.cell_m,
         truths,
         arrays,
+        left_out,
         found: found.collect(),
         words,
     }))
@@ -141,8 +153,16 @@ fn runs(grid: &[GridRow], cell_m: f64) -> Vec<(f64, f64, f64, bool)> {
 }
 
 impl Scene {
+    /// Legend of the points that belong to no outline, with their number.
+    fn left_out_name(&self) -> String {
+        let used: usize = self.arrays.iter().map(|(_, points)| points.len()).sum();
+        let left_out = self.left_out.len();
+        format!("contact points left out of the outlines, {left_out} of {}", used + left_out)
+    }
+
     fn paint(&self, canvas: &Canvas, frame: Rect) -> Result<()> {
-        let places = self.truths.iter().chain(self.arrays.iter().map(|(_, points)| points));
+        let used = self.arrays.iter().map(|(_, points)| points);
+        let places = self.truths.iter().chain(used).chain([&self.left_out]);
         let all: Points = places.flatten().copied().collect();
         let (left, right) = extent(all.iter().map(|at| at.0)).unwrap_or((-1.0, 1.0));
         let (low, high) = extent(all.iter().map(|at| at.1)).unwrap_or((-1.0, 1.0));
@@ -153,18 +173,20 @@ impl Scene {
         }
         let half = 0.5 * self.cell_mm;
         for &(from, to, y, is_free) in &self.cells {
-            let color = if is_free { FREE.mix(FREE_OPACITY) } else { OCCUPIED.mix(OCCUPIED_OPACITY) };
+            let color = if is_free { FREE } else { OCCUPIED };
             let (from, to) = (from - half, to + half);
             panel.area([(from, y - half), (to, y - half), (to, y + half), (from, y + half)], color)?;
         }
         for truth in &self.truths {
             panel.line(truth.iter().copied(), FRAME, 1.5)?;
         }
+        panel.discs(self.left_out.iter().copied(), DOT_PX, LEFT_OUT)?;
         for (place, (_, points)) in self.arrays.iter().enumerate() {
             panel.discs(points.iter().copied(), DOT_PX, color(place))?;
         }
         for (line, band) in &self.found {
             panel.area(band.iter().copied(), FOUND.mix(BAND_OPACITY))?;
+            panel.line(line.iter().copied(), Rgb::WHITE, 2.0 * CURVE_PX)?;
             panel.line(line.iter().copied(), FOUND, CURVE_PX)?;
         }
         for (at, lines) in &self.words {

@@ -7,13 +7,13 @@ use crate::axes::{Axis, Panel, Rect};
 use crate::canvas::{Canvas, Picture};
 use crate::color::Rgb;
 use crate::run_data::RunData;
-use crate::style::{CURVE_PX, LegendEntry, Look, MUTED, legend};
+use crate::style::{BLUE, CURVE_PX, LegendEntry, Look, MUTED, ORANGE, STATED, legend, plain};
 
 /// Names and colours of the axes. The reading is that of the second.
 const AXES: [(&str, Rgb, Value); 3] = [
-    ("x, along the root", Rgb(125, 133, 144), |row| row.x_counts),
-    ("y, in the plane (reading)", Rgb(0, 114, 178), |row| row.y_counts),
-    ("z, out of the plane", Rgb(230, 159, 0), |row| row.z_counts),
+    ("x, along the root", STATED, |row| row.x_counts),
+    ("y, in the plane (reading)", BLUE, |row| row.y_counts),
+    ("z, out of the plane", ORANGE, |row| row.z_counts),
 ];
 /// The axis that is read.
 const READ: usize = 1;
@@ -37,13 +37,13 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         let entries = AXES.map(|(name, color, _)| LegendEntry::line(name, color, CURVE_PX));
         legend(canvas, (60.0, 18.0), &entries)?;
         let counts = Axis::around("counts", own.iter().flat_map(|row| AXES.map(|(.., value)| value(row))));
-        let title = format!("sensor {sensor}: its three axes");
+        let title = format!("sensor {}: its three axes", plain(&sensor));
         let panel = Panel::new(canvas, frames[0], &title, rotation.clone(), counts)?;
         for (_, color, value) in AXES {
             panel.line(own.iter().map(|row| (degrees(row), value(row))), color, CURVE_PX)?;
         }
         let value = AXES[READ].2;
-        let names: Vec<String> = gains.iter().map(|rows| format!("{} ×", rows[0].amplified)).collect();
+        let names: Vec<String> = gains.iter().map(|rows| format!("gain {}", rows[0].amplified)).collect();
         let entries: Vec<_> =
             names.iter().enumerate().map(|(i, name)| LegendEntry::line(name, Look::of(i).color, CURVE_PX)).collect();
         legend(canvas, (frames[1].left, 18.0), &entries)?;

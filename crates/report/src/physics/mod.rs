@@ -75,15 +75,15 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         title: "Disturbance by angle of approach",
         caption: "Largest force on a free-standing cylinder, averaged over 4 ms, and its displacement, as functions of the angle \
                   between the undeflected whisker and its motion: 30 mm into the object and back. The cylinder is 30 mm thick and 120 mm \
-                  tall; the whisker meets it 80 mm above the table. Left, frictionless tip: the whisker slips off; right, tip with friction 0.5, which sticks in head-on \
-                  contact. Displacements under 1 µm are due to the compliance of the contact model.",
+                  tall; the whisker meets it 80 mm above the table. Left, frictionless tip: the whisker slips off; right, tip with friction \
+                  0.5, which sticks in head-on contact. Displacements under 1 µm are due to the compliance of the contact model.",
         draw: disturbance::by_approach,
     },
     Figure {
         name: "disturbance_sideways",
         title: "Disturbance in lateral contact",
-        caption: "Peak force and displacement for the curved whisker with its convex side towards the object, with the line from root to tip perpendicular to the \
-                  motion, as functions of the diameter of the wire, for four root stiffnesses and three object masses.",
+        caption: "Peak force and displacement for the curved whisker with its convex side towards the object, with the line from \
+                  root to tip perpendicular to the motion, as functions of the diameter of the wire, for four root stiffnesses and three object masses.",
         draw: disturbance::sideways,
     },
     Figure {

@@ -4,8 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use super::FIGURES;
-use crate::report;
-use crate::tests::files_of_report;
+use crate::tests::{files_of_report, report};
 
 const WATERMARK: &str = r#"{"format": 1, "kind": "physics", "numpy": "2", "scipy": "1", "traces": {}, "generator":
     {"name": "whisker_sim", "version": "0.1.0", "mujoco": "3", "git_commit": null, "source_sha256": "ab"}}"#;

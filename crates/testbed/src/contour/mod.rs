@@ -77,7 +77,7 @@ pub struct SurfacePoint {
     /// Time since the start of the touch.
     pub(crate) since_touch_s: f64,
     /// Position on the surface, in World.
-    pub(crate) at: Vector2<f64>,
+    pub at: Vector2<f64>,
     /// Unit outward normal in World, from the object to the whisker.
     pub(crate) normal: Vector2<f64>,
     /// Covariance of the position in World, if stated.

@@ -31,8 +31,8 @@ pub(super) struct ArrayMember {
 pub(super) struct ArrayReader(BTreeMap<PathBuf, Arc<ArrayRecording>>);
 
 impl ArrayReader {
-    /// The trials of a trace: the trace itself or, if it belongs to a recording, one trial for each of the encoders. A trial with imperfect encoders has a name and a group
-    /// of its own.
+    /// The trials of a trace: the trace itself or, if it belongs to a recording, one trial for each of the encoders. A
+    /// trial with imperfect encoders has a name and a group of its own.
     ///
     /// # Errors
     /// If the recording cannot be read, or does not contain the trace.
@@ -105,7 +105,7 @@ impl ArrayMember {
     }
 
     /// Sidecar of the trace as it was recorded.
-    pub(super) fn recorded(&self) -> &Sidecar {
+    pub(super) fn recorded(&self) -> &Arc<Sidecar> {
         &self.recorded
     }
 

@@ -10,6 +10,9 @@ use files::sha256;
 use trace::CalibrationFile;
 use whisker::sensor::CalibratedFace;
 
+use crate::fitted_traces::check_fitted_traces;
+use crate::results::files::{RESIDUALS, SURFACE};
+
 /// A calibration with the sensor models that the estimators use.
 pub(super) struct Calibration {
     pub(super) path: PathBuf,
@@ -21,13 +24,25 @@ pub(super) struct Calibration {
 }
 
 impl Calibration {
-    /// Reads a calibration with the sensor models that it chose.
+    /// Reads a calibration with the sensor models that it chose. Its traces must be those of the fit.
     fn read(path: &Path) -> anyhow::Result<Self> {
         if !path.is_file() {
-            bail!("{}: no such calibration; `whisker fit` makes it, with the same --front-end", path.display());
+            bail!(
+                "{}: no such calibration; make it by `whisker fit`, with the same --front-end, or name the folder of others by --calibrations",
+                path.display()
+            );
         }
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;
+        check_fitted_traces(path, &file)?;
+        for face in &file.faces {
+            for table in [SURFACE, RESIDUALS] {
+                let beside = path.with_file_name(table.file_name_of(&[&file.whisker.name, face.face.name()]));
+                if !beside.is_file() {
+                    bail!("{}: no such file beside its calibration; `whisker fit` writes both", beside.display());
+                }
+            }
+        }
         let faces = BTreeMap::from([(None, file.calibrated(path, None)?)]);
         Ok(Self { path: path.into(), file, sha256: sha256(bytes), faces })
     }

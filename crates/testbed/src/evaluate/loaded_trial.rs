@@ -4,12 +4,13 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::OnceLock;
 
-use trace::{Trace, Truth};
+use trace::{Recording, Trace, Truth};
 use whisker::estimators::Sample;
 
 use super::prepared::TrialSpec;
 use crate::bound::TraceBound;
 use crate::metrics::GroundTruth;
+use crate::miscalibration::{displaced, displaces, stiffness_ratios};
 use crate::replay::motions;
 
 /// A trial with its trace in memory, and the data common to all noise levels and seeds.
@@ -20,6 +21,10 @@ pub(super) struct LoadedTrial<'a> {
     pub(super) motions: Vec<Sample>,
     /// True strokes and touched part of the outline, with the true motion.
     pub(super) ground_truth: GroundTruth,
+    /// The recording with the poses of the calibrated Base. `None` if these are the actual ones.
+    pub(super) displaced: Option<Recording>,
+    /// Ratios of the readings to those with the calibrated stiffness, see [`stiffness_ratios`].
+    pub(super) stiffness_ratios: Option<Vec<f64>>,
     /// Posterior Cramer-Rao bound by noise level.
     bounds: Vec<OnceLock<Option<TraceBound>>>,
 }
@@ -33,7 +38,10 @@ impl<'a> LoadedTrial<'a> {
         let trace = Trace { sidecar: spec.sidecar.clone(), ..trace };
         let motions = motions(&trace.recording);
         let ground_truth = GroundTruth::new(&trace, spec.outline.as_ref(), &trace.sidecar.whisker.rest_shape());
-        Ok(Self { spec, trace, motions, ground_truth, bounds: (0..levels).map(|_| OnceLock::new()).collect() })
+        let displaced = displaces(&spec.miscalibration).then(|| displaced(&spec.miscalibration, &trace.recording));
+        let stiffness_ratios = stiffness_ratios(&spec.miscalibration, &trace).map_err(|error| format!("{error:#}"))?;
+        let bounds = (0..levels).map(|_| OnceLock::new()).collect();
+        Ok(Self { spec, trace, motions, ground_truth, displaced, stiffness_ratios, bounds })
     }
 
     /// Keeps the first instants and the data derived from them.
@@ -41,6 +49,7 @@ impl<'a> LoadedTrial<'a> {
         self.trace.recording.instants.truncate(rows);
         self.trace.truth.instants.truncate(rows);
         self.motions.truncate(rows);
+        self.displaced.iter_mut().for_each(|recording| recording.instants.truncate(rows));
         let rest = self.trace.sidecar.whisker.rest_shape();
         self.ground_truth = GroundTruth::new(&self.trace, self.spec.outline.as_ref(), &rest);
     }

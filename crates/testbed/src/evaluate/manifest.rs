@@ -9,7 +9,7 @@ use files::{read_json, write_atomically};
 use trace::Sidecar;
 
 use super::array_members;
-use super::prepared::Prepared;
+use super::prepared::{Prepared, TrialSpec};
 use super::settings::EvaluateSettings;
 use crate::provenance::evaluation_watermark;
 use crate::results::files::{OUTLINE, RESIDUALS, RUN, SURFACE, Writer};
@@ -39,17 +39,17 @@ impl Prepared {
             serde_json::to_string(&recordings)?,
         ];
         inputs.extend(array_members::inputs(self.array_members().map(|(_, member)| member))?);
-        for trial in &self.trials {
-            let sidecar = &trial.sidecar;
-            inputs.push(sidecar.csv_sha256.clone());
-            inputs.push(sidecar.contour.as_ref().map_or_else(String::new, |contour| contour.sha256.clone()));
+        if !settings.noise_unit.is_default() {
+            inputs.push(serde_json::to_string(&settings.noise_unit)?);
         }
+        inputs.extend(self.trials.iter().map(|trial| trial.sidecar.data_sha256()));
         Ok(Run {
             format: files::FORMAT,
             kind: "run".into(),
             name: settings.name.clone(),
             watermark: evaluation_watermark(inputs.iter().map(String::as_str)),
             noise: settings.noise.clone(),
+            noise_unit: settings.noise_unit,
             seeds: settings.seeds.clone(),
             front_end,
             touch: settings.touch,
@@ -64,7 +64,8 @@ impl Prepared {
     fn run_sets(&self) -> Vec<RunSet> {
         let set = |(name, &largest_reading_n_m): (&SetName, &f64)| {
             let trials = self.trials.iter().filter(|trial| trial.set() == *name);
-            let members: Vec<&Sidecar> = trials.map(|trial| &trial.sidecar).collect();
+            let trials: Vec<&TrialSpec> = trials.collect();
+            let members: Vec<&Sidecar> = trials.iter().map(|trial| &trial.sidecar).collect();
             let stated = |sidecar: &&Sidecar| Some((sidecar.object.clone(), sidecar.recorded.as_ref()?.object_class?));
             RunSet {
                 group: name.group.clone(),
@@ -73,6 +74,8 @@ impl Prepared {
                 object_classes: members.iter().filter_map(stated).collect(),
                 traces: members.iter().map(|sidecar| sidecar.name.clone()).collect(),
                 largest_reading_n_m,
+                stated_noise: members[0].replay.map(|stated| stated.noise),
+                miscalibration: trials[0].miscalibration,
             }
         };
         self.largest_readings_n_m.iter().map(set).collect()

@@ -30,8 +30,8 @@ pub(super) struct MapRows {
     pub(super) objects: Vec<MapObjectRow>,
 }
 
-/// Builds the maps of one recording, one per noise level, seed and estimator, and compares them with the truth. Those of the first noise level and seed are written
-/// into the run's folder.
+/// Builds the maps of one recording, one per noise level, seed and estimator, and compares them with the truth. Those
+/// of the first noise level and seed are written into the run's folder.
 ///
 /// # Errors
 /// If a file cannot be written.

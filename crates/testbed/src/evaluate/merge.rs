@@ -1,8 +1,10 @@
 //! Merging of the items' results into the tables of a run.
 //!
-//! Tables with one row per trial are written as the shards are read, in the order of trials, noise levels and seeds, which does not depend on the order in which
-//! the items were finished. A row over the trials of a set needs the values of all of them at once, for quantiles. Such rows are computed in windows of limited memory, and
-//! the shards are read again for each window: memory does not grow with the number of trials, unless the values of a single row exceed the limit.
+//! Tables with one row per trial are written as the shards are read, in the order of trials, noise levels and seeds,
+//! which does not depend on the order in which the items were finished. A row over the trials of a set needs the values
+//! of all of them at once, for quantiles. Such rows are computed in windows of limited memory, and the shards are read
+//! again for each window: memory does not grow with the number of trials, unless the values of a single row exceed the
+//! limit.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,8 +16,10 @@ use super::contours::{ContourScores, contour_score};
 use super::plan::Plan;
 use super::shards::{EstimatorResult, Shards, TrialResults};
 use super::tables;
-use crate::consistency::{Average, NEES_TEST, NIS_TEST};
-use crate::metrics::{METRICS, Scores};
+use crate::consistency::{Average, ErrorConsistency, NIS_FREEDOM, TrialErrors};
+use crate::metrics::consistency::NIS;
+use crate::metrics::error::RMSE;
+use crate::metrics::{METRICS, Metric, Scores};
 use crate::results::files::{
     CONSISTENCY, CONTOUR_TRIALS, CONTOURS, ERROR_OVER_TIME, FAILURES, MAP_OBJECTS, MAPS, SUMMARY, TRIALS,
 };
@@ -23,6 +27,7 @@ use crate::results::{
     ContourTrialRow, FailureRow, Keyed, MapObjectRow, MapRow, RunFile, SetKey, SetName, SummaryHead, SummaryRow,
     TableFile, TrialRow, csv_bytes, score_bytes,
 };
+use crate::statistics::{mean, quantile};
 
 /// Largest number of bytes of values held at once.
 const MOST_BYTES: usize = 100_000_000;
@@ -148,8 +153,20 @@ fn write_summary(shards: &InOrder<'_>, sets: &Sets, folder: &Path) -> anyhow::Re
         },
         |(_, metric), values| SetScore::of(metric as usize, &values),
     )?;
+    let trials = sets.sets.iter().enumerate().map(|(set, of)| ((set, 0), of.trials));
+    let by_errors = shards.by_column(
+        trials.collect(),
+        |results, keep| {
+            for result in &results.estimators {
+                let set = sets.index(&result.row.head.key());
+                keep((set, 0), TrialErrors::of(&result.row));
+            }
+        },
+        |_, errors| ErrorConsistency::of_trials(&errors.into_iter().flatten().collect::<Vec<_>>()),
+    )?;
+    let of_sets = sets.sets.iter().zip(scores.chunks(METRICS.len())).zip(by_errors);
     let summary: Vec<SummaryRow> =
-        sets.sets.iter().zip(scores.chunks(METRICS.len())).map(|(set, scores)| set.summary(scores)).collect();
+        of_sets.map(|((set, scores), by_errors)| set.summary(scores, by_errors.as_ref())).collect();
     write_atomically(&SUMMARY.path(folder), &score_bytes(&summary)?)?;
     Ok(summary)
 }
@@ -179,7 +196,8 @@ impl InOrder<'_> {
         Ok(())
     }
 
-    /// Computes the row of each column, in their order. `pick` extracts the values of a trial, each with its column; `columns` gives the number of values of each.
+    /// Computes the row of each column, in their order. `pick` extracts the values of a trial, each with its column;
+    /// `columns` gives the number of values of each.
     fn by_column<T: Send, Row: Send>(
         &self,
         columns: Vec<(Column, usize)>,
@@ -297,11 +315,15 @@ impl Set {
         }
     }
 
-    fn summary(&self, scores: &[SetScore]) -> SummaryRow {
+    fn summary(&self, scores: &[SetScore], by_errors: Option<&ErrorConsistency>) -> SummaryRow {
         let mut models: Vec<(&str, f64)> =
             self.models.iter().map(|(name, sum)| (name.as_str(), sum / self.averaged as f64)).collect();
         models.sort_by(|a, b| b.1.total_cmp(&a.1));
         let models: Vec<String> = models.into_iter().map(|(name, share)| format!("{name}={share:.3}")).collect();
+        let of = |metric: &Metric| {
+            let index = METRICS.iter().position(|row| row.name == metric.name);
+            &scores[index.expect("a metric that is read has its row in METRICS")]
+        };
         let mut over_trials = scores.iter().map(|score| score.over_trials);
         SummaryRow {
             head: SummaryHead {
@@ -313,7 +335,11 @@ impl Set {
                 trials: self.trials,
                 step_ns: self.elapsed_ns as f64 / self.steps as f64,
                 models: (!models.is_empty()).then(|| models.join(" ")),
-                verdict: verdict(scores),
+                verdict: by_errors.map(ErrorConsistency::sentence),
+                nis_verdict: of(&NIS).average.as_ref().map(Average::sentence),
+                rmse_mean_m: of(&RMSE).spread.mean_m,
+                rmse_p90_m: of(&RMSE).spread.p90_m,
+                above_0p5mm: of(&RMSE).spread.above_0p5mm,
             },
             scores: Scores::from_fn(|_| over_trials.next().flatten()),
         }
@@ -323,25 +349,52 @@ impl Set {
 /// One metric over the trials of a set.
 struct SetScore {
     over_trials: Option<f64>,
-    /// Average with the expectation of a consistent estimator. `None` unless the metric is a mean of chi-square numbers.
+    /// Average with the expectation of a consistent estimator. `None` unless the metric is the NIS.
     average: Option<Average>,
+    spread: Spread,
 }
 
 impl SetScore {
     fn of(metric: usize, values: &[Option<f64>]) -> Self {
         let metric = &METRICS[metric];
-        let test = [NEES_TEST, NIS_TEST].into_iter().find(|test| test.metric.name == metric.name);
         let stated = || values.iter().copied().flatten().collect::<Vec<f64>>();
-        let average = test.and_then(|test| Average::of_trials(test.freedom, &stated()));
-        Self { over_trials: metric.summary.of(values), average }
+        let is_nis = metric.name == NIS.name;
+        let average = is_nis.then(|| Average::of_trials(NIS_FREEDOM, &stated())).flatten();
+        Self { over_trials: metric.summary.of(values), average, spread: Spread::of(values) }
     }
 }
 
-/// Consistency of the estimator by its innovations or, if it states none, by its errors.
-fn verdict(scores: &[SetScore]) -> Option<String> {
-    let index = |name: &str| METRICS.iter().position(|metric| metric.name == name);
-    [NIS_TEST, NEES_TEST].iter().find_map(|test| {
-        let average = scores[index(test.metric.name)?].average.as_ref()?;
-        Some(average.sentence())
-    })
+/// Distribution of errors over the trials of a set.
+struct Spread {
+    mean_m: Option<f64>,
+    p90_m: Option<f64>,
+    above_0p5mm: f64,
+}
+
+impl Spread {
+    /// Distribution of errors, of which some are missing. A missing error counts as larger than any other.
+    fn of(errors_m: &[Option<f64>]) -> Self {
+        let errors_m: Vec<f64> = errors_m.iter().map(|error_m| error_m.unwrap_or(f64::INFINITY)).collect();
+        Self {
+            mean_m: mean(errors_m.iter().copied()).filter(|mean| mean.is_finite()),
+            p90_m: quantile(&errors_m, 0.9).filter(|p90| p90.is_finite()),
+            above_0p5mm: mean(errors_m.iter().map(|error_m| f64::from(*error_m > 0.5e-3))).unwrap_or(0.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_a_missing_error_is_the_largest() {
+        let errors_m = [1e-4, 2e-4, 3e-4, 6e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4].map(Some);
+        let all = Spread::of(&errors_m);
+        assert!((all.mean_m.unwrap() - 1.9e-3 / 11.0).abs() < 1e-12, "{:?}", all.mean_m);
+        assert_eq!((all.p90_m, all.above_0p5mm), (Some(3e-4), 1.0 / 11.0));
+        let some = Spread::of(&[&errors_m[..], &[None, None]].concat());
+        assert_eq!((some.mean_m, some.p90_m, some.above_0p5mm), (None, None, 3.0 / 13.0));
+        assert_eq!(Spread::of(&[]).above_0p5mm, 0.0);
+    }
 }

@@ -4,10 +4,11 @@
 //! datasets, calibrations -> prepare -> items of work -> sense, replay, score, write -> merge -> results/<run>/
 //! ```
 //!
-//! Inputs are read and checked first (`prepared`). The work is divided into items (`plan`), which run in parallel (`work`); a trial of an item is sensed, replayed, scored
-//! and written (`trial`). The results of an item are kept in a file of their own (`shards`), so that an interrupted evaluation resumes. At the end the items are merged in
-//! the order of trials, noise levels and seeds (`merge`): the results depend neither on the number of threads nor on interruptions. A trial that fails is recorded with its
-//! reason and does not affect the others.
+//! Inputs are read and checked first (`prepared`). The work is divided into items (`plan`), which run in parallel
+//! (`work`); a trial of an item is sensed, replayed, scored and written (`trial`). The results of an item are kept in a
+//! file of their own (`shards`), so that an interrupted evaluation resumes. At the end the items are merged in the
+//! order of trials, noise levels and seeds (`merge`): the results depend neither on the number of threads nor on
+//! interruptions. A trial that fails is recorded with its reason and does not affect the others.
 
 mod array_members;
 mod calibration;
@@ -16,10 +17,12 @@ mod job;
 mod loaded_trial;
 mod manifest;
 mod maps;
+mod memory;
 mod merge;
 mod part_folder;
 mod plan;
 mod prepared;
+mod previous;
 mod probe;
 mod score;
 mod sense;
@@ -45,6 +48,7 @@ use crate::results::{FailureRow, SummaryRow, read_rows, read_scores};
 use merge::{Merged, merge};
 use part_folder::{PartFolder, restore, tidy};
 use prepared::Prepared;
+use previous::check_replaceable;
 use shards::Shards;
 use work::Batch;
 
@@ -54,10 +58,11 @@ pub use starts::Starts;
 pub use tables::estimate_row;
 pub use workload::Workload;
 
-/// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted resumes if its inputs are the same.
+/// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted resumes if its inputs are the same. A finished run with
+/// the same settings is replaced, when its traces, its calibrations or the code have changed; one with other settings only if the settings say so.
 ///
 /// # Errors
-/// If inputs cannot be read or contradict one another, no trial can be scored, or results cannot be written.
+/// If inputs cannot be read or contradict one another, a finished run has other settings, no trial can be scored, or results cannot be written.
 pub fn evaluate(
     datasets: &[Dataset],
     settings: &EvaluateSettings,
@@ -74,6 +79,9 @@ pub fn evaluate(
     {
         tidy(&folder)?;
         return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored });
+    }
+    if !settings.force {
+        check_replaceable(&folder, &run)?;
     }
 
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
@@ -95,8 +103,8 @@ pub fn evaluate(
     Ok(Evaluated { folder, summary, is_new: true, failures, omitted, unscored })
 }
 
-/// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing. Several processes may run shares at the same
-/// time, on one machine or on several with a common file system.
+/// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing.
+/// Several processes may run shares at the same time, on one machine or on several with a common file system.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -111,6 +119,9 @@ pub fn evaluate_share(
     let run = prepared.run(settings)?;
     if prepared.is_up_to_date(&folder, &run) {
         return Ok(());
+    }
+    if !settings.force {
+        check_replaceable(&folder, &run)?;
     }
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));

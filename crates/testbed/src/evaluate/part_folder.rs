@@ -4,12 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use files::is_temporary;
+use files::remove_temporary;
 
 use super::shards::Shards;
 
-/// Folder in which a run is built, named after the hash of its inputs. It replaces the run's folder when it is complete; until then that folder is unchanged. Items that
-/// are finished in it are reused, whether an interrupted evaluation or a concurrent process wrote them.
+/// Folder in which a run is built, named after the hash of its inputs. It replaces the run's folder when it is
+/// complete; until then that folder is unchanged. Items that are finished in it are reused, whether an interrupted
+/// evaluation or a concurrent process wrote them.
 pub(super) struct PartFolder<'a> {
     part: PathBuf,
     folder: &'a Path,
@@ -80,8 +81,8 @@ pub(super) fn restore(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes the shards of a complete run, the run that it replaced, and unfinished runs of the same name beside it. It is called last, so that a process killed earlier
-/// loses nothing; the next one tidies up.
+/// Removes the shards of a complete run, the run that it replaced, and unfinished runs of the same name beside it. It
+/// is called last, so that a process killed earlier loses nothing; the next one tidies up.
 ///
 /// # Errors
 /// If a file or folder cannot be removed.
@@ -111,14 +112,13 @@ fn remove(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes temporary files of killed processes.
+/// Removes temporary files of killed processes from a folder and its subfolders.
 fn clear_temporary(folder: &Path) -> std::io::Result<()> {
+    remove_temporary(folder)?;
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {
             clear_temporary(&path)?;
-        } else if is_temporary(&path) {
-            fs::remove_file(path)?;
         }
     }
     Ok(())

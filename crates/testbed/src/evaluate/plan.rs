@@ -1,7 +1,8 @@
 //! Division of the work of a batch into items.
 //!
-//! An item is some seeds of one scene at one noise level. One thread starts it; threads without an item may help. The results of a finished item are stored and reused by the
-//! next evaluation of the same inputs. The division depends on the settings alone, so it is the same for every process and any number of threads.
+//! An item is some seeds of one scene at one noise level. One thread starts it; threads without an item may help. The
+//! results of a finished item are stored and reused by the next evaluation of the same inputs. The division depends on
+//! the settings alone, so it is the same for every process and any number of threads.
 
 use std::collections::BTreeMap;
 use std::fmt;

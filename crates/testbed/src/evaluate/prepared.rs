@@ -2,9 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, bail};
-use trace::{Outline, Role, SensorFile, Sidecar, Trace};
+use trace::{Miscalibration, Outline, Role, SensorFile, Sidecar, Trace};
 use whisker::estimators::{BaseNoise, ContactPrior};
 
 use super::array_members::{ArrayMember, ArrayReader};
@@ -13,8 +14,10 @@ use super::settings::{EvaluateSettings, OmittedEstimator, check_distinct};
 use super::starts::{self, Starts};
 use crate::dataset::Dataset;
 use crate::encoders::Encoders;
+use crate::fitted_traces::check_fitted_to_all;
 use crate::front_end::{FrontEnd, Mounting};
 use crate::metrics::{Unscored, first_touch_s};
+use crate::noise::NoiseUnit;
 use crate::participant::Participant;
 use crate::replay::{check_calibration, knowledge, noise_sd_n_m};
 use crate::results::SetName;
@@ -34,6 +37,10 @@ pub(super) struct TrialSpec {
     pub(super) array: Option<ArrayMember>,
     /// Prior of the first contact. `None` for the default prior along the undeflected whisker.
     pub(super) contact_prior: Option<ContactPrior>,
+    /// Deviations from the calibration.
+    pub(super) miscalibration: Miscalibration,
+    /// Sidecar by whose name the noise is drawn: without encoders and miscalibrations in the name.
+    pub(super) recorded: Arc<Sidecar>,
     /// Whether the true contact is known, so that the trial can be scored.
     pub(super) is_known: bool,
 }
@@ -62,8 +69,9 @@ impl TrialSpec {
 pub(super) struct Prepared {
     pub(super) trials: Vec<TrialSpec>,
     pub(super) calibrations: Calibrations,
-    /// Largest absolute reading of each set without noise.
+    /// Largest absolute reading of each set without noise and without gated readings.
     pub(super) largest_readings_n_m: BTreeMap<SetName, f64>,
+    noise_unit: NoiseUnit,
     pub(super) front_end: FrontEnd,
     pub(super) participants: Vec<Box<dyn Participant>>,
     /// Names of the participants.
@@ -83,6 +91,7 @@ impl Prepared {
             trials: Vec::new(),
             calibrations: Calibrations::default(),
             largest_readings_n_m: BTreeMap::new(),
+            noise_unit: settings.noise_unit,
             front_end: FrontEnd::new(&settings.front_end)?,
             participants: Vec::new(),
             names: Vec::new(),
@@ -94,6 +103,13 @@ impl Prepared {
             let calibrations = settings.calibrations.clone().unwrap_or_else(default);
             for csv in dataset.of_role(Role::Trial)? {
                 prepared.add_trace(csv, &dataset.folder, &calibrations, &mut arrays, settings)?;
+            }
+            if settings.calibrations.is_none() {
+                for Calibration { path, file, .. } in prepared.calibrations.iter() {
+                    if path.parent() == Some(&calibrations) {
+                        check_fitted_to_all(path, file, dataset)?;
+                    }
+                }
             }
         }
         arrays.check(&settings.encoders)?;
@@ -129,29 +145,38 @@ impl Prepared {
             mounting,
             array: None,
             contact_prior: None,
+            miscalibration: Miscalibration::default(),
+            recorded: Arc::new(sidecar.clone()),
             is_known: first_touch_s(&trace) != Err(Unscored::TruthUnknown),
         };
-        let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m.abs());
-        let largest_n_m = moments.fold(0.0, f64::max);
+        let gate = calibration.file.gate();
+        let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m);
+        let largest_n_m = moments.filter(|moment_n_m| gate.admits(*moment_n_m)).map(f64::abs).fold(0.0, f64::max);
         if settings.starts == Starts::Wrong {
             for (sidecar, prior) in starts::wrong(&trace) {
-                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m);
+                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m, settings)?;
             }
         }
         for (sidecar, member) in arrays.trials(folder, &trace, &settings.encoders)? {
-            self.add(spec.with(sidecar, member, None), largest_n_m);
+            self.add(spec.with(sidecar, member, None), largest_n_m, settings)?;
         }
         Ok(())
     }
 
-    fn add(&mut self, trial: TrialSpec, largest_n_m: f64) {
-        let largest = self.largest_readings_n_m.entry(trial.set()).or_default();
-        *largest = largest.max(largest_n_m);
-        self.trials.push(trial);
+    /// Adds a trial with each of the miscalibrations.
+    fn add(&mut self, trial: TrialSpec, largest_n_m: f64, settings: &EvaluateSettings) -> anyhow::Result<()> {
+        for trial in trial.miscalibrated(&settings.miscalibrations)? {
+            trial.check_noise(self.noise_unit)?;
+            let largest = self.largest_readings_n_m.entry(trial.set()).or_default();
+            *largest = largest.max(largest_n_m);
+            self.trials.push(trial);
+        }
+        Ok(())
     }
 
-    /// Admits a participant that can run with the calibrations of all whiskers, so that errors are found before anything is replayed. A participant whose sensor model
-    /// is not calibrated is omitted unless the settings require it.
+    /// Admits a participant that can run with the calibrations of all whiskers, so that errors are found before
+    /// anything is replayed. A participant whose sensor model is not calibrated is omitted unless the settings require
+    /// it.
     fn admit(&mut self, participant: Box<dyn Participant>, settings: &EvaluateSettings) -> anyhow::Result<()> {
         let (label, name) = (participant.sensor_model(), participant.describe().name);
         if let Some(label) = label.filter(|_| !settings.requires(&name))
@@ -181,7 +206,19 @@ impl Prepared {
 
     /// Standard deviation of the measurement noise that is added to a trial at a noise level.
     pub(super) fn added_noise_sd_n_m(&self, trial: &TrialSpec, noise: f64) -> f64 {
-        noise * self.largest_readings_n_m[&trial.set()]
+        let of_set = || self.largest_readings_n_m[&trial.set()];
+        match self.noise_unit {
+            NoiseUnit::Set => noise * of_set(),
+            NoiseUnit::Range => noise * self.largest_calibrated_n_m(trial),
+            NoiseUnit::NewtonMetre => noise,
+            NoiseUnit::Stated => noise * trial.sidecar.replay.map_or(0.0, |stated| stated.noise) * of_set(),
+        }
+    }
+
+    /// Largest calibrated reading of the face with which a trial touches.
+    pub(super) fn largest_calibrated_n_m(&self, trial: &TrialSpec) -> f64 {
+        let faces = self.calibration(trial).faces(None).iter().filter(|face| face.face == trial.sidecar.face);
+        faces.map(|face| face.largest_reading_n_m).fold(0.0, f64::max)
     }
 
     /// Standard deviation of all measurement noise of a trial at a noise level.
@@ -213,8 +250,50 @@ impl TrialSpec {
             outline: self.outline.clone(),
             mounting: self.mounting.clone(),
             sensor: self.sensor.clone(),
+            miscalibration: self.miscalibration,
+            recorded: self.recorded.clone(),
             is_known: self.is_known,
         }
+    }
+
+    /// The trial with each of some miscalibrations, under a name and in a group of its own unless there is none. Without `given` the trial with those that its trace states.
+    ///
+    /// # Errors
+    /// If a miscalibration is given for a whisker of an arm, whose encoders measure the poses.
+    fn miscalibrated(self, given: &[Miscalibration]) -> anyhow::Result<Vec<Self>> {
+        let recorded = match &self.array {
+            Some(member) => member.recorded().clone(),
+            None => Arc::new(self.sidecar.clone()),
+        };
+        if given.is_empty() {
+            let miscalibration =
+                self.sidecar.replay.map_or_else(Miscalibration::default, |stated| stated.miscalibration);
+            return Ok(vec![Self { miscalibration, recorded, ..self }]);
+        }
+        if self.array.is_some() {
+            let name = &self.sidecar.name;
+            bail!("{name}: found a whisker of an arm with a miscalibration, expected traces of single whiskers");
+        }
+        let with = |miscalibration: &Miscalibration| {
+            let mut sidecar = self.sidecar.clone();
+            if !miscalibration.is_none() {
+                sidecar.name = format!("{}_{}", sidecar.name, miscalibration.label());
+                sidecar.group = format!("{}, {}", sidecar.group, miscalibration.label().replace('_', " "));
+            }
+            let recorded = recorded.clone();
+            Self { miscalibration: *miscalibration, recorded, ..self.with(sidecar, None, self.contact_prior) }
+        };
+        Ok(given.iter().map(with).collect())
+    }
+
+    /// # Errors
+    /// If the noise is to be the stated one and the trace states none.
+    fn check_noise(&self, unit: NoiseUnit) -> anyhow::Result<()> {
+        if unit == NoiseUnit::Stated && self.sidecar.replay.is_none() {
+            let path = self.path.with_extension("json");
+            bail!("{}: replay: found no stated noise, expected one; --noise-unit states another noise", path.display());
+        }
+        Ok(())
     }
 }
 
@@ -226,5 +305,11 @@ fn check_settings(settings: &EvaluateSettings) -> anyhow::Result<()> {
     settings.touch.validate().context("settings of `touch`")?;
     settings.map.validate()?;
     settings.encoders.iter().try_for_each(Encoders::validate)?;
+    for miscalibration in &settings.miscalibrations {
+        if let Some((name, found, most)) = miscalibration.out_of_range() {
+            bail!("miscalibration: {name}: found {found}, expected -{most} to {most}");
+        }
+    }
+    check_distinct("miscalibration", settings.miscalibrations.iter().map(Miscalibration::label))?;
     check_distinct("encoders", settings.encoders.iter().map(Encoders::label))
 }

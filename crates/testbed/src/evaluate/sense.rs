@@ -7,7 +7,6 @@ use trace::Trace;
 use whisker::estimators::{Knowledge, Sample};
 use whisker::sensor::Face;
 
-use super::array_members::ArrayMember;
 use super::job::TrialJob;
 use super::loaded_trial::LoadedTrial;
 use super::prepared::Prepared;
@@ -15,6 +14,7 @@ use crate::bound::TraceBound;
 use crate::contact_events::Events;
 use crate::front_end::SensorInput;
 use crate::metrics::GroundTruth;
+use crate::miscalibration::disturb;
 use crate::replay::{knowledge, motions, read_by, touched, with_readings};
 
 /// A trial as the robot senses it, with the truth that all estimators are compared with.
@@ -49,9 +49,10 @@ impl<'a> TrialJob<'a> {
         let spec = loaded.spec;
         let noise = self.noise();
         let bound = loaded.bound(self.level, || prepared.bound(loaded, noise));
-        let trace = match &spec.array {
-            Some(member) => member.measured(&loaded.trace, self.seed),
-            None => Cow::Borrowed(&loaded.trace),
+        let trace = match (&spec.array, &loaded.displaced) {
+            (Some(member), _) => member.measured(&loaded.trace, self.seed),
+            (None, Some(displaced)) => Cow::Owned(Trace { recording: displaced.clone(), ..loaded.trace.clone() }),
+            (None, None) => Cow::Borrowed(&loaded.trace),
         };
         let readings_n_m = self.readings_n_m()?;
         let (samples, ground_truth) = match &trace {
@@ -76,18 +77,24 @@ impl<'a> TrialJob<'a> {
         let beside = self.scene.iter().filter(|other| other.is_beside(self.loaded));
         let neighbours: Vec<SensorInput> = beside.map(|other| self.prepared.sensor_input(other, noise, seed)).collect();
         let input = SensorInput { neighbours: &neighbours, ..self.prepared.sensor_input(self.loaded, noise, seed) };
-        self.prepared.front_end.readings_n_m(&input)
+        let mut readings_n_m = self.prepared.front_end.readings_n_m(&input)?;
+        let (loaded, miscalibration) = (self.loaded, &self.loaded.spec.miscalibration);
+        if !miscalibration.is_none() {
+            let largest_n_m = self.prepared.largest_calibrated_n_m(loaded.spec);
+            let ratios = loaded.stiffness_ratios.as_deref();
+            disturb(miscalibration, ratios, largest_n_m, &loaded.trace.recording, &mut readings_n_m);
+        }
+        Ok(readings_n_m)
     }
 }
 
 impl Prepared {
-    /// Input of the front end for a trial at a noise level. The earth's field turns with the true pose of the sensor, and the sensor's noise is independent of the
-    /// encoders.
+    /// Input of the front end for a trial at a noise level. The earth's field turns with the true pose of the sensor,
+    /// and the sensor's noise is independent of the encoders.
     fn sensor_input<'a>(&self, loaded: &'a LoadedTrial<'_>, noise: f64, seed: u64) -> SensorInput<'a> {
         let spec = loaded.spec;
         let input = SensorInput::new(&loaded.trace, &spec.mounting, self.added_noise_sd_n_m(spec, noise), seed);
-        let sidecar = spec.array.as_ref().map_or(input.sidecar, ArrayMember::recorded);
-        SensorInput { sidecar, sensor: spec.sensor.as_ref(), ..input }
+        SensorInput { sidecar: &spec.recorded, sensor: spec.sensor.as_ref(), ..input }
     }
 
     /// Posterior Cramer-Rao bound of a trial at a noise level.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use serde_json::Value;
-use trace::is_plain_name;
+use trace::{Miscalibration, is_plain_name};
 use whisker::estimators::ESTIMATORS;
 use whisker::events::TouchConfig;
 
@@ -14,6 +14,7 @@ use super::workload::Workload;
 use crate::encoders::Encoders;
 use crate::front_end::FrontEndConfig;
 use crate::map::MapConfig;
+use crate::noise::NoiseUnit;
 use crate::participant::{Participant, Program, Registered};
 use crate::results::{FailureRow, SummaryRow};
 
@@ -32,20 +33,26 @@ pub struct EvaluateSettings {
     pub front_end: FrontEndConfig,
     /// Settings of the touch detection, the same for all estimators.
     pub touch: TouchConfig,
-    /// Noise levels as fractions of the largest reading of each set.
+    /// Noise levels.
     pub noise: Vec<f64>,
+    /// Unit of the noise levels.
+    pub noise_unit: NoiseUnit,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
     /// Priors of the first contact.
     pub starts: Starts,
     /// Encoders of an arm's joints, each evaluated as trials of their own. Empty for perfect encoders.
     pub encoders: Vec<Encoders>,
+    /// Deviations from the calibrations, each evaluated as trials of their own. Empty for those that each trace states.
+    pub miscalibrations: Vec<Miscalibration>,
     /// Settings of the maps of recordings of several whiskers.
     pub map: MapConfig,
     /// Folder of the calibrations. `None` for the one beside the traces.
     pub calibrations: Option<PathBuf>,
     /// Folder in which the run's folder is created.
     pub results: PathBuf,
+    /// Whether to replace a finished run of the same name that has other settings.
+    pub force: bool,
     /// Called with the amount of work before it starts. Not called for an up-to-date run.
     pub on_start: Option<fn(&Workload)>,
 }
@@ -79,12 +86,20 @@ pub struct OmittedEstimator {
 }
 
 impl EvaluateSettings {
-    /// Folder of the run, which may replace nothing but another run.
-    pub(super) fn target(&self) -> anyhow::Result<PathBuf> {
+    /// Folder of the run.
+    ///
+    /// # Errors
+    /// If the name of the run is no plain folder name.
+    pub fn folder(&self) -> anyhow::Result<PathBuf> {
         if !is_plain_name(&self.name) {
             bail!("name of the run: found `{}`, expected a plain folder name", self.name);
         }
-        let folder = self.results.join(&self.name);
+        Ok(self.results.join(&self.name))
+    }
+
+    /// Folder of the run, which may replace nothing but another run.
+    pub(super) fn target(&self) -> anyhow::Result<PathBuf> {
+        let folder = self.folder()?;
         if folder.exists() && !folder.join("run.json").is_file() {
             bail!("{}: exists and is no run; evaluate under another --name", folder.display());
         }

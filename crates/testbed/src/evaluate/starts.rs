@@ -15,7 +15,7 @@ use crate::seeds::derived_seed;
 pub enum Starts {
     /// The first contact lies along the undeflected whisker.
     #[default]
-    Honest,
+    Undeflected,
     /// That prior, and six more trials with a prior 4 to 5 mm off the true contact, in groups of their own.
     Wrong,
 }

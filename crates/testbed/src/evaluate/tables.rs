@@ -72,29 +72,26 @@ fn center_s(bin: u64, width_s: f64) -> f64 {
 }
 
 /// Rows of `events/<trace>.<detector>.csv`.
-pub(super) fn event_rows(trace: &Trace, readings_n_m: &[f64], signals: &[Signals]) -> Vec<EventRow> {
+pub(super) fn event_rows(trace: &Trace, readings_n_m: &[f64], signals: &[Signals]) -> impl Iterator<Item = EventRow> {
     let instants = trace.recording.instants.iter().zip(&trace.truth.instants);
-    instants
-        .zip(readings_n_m.iter().zip(signals))
-        .map(|((known, truth), (&reading_n_m, signals))| EventRow {
-            t_s: known.t_s,
-            reading_n_m,
-            watched_n_m: signals.watched_n_m,
-            threshold_n_m: signals.threshold_n_m,
-            touched: signals.touched.is_some(),
-            truth_touching: truth.touching,
-        })
-        .collect()
+    instants.zip(readings_n_m.iter().zip(signals)).map(|((known, truth), (&reading_n_m, signals))| EventRow {
+        t_s: known.t_s,
+        reading_n_m,
+        watched_n_m: signals.watched_n_m,
+        threshold_n_m: signals.threshold_n_m,
+        touched: signals.touched.is_some(),
+        truth_touching: truth.touching,
+    })
 }
 
 /// Rows of `estimates/<trace>.<estimator>.csv`.
-pub(super) fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> Vec<EstimateRow> {
+pub(super) fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -> impl Iterator<Item = EstimateRow> {
     let instants = trial.trace.recording.instants.iter().zip(&trial.trace.truth.instants);
     let seen = instants.zip(trial.readings_n_m).zip(estimates);
-    let row = |(((known, truth), &reading_n_m), estimate): (((_, _), _), &Option<Estimate>)| {
+    let row = move |(((known, truth), &reading_n_m), estimate): (((_, _), _), &Option<Estimate>)| {
         estimate_row(trial.knowledge, known, truth, reading_n_m, estimate.as_ref())
     };
-    seen.map(row).collect()
+    seen.map(row)
 }
 
 /// Row of `estimates/<trace>.<estimator>.csv`: estimate and truth at one instant.
@@ -134,19 +131,17 @@ pub fn estimate_row(
 }
 
 /// Rows of `bounds/<trace>.csv`.
-pub(super) fn bound_rows(trace: &Trace, bound: &TraceBound) -> Vec<BoundRow> {
+pub(super) fn bound_rows(trace: &Trace, bound: &TraceBound) -> impl Iterator<Item = BoundRow> {
     let instants = trace.recording.instants.iter().enumerate();
-    instants
-        .filter_map(|(row, known)| {
-            let BoundAt { sd_m, window, .. } = bound.at(row)?;
-            Some(BoundRow {
-                t_s: known.t_s,
-                bound_m: sd_m,
-                window_m: window.map(|window| window.sd_m),
-                condition: window.map(|window| window.condition),
-            })
+    instants.filter_map(move |(row, known)| {
+        let BoundAt { sd_m, window, .. } = bound.at(row)?;
+        Some(BoundRow {
+            t_s: known.t_s,
+            bound_m: sd_m,
+            window_m: window.map(|window| window.sd_m),
+            condition: window.map(|window| window.condition),
         })
-        .collect()
+    })
 }
 
 /// Mean of model probabilities. `None` if there are none.

@@ -13,8 +13,9 @@ use crate::participant::{Participant, Task};
 use crate::replay::{Replay, knowledge, read_by};
 
 impl TrialJob<'_> {
-    /// Runs the trial. A trial that cannot be sensed or scored, or on which a participant fails, is recorded as a failure. Tables by instant are written even of a trial
-    /// that cannot be scored, so that every run has the same files.
+    /// Runs the trial. A trial that cannot be sensed or scored, or on which a participant fails, is recorded as a
+    /// failure. Tables by instant are written even of a trial that cannot be scored, so that every run has the same
+    /// files.
     ///
     /// # Errors
     /// If a table cannot be written.

@@ -1,7 +1,7 @@
 //! Parallel execution of the items of a batch.
 //!
-//! Threads take the items in their order, so that few scenes are in memory at a time. Within an item the trials run in parallel too, for threads without an item of their
-//! own.
+//! Threads take the items in their order, so that few scenes are in memory at a time. Within an item the trials run in
+//! parallel too, for threads without an item of their own.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::job::{TrialJob, TrialOutput};
 use super::loaded_trial::{LoadedTrial, caught};
 use super::maps::{MapView, maps};
+use super::memory::{MOST_ROWS, RunningRows, at_once};
 use super::plan::{Item, Plan, Share};
 use super::prepared::{Prepared, TrialSpec};
 use super::settings::EvaluateSettings;
@@ -28,21 +29,34 @@ type SharedScene<'a> = Arc<OnceLock<Scene<'a>>>;
 
 /// Scenes in memory, by their indices in the plan.
 #[derive(Default)]
-struct SceneCache<'a>(Mutex<VecDeque<(usize, SharedScene<'a>)>>);
+struct SceneCache<'a>(Mutex<VecDeque<Cached<'a>>>);
+
+/// A scene in memory.
+struct Cached<'a> {
+    /// Index in the plan.
+    index: usize,
+    /// Rows of its traces.
+    rows: usize,
+    scene: SharedScene<'a>,
+}
 
 impl<'a> SceneCache<'a> {
-    /// Entry of a scene. Only as many scenes stay in memory as there are threads.
-    fn entry(&self, scene: usize) -> SharedScene<'a> {
+    /// Entry of a scene with this many rows. Only as many scenes stay in memory as there are threads, and fewer long ones.
+    fn entry(&self, index: usize, rows: usize) -> SharedScene<'a> {
         let mut cached = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, entry)) = cached.iter().find(|(index, _)| *index == scene) {
-            return entry.clone();
+        if let Some(known) = cached.iter().find(|known| known.index == index) {
+            return known.scene.clone();
         }
-        if cached.len() == rayon::current_num_threads() {
+        let is_full = |cached: &VecDeque<Cached<'_>>| {
+            cached.len() == rayon::current_num_threads()
+                || cached.iter().map(|known| known.rows).sum::<usize>() + rows > MOST_ROWS
+        };
+        while !cached.is_empty() && is_full(&cached) {
             cached.pop_front();
         }
-        let entry = SharedScene::default();
-        cached.push_back((scene, entry.clone()));
-        entry
+        let scene = SharedScene::default();
+        cached.push_back(Cached { index, rows, scene: scene.clone() });
+        scene
     }
 }
 
@@ -80,11 +94,14 @@ impl<'a> Batch<'a> {
         progress.set_length(trials(&mine));
         progress.set_position(trials(&mine) - trials(&todo));
         progress.reset_eta();
-        let scenes = SceneCache::default();
+        let (scenes, running) = (SceneCache::default(), RunningRows::default());
         let next = AtomicUsize::new(0);
         let work = || -> anyhow::Result<()> {
             while let Some(&index) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let item = &plan.items[index];
+                let rows = self.rows_of(item.scene);
+                let replays = plan.trials_of(item).min(at_once(rows)).min(rayon::current_num_threads());
+                let _permit = running.permit(rows * replays);
                 let shard = self.run_item(item, &scenes);
                 let kept = shard.and_then(|shard| self.shards.write(index, &shard));
                 // After an error no thread starts another item.
@@ -97,7 +114,8 @@ impl<'a> Batch<'a> {
     }
 
     fn run_item(&self, item: &Item, scenes: &SceneCache<'a>) -> anyhow::Result<Shard> {
-        let entry = scenes.entry(item.scene);
+        let rows = self.rows_of(item.scene);
+        let entry = scenes.entry(item.scene, rows);
         let members = &self.plan.scenes[item.scene];
         let levels = self.settings.noise.len();
         let read = || {
@@ -107,10 +125,11 @@ impl<'a> Batch<'a> {
         let scene = entry.get_or_init(read);
         let jobs: Vec<(usize, usize)> =
             (0..members.len()).flat_map(|member| item.seeds.clone().map(move |seed| (member, seed))).collect();
-        let outputs: Vec<TrialOutput> = jobs
-            .into_par_iter()
-            .map(|(member, seed)| self.run_trial(item, scene, member, seed))
-            .collect::<anyhow::Result<_>>()?;
+        let mut outputs: Vec<TrialOutput> = Vec::new();
+        for jobs in jobs.chunks(at_once(rows)) {
+            let run = |&(member, seed): &(usize, usize)| self.run_trial(item, scene, member, seed);
+            outputs.extend(jobs.par_iter().map(run).collect::<anyhow::Result<Vec<_>>>()?);
+        }
         let (mut shard, views): (Shard, Vec<Vec<MapView>>) =
             outputs.into_iter().map(|output| (output.results, output.views)).unzip();
         let views: Vec<MapView> = views.into_iter().flatten().collect();
@@ -121,6 +140,11 @@ impl<'a> Batch<'a> {
             results.map_objects = maps.objects.iter().filter(|object| object.seed == seed).cloned().collect();
         }
         Ok(shard)
+    }
+
+    /// Rows of the traces of the scene with this index.
+    fn rows_of(&self, scene: usize) -> usize {
+        self.plan.scenes[scene].iter().map(|&trial| self.prepared.trials[trial].sidecar.rows).sum()
     }
 
     /// Runs the trial of a scene with this index under the seed with this index. A panic or an unreadable scene is a failure of the trial.

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use files::write_atomically;
 use whisker::events::{DETECTORS, TouchConfig};
 
 use super::contours::vertex_rows;
@@ -12,8 +11,8 @@ use super::tables;
 use crate::contour::Contour;
 use crate::metrics::Trial;
 use crate::replay::signals;
-use crate::results::csv_bytes;
 use crate::results::files::{BOUND, ESTIMATES, EVENTS, TRACE_CONTOUR};
+use crate::results::write_rows;
 
 /// Writes the tables that are independent of the estimators: bound and contact events.
 ///
@@ -22,13 +21,13 @@ use crate::results::files::{BOUND, ESTIMATES, EVENTS, TRACE_CONTOUR};
 pub(super) fn sensed(folder: &Path, sensed: &Sensed<'_>, touch: TouchConfig) -> anyhow::Result<()> {
     let trace = &sensed.trace;
     let name = &trace.sidecar.name;
-    let rows = sensed.bound.map_or_else(Vec::new, |bound| tables::bound_rows(trace, bound));
-    write_atomically(&BOUND.path_of(folder, &[name]), &csv_bytes(&rows)?)?;
+    let rows = sensed.bound.into_iter().flat_map(|bound| tables::bound_rows(trace, bound));
+    write_rows(&BOUND.path_of(folder, &[name]), rows)?;
     for row in DETECTORS {
         let touch = if touch.is_of(row) { touch } else { (row.config)() };
         let signals = signals(touch, &sensed.knowledge, &sensed.samples);
         let rows = tables::event_rows(trace, &sensed.readings_n_m, &signals);
-        write_atomically(&EVENTS.path_of(folder, &[name, row.name]), &csv_bytes(&rows)?)?;
+        write_rows(&EVENTS.path_of(folder, &[name, row.name]), rows)?;
     }
     Ok(())
 }
@@ -45,7 +44,6 @@ pub(super) fn replayed(
 ) -> anyhow::Result<()> {
     let values = [trial.trace.sidecar.name.as_str(), replayed.estimator];
     let rows = tables::estimate_rows(trial, &replayed.replay.estimates);
-    write_atomically(&ESTIMATES.path_of(folder, &values), &csv_bytes(&rows)?)?;
-    write_atomically(&TRACE_CONTOUR.path_of(folder, &values), &csv_bytes(&vertex_rows(contour))?)?;
-    Ok(())
+    write_rows(&ESTIMATES.path_of(folder, &values), rows)?;
+    write_rows(&TRACE_CONTOUR.path_of(folder, &values), vertex_rows(contour))
 }

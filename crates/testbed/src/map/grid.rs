@@ -26,9 +26,11 @@ pub(crate) type Place = (i32, i32);
 
 /// Numbers of scans that swept and touched a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Cell {
-    pub(crate) swept: u32,
-    pub(crate) touched: u32,
+pub struct Cell {
+    /// Number of scans that swept the cell.
+    pub swept: u32,
+    /// Number of scans that touched it.
+    pub touched: u32,
 }
 
 impl Cell {
@@ -37,14 +39,14 @@ impl Cell {
     }
 
     /// Probability of occupancy.
-    pub(crate) fn occupied(self) -> f64 {
+    pub fn occupied(self) -> f64 {
         1.0 / (1.0 + (-self.log_odds()).exp())
     }
 }
 
 /// Observed cells; all others are unknown.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Grid {
+pub struct Grid {
     cell_m: f64,
     cells: BTreeMap<Place, Cell>,
 }
@@ -56,7 +58,7 @@ impl Grid {
     }
 
     /// Observed cells in order.
-    pub(crate) fn cells(&self) -> impl Iterator<Item = (Point<World>, Cell)> {
+    pub fn cells(&self) -> impl Iterator<Item = (Point<World>, Cell)> {
         let middle = |place: i32| (f64::from(place) + 0.5) * self.cell_m;
         self.cells.iter().map(move |(&(x, y), &cell)| (Point::new(middle(x), middle(y)), cell))
     }

@@ -16,9 +16,9 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
-use grid::Grid;
+pub use grid::{Cell, Grid};
 pub(crate) use score::{MapScore, Truths, score_map};
-pub(crate) use view::{Seen, View};
+pub use view::{Seen, View};
 
 /// Settings of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,27 +60,27 @@ const TANGENTS: usize = 200;
 
 /// Detected object.
 #[derive(Clone, Debug)]
-pub(crate) struct FoundObject {
+pub struct FoundObject {
     /// Points with the index of their whisker in the recording.
-    pub(crate) points: Vec<(usize, Seen)>,
+    pub points: Vec<(usize, Seen)>,
     /// Outline.
-    pub(crate) contour: Contour,
+    pub contour: Contour,
     /// Circle fitted to the outline, if it is round.
-    pub(crate) circle: Option<Circle>,
+    pub circle: Option<Circle>,
 }
 
 /// Map of a scene.
 #[derive(Clone, Debug)]
-pub(crate) struct SceneMap {
+pub struct SceneMap {
     /// Objects, in descending order of the number of points.
-    pub(crate) objects: Vec<FoundObject>,
+    pub objects: Vec<FoundObject>,
     /// Occupancy grid.
-    pub(crate) grid: Grid,
+    pub grid: Grid,
 }
 
 impl SceneMap {
     /// Combines the observations of a recording's whiskers.
-    pub(crate) fn new(views: &[&View], config: &MapConfig) -> Self {
+    pub fn new(views: &[&View], config: &MapConfig) -> Self {
         let mut grid = Grid::new(config.cell_m);
         views.iter().for_each(|view| grid.add(&view.grid));
         let mut touches: Vec<(Vec<(usize, Seen)>, Contour)> = Vec::new();

@@ -21,27 +21,27 @@ const BEFORE_CONTACT: f64 = 2.0;
 
 /// Observations of one whisker with one estimator.
 #[derive(Clone, Debug)]
-pub(crate) struct View {
+pub struct View {
     /// Index of the whisker in the recording.
-    pub(crate) whisker: usize,
+    pub whisker: usize,
     /// Touched points with a sufficiently small covariance.
-    pub(crate) points: Vec<Seen>,
+    pub points: Vec<Seen>,
     /// Occupancy grid of this whisker.
-    pub(crate) grid: Grid,
+    pub grid: Grid,
 }
 
 /// Touched point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen {
+pub struct Seen {
     /// Surface point of the estimate.
-    pub(crate) point: SurfacePoint,
+    pub point: SurfacePoint,
     /// Time since the start of the recording.
-    pub(crate) t_s: f64,
+    pub t_s: f64,
 }
 
 impl Seen {
     /// Vertex at the point, with its normal.
-    pub(crate) fn vertex(&self) -> Vertex {
+    pub fn vertex(&self) -> Vertex {
         let SurfacePoint { at, covariance_m2, .. } = self.point;
         Vertex { at: Point::from_vector(at), normal_rad: self.point.normal_rad(), covariance_m2, touched: true }
     }
@@ -53,7 +53,7 @@ impl View {
     /// A point counts if its covariance is small enough; no settling time is assumed. A free whisker has its rest shape
     /// only if the reading implies a tip displacement below a cell, so that neither ringing after a release nor an
     /// undetected touch sweeps cells.
-    pub(crate) fn new(trial: &Trial<'_>, replay: &Replay, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
+    pub fn new(trial: &Trial<'_>, replay: &Replay, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
         let instants = &trial.trace.recording.instants;
         let sure = trial.surface_points(replay).into_iter().filter(SurfacePoint::is_sure);
         let points: Vec<Seen> = sure.map(|point| Seen { point, t_s: instants[point.row].t_s }).collect();

@@ -2,10 +2,13 @@
 //! [`crate::consistency`] tests the averages over trials.
 
 use super::{Contact, Metric, Scored, Summary};
-use crate::statistics::mean;
+use crate::statistics::{effective_samples, mean};
 
 /// 95 % quantile of the chi-square distribution with two degrees of freedom.
 pub const CHI2_95: f64 = 5.991_464_547_107_979;
+
+/// Expectation of the NEES if the stated covariances are correct.
+const EXPECTED_NEES: f64 = 2.0;
 
 /// Normalised estimation error squared.
 pub const NEES: Metric = Metric {
@@ -13,6 +16,14 @@ pub const NEES: Metric = Metric {
     about: "normalised contact error squared, mean over the contact; 2 if the stated covariances are correct, larger if they are too small",
     summary: Summary::Mean,
     measure: |scored| mean(errors_squared(scored)),
+};
+
+/// Independent samples of the NEES.
+pub const NEES_SAMPLES: Metric = Metric {
+    name: "nees_samples",
+    about: "number of independent samples of the normalised contact error squared, by its autocorrelation over the contact",
+    summary: Summary::Mean,
+    measure: |scored| effective_samples(&errors_squared(scored).collect::<Vec<_>>(), EXPECTED_NEES),
 };
 
 /// Normalised innovation squared.

@@ -1,7 +1,7 @@
 //! Distance between estimated and true contact, without alignment.
 
 use super::{Contact, Metric, Scored, Summary};
-use crate::statistics::{quantile, rms};
+use crate::statistics::{mean, quantile, rms};
 
 /// RMS of the steady error.
 pub const RMSE: Metric = Metric {
@@ -65,6 +65,14 @@ pub const NEVER_1MM: Metric = Metric {
     about: "1 if the error never stays below 1 mm, else 0; over trials, the fraction",
     summary: Summary::Mean,
     measure: |scored| Some(f64::from(time_to_stay_below(&scored.contacts, 1e-3).is_none())),
+};
+
+/// Share of the contact with an estimate.
+pub const ANSWERED: Metric = Metric {
+    name: "answered",
+    about: "fraction of the instants of true contact, from the first touch on, at which the estimator states an estimate",
+    summary: Summary::Mean,
+    measure: |scored| mean(scored.contacts.iter().map(|contact| f64::from(contact.error_m.is_some()))),
 };
 
 /// Errors of the steady contact; empty if too many estimates are missing.

@@ -4,6 +4,8 @@
 //! in this process or communicates through pipes is an implementation detail; noise, seeds, scores, tables and figures
 //! are the same for all.
 
+#[cfg(target_os = "linux")]
+mod descendants;
 mod process;
 mod program;
 mod protocol;

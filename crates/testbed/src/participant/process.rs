@@ -10,6 +10,9 @@ use std::{env, iter, thread};
 
 use strict_json::one_line;
 
+#[cfg(target_os = "linux")]
+use super::descendants::Mark;
+
 /// Longest accepted line in bytes.
 const LONGEST_LINE: u64 = 1 << 16;
 
@@ -31,7 +34,7 @@ pub(super) enum NoLine {
     Closed,
 }
 
-/// Running process. It is killed with its process group when dropped, so that no child outlives the trial.
+/// Running process. It is killed with its process group when dropped, on Linux with every process that it started, so that none outlives the trial.
 ///
 /// Separate threads write stdin and read stdout, so that a process that does not read or does not answer cannot block.
 pub(super) struct Process {
@@ -40,6 +43,8 @@ pub(super) struct Process {
     input: Option<Sender<String>>,
     output: Receiver<io::Result<String>>,
     stderr: File,
+    #[cfg(target_os = "linux")]
+    mark: Mark,
 }
 
 /// Search path with the project's Python environment first, if it exists, so that `python` has the libraries of the
@@ -66,13 +71,22 @@ impl Process {
         // A separate process group, so that its children can be killed with it.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        #[cfg(target_os = "linux")]
+        let mark = Mark::on(&mut command);
         let mut child = command.spawn()?;
         let (input, lines) = channel();
         let (answers, output) = sync_channel(1);
         let (stdin, stdout) = (child.stdin.take(), child.stdout.take());
         thread::spawn(move || stdin.map(|stdin| write_lines(stdin, &lines)));
         thread::spawn(move || stdout.map(|stdout| forward_lines(stdout, &answers)));
-        Ok(Self { child, input: Some(input), output, stderr })
+        Ok(Self {
+            child,
+            input: Some(input),
+            output,
+            stderr,
+            #[cfg(target_os = "linux")]
+            mark,
+        })
     }
 
     /// Queues a line for stdin without waiting.
@@ -127,6 +141,8 @@ impl Drop for Process {
         }
         _ = self.child.kill();
         _ = self.child.wait();
+        #[cfg(target_os = "linux")]
+        self.mark.kill_all();
     }
 }
 

@@ -185,6 +185,7 @@ fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
         innovation: None,
         radius: None,
         models: None,
+        model_doubtful: false,
     }
 }
 

@@ -137,7 +137,7 @@ macro_rules! run_files {
 
 run_files! {
     RUN = "run.json", Run, Evaluate, None,
-        "watermark, noise levels, seeds, front end with its settings and the calibration of its sensors, settings of the touch detection, estimators with their \
+        "watermark, noise levels with their unit, seeds, front end with its settings and the calibration of its sensors, settings of the touch detection, estimators with their \
          settings (for a program its command and the hashes of its files), sets of trials, calibrations, whiskers";
     TRIALS = "trials.csv", Run, Evaluate, scores!(TrialHead, "trials"),
         "one row per trace, estimator, noise level and seed";
@@ -258,8 +258,8 @@ impl RunFile {
         }
     }
 
-    /// How precisely a path, of which perhaps only the file name is given, identifies this file: 0 by its whole name, 1 by the end of its name, 2 by its folder. `None`
-    /// if it is another file.
+    /// How precisely a path, of which perhaps only the file name is given, identifies this file: 0 by its whole name, 1
+    /// by the end of its name, 2 by its folder. `None` if it is another file.
     fn identified_by(&self, path: &Path) -> Option<u8> {
         let found = path.file_name()?.to_str()?;
         let (folder, name) = self.name.rsplit_once('/').unwrap_or(("", self.name));

@@ -31,7 +31,8 @@ impl SetKey {
     }
 }
 
-/// A row that belongs to one estimator on one set at one noise level.
+/// A row that belongs to one estimator on one set at one noise level. Rows hold the key as columns rather than as a
+/// [`SetKey`], since the order of columns is part of the file format and other columns lie between those of the key.
 pub trait Keyed {
     /// The key in the columns `group`, `whisker`, `estimator` and `noise`.
     fn key(&self) -> SetKey;

@@ -100,7 +100,8 @@ pub struct MapPointRow {
     pub whisker: String,
     /// Array of the whisker.
     pub array: String,
-    /// Number of the object to which the point is assigned. `None` if its touch is too short.
+    /// Number of the object to which the point is assigned. `None` if its touch is too short, or if it lies in front of
+    /// the tangents of its object.
     pub object: Option<usize>,
     /// Point of the surface, x.
     pub x_m: f64,

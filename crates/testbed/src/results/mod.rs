@@ -27,4 +27,4 @@ pub use run::{RECOMMENDED, Run, RunCalibration, RunEstimator, RunMounted, RunRec
 pub use scores::{FailureRow, ScoreRow, SummaryHead, SummaryRow, TrialHead, TrialRow, read_scores, score_bytes};
 pub use sensor_model::{ResidualRow, SurfaceRow, face_stem};
 pub use sensors::{TransferRow, TurnRow};
-pub use table::{Table, TableFile, csv_bytes, read_rows};
+pub use table::{Table, TableFile, csv_bytes, read_rows, write_rows};

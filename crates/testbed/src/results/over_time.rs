@@ -26,8 +26,9 @@ pub struct ErrorBandRow {
     pub p90_m: f64,
 }
 
-/// Consistency over the trials of a set at one time since the touch, with the posterior Cramer-Rao bound. Each average comes with the interval that contains 95 % of
-/// the averages of a consistent estimator; it is `None` if no trial has a value.
+/// Consistency over the trials of a set at one time since the touch, with the posterior Cramer-Rao bound. Each average
+/// comes with the interval that contains 95 % of the averages of a consistent estimator; it is `None` if no trial has a
+/// value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ConsistencyRow {

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use trace::{FrontEndFile, ObjectClass, is_plain_name};
+use trace::{FrontEndFile, Miscalibration, ObjectClass, is_plain_name};
 use whisker::Whisker;
 use whisker::estimators::MethodClass;
 use whisker::events::TouchConfig;
 
 use crate::encoders::Encoders;
 use crate::map::MapConfig;
+use crate::noise::NoiseUnit;
 
 /// Contents of `run.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,8 +25,11 @@ pub struct Run {
     pub name: String,
     /// Program and inputs that produced the run.
     pub watermark: files::Watermark,
-    /// Noise levels, as fractions of each set's largest reading.
+    /// Noise levels.
     pub noise: Vec<f64>,
+    /// Unit of the noise levels; by default the largest reading of each set.
+    #[serde(default, skip_serializing_if = "NoiseUnit::is_default")]
+    pub noise_unit: NoiseUnit,
     /// Seeds of the measurement noise.
     pub seeds: Vec<u64>,
     /// Front end through which the trials were read, with its settings and the calibration of its sensors.
@@ -176,6 +180,12 @@ pub struct RunSet {
     pub traces: Vec<String>,
     /// Largest absolute reading of the set without noise, of which noise levels are fractions.
     pub largest_reading_n_m: f64,
+    /// Noise that the set's first trace states, as a fraction of its largest reading.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stated_noise: Option<f64>,
+    /// Deviations from the calibration with which the set was replayed.
+    #[serde(default, skip_serializing_if = "Miscalibration::is_none")]
+    pub miscalibration: Miscalibration,
 }
 
 impl RunSet {

@@ -71,8 +71,16 @@ pub struct SummaryHead {
     pub step_ns: f64,
     /// Mean over the trials of the probabilities of the models that the estimator averages. `None` for other estimators.
     pub models: Option<String>,
-    /// Consistency of the estimator: by its NIS or, if it states no innovation, by its NEES.
+    /// Consistency of the estimator by its errors: NEES and coverage. `None` if it states no covariance.
     pub verdict: Option<String>,
+    /// Consistency of the estimator by its innovations (NIS), which require no truth. `None` if it states none.
+    pub nis_verdict: Option<String>,
+    /// Mean over the trials of the RMS contact error after the first two seconds of contact. `None` if a trial has none.
+    pub rmse_mean_m: Option<f64>,
+    /// 90th percentile of these errors; a trial without one counts as worse than any other.
+    pub rmse_p90_m: Option<f64>,
+    /// Share of the trials with such an error above 0.5 mm, or without one.
+    pub above_0p5mm: f64,
 }
 
 impl<Head> ScoreRow<Head> {
@@ -175,6 +183,10 @@ mod tests {
             step_ns: 500.0,
             models: None,
             verdict: None,
+            nis_verdict: None,
+            rmse_mean_m: Some(2e-4),
+            rmse_p90_m: None,
+            above_0p5mm: 0.2,
         };
         let mut next = 0.0;
         let scores = Scores::from_fn(|_| {
@@ -194,7 +206,9 @@ mod tests {
     fn verif_scores_survive_writing_and_reading() {
         let bytes = score_bytes(&[row(), row()]).unwrap();
         assert!(
-            bytes.starts_with(b"group,whisker,object,estimator,noise,trials,step_ns,models,verdict,rmse_m,median_m,")
+            bytes.starts_with(
+                b"group,whisker,object,estimator,noise,trials,step_ns,models,verdict,nis_verdict,rmse_mean_m,rmse_p90_m,above_0p5mm,rmse_m,median_m,"
+            )
         );
         assert_eq!(read(&bytes).unwrap(), [row(), row()]);
         assert_eq!(csv_bytes::<FailureRow>(&[]).unwrap(), b"trace,estimator,noise,seed,reason\n");
@@ -204,9 +218,9 @@ mod tests {
     fn robust_an_error_names_other_metrics_and_damaged_scores() {
         let text = String::from_utf8(score_bytes(&[row()]).unwrap()).unwrap();
         for (from, to, expected) in [
-            ("rmse_m", "rmse_mm", "column 10: found `rmse_mm`, expected `rmse_m`"),
-            (",rmse_m,median_m", ",median_m,rmse_m", "column 10: found `median_m`, expected `rmse_m`"),
-            ("500.0,,,0.5", "500.0,,,half", "column `rmse_m`: found `half`"),
+            (",rmse_m,", ",rmse_mm,", "column 14: found `rmse_mm`, expected `rmse_m`"),
+            (",rmse_m,median_m", ",median_m,rmse_m", "column 14: found `median_m`, expected `rmse_m`"),
+            (",0.2,0.5", ",0.2,half", "column `rmse_m`: found `half`"),
             (",50,", ",many,", "column `trials`: found `many`"),
         ] {
             let message = read(text.replacen(from, to, 1).as_bytes()).expect_err(expected).to_string();

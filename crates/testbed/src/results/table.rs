@@ -20,6 +20,19 @@ pub fn csv_bytes<Row: Serialize + DeserializeOwned>(rows: &[Row]) -> anyhow::Res
     table_bytes(columns::<Row>(), rows.iter())
 }
 
+/// Writes a table row by row, so that its size does not matter. The file appears when it is complete.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_rows<Row: Serialize + DeserializeOwned>(
+    path: &Path,
+    rows: impl IntoIterator<Item = Row>,
+) -> anyhow::Result<()> {
+    let mut table = TableFile::<Row>::new(AtomicFile::create(path)?)?;
+    rows.into_iter().try_for_each(|row| table.push(&row)).with_context(|| path.display().to_string())?;
+    Ok(table.finish()?.finish()?)
+}
+
 pub(super) fn table_bytes(columns: &[&str], rows: impl Iterator<Item: Serialize>) -> anyhow::Result<Vec<u8>> {
     let mut writer = WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     writer.write_record(columns)?;

@@ -1,8 +1,10 @@
 //! Whiskers on a robot arm: contact error compared with a stage, and accuracy of the joint map.
 //!
-//! **Arm and stage** are compared under equal conditions: the same whisker on the same path past the same cylinder with the same measurement noise. On the arm it is one of six
-//! whiskers in space among free-standing objects, and the poses of the base come from the joints. On the stage it is alone in the plane, the cylinder is fixed and the whisker
-//! bends as the exact elastica. The arm does not vibrate. The score covers the rows in which both have one contact on the same side of the whisker.
+//! **Arm and stage** are compared under equal conditions: the same whisker on the same path past the same cylinder with
+//! the same measurement noise. On the arm it is one of six whiskers in space among free-standing objects, and the poses
+//! of the base come from the joints. On the stage it is alone in the plane, the cylinder is fixed and the whisker bends
+//! as the exact elastica. The arm does not vibrate. The score covers the rows in which both have one contact on the
+//! same side of the whisker.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -78,7 +78,8 @@ fn arrays() -> Claim {
     )
 }
 
-/// Pins: loss of accuracy by the sensor, in addition to the noise of the Monte-Carlo and compared with white noise of its level; consistency of innovations and ellipses.
+/// Pins: loss of accuracy by the sensor, in addition to the noise of the Monte-Carlo and compared with white noise of
+/// its level; consistency of innovations and ellipses.
 fn pins(whisker: &'static str) -> Vec<Claim> {
     let about = format!("100 trials on a pin through the Hall sensor, {whisker} whisker, {RECOMMENDED}");
     let nis = move |context: &Context| {

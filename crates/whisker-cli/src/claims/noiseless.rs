@@ -1,10 +1,13 @@
 //! Noise-free readings of the fitted sensor model itself and a static contact: the error of a filter must vanish.
 //!
-//! Filters with a motion model are configured for a static contact. Gaussian filters use fading memory, so that information from the start, where the linearisation was
-//! poor, decays. The estimates of a particle filter scatter over its seeds by the Monte-Carlo error but must be unbiased; it is configured without process noise and without fading.
+//! Filters with a motion model are configured for a static contact. Gaussian filters use fading memory, so that
+//! information from the start, where the linearisation was poor, decays. The estimates of a particle filter scatter
+//! over its seeds by the Monte-Carlo error but must be unbiased; it is configured without process noise and without
+//! fading.
 //!
-//! Only filters with these settings are included. `imm` models the sliding due to the thickness of the wire, `outline` assumes a curve with a radius everywhere, and `recommended`
-//! keeps the defaults of its candidates: for them the readings are not ideal.
+//! Only filters with these settings are included. `imm` models the sliding due to the thickness of the wire, `outline`
+//! assumes a curve with a radius everywhere, and `recommended` keeps the defaults of its candidates: for them the
+//! readings are not ideal.
 
 use anyhow::{Context as _, ensure};
 use nalgebra::Vector2;

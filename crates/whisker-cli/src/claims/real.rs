@@ -1,4 +1,5 @@
-//! Recordings of real sensors: pins with right and wrong priors, and the cylinder. The recordings are not part of the project; `docs/REAL.md` states their source.
+//! Recordings of real sensors: pins with right and wrong priors, and the cylinder. The recordings are not part of the
+//! project; `docs/REAL.md` states their source.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +14,7 @@ use super::{Claim, Context, Evaluation, RECOMMENDED};
 pub(crate) const RUN: &str = "stanford";
 
 /// Groups of the pin trials by their prior of the first contact.
-const PINS: [(&str, &str); 2] = [("honest", "real pins"), ("wrong", "real pins, wrong prior")];
+const PINS: [(&str, &str); 2] = [("undeflected", "real pins"), ("wrong", "real pins, wrong prior")];
 
 /// Group of the sweeps over objects.
 const OBJECTS: &str = "real objects";

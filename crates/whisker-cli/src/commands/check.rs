@@ -6,6 +6,9 @@ use std::process::ExitCode;
 use anyhow::bail;
 use files::read_json;
 use serde_json::Value;
+use testbed::dataset::calibrations;
+use testbed::front_end::FRONT_ENDS;
+use testbed::plausibility::Subject;
 use testbed::results::files::run_file;
 use testbed::results::{Run, read_rows};
 use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, SensorFile, Suite, Trace};
@@ -14,6 +17,8 @@ use super::{print, python};
 use crate::claims::MeasuredClaim;
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
+///
+/// A trace is also tested for errors of unit, sign, frame and rate: twist against poses, rate_hz against times, face and size of the moment against whisker, calibration and true contact.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Files, or folders of traces
@@ -105,9 +110,15 @@ fn check(path: &Path) -> anyhow::Result<String> {
         }
         None if value.get("scenes").is_some() => {
             let suite = Suite::read(path)?;
-            let runs = suite.names(path)?.len();
+            let runs = suite.runs(path)?.len();
             check_scene(path)?;
             Ok(format!("suite `{}` of {runs} runs of scenes", suite.name))
+        }
+        None if value.get("random").is_some() => {
+            let suite = Suite::read(path)?;
+            let sets = suite.random.map_or(0, |random| random.sets);
+            check_scene(path)?;
+            Ok(format!("random suite `{}` of {sets} sets", suite.name))
         }
         None => {
             check_scene(path)?;
@@ -166,7 +177,15 @@ fn check_part(path: &Path, ending: &str) -> anyhow::Result<String> {
 fn check_trace(path: &Path) -> anyhow::Result<String> {
     let trace = Trace::read(path)?;
     let sidecar = &trace.sidecar;
-    trace.outline(path.parent().unwrap_or(Path::new(".")))?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    trace.outline(folder)?;
+    let beside = calibrations(folder, FRONT_ENDS[0].name).join(format!("{}.json", sidecar.whisker.name));
+    let calibration = if beside.is_file() { Some(CalibrationFile::read(&beside)?) } else { None };
+    let findings = Subject::new(&trace, calibration.as_ref()).findings();
+    if !findings.is_empty() {
+        let findings: Vec<String> = findings.iter().map(ToString::to_string).collect();
+        bail!("{}: {}", path.with_extension("csv").display(), findings.join("; "));
+    }
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
     let known = trace.truth.instants.iter().filter_map(|truth| truth.touching);
     let (mut touching, mut free) = (0, 0);

@@ -1,36 +1,44 @@
 //! `whisker evaluate`: every estimator on every trial.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use files::read_json;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strict_json::parse_json;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{EvaluateSettings, OmittedEstimator, Share, Workload, evaluate, evaluate_share};
+use testbed::evaluate::{EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share};
 use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
+use testbed::noise::NoiseUnit;
 use testbed::participant::Program;
 use testbed::results::{FailureRow, SummaryRow};
-use whisker::events::TouchConfig;
+use trace::Miscalibration;
+use whisker::events::{FORMER_NAMES, TouchConfig};
 
-use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, progress_bar, table};
+use super::output::{check_apart, lies_in, reserve};
+use super::progress::Progress;
+use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, table};
 
 /// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
+
+/// Largest number of noise seeds per trial: each is a replay of every trial by every estimator.
+const MOST_SEEDS: u64 = 1_000_000;
 
 /// Prior information on the first contact.
 #[derive(Clone, Copy, Default, clap::ValueEnum)]
 enum Starts {
     /// The first contact lies along the undeflected whisker
     #[default]
-    Honest,
+    #[value(alias = "honest")]
+    Undeflected,
     /// The same, and six further trials with a prior 4 to 5 mm off the true contact, scored as separate groups
     Wrong,
 }
@@ -38,8 +46,32 @@ enum Starts {
 impl From<Starts> for testbed::evaluate::Starts {
     fn from(starts: Starts) -> Self {
         match starts {
-            Starts::Honest => Self::Honest,
+            Starts::Undeflected => Self::Undeflected,
             Starts::Wrong => Self::Wrong,
+        }
+    }
+}
+
+/// Unit of noise levels.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Unit {
+    /// Largest reading of each set
+    Set,
+    /// Largest calibrated reading of the face that touches
+    Range,
+    /// Newton metre
+    NewtonMetre,
+    /// Noise that each trace states
+    Stated,
+}
+
+impl From<Unit> for NoiseUnit {
+    fn from(unit: Unit) -> Self {
+        match unit {
+            Unit::Set => Self::Set,
+            Unit::Range => Self::Range,
+            Unit::NewtonMetre => Self::NewtonMetre,
+            Unit::Stated => Self::Stated,
         }
     }
 }
@@ -65,17 +97,25 @@ pub(super) struct Arguments {
     /// Longest wait for one answer of an external estimator
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     exec_timeout: Duration,
-    /// JSON file with settings by estimator, of the contact detection and of maps: {"ekf": {"fading": 1.01}, "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
+    /// JSON file with settings by estimator, of the contact detection and of maps: {"ekf": {"fading": 1.01}, "touch":
+    /// {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
     #[arg(long)]
     config: Option<PathBuf>,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Noise levels to add, as fractions of the largest reading of each set, separated by commas [default: 0.01; 0 for a front end with its
-    /// own noise and for recordings]
+    /// Noise levels to add in the unit of --noise-unit, separated by commas [default: 0.01; 0 for a front end with its own noise and for
+    /// recordings; 1, that is the stated noise, for traces that state theirs]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
-    /// Number of noise seeds per trial [default: 5; 1 if neither readings nor encoders are noisy]
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    /// Unit of the noise levels [default: set, or stated for traces that state their noise]
+    #[arg(long, value_enum, requires = "noise")]
+    noise_unit: Option<Unit>,
+    /// Deviations of sensor, whisker and mounting from the calibration: '{"gain": 0.01, "mount_rad": 0.008}', or '{}' for none; keys are gain,
+    /// offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s; may be repeated [default: those that each trace states]
+    #[arg(long, value_name = "JSON", value_parser = miscalibration)]
+    miscalibrate: Vec<Miscalibration>,
+    /// Number of noise seeds per trial, at most a million [default: 5; 1 if neither readings nor encoders are noisy]
+    #[arg(long, value_parser = seeds)]
     seeds: Option<u64>,
     /// Prior information on the first contact
     #[arg(long, value_enum, default_value_t)]
@@ -90,6 +130,9 @@ pub(super) struct Arguments {
     /// Parent folder of the run
     #[arg(long, default_value = "results")]
     results: PathBuf,
+    /// Replace a finished run of the same name that has other settings
+    #[arg(long)]
+    force: bool,
     /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or on machines with the same
     /// file system, and the command without --share then merges the run
     #[arg(long, value_name = "K/N")]
@@ -105,13 +148,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.inputs.iter().map(|input| Dataset::open(input, traces)).collect::<anyhow::Result<_>>()?;
     let Config { touch, map, estimators: config } =
         arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
+    if let Some(path) = &arguments.config {
+        note_former_names(path)?;
+    }
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
     let program = |text: &String| Program::new(text, arguments.exec_timeout);
     let choice = arguments.front_end.choice();
     let front_end = FrontEnd::new(&choice)?;
-    let noise = match &arguments.noise {
-        Some(levels) => levels.clone(),
-        None => vec![default_noise(&datasets, &front_end)?],
+    let (noise, noise_unit) = match &arguments.noise {
+        Some(levels) => (levels.clone(), arguments.noise_unit.map_or_else(NoiseUnit::default, Into::into)),
+        None if states_noise(&datasets, &front_end)? => (vec![1.0], NoiseUnit::Stated),
+        None => (vec![Dataset::default_noise(&datasets, &front_end)?], NoiseUnit::Set),
     };
     // Without noise every seed replays the same readings, and the copies would count as trials.
     let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
@@ -129,25 +176,47 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         map,
         seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
         noise,
+        noise_unit,
+        miscalibrations: arguments.miscalibrate.clone(),
         calibrations: arguments.calibrations.clone(),
         results: arguments.results.clone(),
+        force: arguments.force,
         on_start: Some(announce),
     };
+    let folder = settings.folder()?;
+    let inputs = inputs(arguments, &datasets);
+    check_apart(&folder, &inputs)?;
+    for dataset in &datasets {
+        if lies_in(&dataset.folder, &folder)? {
+            let (traces, run) = (dataset.folder.display(), folder.display());
+            bail!("{traces}: lies in {run}, which the run would replace; give another --name or --results");
+        }
+    }
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads.map_or(0, usize::from))
         .build()
         .context("cannot start threads")?;
-    let progress = progress_bar("evaluating");
+    let progress = Progress::of("evaluating");
     if let Some(share) = arguments.share {
         threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
-        progress.finish_and_clear();
+        drop(progress);
         print(&format!("share {share} done\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
+    let _lock = reserve(&folder, &inputs)?;
+    let is_there = folder.join("run.json").is_file();
     let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
-    progress.finish_and_clear();
+    drop(progress);
+    if is_there && evaluated.is_new {
+        eprintln!("{}: replaced the former run", folder.display());
+    }
+    conclude(&evaluated, noise_unit)
+}
+
+/// Prints the summary to stdout, and failures and omissions to stderr. Returns the exit code.
+fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<ExitCode> {
     let state = if evaluated.is_new { "" } else { " (up to date)" };
-    print(&format!("{}{}{state}\n", summary_table(&evaluated.summary), evaluated.folder.display()))?;
+    print(&format!("{}{}{state}\n", summary_table(&evaluated.summary, noise_unit), evaluated.folder.display()))?;
     for failure in &evaluated.failures {
         let estimator = failure.estimator.as_ref().map_or_else(String::new, |name| format!("{name} on "));
         let FailureRow { trace, noise, seed, reason, .. } = failure;
@@ -161,6 +230,24 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
     }
     Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// Prints a note for each setting of contact detection that the file states under its former name.
+fn note_former_names(path: &Path) -> anyhow::Result<()> {
+    let file: Value = read_json(path)?;
+    let Some(touch) = file.get("touch").and_then(Value::as_object) else { return Ok(()) };
+    for (former, present) in FORMER_NAMES {
+        if touch.contains_key(former) || touch.get("detector").is_some_and(|name| name == former) {
+            eprintln!("{}: `{former}` is the former name of `{present}`", path.display());
+        }
+    }
+    Ok(())
+}
+
+/// Files and folders that the evaluation reads.
+fn inputs(arguments: &Arguments, datasets: &[Dataset]) -> Vec<PathBuf> {
+    let of_datasets = datasets.iter().flat_map(|dataset| [dataset.input.clone(), dataset.folder.clone()]);
+    of_datasets.chain(arguments.calibrations.clone()).chain(arguments.config.clone()).collect()
 }
 
 /// Prints the amount of work and its expected duration to stderr, if the duration is known.
@@ -186,6 +273,19 @@ fn encoders(text: &str) -> Result<Encoders, String> {
     parse_json(text.as_bytes()).map_err(|error| error.to_string())
 }
 
+/// Parses deviations from the calibration.
+fn miscalibration(text: &str) -> Result<Miscalibration, String> {
+    parse_json(text.as_bytes()).map_err(|error| error.to_string())
+}
+
+/// Parses a number of seeds.
+fn seeds(text: &str) -> Result<u64, String> {
+    match text.parse::<u64>() {
+        Ok(count) if (1..=MOST_SEEDS).contains(&count) => Ok(count),
+        _ => Err(format!("expected 1 to {MOST_SEEDS}, since every seed replays every trial through every estimator")),
+    }
+}
+
 /// Parses a duration in seconds.
 fn seconds(text: &str) -> Result<Duration, String> {
     match text.parse::<f64>() {
@@ -194,9 +294,9 @@ fn seconds(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// Largest default noise of the datasets.
-fn default_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<f64> {
-    datasets.iter().try_fold(0.0, |noise: f64, dataset| Ok(noise.max(dataset.default_noise(front_end)?)))
+/// Whether every trial states the noise that is to be added to it, and the front end has none of its own.
+fn states_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<bool> {
+    datasets.iter().try_fold(!front_end.is_noisy(), |stated, dataset| Ok(stated && dataset.states_noise()?))
 }
 
 /// Contents of the file of settings.
@@ -211,7 +311,7 @@ struct Config {
 }
 
 /// Table of the summary, errors in millimetres.
-fn summary_table(summary: &[SummaryRow]) -> String {
+fn summary_table(summary: &[SummaryRow], noise_unit: NoiseUnit) -> String {
     let header = [
         "group",
         "whisker",
@@ -219,6 +319,10 @@ fn summary_table(summary: &[SummaryRow]) -> String {
         "noise",
         "trials",
         "RMSE, mm",
+        "mean, mm",
+        "90 %, mm",
+        "> 0.5 mm",
+        "answered",
         "over bound",
         "95 %, mm",
         "worst, mm",
@@ -237,9 +341,13 @@ fn summary_table(summary: &[SummaryRow]) -> String {
                 row.head.group.clone(),
                 row.head.whisker.clone(),
                 row.head.estimator.clone(),
-                format!("{} %", row.head.noise * 100.0),
+                format!("{} {}", noise_unit.printed(row.head.noise), noise_unit.symbol()),
                 row.head.trials.to_string(),
                 table::millimetres(row.get(&error::RMSE)),
+                table::millimetres(row.head.rmse_mean_m),
+                table::millimetres(row.head.rmse_p90_m),
+                table::percent(Some(row.head.above_0p5mm)),
+                table::percent(row.get(&error::ANSWERED)),
                 table::number(row.get(&bound::RATIO)),
                 table::millimetres(row.get(&error::P95)),
                 table::millimetres(row.get(&error::WORST)),

@@ -7,12 +7,14 @@ use std::time::Instant;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use testbed::dataset::Dataset;
+use testbed::dataset::{CALIBRATIONS, Dataset};
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::{FrontEnd, Mounting};
 use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::{AlongAway, Face};
 
+use super::output::{lies_in, reserve};
+use super::progress::Progress;
 use super::{front_end, json, noise_fraction, print, table};
 
 /// Argument of `--model` that selects the model by cross-validation.
@@ -68,7 +70,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         sensors: arguments.sensors.clone(),
     };
     let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
-    let fitted = fit(&dataset, &settings, &out)?;
+    // The calibrations lie beside the traces, in a folder of their own.
+    let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;
+    let inputs = if is_own { Vec::new() } else { vec![dataset.input.clone(), dataset.folder.clone()] };
+    let _lock = reserve(&out, &inputs)?;
+    let fitted = fit(&dataset, &settings, &out, &Progress::of("fitting"))?;
     for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
         eprintln!("left out: {reason}");
     }

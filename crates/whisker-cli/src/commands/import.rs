@@ -1,25 +1,32 @@
 //! `whisker import`: foreign recordings to traces.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::slice;
 
 use anyhow::{Context, bail};
-use files::write_atomically;
+use files::{Error, write_atomically};
 use importers::{IMPORTERS, importer};
+use testbed::plausibility::Subject;
 use trace::{Role, Trace};
 
+use super::output::reserve;
+use super::progress::Progress;
 use super::{FINISHED_WITH_FAILURES, print, table};
 
-/// Convert recordings of other groups into traces
+/// Convert recordings of real sensors into traces
+///
+/// `csv` and `bag` read the recordings of any laboratory by a mapping file, which names columns, units and frames (docs/own-data.md).
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Format of the recordings (--list)
     #[arg(required_unless_present = "list")]
     format: Option<String>,
-    /// Folder with the recordings
+    /// Mapping file, or folder with the recordings of a published format
     #[arg(required_unless_present = "list")]
-    folder: Option<PathBuf>,
+    path: Option<PathBuf>,
     /// Folder for the traces [default: datasets/<format>]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -29,7 +36,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let (Some(format), Some(folder)) = (&arguments.format, &arguments.folder) else {
+    let (Some(format), Some(path)) = (&arguments.format, &arguments.path) else {
         let rows: String = IMPORTERS.iter().map(|row| format!("{:<28} {}\n", row.name, row.about)).collect();
         print(&rows)?;
         return Ok(ExitCode::SUCCESS);
@@ -38,11 +45,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         let known: Vec<_> = IMPORTERS.iter().map(|row| row.name).collect();
         format!("unknown format `{format}`, expected one of: {}", known.join(", "))
     })?;
-    let imported = (row.import)(folder)?;
-    if imported.traces.is_empty() {
-        bail!("{}: found no recordings", folder.display());
-    }
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(row.name));
+    let _lock = reserve(&out, slice::from_ref(path))?;
+    let progress = Progress::of("importing");
+    let imported = (row.import)(path, &|done, all| {
+        progress.set_length(all);
+        progress.set_position(done);
+    })?;
+    drop(progress);
+    if imported.traces.is_empty() {
+        print_failures(&imported.failures);
+        bail!("{}: found no recordings that can be imported", path.display());
+    }
+    for trace in &imported.traces {
+        check_is_no_recording(&out.join(format!("{}.csv", trace.sidecar.name)), trace)?;
+    }
     // Outlines first: the sidecars of the traces name them.
     for (file, outline) in &imported.outlines {
         write_atomically(&out.join(file), outline.to_csv().as_bytes())?;
@@ -51,10 +68,35 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         trace.write(&out)?;
     }
     print(&format!("{}{}\n", contents(&imported.traces), out.display()))?;
-    for failure in &imported.failures {
+    for note in &imported.notes {
+        eprintln!("note: {note}");
+    }
+    for trace in &imported.traces {
+        for finding in Subject::new(trace, None).findings() {
+            eprintln!("warning: {}: {finding}", trace.sidecar.name);
+        }
+    }
+    print_failures(&imported.failures);
+    Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// Checks that a file, if there is one, has the columns of a trace, which an import may replace: it is no recording.
+fn check_is_no_recording(path: &Path, trace: &Trace) -> anyhow::Result<()> {
+    if !path.exists() {
+        return Ok(());
+    }
+    let found = fs::read(path).with_context(|| path.display().to_string())?;
+    let table = trace.to_csv();
+    if !found.starts_with(table.lines().next().unwrap_or_default().as_bytes()) {
+        bail!("{}: found a file that is no trace, which the import would replace; give another --out", path.display());
+    }
+    Ok(())
+}
+
+fn print_failures(failures: &[Error]) {
+    for failure in failures {
         eprintln!("error: {failure}");
     }
-    Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
 /// Table of the imported traces, one row per whisker and group.

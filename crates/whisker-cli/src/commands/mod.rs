@@ -9,7 +9,9 @@ mod fit;
 mod front_end;
 mod import;
 mod list;
+mod output;
 mod platform;
+mod progress;
 mod python;
 mod replay;
 mod report;
@@ -19,10 +21,8 @@ mod table;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::{Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 use strict_json::parse_json;
 use trace::MOST_NOISE;
@@ -83,14 +83,10 @@ fn print(text: &str) -> io::Result<()> {
     stdout.flush()
 }
 
-/// A progress bar on stderr with an estimate of the time left. Nothing is drawn if stderr is not a terminal.
-fn progress_bar(what: &'static str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg} [{bar:30}] {pos}/{len}, {eta} left")
-        .expect("the template is valid")
-        .progress_chars("=> ");
-    let bar = ProgressBar::no_length().with_style(style).with_message(what);
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
+/// Writes a line to stderr. A stderr that is gone, such as that of a closed terminal, does not end the program.
+fn diagnose(line: &str) {
+    // There is no other place to report it.
+    let _ = writeln!(io::stderr(), "{line}");
 }
 
 /// Parses measurement noise as a fraction of the largest reading.

@@ -47,12 +47,20 @@ fn installed() -> Option<PathBuf> {
     env::split_paths(&folders).map(|folder| folder.join(SCRIPT)).find(|script| script.is_file())
 }
 
-/// Runs the generator and returns its exit code.
+/// Runs the generator and returns its exit code. On Unix it takes the place of this process, so that a signal to the command reaches it.
 ///
 /// # Errors
 /// If it does not start or was killed.
 pub(super) fn run(mut command: Command) -> anyhow::Result<ExitCode> {
-    let status = command.status().context("the generator does not start")?;
-    let code = status.code().context("the generator was killed")?;
-    Ok(ExitCode::from(u8::try_from(code).unwrap_or(1)))
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt;
+        Err(command.exec()).context("the generator does not start")
+    }
+    #[cfg(not(unix))]
+    {
+        let status = command.status().context("the generator does not start")?;
+        let code = status.code().context("the generator was killed")?;
+        Ok(ExitCode::from(u8::try_from(code).unwrap_or(1)))
+    }
 }

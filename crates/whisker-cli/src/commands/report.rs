@@ -3,9 +3,13 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::{Context, bail};
+use files::remove_temporary;
 use report::{report, take_animations};
 
+use super::output::reserve;
 use super::print;
+use super::progress::Progress;
 
 /// Draw the figures and the page of an evaluated run
 #[derive(clap::Args)]
@@ -18,10 +22,18 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    if !arguments.run.is_dir() {
+        bail!("{}: no such run; make it by `whisker evaluate`", arguments.run.display());
+    }
+    let _lock = reserve(&arguments.run, &[])?;
+    let figures = arguments.run.join("figures");
+    if figures.is_dir() {
+        remove_temporary(&figures).with_context(|| figures.display().to_string())?;
+    }
     if let Some(folder) = &arguments.animations {
         take_animations(&arguments.run, folder)?;
     }
-    let paths = report(&arguments.run)?;
+    let paths = report(&arguments.run, &Progress::of("drawing"))?;
     let lines = std::iter::once(&paths.page).chain(&paths.figures).map(|path| format!("{}\n", path.display()));
     print(&lines.collect::<String>())?;
     Ok(ExitCode::SUCCESS)

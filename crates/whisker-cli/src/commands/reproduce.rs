@@ -8,8 +8,10 @@ use anyhow::Context as _;
 use files::write_atomically;
 use report::report;
 
+use super::output::reserve;
+use super::print;
+use super::progress::Progress;
 use super::table::render;
-use super::{print, progress_bar};
 use crate::claims::{ARM, Context, STANDARD, measure};
 
 /// Run and file of each figure that the documentation shows.
@@ -27,13 +29,14 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let _lock = reserve(&arguments.out, &[])?;
     let context = Context::open(&arguments.results)?;
     let table = arguments.out.join("claims.csv");
-    let progress = progress_bar("measuring");
+    let progress = Progress::of("measuring");
     let claims = measure(&context, &table, &progress)?;
-    progress.finish_and_clear();
+    drop(progress);
     for run in context.runs() {
-        report(&arguments.results.join(run))?;
+        report(&arguments.results.join(run), &Progress::of("drawing"))?;
     }
     for (run, name) in README_FIGURES {
         let figure = arguments.results.join(run).join("figures").join(name);

@@ -19,6 +19,8 @@ pub struct PointContact {
     pub deflection: Deflection,
     /// Derivatives of the moment by the contact's coordinates in Base, in N (N m per m).
     pub moment_gradient_n: Vector2<f64>,
+    /// Derivatives of the force across the whisker by the contact's coordinates in Base, in N per m.
+    pub force_gradient_n_m: Vector2<f64>,
     /// Derivatives of the tangent's angle at the contact by the contact's coordinates in Base.
     pub tangent_gradient_rad_m: Vector2<f64>,
     /// Derivatives of the contact's arc length by its coordinates in Base.
@@ -135,6 +137,7 @@ impl Elastica {
             load: Load { arc_m: unknowns.x, along_n: 0.0, left_n: unknowns.y },
             deflection,
             moment_gradient_n: gradient(rates[0].moment, rates[1].moment),
+            force_gradient_n_m: gradient(0.0, 1.0),
             tangent_gradient_rad_m: gradient(rates[0].tangent, rates[1].tangent),
             arc_gradient: gradient(1.0, 0.0),
         })

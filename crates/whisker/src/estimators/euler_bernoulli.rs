@@ -278,6 +278,7 @@ impl Tracker for Baseline {
             innovation: None,
             radius: None,
             models: None,
+            model_doubtful: false,
         })
     }
 }

@@ -9,10 +9,13 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::doubt::{Doubt, Search};
+use super::inertia::Inertia;
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
 use super::start::{EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Prediction and update of a filter whose belief is Gaussian; the type holds the filter's own settings.
@@ -53,6 +56,16 @@ pub(super) struct Config<Filter> {
     pub prune_share: f64,
     /// Divergence between the beliefs before and after below which two hypotheses are merged.
     pub merge_loss: f64,
+    /// Weight of a hypothesis below which it does not count for the estimate.
+    pub ignored_share: f64,
+    /// Search for the contact at another place.
+    pub search: Search,
+    /// Power of the likelihoods by which hypotheses are weighted: below 1 if the errors of neighbouring readings depend
+    /// on one another, as those of a motion model do.
+    pub evidence_power: f64,
+    /// Whether readings are corrected for the inertia of the wire, uncertain outside of the calibrated domain, and left
+    /// out at the tip.
+    pub corrected: bool,
     /// Settings of this filter alone.
     pub filter: Filter,
 }
@@ -66,6 +79,10 @@ impl<Filter: GaussianFilter> Default for Config<Filter> {
             gate_sds: 5.0,
             prune_share: 1e-4,
             merge_loss: 1e-2,
+            ignored_share: 0.0,
+            search: Search::NONE,
+            evidence_power: 1.0,
+            corrected: false,
             filter: Filter::default(),
         }
     }
@@ -75,6 +92,19 @@ impl<Filter: GaussianFilter> Config<Filter> {
     /// Settings for contacts that slide around objects of any size.
     pub(super) fn sliding() -> Self {
         Self { motion: MotionSettings::Round(Round::of_any_size()), ..Self::default() }
+    }
+
+    /// Settings for objects of constant radius, from a thin object to a plane.
+    pub(super) fn round() -> Self {
+        let motion = MotionSettings::Round(Round::of_any_scale());
+        Self {
+            motion,
+            ignored_share: 1e-3,
+            search: Search::default(),
+            evidence_power: 0.7,
+            corrected: true,
+            ..Self::default()
+        }
     }
 }
 
@@ -86,6 +116,9 @@ impl<Filter: GaussianFilter> Settings for Config<Filter> {
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
         within("prune_share", self.prune_share, 0.0..=0.5)?;
         within("merge_loss", self.merge_loss, 0.0..=1.0)?;
+        within("ignored_share", self.ignored_share, 0.0..=0.5)?;
+        within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
+        self.search.validate()?;
         self.filter.validate()
     }
 }
@@ -110,7 +143,7 @@ impl<Filter: GaussianFilter> Method for Filtering<Filter> {
     }
 
     fn is_of_fixed_size(&self) -> bool {
-        true
+        !self.config.search.is_on()
     }
 }
 
@@ -131,6 +164,10 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     history: Vec<Sample>,
     /// `None` before the first step.
     bank: Option<Bank<N>>,
+    doubt: Doubt,
+    inertia: Inertia,
+    /// Whether the contact was lost at the tip.
+    is_lost: bool,
 }
 
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
@@ -143,6 +180,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             contact_prior: touch.contact_prior,
             history: touch.history.to_vec(),
             bank: None,
+            doubt: Doubt::default(),
+            inertia: Inertia::new(&knowledge.whisker),
+            is_lost: false,
         }
     }
 
@@ -153,16 +193,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// The measurement model.
     pub(super) fn reading(&self) -> ContactReading<'_> {
-        ContactReading::new(&self.side, Model::MODEL_ERROR)
+        ContactReading::new(&self.side, Model::INDICES)
     }
 
     /// The bank at the touch: the initial hypotheses, conditioned on the readings before the touch.
     fn begin(&self, touch: &Sample) -> Bank<N> {
-        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
-        let beliefs = places.iter().flat_map(|(place, log_weight)| {
-            self.motion.parts(place).into_iter().map(move |(belief, log_part)| (belief, log_weight + log_part))
-        });
-        let mut bank = Bank::new(beliefs);
+        let mut bank = Bank::new(self.anywhere(touch, self.contact_prior));
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
             let reading = EarlierReading { back, reading: self.reading() };
@@ -170,6 +206,16 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             let _ = self.condition(&mut bank, &reading, sample.reading_n_m);
         }
         bank
+    }
+
+    /// The initial hypotheses with the logarithms of their weights, from the reading of a sample.
+    fn anywhere(&self, touch: &Sample, contact_prior: Option<ContactPrior>) -> Vec<(Gaussian<N>, f64)> {
+        let places = self.config.start.beliefs(&self.side, touch.reading_n_m, contact_prior);
+        let parts = |(place, log_weight): &(Gaussian<2>, f64)| {
+            let log_weight = *log_weight;
+            self.motion.parts(place).into_iter().map(move |(belief, log_part)| (belief, log_weight + log_part))
+        };
+        places.iter().flat_map(parts).collect()
     }
 
     fn condition<Reading: Measurement<N, 1>>(
@@ -180,9 +226,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     ) -> Result<Innovation<1>, UpdateError> {
         let (filter, z) = (&self.config.filter, Vector1::new(z_n_m));
         let innovation = bank.update(|belief| -> Result<Update<1>, UpdateError> {
-            robust::update(belief, reading, self.config.gate_sds, &z, |belief, reading, z| {
+            let update = robust::update(belief, reading, self.config.gate_sds, &z, |belief, reading, z| {
                 filter.update(belief, reading, z)
-            })
+            })?;
+            Ok(Update { log_evidence: self.config.evidence_power * update.log_evidence, ..update })
         });
         bank.prune(self.config.prune_share);
         bank.merge(self.config.merge_loss);
@@ -200,19 +247,76 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             self.bank = Some(bank);
             return Some(Advance { predicted: belief, filtered: belief, innovation: None });
         };
-        let process = self.motion.step(&self.side, sample);
-        bank.predict(|belief| {
-            self.config.filter.predict(belief, &process)?;
-            belief.fade(self.config.fading);
-            Ok(())
-        });
+        self.inertia.advance(sample);
+        {
+            let process = self.motion.step(&self.side, sample);
+            bank.predict(|belief| {
+                self.config.filter.predict(belief, &process)?;
+                belief.fade(self.config.fading);
+                Ok(())
+            });
+        }
         let predicted = bank.moments()?;
-        let innovation = self.condition(&mut bank, &self.reading(), sample.reading_n_m).ok();
-        let filtered = bank.moments()?;
+        let Some(inertia_n_m) = self.inertia_n_m(&bank) else {
+            self.bank = Some(bank);
+            return Some(Advance { predicted, filtered: predicted, innovation: None });
+        };
+        let beyond_n_m =
+            if self.config.corrected { self.side.beyond_n_m(AlongAway::of_state(&predicted.mean)) } else { 0.0 };
+        let reading = self.reading().with_error((INERTIA_SD * inertia_n_m).hypot(BEYOND_SD * beyond_n_m));
+        let innovation = self.condition(&mut bank, &reading, sample.reading_n_m - inertia_n_m).ok();
+        self.search(&mut bank, sample, innovation);
+        let filtered = bank.moments_above(self.config.ignored_share)?;
         self.bank = Some(bank);
         Some(Advance { predicted, filtered, innovation })
     }
+
+    /// Part of the reading that is caused by the inertia of the wire. `None` if the contact is at the tip.
+    fn inertia_n_m(&self, bank: &Bank<N>) -> Option<f64> {
+        if !self.config.corrected {
+            return Some(0.0);
+        }
+        let at = AlongAway::of_state(&bank.most_probable()?.belief.mean);
+        if self.is_lost || self.side.is_tip(at) {
+            return None;
+        }
+        // Accelerations from noisy poses would be noisier than the effect is large.
+        Some(if self.side.base_noise.is_none() { self.inertia.moment_n_m(&self.side, at) } else { 0.0 })
+    }
+
+    /// Adds hypotheses at other places if the innovations are larger than stated. A contact near the tip that is lost
+    /// has left the whisker's side; it is not sought before the next touch.
+    fn search(&mut self, bank: &mut Bank<N>, sample: &Sample, innovation: Option<Innovation<1>>) {
+        let Some(Innovation { nis, .. }) = innovation.filter(|_| self.config.search.is_on()) else { return };
+        if !self.doubt.next(&self.config.search, sample.dt_s, nis.min(self.config.gate_sds.powi(2))) {
+            return;
+        }
+        let Some(belief) = bank.moments_above(self.config.ignored_share) else { return };
+        let sd_m = belief.covariance[(0, 0)].max(0.0).sqrt();
+        let reach_m = self.side.bent_arc_m(AlongAway::of_state(&belief.mean)) + TIP_SDS * sd_m;
+        if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= self.side.face.rest.length_m() {
+            self.is_lost = true;
+        } else {
+            bank.add(self.anywhere(sample, None), self.config.search.share);
+        }
+    }
+
+    /// Whether the contact is at the tip, so that there is no estimate.
+    pub(super) fn is_at_tip(&self, belief: &Gaussian<N>) -> bool {
+        self.config.corrected && (self.is_lost || self.side.is_tip(AlongAway::of_state(&belief.mean)))
+    }
 }
+
+/// Relative standard deviation of the moment by the wire's inertia.
+const INERTIA_SD: f64 = 0.3;
+
+/// Relative standard deviation of the part of a reading that is extrapolated beyond the calibrated domain.
+const BEYOND_SD: f64 = 0.3;
+
+/// Standard deviation along the whisker below which a contact counts as located, and the standard deviations within
+/// which it may be at the tip.
+const SETTLED_SD_M: f64 = 3e-3;
+const TIP_SDS: f64 = 4.0;
 
 /// Result of one step.
 pub(super) struct Advance<const N: usize> {
@@ -226,6 +330,10 @@ pub(super) struct Advance<const N: usize> {
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Advance { filtered, innovation, .. } = self.advance(sample)?;
-        Some(self.side.estimate(self.motion.radius(), &filtered, innovation))
+        if self.is_at_tip(&filtered) {
+            return None;
+        }
+        let estimate = self.side.estimate(self.motion.radius(), &filtered, innovation);
+        Some(self.motion.place(&self.side, &filtered, estimate))
     }
 }

@@ -167,7 +167,7 @@ impl Follower {
     }
 
     fn reading(&self) -> ContactReading<'_> {
-        ContactReading::new(&self.side, Round::MODEL_ERROR)
+        ContactReading::new(&self.side, Round::INDICES)
     }
 
     fn process(&self, mode: usize, sample: &Sample) -> ModeProcess<'_> {

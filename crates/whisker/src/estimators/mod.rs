@@ -9,10 +9,13 @@
 
 mod base_noise;
 mod batch;
+mod doubt;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
 mod imm;
+mod inertia;
+mod installed;
 mod iterated;
 mod model_averaging;
 mod motion;
@@ -39,11 +42,11 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::events::{ContactDetector, Sensing, TouchConfig};
+use crate::events::{ContactDetector, Sensing, Signals, TouchConfig};
 use crate::frames::{Base, Point, Pose, Root, Start};
 use crate::rest::direction;
 use crate::sensor::{CalibratedFace, Face};
-use crate::{RestShape, Whisker};
+use crate::{ReadingGate, RestShape, Whisker};
 
 /// One sample: the motion since the last instant, and the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,6 +78,9 @@ pub struct Estimate {
     pub radius: Option<Radius>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,
+    /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
+    /// for methods that average no models.
+    pub model_doubtful: bool,
 }
 
 /// Estimated radius of an object, without the wire's.
@@ -114,11 +120,24 @@ pub struct ContactPrior {
     pub sd_m: f64,
 }
 
+/// Factor of the arc length by which a deflected whisker reaches beyond the foot of its contact; see
+/// [`Knowledge::may_be_tip`].
+const BENT_STRETCH: f64 = 0.55;
+
 impl Knowledge {
     /// Parameters of the contact detection.
     pub fn sensing(&self) -> Sensing {
-        let largest_reading_n_m = self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
-        Sensing::new(&self.whisker, self.rate_hz, self.noise_sd_n_m, largest_reading_n_m)
+        Sensing::new(&self.whisker, self.rate_hz, self.noise_sd_n_m, self.largest_reading_n_m())
+    }
+
+    /// Gate of the readings.
+    pub fn gate(&self) -> ReadingGate {
+        ReadingGate::new(self.largest_reading_n_m())
+    }
+
+    /// Largest calibrated reading of all faces.
+    fn largest_reading_n_m(&self) -> f64 {
+        self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max)
     }
 
     /// The calibration of a face. `None` if that face was not calibrated.
@@ -151,15 +170,14 @@ impl Knowledge {
     /// the whisker's length.
     ///
     /// A contact displaced by `d` at the foot `s` lies at the arc length `s + c d^2 / s` of the bent whisker, to second
-    /// order, with c from 0.5 for a straight wire that only turns at its root to 0.6 for a clamped one; their mean is
-    /// used.
+    /// order, with c from 0.5 for a straight wire that only turns at its root to 0.6 for a clamped one; their mean
+    /// (`BENT_STRETCH`) is used.
     pub fn may_be_tip(&self, estimate: &Estimate) -> bool {
-        const STRETCH: f64 = 0.55;
         const SDS: f64 = 3.0;
         let foot = self.rest.foot(estimate.contact);
         let tangent = self.rest.tangent(foot.arc_m);
         let sd_m = estimate.covariance_m2.map_or(0.0, |p| tangent.dot(&product(&p, &tangent)).max(0.0).sqrt());
-        let arc_m = foot.arc_m + STRETCH * foot.left_m * foot.left_m / foot.arc_m.max(f64::MIN_POSITIVE);
+        let arc_m = foot.arc_m + BENT_STRETCH * foot.left_m * foot.left_m / foot.arc_m.max(f64::MIN_POSITIVE);
         arc_m + SDS * sd_m >= self.rest.length_m()
     }
 
@@ -243,9 +261,18 @@ pub trait Method: Send + Sync {
 const HISTORY: usize = 50;
 
 /// Runs a method over a recording whose contacts are known: waits for a touch, tracks the contact until its release.
+/// Readings beyond the [`ReadingGate`] count as missing and give no estimate.
 pub struct Runner {
     method: Box<dyn Method>,
     knowledge: Arc<Knowledge>,
+    gate: ReadingGate,
+    /// Motion and duration of the gated samples since the last admitted one.
+    missed: Option<(Pose<Base, Base>, f64)>,
+    /// Number of gated samples.
+    gated: u64,
+    /// Samples of the present touch, and the places of the gated ones among them.
+    touch_samples: usize,
+    gated_in_touch: Vec<usize>,
     tracker: Option<Box<dyn Tracker>>,
     /// The tracker of the last touch, while the whisker is free.
     released: Option<Box<dyn Tracker>>,
@@ -260,14 +287,32 @@ pub struct Runner {
 impl Runner {
     /// A runner of `method`.
     pub fn new(method: Box<dyn Method>, knowledge: Arc<Knowledge>, seed: u64) -> Self {
-        let history = VecDeque::with_capacity(HISTORY);
-        let base = Pose::new(0.0, 0.0, 0.0);
-        Self { method, knowledge, tracker: None, released: None, history, base, seed, touches: 0 }
+        Self {
+            gate: knowledge.gate(),
+            method,
+            knowledge,
+            missed: None,
+            gated: 0,
+            touch_samples: 0,
+            gated_in_touch: Vec::new(),
+            tracker: None,
+            released: None,
+            history: VecDeque::with_capacity(HISTORY),
+            base: Pose::new(0.0, 0.0, 0.0),
+            seed,
+            touches: 0,
+        }
     }
 
     /// Takes the next sample in the order of time and, while the whisker touches, the side on which the object lies.
-    /// `None` while the whisker is free, while the method has no estimate yet, or on a face without calibration.
+    /// `None` while the whisker is free, while the method has no estimate yet, at a gated reading, or on a face without
+    /// calibration.
     pub fn step(&mut self, sample: &Sample, touched: Option<Face>) -> Option<Estimate> {
+        if !self.gate.admits(sample.reading_n_m) {
+            self.miss(sample);
+            return None;
+        }
+        let sample = &self.with_missed(sample);
         let Some(face) = touched else {
             self.release();
             self.remember(sample);
@@ -310,6 +355,33 @@ impl Runner {
         self.tracker.as_ref().or(self.released.as_ref())?.outline()
     }
 
+    /// Number of gated readings so far.
+    pub fn gated(&self) -> u64 {
+        self.gated
+    }
+
+    /// Gates a sample: its motion and its duration pass to the next admitted one.
+    fn miss(&mut self, sample: &Sample) {
+        let so_far = self.missed.take();
+        self.missed = Some(so_far.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
+            (motion.then(&sample.motion), duration_s + sample.dt_s)
+        }));
+        self.gated += 1;
+        if self.is_following() {
+            self.gated_in_touch.push(self.touch_samples);
+            self.touch_samples += 1;
+        }
+    }
+
+    /// An admitted sample with the motion and duration of the gated ones before it.
+    fn with_missed(&mut self, sample: &Sample) -> Sample {
+        self.missed.take().map_or(*sample, |(motion, duration_s)| Sample {
+            motion: motion.then(&sample.motion),
+            dt_s: duration_s + sample.dt_s,
+            ..*sample
+        })
+    }
+
     /// Ends the present touch, if there is one.
     fn release(&mut self) {
         if let Some(tracker) = self.tracker.take() {
@@ -339,7 +411,10 @@ impl Runner {
             self.tracker = Some(resumed.unwrap_or_else(|| self.method.begin(&touch)));
             self.history.clear();
             self.touches += 1;
+            self.touch_samples = 0;
+            self.gated_in_touch.clear();
         }
+        self.touch_samples += 1;
         let mut estimate = self.tracker.as_mut()?.step(sample);
         self.place(&mut estimate);
         estimate
@@ -357,8 +432,10 @@ impl Runner {
         let revised = self.tracker.as_mut().and_then(|tracker| tracker.hindsight());
         self.release();
         let Some(revised) = revised else { return };
-        let since = estimates.len() - revised.len();
-        for (estimate, revised) in estimates[since..].iter_mut().zip(revised) {
+        let first = estimates.len() - self.touch_samples;
+        let admitted = (0..self.touch_samples).filter(|place| !self.gated_in_touch.contains(place));
+        for (place, revised) in admitted.zip(revised) {
+            let estimate = &mut estimates[first + place];
             *estimate = revised;
             self.place(estimate);
         }
@@ -409,6 +486,16 @@ impl Estimator {
         self.runner.is_following()
     }
 
+    /// See [`Runner::gated`].
+    pub fn gated(&self) -> u64 {
+        self.runner.gated()
+    }
+
+    /// See [`ContactDetector::signals`].
+    pub fn signals(&self) -> Signals {
+        self.detector.signals()
+    }
+
     /// See [`Runner::outline`].
     pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
         self.runner.outline()
@@ -452,7 +539,7 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "Bayesian average of `ukf` (thin objects), `sliding` (round ones) and `outline` (others)",
+        about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any convex outline) and `installed` (inexact calibration)",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,
@@ -465,6 +552,22 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: || to_json(&gaussian::Config::<extended::Extended>::sliding()),
         build: gaussian::build::<extended::Extended>,
+    },
+    EstimatorRow {
+        name: "round",
+        about: "`ekf` for an object of constant radius, from a thin object to a plane",
+        class: MethodClass::Recursive,
+        sensor_model: None,
+        defaults: || to_json(&gaussian::Config::<extended::Extended>::round()),
+        build: gaussian::build::<extended::Extended>,
+    },
+    EstimatorRow {
+        name: "installed",
+        about: "`round` for a sensor whose gain and mounting may differ from the calibrated ones",
+        class: MethodClass::Recursive,
+        sensor_model: None,
+        defaults: defaults::<installed::Config>,
+        build: installed::build,
     },
     EstimatorRow {
         name: "ekf",

@@ -14,23 +14,30 @@ use std::sync::Arc;
 
 use filters::imm::{Modes, Transition};
 use filters::{Gaussian, Innovation};
-use nalgebra::{Matrix1, Vector1, Vector2};
+use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
     estimator,
 };
+use crate::sensor::CalibratedFace;
 use crate::settings::{Settings, SettingsError, parse, within};
+
+/// Least probability of the candidates with an estimate for which there is one of the mixture.
+const LEAST_KNOWN: f64 = 0.5;
 
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Candidate {
-    /// Name in the registry; it runs with its default settings.
+    /// Name in the registry.
     pub name: String,
+    /// Settings that differ from its default ones.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub settings: Map<String, Value>,
     /// Prior probability, relative to the others.
     pub weight: f64,
 }
@@ -46,15 +53,21 @@ pub(super) struct Config {
     pub gate_sds: f64,
     /// Mean time between changes of the right candidate.
     pub sojourn_s: f64,
+    /// Probability of a candidate below which it does not count for the estimate.
+    pub ignored_share: f64,
+    /// Largest distance outside of the calibrated domain at which an estimate is stated; up to there the distance is
+    /// added to its standard deviation. Smoothed estimates are stated anywhere.
+    pub farthest_m: f64,
 }
 
 impl Default for Config {
-    /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, the others do not. `outline`
-    /// begins as `sliding` does and is preferred where the readings do not discriminate between the two. The odds were
-    /// chosen on the pins and circles of the standard suite; they matter in the first tenths of a second, before the
-    /// readings decide.
+    /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
+    /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration. The
+    /// odds were chosen on random scenes of the training suite and on the standard suite.
     fn default() -> Self {
-        Self::among([("ukf", 300.0), ("sliding", 1.0), ("outline", 10.0)])
+        let candidates =
+            Self::among([("ukf", 10.0), ("round", 10.0), ("sliding", 3.0), ("outline", 2.0), ("installed", 0.5)]);
+        Self { ignored_share: 0.02, ..candidates }
     }
 }
 
@@ -66,8 +79,8 @@ impl Config {
     }
 
     fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
-        let candidates = candidates.map(|(name, weight)| Candidate { name: name.into(), weight });
-        Self { candidates: candidates.into(), gate_sds: 5.0, sojourn_s: 1000.0 }
+        let candidates = candidates.map(|(name, weight)| Candidate { name: name.into(), settings: Map::new(), weight });
+        Self { candidates: candidates.into(), gate_sds: 5.0, sojourn_s: 1000.0, ignored_share: 0.0, farthest_m: 2e-3 }
     }
 }
 
@@ -81,7 +94,9 @@ impl Settings for Config {
             }
         }
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
-        within("sojourn_s", self.sojourn_s, 1e-3..=1e9)
+        within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
+        within("ignored_share", self.ignored_share, 0.0..=0.5)?;
+        within("farthest_m", self.farthest_m, 0.0..=1.0)
     }
 }
 
@@ -122,7 +137,11 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     let config: Config = parse(config)?;
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
-        Ok((row.name, (row.build)(&(row.defaults)(), knowledge)?))
+        let mut settings = (row.defaults)();
+        if let Some(all) = settings.as_object_mut() {
+            all.extend(candidate.settings.clone());
+        }
+        Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
     Ok(Box::new(ModelAveraging { config, methods }))
@@ -142,11 +161,64 @@ impl Method for ModelAveraging {
         Box::new(AveragingTracker {
             gate_sds: self.config.gate_sds,
             sojourn_s: self.config.sojourn_s,
+            ignored_share: self.config.ignored_share,
+            farthest_m: self.config.farthest_m,
+            face: touch.face.clone(),
             methods: self.methods.clone(),
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
+            doubtful: Doubtful::default(),
             weights,
         })
+    }
+}
+
+/// Signal that the readings contradict the candidates.
+#[derive(Clone, Copy, Debug)]
+struct Doubtful {
+    /// Running mean of the mixture's normalised innovations squared.
+    nis: f64,
+    /// Running mean of the disagreement: 1 while two possible candidates exclude each other, else 0.
+    discord: f64,
+}
+
+impl Default for Doubtful {
+    fn default() -> Self {
+        Self { nis: 1.0, discord: 0.0 }
+    }
+}
+
+impl Doubtful {
+    /// Samples over which both are averaged, exponentially.
+    const WINDOW: f64 = 30.0;
+    /// Mean above which the innovations contradict the mixture: five standard deviations of the mean of a consistent
+    /// one, `sqrt(2 / (2 WINDOW - 1))` each.
+    const MOST_NIS: f64 = 1.95;
+    /// Share of the samples with two candidates that exclude each other.
+    const MOST_DISCORD: f64 = 0.5;
+    /// Probability from which a candidate counts as possible, and the squared Mahalanobis distance from which two
+    /// exclude each other.
+    const POSSIBLE: f64 = 1e-3;
+    const EXCLUSIVE: f64 = 16.0;
+
+    /// Takes the candidates' estimates with their probabilities and the mixture's innovation.
+    fn advance(&mut self, parts: &[(&Estimate, f64)], innovation: Option<Innovation<1>>) {
+        if let Some(Innovation { nis, .. }) = innovation {
+            self.nis += (nis.min(25.0) - self.nis) / Self::WINDOW;
+        }
+        let possible = || parts.iter().filter(|(_, share)| *share >= Self::POSSIBLE);
+        let exclude = |one: &Estimate, other: &Estimate| {
+            let (Some(p), Some(q)) = (one.covariance_m2, other.covariance_m2) else { return false };
+            let apart = one.contact.vector() - other.contact.vector();
+            Innovation::of(apart, p + q).is_some_and(|apart| apart.nis > Self::EXCLUSIVE)
+        };
+        let is_discord = possible().any(|(one, _)| possible().any(|(other, _)| exclude(one, other)));
+        self.discord += (f64::from(is_discord) - self.discord) / Self::WINDOW;
+    }
+
+    /// Whether the models are in doubt.
+    fn is_raised(&self) -> bool {
+        self.nis > Self::MOST_NIS || self.discord > Self::MOST_DISCORD
     }
 }
 
@@ -154,11 +226,15 @@ impl Method for ModelAveraging {
 struct AveragingTracker {
     gate_sds: f64,
     sojourn_s: f64,
+    ignored_share: f64,
+    farthest_m: f64,
+    face: Arc<CalibratedFace>,
     weights: Vec<f64>,
     methods: Methods,
     trackers: Vec<Box<dyn Tracker>>,
     /// Probabilities of the candidates.
     right: Modes,
+    doubtful: Doubtful,
 }
 
 impl AveragingTracker {
@@ -186,13 +262,27 @@ impl AveragingTracker {
         Some(innovation)
     }
 
+    /// The estimate with the distance from the calibrated domain in its covariance. `None` if it is too far away.
+    fn near_the_domain(&self, estimate: Estimate) -> Option<Estimate> {
+        let outside_m = self.face.nearest_calibrated(estimate.contact).distance(&estimate.contact);
+        let added_m2 = Matrix2::identity() * outside_m.powi(2);
+        let covariance_m2 = estimate.covariance_m2.map(|covariance| covariance + added_m2);
+        (outside_m <= self.farthest_m).then_some(Estimate { covariance_m2, ..estimate })
+    }
+
     /// Estimate of the mixture. `None` if no candidate has an estimate.
     fn together(&self, estimates: &[Option<Estimate>], innovation: Option<Innovation<1>>) -> Option<Estimate> {
         let shares = self.right.probabilities();
         let parts: Vec<(&Estimate, f64)> =
             estimates.iter().zip(shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share))).collect();
+        let most = parts.iter().map(|(_, share)| *share).fold(0.0, f64::max);
+        let parts: Vec<_> = parts.into_iter().filter(|(_, share)| *share >= self.ignored_share * most).collect();
         let (leading, _) = *parts.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let known: f64 = parts.iter().map(|(_, share)| share).sum();
+        // The more probable candidates may have none because the contact is at the tip.
+        if known < LEAST_KNOWN {
+            return None;
+        }
         // Relative to the leading candidate's contact, so that nothing is lost to rounding if its probability is nearly
         // one.
         let offset = |estimate: &Estimate| estimate.contact.vector() - leading.contact.vector();
@@ -206,12 +296,14 @@ impl AveragingTracker {
         };
         let places: Option<Vec<_>> = parts.iter().map(place).collect();
         let size = Gaussian::of_mixture(parts.iter().filter_map(size)).filter(|_| leading.radius.is_some());
+        let covariance_m2 = places.and_then(Gaussian::of_mixture).map(|places| places.covariance);
         Some(Estimate {
             contact: leading.contact.shifted(shift),
-            covariance_m2: places.and_then(Gaussian::of_mixture).map(|places| places.covariance),
+            covariance_m2,
             radius: size.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
             innovation,
             models: Some(ModelShares::new(self.names().zip(shares.iter().copied()))),
+            model_doubtful: self.doubtful.is_raised(),
             ..*leading
         })
     }
@@ -221,7 +313,11 @@ impl Tracker for AveragingTracker {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         let innovation = self.weigh(sample, &estimates);
-        self.together(&estimates, innovation)
+        let shares = self.right.probabilities().iter().copied();
+        let parts: Vec<_> =
+            estimates.iter().zip(shares).filter_map(|(one, share)| Some((one.as_ref()?, share))).collect();
+        self.doubtful.advance(&parts, innovation);
+        self.near_the_domain(self.together(&estimates, innovation)?)
     }
 
     /// All readings together determine the candidates' probabilities, so those at the end apply to every instant.
@@ -235,6 +331,7 @@ impl Tracker for AveragingTracker {
     /// Candidates without memory of the object begin anew. The object may be the last one or another with equal
     /// probability: the candidates' probabilities are the mean of those at the release and the priors.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        self.face = touch.face.clone();
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
             if !tracker.resume(touch) {
                 *tracker = method.begin(touch);
@@ -250,5 +347,43 @@ impl Tracker for AveragingTracker {
         let shares = self.right.probabilities();
         let leading = shares.iter().zip(&self.trackers).max_by(|a, b| a.0.total_cmp(b.0))?;
         leading.1.outline()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::vector;
+
+    use super::*;
+    use crate::estimators::side::Side;
+    use crate::estimators::testing::knowledge;
+    use crate::frames::Point;
+
+    fn innovation(nis: f64) -> Option<Innovation<1>> {
+        Innovation::of(vector![nis.sqrt()], Matrix1::new(1.0))
+    }
+
+    /// Samples until the signal is raised, of at most 1000.
+    fn raised(estimates: [Estimate; 2], shares: [f64; 2], nis: impl Fn(usize) -> f64) -> Option<usize> {
+        let mut doubtful = Doubtful::default();
+        (0..1000).find(|&i| {
+            doubtful.advance(&[(&estimates[0], shares[0]), (&estimates[1], shares[1])], innovation(nis(i)));
+            doubtful.is_raised()
+        })
+    }
+
+    #[test]
+    fn verif_doubt_is_raised_by_innovations_and_by_disagreement() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let at = |x_m: f64| side.estimate_at(Point::new(x_m, 0.0), true, Matrix2::identity() * 1e-8, None);
+        let (same, apart) = ([at(0.05), at(0.0501)], [at(0.05), at(0.052)]);
+        // Squares of an evenly spaced quantile sample of the normal distribution, with mean about 1.
+        let consistent = |i: usize| [0.01, 3.2, 0.3, 0.02, 0.9, 0.2, 2.3, 1.1][i % 8];
+        assert_eq!(raised(same, [0.5, 0.5], consistent), None);
+        assert!(raised(same, [0.5, 0.5], |_| 4.0).unwrap() < 30);
+        assert!(raised(apart, [0.5, 0.5], consistent).unwrap() < 30);
+        // A candidate that is ruled out does not count.
+        assert_eq!(raised(apart, [1.0, 1e-6], consistent), None);
     }
 }

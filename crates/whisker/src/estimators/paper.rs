@@ -75,7 +75,7 @@ struct Reading<'a> {
 impl<'a> Reading<'a> {
     /// The measurement model that belongs to a model of the contact's motion.
     fn of<Model: Motion<N>, const N: usize>(side: &'a Side) -> Self {
-        Self { side, model_error: Model::MODEL_ERROR }
+        Self { side, model_error: Model::INDICES.model_error }
     }
 
     /// The contact of a state, in Base and in coordinates along and away.
@@ -314,33 +314,33 @@ impl AnyMotion for ParticleFilter {
         let start = beginning(&motion, &side, &self.config.paper.start(&side, touch));
         let factor = start.covariance.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
         let draw = |_| start.mean + factor * SVector::<f64, N>::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
-        let cloud = ParticleSet::new((0..self.config.particles).map(draw).collect());
-        Box::new(CloudFollower { config: self.config, motion, side, cloud, rng, is_first: true })
+        let set = ParticleSet::new((0..self.config.particles).map(draw).collect());
+        Box::new(ParticleFollower { config: self.config, motion, side, set, rng, is_first: true })
     }
 }
 
-struct CloudFollower<Model, const N: usize> {
+struct ParticleFollower<Model, const N: usize> {
     config: ParticleConfig,
     motion: Model,
     side: Side,
-    cloud: ParticleSet<N>,
+    set: ParticleSet<N>,
     rng: Pcg64,
     is_first: bool,
 }
 
-impl<Model: Motion<N>, const N: usize> Tracker for CloudFollower<Model, N> {
+impl<Model: Motion<N>, const N: usize> Tracker for ParticleFollower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         if !std::mem::take(&mut self.is_first) {
             let process = self.motion.cartesian_step(&self.side, sample);
-            self.cloud.predict(&process, &mut self.rng);
-            self.cloud.fade(self.config.paper.fading);
+            self.set.predict(&process, &mut self.rng);
+            self.set.fade(self.config.paper.fading);
         }
-        self.cloud.map(|x| held(&self.side, x));
+        self.set.map(|x| held(&self.side, x));
         let reading = Reading::of::<Model, N>(&self.side);
-        let innovation = self.cloud.update(&reading, &Vector1::new(sample.reading_n_m)).ok();
-        let estimate = estimate(&self.side, &self.motion, &self.cloud.moments(), innovation);
-        if self.cloud.effective_size() < self.config.resample_share * self.cloud.particles().len() as f64 {
-            self.cloud.resample(self.config.kernel, &mut self.rng);
+        let innovation = self.set.update(&reading, &Vector1::new(sample.reading_n_m)).ok();
+        let estimate = estimate(&self.side, &self.motion, &self.set.moments(), innovation);
+        if self.set.effective_size() < self.config.resample_share * self.set.particles().len() as f64 {
+            self.set.resample(self.config.kernel, &mut self.rng);
         }
         Some(estimate)
     }

@@ -105,7 +105,7 @@ struct Follower<Model, const N: usize> {
     history: Vec<Sample>,
     rng: Pcg64,
     /// `None` before the first step.
-    cloud: Option<ParticleSet<N>>,
+    set: Option<ParticleSet<N>>,
 }
 
 impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
@@ -118,7 +118,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
             contact_prior: touch.contact_prior,
             history: touch.history.to_vec(),
             rng: Pcg64::seed_from_u64(touch.seed),
-            cloud: None,
+            set: None,
         }
     }
 
@@ -137,15 +137,15 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
                 particles.push(self.held(belief.mean + factor * normal));
             }
         }
-        let mut cloud = ParticleSet::new(particles.into_iter().collect());
+        let mut set = ParticleSet::new(particles.into_iter().collect());
         let renewal = self.config.renewal();
         for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
             let back = self.motion.step(&self.side, &sample);
-            let reading = EarlierReading { back, reading: ContactReading::new(&self.side, Model::MODEL_ERROR) };
+            let reading = EarlierReading { back, reading: ContactReading::new(&self.side, Model::INDICES) };
             // A reading without a valid update leaves the particles as they are.
-            let _ = cloud.update_or_renew(&reading, &Vector1::new(sample.reading_n_m), &renewal, &mut self.rng);
+            let _ = set.update_or_renew(&reading, &Vector1::new(sample.reading_n_m), &renewal, &mut self.rng);
         }
-        cloud
+        set
     }
 
     fn held(&self, mut x: SVector<f64, N>) -> SVector<f64, N> {
@@ -156,23 +156,23 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
 
 impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let Some(mut cloud) = self.cloud.take() else {
-            let cloud = self.begin(sample);
-            let estimate = self.side.estimate(self.motion.radius(), &cloud.moments(), None);
-            self.cloud = Some(cloud);
+        let Some(mut set) = self.set.take() else {
+            let set = self.begin(sample);
+            let estimate = self.side.estimate(self.motion.radius(), &set.moments(), None);
+            self.set = Some(set);
             return Some(estimate);
         };
-        cloud.predict(&self.motion.step(&self.side, sample), &mut self.rng);
-        cloud.fade(self.config.fading);
-        cloud.map(|x| self.held(*x));
+        set.predict(&self.motion.step(&self.side, sample), &mut self.rng);
+        set.fade(self.config.fading);
+        set.map(|x| self.held(*x));
         // The sensor model's error is part of the noise, but it is systematic: it recurs at the same position. If each
         // particle were weighted with its own noise, a series of small residuals would count as evidence for positions
         // where the sensor model is accurate.
-        let reading = ConstantNoise::new(ContactReading::new(&self.side, Model::MODEL_ERROR), &cloud.mean());
+        let reading = ConstantNoise::new(ContactReading::new(&self.side, Model::INDICES), &set.mean());
         let z = Vector1::new(sample.reading_n_m);
-        let innovation = cloud.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
-        let estimate = self.side.estimate(self.motion.radius(), &cloud.moments(), innovation);
-        self.cloud = Some(cloud);
+        let innovation = set.update_or_renew(&reading, &z, &self.config.renewal(), &mut self.rng).ok();
+        let estimate = self.side.estimate(self.motion.radius(), &set.moments(), innovation);
+        self.set = Some(set);
         Some(estimate)
     }
 }

@@ -10,7 +10,7 @@ use filters::unscented::{self, Spread};
 use filters::{Gaussian, Innovation, Measurement, Process, product};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2, vector};
 
-use super::{BaseNoise, Estimate, Knowledge, Radius};
+use super::{BENT_STRETCH, BaseNoise, Estimate, Knowledge, Radius};
 use crate::Whisker;
 use crate::frames::{Base, Point};
 use crate::sensor::{AlongAway, CalibratedFace, Turn};
@@ -18,10 +18,13 @@ use crate::sensor::{AlongAway, CalibratedFace, Turn};
 /// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
 
+/// Part of the whisker's length that counts as its tip.
+const TIP_SHARE: f64 = 0.01;
+
 /// The side in contact.
 pub(super) struct Side {
     pub(super) face: Arc<CalibratedFace>,
-    whisker: Whisker,
+    pub(super) whisker: Whisker,
     /// Variance of the sensor's measurement noise.
     sensor_noise_n2_m2: f64,
     pub(super) base_noise: BaseNoise,
@@ -76,6 +79,17 @@ impl Side {
         (expected.reading_n_m + beyond_n_m, gradient)
     }
 
+    /// Distance of a contact from the calibrated domain.
+    pub(super) fn distance_outside_m(&self, at: AlongAway) -> f64 {
+        (at.vector() - self.face.domain.clamp(at).vector()).norm()
+    }
+
+    /// Part of the expected reading of a contact that is extrapolated beyond the calibrated domain.
+    pub(super) fn beyond_n_m(&self, at: AlongAway) -> f64 {
+        let held = self.face.domain.clamp(at);
+        if held == at { 0.0 } else { self.expect(at).0 - self.expect(held).0 }
+    }
+
     /// Expected reading of a contact.
     pub(super) fn reading_n_m(&self, at: AlongAway) -> f64 {
         if self.face.domain.clamp(at) == at {
@@ -110,6 +124,16 @@ impl Side {
     /// not.
     pub(super) fn variance_of_mean_n2_m2(&self, at: AlongAway, count: f64) -> f64 {
         self.noise_n2_m2(at) / count + self.model_variance_n2_m2(at)
+    }
+
+    /// Arc length on the bent whisker of a contact; see [`Knowledge::may_be_tip`].
+    pub(super) fn bent_arc_m(&self, at: AlongAway) -> f64 {
+        at.along_m + BENT_STRETCH * at.away_m.powi(2) / at.along_m.max(f64::MIN_POSITIVE)
+    }
+
+    /// Whether a contact lies at the tip, where its reading has another meaning.
+    pub(super) fn is_tip(&self, at: AlongAway) -> bool {
+        self.bent_arc_m(at) >= (1.0 - TIP_SHARE) * self.face.rest.length_m()
     }
 
     /// Limits the distance of a contact from the calibrated domain. The contact is not moved into the domain: objects
@@ -153,6 +177,11 @@ impl Side {
         Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
     }
 
+    /// Derivative of a state's contact by its coordinates.
+    pub(super) fn contact_jacobian<const N: usize>(&self, x: &SVector<f64, N>) -> Matrix2<f64> {
+        self.face.contact_jacobian(AlongAway::of_state(x))
+    }
+
     /// Radius of the wire at an arc length.
     pub(super) fn wire_radius_m(&self, arc_m: f64) -> f64 {
         0.5 * self.whisker.diameter_m(arc_m)
@@ -182,7 +211,17 @@ impl Side {
     ) -> Estimate {
         let covariance_m2 = Some(covariance_m2);
         let face = self.face.face;
-        Estimate { contact, face, covariance_m2, calibrated, at_tip: false, innovation, radius: None, models: None }
+        Estimate {
+            contact,
+            face,
+            covariance_m2,
+            calibrated,
+            at_tip: false,
+            innovation,
+            radius: None,
+            models: None,
+            model_doubtful: false,
+        }
     }
 }
 
@@ -203,23 +242,44 @@ impl Process<2> for Placing<'_> {
 #[derive(Clone, Copy)]
 pub(super) struct ContactReading<'a> {
     side: &'a Side,
-    /// Index of the sensor model's error in the state, in standard deviations. `None` if the error is part of the
-    /// measurement noise.
-    model_error: Option<usize>,
+    indices: StateIndices,
+    /// Variance of a further error of the reading.
+    added_n2_m2: f64,
+}
+
+/// Indices in the state of the errors of a reading.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StateIndices {
+    /// Error of the sensor model, in standard deviations. `None` if it is part of the measurement noise.
+    pub(super) model_error: Option<usize>,
+    /// Relative error of the gain. `None` if the gain is exact.
+    pub(super) gain: Option<usize>,
 }
 
 impl<'a> ContactReading<'a> {
-    /// The measurement model for a state whose entry `model_error` is the sensor model's error.
-    pub(super) fn new(side: &'a Side, model_error: Option<usize>) -> Self {
-        Self { side, model_error }
+    /// The measurement model for a state with errors of the reading at `indices`.
+    pub(super) fn new(side: &'a Side, indices: StateIndices) -> Self {
+        Self { side, indices, added_n2_m2: 0.0 }
+    }
+
+    /// The same with a further error of this standard deviation.
+    pub(super) fn with_error(self, sd_n_m: f64) -> Self {
+        Self { added_n2_m2: sd_n_m.powi(2), ..self }
+    }
+
+    /// Factor of the expected reading.
+    fn gain<const N: usize>(&self, x: &SVector<f64, N>) -> f64 {
+        self.indices.gain.map_or(1.0, |g| 1.0 + x[g])
     }
 }
 
 impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
-        let error_n_m =
-            self.model_error.map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(AlongAway::of_state(x)).sqrt());
-        Some(Vector1::new(self.side.reading_n_m(AlongAway::of_state(x)) + error_n_m))
+        let error_n_m = self
+            .indices
+            .model_error
+            .map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(AlongAway::of_state(x)).sqrt());
+        Some(Vector1::new(self.gain(x) * self.side.reading_n_m(AlongAway::of_state(x)) + error_n_m))
     }
 
     /// Neglects the change of the error along and away, which is far smaller than that of the reading.
@@ -231,8 +291,13 @@ impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
     fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
         let (mut expected_n_m, gradient) = self.side.expect(AlongAway::of_state(x));
         let mut jacobian = SMatrix::<f64, 1, N>::zeros();
-        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&gradient);
-        if let Some(e) = self.model_error {
+        if let Some(g) = self.indices.gain {
+            jacobian[g] = expected_n_m;
+        }
+        let gain = self.gain(x);
+        expected_n_m *= gain;
+        jacobian.fixed_view_mut::<1, 2>(0, 0).copy_from(&(gradient * gain));
+        if let Some(e) = self.indices.model_error {
             let sd_n_m = self.side.model_variance_n2_m2(AlongAway::of_state(x)).sqrt();
             expected_n_m += x[e] * sd_n_m;
             jacobian[e] = sd_n_m;
@@ -243,6 +308,22 @@ impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
     /// Includes the sensor model's error even if the state has it: part of it may change from one sample to the next,
     /// such as the effect of friction, and the calibration does not determine how much.
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
-        Matrix1::new(self.side.variance_n2_m2(AlongAway::of_state(x)))
+        Matrix1::new(self.side.variance_n2_m2(AlongAway::of_state(x)) + self.added_n2_m2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimators::testing::knowledge;
+
+    #[test]
+    fn verif_the_tip_is_the_end_of_the_bent_whisker() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let length_m = knowledge.whisker.length_m;
+        assert!(side.is_tip(AlongAway::new(length_m, 0.0)) && !side.is_tip(AlongAway::new(0.9 * length_m, 0.0)));
+        // A deflection of a third of the length brings the tip nearer to the root.
+        assert!(side.is_tip(AlongAway::new(0.95 * length_m, 0.33 * length_m)));
     }
 }

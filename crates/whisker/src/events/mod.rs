@@ -5,8 +5,8 @@
 //! methods are the rows of [`DETECTORS`].
 //!
 //! Filters require readings at equal intervals: those of the recording's nominal rate. Missing samples are interpolated
-//! linearly; after a gap of more than [`LONGEST_GAP_S`] detection restarts. A recording without a clock has the nominal
-//! rate that it is given; if that is too low for the whisker's first mode, detectors use the reading itself.
+//! linearly; after a gap of more than [`LONGEST_GAP_S`] detection restarts. Readings beyond the [`ReadingGate`] count as
+//! missing. A recording without a clock has the nominal rate that it is given; if that is too low for the whisker's first mode, detectors use the reading itself.
 //!
 //! Contact at the tip follows from an estimate of the contact, not from the reading: see
 //! [`Estimate::at_tip`](crate::estimators::Estimate::at_tip).
@@ -25,9 +25,9 @@ use std::mem::discriminant;
 use serde::{Deserialize, Serialize};
 use signal::{LONGEST_GAP_S, NoSuchBand, Section, band_pass};
 
-use crate::Whisker;
 use crate::face::Face;
 use crate::settings::SettingsError;
+use crate::{ReadingGate, Whisker};
 
 pub use first_mode::FirstMode;
 
@@ -35,12 +35,22 @@ pub use first_mode::FirstMode;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "detector", rename_all = "kebab-case")]
 pub enum TouchConfig {
-    /// Thresholds on the ring-compensated reading. Formerly named `steadied`, which is still accepted.
+    /// Thresholds on the ring-compensated reading.
     #[serde(alias = "steadied")]
     RingCompensated(ring_compensated::Config),
     /// Thresholds on the reading and its band-pass, as published.
     BandPass(band_pass::Config),
 }
+
+/// Former names of a detector and of its settings, which are still accepted, each with its present name.
+pub const FORMER_NAMES: [(&str, &str); 6] = [
+    ("steadied", "ring-compensated"),
+    ("unrest_sds", "background_sds"),
+    ("swing_share", "ringing_share"),
+    ("swing_decay_s", "ringing_decay_s"),
+    ("unrest_memory_s", "background_memory_s"),
+    ("unrest_lag_s", "background_lag_s"),
+];
 
 impl Default for TouchConfig {
     fn default() -> Self {
@@ -131,7 +141,7 @@ fn first_mode_band(sensing: &Sensing) -> Result<Vec<Section>, NoSuchBand> {
 }
 
 /// Signals of a detector at one sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Signals {
     /// The filtered reading.
     pub watched_n_m: f64,
@@ -154,14 +164,18 @@ pub trait Rule: Debug + Send {
 #[derive(Debug)]
 pub struct ContactDetector {
     rule: Box<dyn Rule>,
+    gate: ReadingGate,
     rate_hz: f64,
     last: Option<(f64, Signals)>,
+    /// Duration of the gated readings since the last admitted one.
+    gated_s: f64,
 }
 
 impl ContactDetector {
     /// A detector with these settings, adapted to the sensor.
     pub fn new(config: TouchConfig, sensing: &Sensing) -> Self {
-        Self { rule: config.rule(sensing), rate_hz: sensing.rate_hz, last: None }
+        let gate = ReadingGate::new(sensing.largest_reading_n_m);
+        Self { rule: config.rule(sensing), gate, rate_hz: sensing.rate_hz, last: None, gated_s: 0.0 }
     }
 
     /// Takes the next reading, `dt_s` after the last, and returns the side on which the object lies. `None` while the
@@ -170,8 +184,13 @@ impl ContactDetector {
         self.judge(reading_n_m, dt_s).touched
     }
 
-    /// As [`Self::step`], with all signals.
+    /// As [`Self::step`], with all signals. At a gated reading they are those of the last admitted one.
     pub fn judge(&mut self, reading_n_m: f64, dt_s: f64) -> Signals {
+        if !self.gate.admits(reading_n_m) {
+            self.gated_s += dt_s;
+            return self.signals();
+        }
+        let dt_s = dt_s + std::mem::take(&mut self.gated_s);
         let known = self.last.filter(|_| dt_s <= LONGEST_GAP_S);
         let signals = match known {
             None => {
@@ -189,5 +208,10 @@ impl ContactDetector {
         };
         self.last = Some((reading_n_m, signals));
         signals
+    }
+
+    /// Signals at the last admitted reading; zero before the first.
+    pub fn signals(&self) -> Signals {
+        self.last.map_or_else(Signals::default, |(_, signals)| signals)
     }
 }

@@ -34,7 +34,8 @@ const FIRM: f64 = 2.0;
 /// Smallest number of samples per period of that edge.
 const LEAST_SAMPLES: f64 = 8.0;
 
-/// Settings. Thresholds are those of the ring-compensated reading.
+/// Settings. Thresholds are those of the ring-compensated reading. The aliases are
+/// [`FORMER_NAMES`](super::FORMER_NAMES).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
@@ -44,9 +45,11 @@ pub struct Config {
     pub largest_share: f64,
     /// ... this many times the background RMS of the free whisker in the band of its first mode, for example on a
     /// vibrating arm, ...
-    pub unrest_sds: f64,
+    #[serde(alias = "unrest_sds")]
+    pub background_sds: f64,
     /// ... and this share of the oscillation's amplitude, the remainder if the assumed frequency is wrong by a tenth.
-    pub swing_share: f64,
+    #[serde(alias = "swing_share")]
+    pub ringing_share: f64,
     /// A touch starts when the threshold is exceeded for this many consecutive samples.
     pub touch_samples: u32,
     /// A touch ends when the smoothed ring-compensated reading is below this share of the threshold without the
@@ -60,11 +63,14 @@ pub struct Config {
     /// ... for this many consecutive samples.
     pub drop_samples: u32,
     /// Time constant of the decay of the oscillation.
-    pub swing_decay_s: f64,
+    #[serde(alias = "swing_decay_s")]
+    pub ringing_decay_s: f64,
     /// Memory of the background RMS.
-    pub unrest_memory_s: f64,
+    #[serde(alias = "unrest_memory_s")]
+    pub background_memory_s: f64,
     /// Delay of the background RMS, so that a touch does not mask itself.
-    pub unrest_lag_s: f64,
+    #[serde(alias = "unrest_lag_s")]
+    pub background_lag_s: f64,
 }
 
 impl Default for Config {
@@ -72,16 +78,16 @@ impl Default for Config {
         Self {
             noise_sds: 5.0,
             largest_share: 0.01,
-            unrest_sds: 7.0,
-            swing_share: 0.3,
+            background_sds: 7.0,
+            ringing_share: 0.3,
             touch_samples: 3,
             release_share: 0.3,
             release_time_s: 0.01,
             drop_share: 0.2,
             drop_samples: 2,
-            swing_decay_s: 0.3,
-            unrest_memory_s: 1.0,
-            unrest_lag_s: 0.1,
+            ringing_decay_s: 0.3,
+            background_memory_s: 1.0,
+            background_lag_s: 0.1,
         }
     }
 }
@@ -90,16 +96,16 @@ impl Config {
     pub(super) fn validate(&self) -> Result<(), SettingsError> {
         within("noise_sds", self.noise_sds, 0.0..=1e3)?;
         within("largest_share", self.largest_share, 1e-6..=1.0)?;
-        within("unrest_sds", self.unrest_sds, 0.0..=1e3)?;
-        within("swing_share", self.swing_share, 0.0..=1.0)?;
+        within("background_sds", self.background_sds, 0.0..=1e3)?;
+        within("ringing_share", self.ringing_share, 0.0..=1.0)?;
         within("touch_samples", f64::from(self.touch_samples), 1.0..=1e6)?;
         within("release_share", self.release_share, 0.0..=1.0)?;
         within("release_time_s", self.release_time_s, 1e-4..=10.0)?;
         within("drop_share", self.drop_share, 0.0..=1.0)?;
         within("drop_samples", f64::from(self.drop_samples), 1.0..=1e6)?;
-        within("swing_decay_s", self.swing_decay_s, 1e-3..=100.0)?;
-        within("unrest_memory_s", self.unrest_memory_s, 1e-2..=100.0)?;
-        within("unrest_lag_s", self.unrest_lag_s, 0.0..=10.0)
+        within("ringing_decay_s", self.ringing_decay_s, 1e-3..=100.0)?;
+        within("background_memory_s", self.background_memory_s, 1e-2..=100.0)?;
+        within("background_lag_s", self.background_lag_s, 0.0..=10.0)
     }
 }
 
@@ -139,17 +145,17 @@ impl RingCompensated {
         let compensator = Cascade::new(ring_compensator(sensing).into_iter().collect());
         let noise_n_m = MedianOfFive::noise_gain(|mean_over| compensator.noise_gain(mean_over)) * sensing.noise_sd_n_m;
         let base_n_m = (config.noise_sds * noise_n_m).max(config.largest_share * sensing.largest_reading_n_m);
-        let start_n_m = if config.unrest_sds > 0.0 { base_n_m / config.unrest_sds } else { 0.0 };
-        let lag = (config.unrest_lag_s * sensing.rate_hz).round() as usize;
+        let start_n_m = if config.background_sds > 0.0 { base_n_m / config.background_sds } else { 0.0 };
+        let lag = (config.background_lag_s * sensing.rate_hz).round() as usize;
         Self {
             config,
             median: MedianOfFive::default(),
             compensator,
             band: first_mode_band(sensing).ok().map(Cascade::new),
             base_n_m,
-            background: BackgroundRms::new(start_n_m, config.unrest_memory_s * sensing.rate_hz, lag),
+            background: BackgroundRms::new(start_n_m, config.background_memory_s * sensing.rate_hz, lag),
             ringing_n_m: 0.0,
-            ringing_decay: (-1.0 / (sensing.rate_hz * config.swing_decay_s)).exp(),
+            ringing_decay: (-1.0 / (sensing.rate_hz * config.ringing_decay_s)).exp(),
             touched: None,
             smoothing: 1.0 - (-1.0 / (sensing.rate_hz * config.release_time_s)).exp(),
             held_decay: (-sensing.first_mode.frequency_hz / sensing.rate_hz).exp(),
@@ -177,7 +183,7 @@ impl Rule for RingCompensated {
         let compensated_n_m = self.compensator.step(reading_n_m);
         let background_n_m = self.band.as_mut().map_or(0.0, |band| band.step(compensated_n_m));
         self.ringing_n_m = reading_n_m.abs().max(self.ringing_decay * self.ringing_n_m);
-        let base_threshold_n_m = self.base_n_m.max(config.unrest_sds * self.background.sd());
+        let base_threshold_n_m = self.base_n_m.max(config.background_sds * self.background.sd());
         let threshold_n_m = match &mut self.touched {
             Some(Touched { face, smoothed_n_m, held_n_m }) => {
                 let pressing_n_m = face.away_sign() * compensated_n_m;
@@ -193,7 +199,7 @@ impl Rule for RingCompensated {
                 release_n_m.max(drop_n_m)
             }
             None => {
-                let touch_n_m = base_threshold_n_m.max(config.swing_share * self.ringing_n_m);
+                let touch_n_m = base_threshold_n_m.max(config.ringing_share * self.ringing_n_m);
                 // A large value is more likely the start of a touch than background.
                 let most_n_m = FRAC_1_SQRT_2 * touch_n_m;
                 self.background.watch(background_n_m.clamp(-most_n_m, most_n_m));

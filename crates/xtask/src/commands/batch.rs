@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use crate::failure::{Failure, Outcome};
 use crate::parts::step;
-use crate::pipeline;
+use crate::pipeline::{self, Evaluations};
 use crate::repository::root;
 use crate::tools::{cargo, run as run_command};
 
@@ -29,7 +29,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::fit(SUITE)?;
     step("reading and writing of traces", || run_command(cargo(&["bench", "--package", "trace"])))?;
     step("a Monte-Carlo of 10,000 trials", monte_carlo)?;
-    pipeline::evaluate(SUITE, None)?;
+    Evaluations::new(false).of(SUITE, None)?;
     step("the report of the standard suite", report)?;
     step("a trace of 10 million rows", long_trace)
 }

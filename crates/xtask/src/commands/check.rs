@@ -13,6 +13,7 @@ pub(super) const PARTS: &[Part] = &[
     Part { name: "rust documentation", run: rust_documentation },
     Part { name: "python format", run: || ruff(&["format", "--check"]) },
     Part { name: "python lints", run: || ruff(&["check"]) },
+    Part { name: "python types", run: python_types },
 ];
 
 pub(crate) fn run() -> Outcome {
@@ -34,5 +35,11 @@ fn ruff(arguments: &[&str]) -> Outcome {
     python::install(Requirements::Development)?;
     let run_ruff = |more: &[&str]| run_command(python_command(&[&["-m", "ruff"], arguments, more].concat()));
     run_ruff(&["sim"])?;
-    run_ruff(&["--config", "sim/pyproject.toml", "tests", "examples", "bench"])
+    run_ruff(&["--config", "sim/pyproject.toml", "tests", "examples", "bench", "docs", "python"])
+}
+
+/// Types of the Python package, by its stubs.
+fn python_types() -> Outcome {
+    python::install(Requirements::Development)?;
+    run_command(python_command(&["-m", "mypy", "--config-file", "python/pyproject.toml", "python/whisker_contact"]))
 }

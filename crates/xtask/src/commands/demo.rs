@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use crate::failure::{Failure, Outcome};
-use crate::pipeline;
+use crate::pipeline::{self, Evaluations, FORCE};
 
 const SUITE: &str = "standard";
 
@@ -19,22 +19,23 @@ const ESTIMATORS: &[&str] = &[
 ];
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
-    let estimators = match arguments {
-        [] => Some(ESTIMATORS),
-        [option] if option == "--all" => None,
-        [surplus, ..] => return Err(Failure::new(format!("demo: found `{surplus}`, expected --all or nothing"))),
-    };
+    const ALL: &str = "--all";
+    if let Some(surplus) = arguments.iter().find(|option| ![ALL, FORCE].contains(&option.as_str())) {
+        return Err(Failure::new(format!("demo: found `{surplus}`, expected {ALL}, {FORCE} or nothing")));
+    }
+    let has = |name: &str| arguments.iter().any(|option| option == name);
+    let estimators = (!has(ALL)).then_some(ESTIMATORS);
     let started = Instant::now();
     pipeline::prepare_with(|| pipeline::simulate_with_animations(SUITE))?;
     pipeline::fit(SUITE)?;
-    pipeline::evaluate(SUITE, estimators)?;
+    Evaluations::new(has(FORCE)).of(SUITE, estimators)?;
     pipeline::report(SUITE)?;
     println!(
         "\nPage and figures in {:.0} s: results/{SUITE}/index.html, results/{SUITE}/figures/",
         started.elapsed().as_secs_f64()
     );
     if estimators.is_some() {
-        println!("Every registered estimator: cargo xtask demo --all");
+        println!("Every registered estimator: cargo xtask demo --all {FORCE}");
     }
     Ok(())
 }

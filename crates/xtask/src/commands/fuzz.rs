@@ -16,8 +16,8 @@ const FOLDER: &str = "fuzz";
 /// Default duration of a target (s).
 const SECONDS: u64 = 600;
 
-/// Longest input (bytes), and the time (s) and memory (MB) that one input may take. An import fits the rig to the file, which takes up to two seconds in a release
-/// build and half a minute under the sanitizers.
+/// Longest input (bytes), and the time (s) and memory (MB) that one input may take. An import fits the rig to the file,
+/// which takes up to two seconds in a release build and half a minute under the sanitizers.
 const LIMITS: [&str; 3] = ["-max_len=8192", "-timeout=120", "-rss_limit_mb=3000"];
 
 const CARGO_FUZZ: (&str, &str) = ("cargo-fuzz", "0.13.2");

@@ -6,10 +6,14 @@ mod check;
 mod ci;
 mod demo;
 mod deny;
+mod docs;
 mod fuzz;
 mod golden;
+mod kills;
 mod peers;
 mod physics;
+mod real;
+mod reference;
 mod reproduce;
 mod rig;
 mod setup;
@@ -46,19 +50,23 @@ impl Command {
 #[rustfmt::skip]
 const COMMANDS: &[Command] = &[
     Command { name: "setup", about: "Install the Python packages in .venv", run: Plain(setup::run) },
-    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite (--all: with every estimator): results/standard/", run: With(demo::run) },
+    Command { name: "demo", about: "Simulate, fit, evaluate and report the standard suite (--all: with every estimator; --force: in place of a run with other settings): results/standard/", run: With(demo::run) },
     Command { name: "test", about: "Run every test: Rust, Python, end to end", run: Plain(test::run) },
     Command { name: "check", about: "Check format, lints and documentation of Rust and Python", run: Plain(check::run) },
     Command { name: "ci", about: "Run check and test", run: Plain(ci::run) },
-    Command { name: "reproduce", about: "Measure every claim of the documentation: results/reference/claims.csv", run: Plain(reproduce::run) },
+    Command { name: "reproduce", about: "Measure every claim of the documentation (--force: also in place of runs with other settings): results/reference/claims.csv", run: With(reproduce::run) },
+    Command { name: "real", about: "Evaluate recordings of real sensors: real --recordings FOLDER [--force] (docs/REAL.md)", run: With(real::run) },
     Command { name: "physics", about: "Compare the simulator with beam theory, claim by claim: results/physics/", run: Plain(physics::run) },
+    Command { name: "docs", about: "Write the measured values of the documentation from results/reference/", run: Plain(docs::run) },
+    Command { name: "reference", about: "Build the reference of the Rust crates and of the Python package: target/doc/", run: Plain(reference::run) },
     Command { name: "deny", about: "Check licences, sources and known vulnerabilities of the dependencies", run: Plain(deny::run) },
     Command { name: "fuzz", about: "Fuzz every parser, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
-    Command { name: "rig", about: "Test the calibration platform on its emulated rig: rig [--soak SECONDS]", run: With(rig::run) },
+    Command { name: "rig", about: "Test the calibration platform on its emulated rig: rig [--runs N] [--soak SECONDS]", run: With(rig::run) },
+    Command { name: "kills", about: "Kill commands at random moments or fill their disk, give them again, and compare: kills [--count N] [--seed S]", run: With(kills::run) },
     Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
     Command { name: "batch", about: "Measure time and memory of batches and long traces", run: Plain(batch::run) },
-    Command { name: "peers", about: "Time the filters against other libraries: docs/PERFORMANCE.md", run: Plain(peers::run) },
+    Command { name: "peers", about: "Time the filters against other libraries: results/reference/peers.csv", run: Plain(peers::run) },
 ];
 
 /// Finds the command named by the arguments.

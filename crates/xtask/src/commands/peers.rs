@@ -1,7 +1,9 @@
-//! The filters timed against other libraries on one problem: `docs/PERFORMANCE.md`. Their packages are installed in a separate folder.
+//! The filters timed against other libraries on one problem: `results/reference/peers.csv`, shown in
+//! `docs/PERFORMANCE.md`. Their packages are installed in a separate folder.
 
 use std::process::Command;
 
+use super::docs;
 use crate::failure::Outcome;
 use crate::parts::step;
 use crate::pipeline;
@@ -34,8 +36,9 @@ pub(crate) fn run() -> Outcome {
         let built = format!("{TARGET}/release/peers");
         let trace = format!("datasets/{SUITE}/{TRACE}.csv");
         let calibration = format!("datasets/{SUITE}/calibrations/{CALIBRATION}.json");
-        run_command(program(&python, &[&script, &built, &trace, &calibration, "docs/PERFORMANCE.md"]))
-    })
+        run_command(program(&python, &[&script, &built, &trace, &calibration, "results/reference/peers.csv"]))
+    })?;
+    step("documentation", docs::run)
 }
 
 /// A program, run in the repository's root folder.

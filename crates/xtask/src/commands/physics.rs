@@ -1,9 +1,10 @@
 //! The simulator compared with theory: the chain with the elastica, its dynamics with the analytic beam; and the figures.
 
 use std::fs;
-use std::path::Path;
 
-use crate::failure::{Failure, Outcome};
+use super::docs;
+use crate::failure::Outcome;
+use crate::kept;
 use crate::parts::step;
 use crate::pipeline;
 use crate::python::{self, Requirements};
@@ -11,9 +12,10 @@ use crate::repository::root;
 use crate::tools::{python as python_command, run as run_command, whisker};
 
 const SUITE: &str = "standard";
-/// Tables, figures and page.
+/// Name of the folder of results: tables, figures and page.
+const NAME: &str = "physics";
 const RESULTS: &str = "results/physics";
-/// Files that `docs/PHYSICS.md` shows, and the folder that keeps them.
+/// Files that the documentation shows.
 const KEPT: [&str; 10] = [
     "claims.csv",
     "figures/convergence.svg",
@@ -26,7 +28,6 @@ const KEPT: [&str; 10] = [
     "figures/disturbance_speed.svg",
     "figures/rig.svg",
 ];
-const REFERENCE: &str = "results/reference/physics";
 
 pub(crate) fn run() -> Outcome {
     // The studies need SciPy, one of the packages for development.
@@ -42,20 +43,8 @@ pub(crate) fn run() -> Outcome {
     // The report is drawn even if a claim fails, but not from the claims of an earlier run.
     if written() != before {
         step("report", || run_command(whisker(&["report", RESULTS])))?;
-        keep(&results, &root().join(REFERENCE))?;
+        kept::keep(NAME, &KEPT)?;
+        step("documentation", docs::run)?;
     }
     outcome
-}
-
-/// Copies the files that the documentation shows.
-fn keep(results: &Path, reference: &Path) -> Outcome {
-    let copy = |path: &str| {
-        let kept = reference.join(Path::new(path).file_name().unwrap_or_default());
-        let unfinished = kept.with_extension("partial");
-        fs::create_dir_all(reference)
-            .and_then(|()| fs::copy(results.join(path), &unfinished))
-            .and_then(|_| fs::rename(&unfinished, &kept))
-            .map_err(|error| Failure::new(format!("{}: cannot be written: {error}", kept.display())))
-    };
-    KEPT.into_iter().try_for_each(copy)
 }

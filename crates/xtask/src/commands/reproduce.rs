@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use crate::failure::Outcome;
+use super::{docs, real};
+use crate::failure::{Failure, Outcome};
+use crate::kept;
 use crate::parts::step;
-use crate::pipeline;
+use crate::pipeline::{self, Evaluations, FORCE};
 use crate::tools::{run as run_command, whisker};
 
 const SUITE: &str = "standard";
@@ -27,30 +29,43 @@ const ARM: &str = "arm";
 /// Standard deviations of the arm's joint encoders (rad).
 const ENCODERS: &[&str] = &["0", "1e-5", "3e-5", "1e-4", "3e-4", "1e-3"];
 
-/// Optional clone of the public repository with recordings of real sensors (docs/REAL.md), and the name of the run on it.
+/// Optional clone of the public repository with recordings of real sensors (docs/REAL.md).
 const CLONE: &str = "datasets/stanford-clone";
-const RECORDINGS: &str = "stanford";
 
-pub(crate) fn run() -> Outcome {
+/// Runs whose summaries the documentation shows.
+const KEPT: [&str; 6] = [SUITE, OBJECTS, PINS, HALL, LIFT_OFFS, ARM];
+
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    let evaluations = match arguments {
+        [] => Evaluations::new(false),
+        [option] if option == FORCE => Evaluations::new(true),
+        [surplus, ..] => {
+            return Err(Failure::new(format!("reproduce: found `{surplus}`, expected {FORCE} or nothing")));
+        }
+    };
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
     pipeline::fit(SUITE)?;
-    pipeline::evaluate(SUITE, None)?;
-    pipeline::evaluate_on(OBJECTS, SUITE, SUITE, 20)?;
+    evaluations.of(SUITE, None)?;
+    evaluations.on(OBJECTS, SUITE, SUITE, 20)?;
     pipeline::simulate(PINS)?;
-    pipeline::evaluate_on(PINS, PINS, SUITE, 2)?;
+    evaluations.on(PINS, PINS, SUITE, 2)?;
     pipeline::fit_through(HALL, SUITE)?;
-    pipeline::evaluate_through(HALL, PINS, SUITE, HALL, "recommended,ukf", "0.01,0")?;
+    evaluations.through(HALL, PINS, SUITE, HALL, "recommended,ukf", "0.01,0")?;
     pipeline::simulate(LIFT_OFFS)?;
-    pipeline::evaluate_on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
+    evaluations.on(LIFT_OFFS, LIFT_OFFS, SUITE, 2)?;
     pipeline::simulate(ARM)?;
     pipeline::fit(ARM)?;
     pipeline::fit_through(HALL, ARM)?;
-    pipeline::evaluate_through(HALL, ARM, ARM, ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
+    evaluations.through(HALL, ARM, ARM, ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
     pipeline::page(ARM)?;
-    pipeline::evaluate_encoders(ARM, ENCODERS)?;
+    evaluations.with_encoders(ARM, ENCODERS)?;
     if Path::new(CLONE).is_dir() {
-        pipeline::recordings("stanford-whisker", CLONE, RECORDINGS)?;
+        real::measure(evaluations, CLONE)?;
     }
-    step("reproduce", || run_command(whisker(&["reproduce"])))
+    KEPT.into_iter().try_for_each(|run| kept::keep(run, &["run.json", "summary.csv"]))?;
+    // The documentation is written even if a claim does not hold.
+    let outcome = step("reproduce", || run_command(whisker(&["reproduce"])));
+    step("documentation", docs::run)?;
+    outcome
 }

@@ -1,9 +1,10 @@
-//! `cargo xtask rig`: the calibration platform on the emulated rig, from the first session to live inference, against its bounds. Source of the figures in `docs/PLATFORM.md`.
+//! `cargo xtask rig`: the calibration platform on the emulated rig, from the first session to live inference, against its bounds. `--runs N` repeats it with other
+//! seeds and writes the distribution of its errors, the source of the figures in `docs/PLATFORM.md`.
 
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::thread::sleep;
+use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
 use crate::failure::{Failure, Outcome};
@@ -12,8 +13,12 @@ use crate::repository::root;
 use crate::repository::words;
 use crate::tools::{cargo, run as run_command};
 
-/// Folder of all files.
+/// Folder of all files, with a folder for each run.
 const FOLDER: &str = "target/rig";
+/// Table of the runs.
+const TABLE: &str = "results/reference/platform_rig.csv";
+/// Number of runs at a time: devices and driver run in real time and mostly wait.
+const AT_A_TIME: u32 = 4;
 /// The documented call, {6, 100, 0, 15, 0}.
 const FIRST: [&str; 10] = ["--x", "6", "--y", "100", "--increments-x", "0", "--increments-y", "15", "--pause", "0"];
 /// Number of its places.
@@ -30,19 +35,17 @@ const IN_TRANSIT: f64 = 80.0;
 const STARTUP_LIMIT: Duration = Duration::from_secs(10);
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
-    let soak_s = soak_s(arguments)?;
+    let Asked { runs, soak_s } = asked(arguments)?;
     let folder = root().join(FOLDER);
     // A session does not overwrite a recording.
     let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
     step("the command whisker", || run_command(cargo(&["build", "--release", "--package", "whisker-cli"])))?;
-    let mut bars = Vec::new();
-    step("a session at the documented places, recorded as a log and as messages", || first(&mut bars))?;
-    step("the messages, read back", || messages(&mut bars))?;
-    step("the fit", fit)?;
-    step("a session at other places, estimated live", || second(&mut bars))?;
+    let bars = match runs {
+        1 => one_run()?,
+        runs => several_runs(runs)?,
+    };
     println!();
-    bars.iter().for_each(|bar| println!("{bar}"));
+    bars.iter().filter(|bar| runs == 1 || !bar.is_met()).for_each(|bar| println!("{bar}"));
     if let Some(soak_s) = soak_s {
         step(&format!("{soak_s} s of 800 readings per second into a recording"), || soak(soak_s))?;
     }
@@ -50,63 +53,215 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     if missed > 0 { Err(Failure::new(format!("{missed} of {} bars missed", bars.len()))) } else { Ok(()) }
 }
 
-fn first(bars: &mut Vec<Bar>) -> Outcome {
-    let (_, lost) = session("1", "first", &[&FIRST[..], &["--bag", &in_folder("first_bag")]].concat())?;
-    let places = read("first/log.json")?.matches("\"distance_m\"").count();
-    bars.push(Bar::new("places visited in the first session", places as f64, At::Exactly(FIRST_PLACES), ""));
-    bars.push(Bar::new("samples lost in the first session", lost, At::Exactly(0.0), ""));
-    Ok(())
+/// One run, step by step, with the way through a recording.
+fn one_run() -> Result<Vec<Bar>, Failure> {
+    let (run, mut bars) = (Run::new(1)?, Vec::new());
+    step("a session at the documented places, recorded as a log and as messages", || {
+        run.first(&["--bag", &run.file("bag")], &mut bars)
+    })?;
+    step("the messages, read back", || run.messages(&mut bars))?;
+    step("the fit", || run.fit("imported"))?;
+    step("a session at other places, estimated live", || run.second(&mut bars).map(drop))?;
+    Ok(bars)
 }
 
-fn messages(bars: &mut Vec<Bar>) -> Outcome {
-    print!("{}", whisker(&["bag", "info", &in_folder("first_bag")])?.stdout);
-    whisker(&["bag", "import", &in_folder("first_bag"), "--out", &in_folder("imported")])?;
-    let mut differ = 0;
-    for file in ["log.csv", "log.json"] {
-        differ += u32::from(read(&format!("first/{file}"))? != read(&format!("imported/{file}"))?);
+/// Many runs with different seeds, some at a time, and the table of their errors.
+fn several_runs(runs: u32) -> Result<Vec<Bar>, Failure> {
+    let (mut bars, mut errors) = (Vec::new(), Vec::new());
+    let numbers: Vec<u32> = (1..=runs).collect();
+    for some in numbers.chunks(AT_A_TIME as usize) {
+        step(&format!("runs {} to {} of {runs}", some[0], some[some.len() - 1]), || {
+            let ended: Vec<_> = thread::scope(|scope| {
+                let started: Vec<_> = some.iter().map(|&number| scope.spawn(move || whole_run(number))).collect();
+                started.into_iter().map(|run| run.join().expect("a run does not panic")).collect()
+            });
+            for run in ended {
+                let (of_run, errors_of_run) = run?;
+                errors.push(errors_of_run);
+                bars.extend(of_run);
+            }
+            Ok(())
+        })?;
     }
-    bars.push(Bar::new("files that differ after import from the recording", differ.into(), At::Exactly(0.0), ""));
-    Ok(())
+    let path = root().join(TABLE);
+    let rows: String = errors.iter().map(Errors::row).collect();
+    fs::write(&path, format!("{}{rows}", Errors::HEADER)).map_err(|error| failed(&path, &error))?;
+    let of = |quantity: fn(&Errors) -> f64| distribution(errors.iter().map(quantity).collect());
+    let [places, inside] = [|errors: &Errors| errors.places, |errors: &Errors| errors.inside_interval]
+        .map(|count| errors.iter().map(count).sum::<usize>());
+    println!("\n{runs} runs: median, 5th to 95th percentile, largest (mm)");
+    println!("RMSE over all places            {}", of(|errors| errors.rmse_mm));
+    println!("largest error over all places   {}", of(|errors| errors.worst_mm));
+    println!("largest error in the outer 70 mm {}", of(|errors| errors.outer_worst_mm));
+    println!("{inside} of {places} distances inside their interval; {TABLE}");
+    Ok(bars)
 }
 
-fn fit() -> Outcome {
-    let (log, calibration) = (in_folder("imported/log.csv"), in_folder(CALIBRATION));
-    print!("{}", whisker(&["platform", "fit", &log, "--out", &calibration])?.stdout);
-    Ok(())
+/// Median, 5th and 95th percentile and maximum.
+fn distribution(mut values: Vec<f64>) -> String {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+    format!("{:.2}, {:.2} to {:.2}, {:.2}", at(0.5), at(0.05), at(0.95), at(1.0))
 }
 
-fn second(bars: &mut Vec<Bar>) -> Outcome {
-    let calibrated = ["--calibration", &in_folder(CALIBRATION), "--print", "csv"];
-    let (output, lost) = session("2", "second", &[&SECOND[..], &calibrated].concat())?;
-    let pushes = pushes(&output.stdout)?;
-    let errors_mm = |from_mm: f64| -> Vec<f64> {
-        pushes.iter().filter(|push| push.distance_mm >= from_mm).filter_map(|push| push.error_mm).collect()
-    };
-    let (all, outer) = (errors_mm(0.0), errors_mm(OUTER_MM));
-    let late_ms = number(&output.stderr, "99 % ").ok_or_else(|| unknown("latency", &output.stderr))?;
-    bars.extend([
-        Bar::new("places visited in the second session", pushes.len() as f64, At::Exactly(SECOND_PLACES), ""),
-        Bar::new("samples lost in the second session", lost, At::Exactly(0.0), ""),
-        Bar::new("pushes not detected", (pushes.len() - all.len()) as f64, At::Exactly(0.0), ""),
-        Bar::new("RMSE over all places", rms(&all), At::Most(2.0), "mm"),
-        Bar::new("largest error over all places", worst(&all), At::Any, "mm"),
-        Bar::new("RMSE in the outer 70 mm", rms(&outer), At::Any, "mm"),
-        Bar::new("largest error in the outer 70 mm", worst(&outer), At::Most(2.0), "mm"),
-        Bar::new("99th-percentile latency, arrival to report", late_ms, At::Most(5.0), "ms"),
-    ]);
-    Ok(())
+fn whole_run(number: u32) -> Result<(Vec<Bar>, Errors), Failure> {
+    let (run, mut bars) = (Run::new(number)?, Vec::new());
+    run.first(&[], &mut bars)?;
+    run.fit("first")?;
+    let errors = run.second(&mut bars)?;
+    Ok((bars, errors))
 }
 
-fn soak_s(arguments: &[String]) -> Result<Option<u32>, Failure> {
-    let found = arguments.iter().map(String::as_str).collect::<Vec<_>>();
-    match found[..] {
-        [] => Ok(None),
-        ["--soak", seconds] => match seconds.parse() {
-            Ok(seconds) if seconds > 0 => Ok(Some(seconds)),
-            _ => Err(Failure::new(format!("--soak: found `{seconds}`, expected seconds above zero"))),
-        },
-        _ => Err(Failure::new(format!("found `{}`, expected [--soak SECONDS]", found.join(" ")))),
+/// A run: a session, its fit, and a second session with live estimates.
+struct Run {
+    number: u32,
+}
+
+/// Errors of a run at the places of its second session.
+struct Errors {
+    number: u32,
+    places: usize,
+    not_detected: usize,
+    inside_interval: usize,
+    lost_samples: f64,
+    rmse_mm: f64,
+    worst_mm: f64,
+    outer_rmse_mm: f64,
+    outer_worst_mm: f64,
+}
+
+impl Errors {
+    const HEADER: &str = "run,seed_first,seed_second,places,not_detected,inside_interval,lost_samples,rmse_mm,worst_mm,outer_rmse_mm,outer_worst_mm\n";
+
+    fn row(&self) -> String {
+        let Self { number, places, not_detected, inside_interval, lost_samples, .. } = self;
+        let [first, second] = seeds(*number);
+        let errors = [self.rmse_mm, self.worst_mm, self.outer_rmse_mm, self.outer_worst_mm];
+        let errors: Vec<String> = errors.iter().map(|error_mm| format!("{error_mm:.4}")).collect();
+        let errors = errors.join(",");
+        format!("{number},{first},{second},{places},{not_detected},{inside_interval},{lost_samples:.0},{errors}\n")
     }
+}
+
+/// Seeds of the noise in the two sessions of a run.
+fn seeds(number: u32) -> [u32; 2] {
+    [2 * number - 1, 2 * number]
+}
+
+impl Run {
+    fn new(number: u32) -> Result<Self, Failure> {
+        let run = Self { number };
+        let folder = root().join(run.file(""));
+        fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
+        Ok(run)
+    }
+
+    /// Path of a file of the run, relative to the repository.
+    fn file(&self, name: &str) -> String {
+        format!("{FOLDER}/{}/{name}", self.number)
+    }
+
+    fn read(&self, name: &str) -> Result<String, Failure> {
+        let path = root().join(self.file(name));
+        fs::read_to_string(&path).map_err(|error| failed(&path, &error))
+    }
+
+    fn first(&self, options: &[&str], bars: &mut Vec<Bar>) -> Outcome {
+        let (_, lost) = self.session(seeds(self.number)[0], "first", &[&FIRST[..], options].concat())?;
+        let places = self.read("first/log.json")?.matches("\"distance_m\"").count();
+        bars.push(Bar::new("places visited in the first session", places as f64, At::Exactly(FIRST_PLACES), ""));
+        bars.push(Bar::new("samples lost in the first session", lost, At::Exactly(0.0), ""));
+        Ok(())
+    }
+
+    fn messages(&self, bars: &mut Vec<Bar>) -> Outcome {
+        print!("{}", whisker(&["bag", "info", &self.file("bag")])?.stdout);
+        whisker(&["bag", "import", &self.file("bag"), "--out", &self.file("imported")])?;
+        let mut differ = 0;
+        for file in ["log.csv", "log.json"] {
+            differ += u32::from(self.read(&format!("first/{file}"))? != self.read(&format!("imported/{file}"))?);
+        }
+        bars.push(Bar::new("files that differ after import from the recording", differ.into(), At::Exactly(0.0), ""));
+        Ok(())
+    }
+
+    fn fit(&self, log: &str) -> Outcome {
+        let (log, calibration) = (self.file(&format!("{log}/log.csv")), self.file(CALIBRATION));
+        print!("{}", whisker(&["platform", "fit", &log, "--out", &calibration])?.stdout);
+        Ok(())
+    }
+
+    fn second(&self, bars: &mut Vec<Bar>) -> Result<Errors, Failure> {
+        let calibrated = ["--calibration", &self.file(CALIBRATION), "--print", "csv"];
+        let options = [&SECOND[..], &calibrated].concat();
+        let (output, lost_samples) = self.session(seeds(self.number)[1], "second", &options)?;
+        let pushes = pushes(&output.stdout)?;
+        let errors_mm = |from_mm: f64| -> Vec<f64> {
+            pushes.iter().filter(|push| push.distance_mm >= from_mm).filter_map(|push| push.error_mm).collect()
+        };
+        let (all, outer) = (errors_mm(0.0), errors_mm(OUTER_MM));
+        let late_ms = number(&output.stderr, "99 % ").ok_or_else(|| unknown("latency", &output.stderr))?;
+        let errors = Errors {
+            number: self.number,
+            places: pushes.len(),
+            not_detected: pushes.len() - all.len(),
+            inside_interval: pushes.iter().filter(|push| push.is_inside).count(),
+            lost_samples,
+            rmse_mm: rms(&all),
+            worst_mm: worst(&all),
+            outer_rmse_mm: rms(&outer),
+            outer_worst_mm: worst(&outer),
+        };
+        bars.extend([
+            Bar::new("places visited in the second session", errors.places as f64, At::Exactly(SECOND_PLACES), ""),
+            Bar::new("samples lost in the second session", lost_samples, At::Exactly(0.0), ""),
+            Bar::new("pushes not detected", errors.not_detected as f64, At::Exactly(0.0), ""),
+            Bar::new("RMSE over all places", errors.rmse_mm, At::Most(2.0), "mm"),
+            Bar::new("largest error over all places", errors.worst_mm, At::Any, "mm"),
+            Bar::new("RMSE in the outer 70 mm", errors.outer_rmse_mm, At::Any, "mm"),
+            Bar::new("largest error in the outer 70 mm", errors.outer_worst_mm, At::Most(2.0), "mm"),
+            Bar::new("99th-percentile latency, arrival to report", late_ms, At::Most(5.0), "ms"),
+        ]);
+        Ok(errors)
+    }
+
+    /// Runs a session on a newly emulated rig with this seed. Returns its output and the number of lost samples.
+    fn session(&self, seed: u32, name: &str, options: &[&str]) -> Result<(Output, f64), Failure> {
+        let rig = Rig::start(&seed.to_string(), ["printer", "sensor"].map(|port| self.file(port)))?;
+        let [printer, sensor] = &rig.ports;
+        let out = self.file(name);
+        let ports = ["platform", "run", "--printer", printer, "--sensor", sensor, "--out", &out];
+        let output = whisker(&[&ports, options].concat())?;
+        eprint!("{}", output.stderr);
+        let sent = rig.stop()?;
+        let [readings, dropped] =
+            ["readings ", "dropped "].map(|quantity| number(&sent, quantity).ok_or_else(|| unknown(quantity, &sent)));
+        let rows = self.read(&format!("{name}/log.csv"))?.lines().count() - 1;
+        // Printed readings that are not in the log, except for those in transit at the end.
+        Ok((output, dropped? + (readings? - rows as f64 - IN_TRANSIT).max(0.0)))
+    }
+}
+
+/// Arguments of the command.
+#[derive(Debug, PartialEq)]
+struct Asked {
+    runs: u32,
+    soak_s: Option<u32>,
+}
+
+fn asked(arguments: &[String]) -> Result<Asked, Failure> {
+    let mut asked = Asked { runs: 1, soak_s: None };
+    for pair in arguments.chunks(2) {
+        let wrong = || Failure::new(format!("found `{}`, expected [--runs N] [--soak SECONDS]", pair.join(" ")));
+        let [name, value] = pair else { return Err(wrong()) };
+        let value = value.parse().ok().filter(|value: &u32| *value > 0).ok_or_else(wrong)?;
+        match name.as_str() {
+            "--runs" => asked.runs = value,
+            "--soak" => asked.soak_s = Some(value),
+            _ => return Err(wrong()),
+        }
+    }
+    Ok(asked)
 }
 
 /// Runs the soak test, which has its own bounds.
@@ -117,38 +272,26 @@ fn soak(soak_s: u32) -> Outcome {
     run_command(test)
 }
 
-/// Runs a session on a newly emulated rig with this seed. Returns its output and the number of lost samples.
-fn session(seed: &str, name: &str, options: &[&str]) -> Result<(Output, f64), Failure> {
-    let rig = Rig::start(seed)?;
-    let [printer, sensor] = ["printer", "sensor"].map(in_folder);
-    let out = in_folder(name);
-    let ports = ["platform", "run", "--printer", &printer, "--sensor", &sensor, "--out", &out];
-    let output = whisker(&[&ports, options].concat())?;
-    eprint!("{}", output.stderr);
-    let sent = rig.stop()?;
-    let [readings, dropped] =
-        ["readings ", "dropped "].map(|quantity| number(&sent, quantity).ok_or_else(|| unknown(quantity, &sent)));
-    let rows = read(&format!("{name}/log.csv"))?.lines().count() - 1;
-    // Printed readings that are not in the log, except for those in transit at the end.
-    Ok((output, dropped? + (readings? - rows as f64 - IN_TRANSIT).max(0.0)))
+/// The emulated devices.
+struct Rig {
+    child: Child,
+    /// Links to the ports of printer and sensor, relative to the repository.
+    ports: [String; 2],
 }
 
-/// The emulated devices.
-struct Rig(Child);
-
 impl Rig {
-    fn start(seed: &str) -> Result<Self, Failure> {
-        let links = ["printer", "sensor"].map(|port| root().join(in_folder(port)));
+    fn start(seed: &str, ports: [String; 2]) -> Result<Self, Failure> {
+        let links = ports.each_ref().map(|port| root().join(port));
         for link in &links {
             // The link does not exist before the first session.
             let _ = fs::remove_file(link);
         }
-        let [printer, sensor] = ["printer", "sensor"].map(in_folder);
+        let [printer, sensor] = &ports;
         let mut command =
-            program(&["platform", "emulate", "--printer-link", &printer, "--sensor-link", &sensor, "--seed", seed]);
+            program(&["platform", "emulate", "--printer-link", printer, "--sensor-link", sensor, "--seed", seed]);
         command.stdout(Stdio::piped());
         let child = command.spawn().map_err(|error| Failure::new(format!("`{}`: {error}", words(&command))))?;
-        let (rig, begun) = (Self(child), Instant::now());
+        let (rig, begun) = (Self { child, ports }, Instant::now());
         while !links.iter().all(|link| link.exists()) {
             if begun.elapsed() > STARTUP_LIMIT {
                 return Err(Failure::new(format!(
@@ -164,10 +307,10 @@ impl Rig {
     /// Ends the devices and returns their output.
     fn stop(mut self) -> Result<String, Failure> {
         let mut kill = Command::new("kill");
-        kill.arg(self.0.id().to_string());
+        kill.arg(self.child.id().to_string());
         run_command(kill)?;
         let mut text = String::new();
-        let mut output = self.0.stdout.take().ok_or_else(|| Failure::new("the emulation has no output"))?;
+        let mut output = self.child.stdout.take().ok_or_else(|| Failure::new("the emulation has no output"))?;
         std::io::Read::read_to_string(&mut output, &mut text).map_err(|error| Failure::new(error.to_string()))?;
         Ok(text)
     }
@@ -176,8 +319,8 @@ impl Rig {
 impl Drop for Rig {
     fn drop(&mut self) {
         // The process may have ended already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
@@ -208,6 +351,8 @@ fn program(arguments: &[&str]) -> Command {
 struct Push {
     distance_mm: f64,
     error_mm: Option<f64>,
+    /// Whether the prediction interval of the press contains the distance.
+    is_inside: bool,
 }
 
 /// Pushes in a table of events.
@@ -217,12 +362,16 @@ fn pushes(events: &str) -> Result<Vec<Push>, Failure> {
         let cells: Vec<&str> = line.split(',').collect();
         let number = |column: usize| cells.get(column).and_then(|cell| cell.parse::<f64>().ok());
         match (cells.get(1), number(0), number(2), number(3)) {
-            (Some(&"pressed"), Some(_), Some(onset_s), distance_m) => last = Some((onset_s, distance_m)),
+            (Some(&"pressed"), Some(_), Some(onset_s), distance_m) => {
+                last = Some((onset_s, distance_m, number(4).zip(number(5))));
+            }
             (Some(&"released"), ..) => {}
             (Some(&"pushed"), Some(end_s), Some(start_s), Some(distance_m)) => {
-                let found = last.filter(|(onset_s, _)| (start_s..end_s).contains(onset_s));
-                let error_mm = found.and_then(|(_, found_m)| found_m).map(|found_m| 1e3 * (found_m - distance_m));
-                pushes.push(Push { distance_mm: 1e3 * distance_m, error_mm });
+                let found = last.filter(|(onset_s, ..)| (start_s..end_s).contains(onset_s));
+                let error_mm = found.and_then(|(_, found_m, _)| found_m).map(|found_m| 1e3 * (found_m - distance_m));
+                let interval_m = found.and_then(|(_, _, interval_m)| interval_m);
+                let is_inside = interval_m.is_some_and(|(low_m, high_m)| (low_m..=high_m).contains(&distance_m));
+                pushes.push(Push { distance_mm: 1e3 * distance_m, error_mm, is_inside });
             }
             _ => return Err(unknown("event", line)),
         }
@@ -286,15 +435,6 @@ impl std::fmt::Display for Bar {
     }
 }
 
-fn in_folder(name: &str) -> String {
-    format!("{FOLDER}/{name}")
-}
-
-fn read(name: &str) -> Result<String, Failure> {
-    let path = root().join(in_folder(name));
-    fs::read_to_string(&path).map_err(|error| failed(&path, &error))
-}
-
 fn failed(path: &Path, error: &std::io::Error) -> Failure {
     Failure::new(format!("{}: {error}", path.display()))
 }
@@ -310,11 +450,12 @@ mod tests {
     #[test]
     fn a_push_has_the_error_of_the_press_before_it() {
         let events = "t_s,event,onset_s,distance_m,low_m,high_m,slope_counts_per_s\n\
-            1.5,pressed,1.2,0.1441,,,9.0\n1.6,released,,,,,\n2.0,pushed,1.0,0.145,,,\n\
+            1.5,pressed,1.2,0.1441,0.1440,0.1460,9.0\n1.6,released,,,,,\n2.0,pushed,1.0,0.145,,,\n\
             4.0,pushed,3.0,0.1,,,\n5.5,pressed,5.2,,,,1.0\n6.0,pushed,5.0,0.05,,,\n";
         let found = pushes(events).expect("a table");
         let errors: Vec<_> = found.iter().map(|push| push.error_mm.map(|mm| (1e3 * mm).round())).collect();
         assert_eq!(errors, [Some(-900.0), None, None]);
+        assert_eq!(found.iter().map(|push| push.is_inside).collect::<Vec<_>>(), [true, false, false]);
         assert!(pushes("header\nnonsense\n").is_err());
     }
 
@@ -329,10 +470,14 @@ mod tests {
     }
 
     #[test]
-    fn arguments_choose_the_soak() {
-        let chosen = |words: &[&str]| soak_s(&words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
-        assert_eq!(chosen(&[]).unwrap(), None);
-        assert_eq!(chosen(&["--soak", "600"]).unwrap(), Some(600));
-        assert!(chosen(&["--soak"]).is_err() && chosen(&["--soak", "0"]).is_err() && chosen(&["fast"]).is_err());
+    fn arguments_choose_runs_and_soak() {
+        let chosen = |words: &[&str]| asked(&words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
+        assert_eq!(chosen(&[]).unwrap(), Asked { runs: 1, soak_s: None });
+        assert_eq!(chosen(&["--soak", "600", "--runs", "20"]).unwrap(), Asked { runs: 20, soak_s: Some(600) });
+        assert!(
+            ["--soak", "--soak 0", "fast", "--runs -1"]
+                .iter()
+                .all(|words| chosen(&words.split(' ').collect::<Vec<_>>()).is_err())
+        );
     }
 }

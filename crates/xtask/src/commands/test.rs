@@ -10,8 +10,13 @@ use crate::python::{self, Requirements};
 use crate::repository::root;
 use crate::tools::{cargo, python as python_command, run as run_command};
 
+use super::kills;
+
 /// Suite of the end-to-end test, small enough for every test run.
 const SUITE: &str = "smoke";
+
+/// Number of disturbed commands of the end-to-end test.
+const KILLS: u64 = 8;
 
 #[rustfmt::skip]
 pub(super) const PARTS: &[Part] = &[
@@ -20,14 +25,16 @@ pub(super) const PARTS: &[Part] = &[
     Part { name: "rust examples", run: || run_command(cargo(&[&["test"], &TESTED[..], &["--doc"]].concat())) },
     Part { name: "python tests", run: || run_command(python_command(&["-m", "pytest", "sim/tests"])) },
     Part { name: "end to end", run: end_to_end },
+    Part { name: "python package", run: python_package },
 ];
 
 pub(crate) fn run() -> Outcome {
     parts::run_all(PARTS)
 }
 
-/// All packages but the ROS 2 node, which takes long to build; `tests/test_ros_foreign.py` tests it with foreign subscribers.
-pub(super) const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
+/// All packages but two: the ROS 2 node, which takes long to build and which `tests/test_ros_foreign.py` tests with foreign
+/// subscribers, and the Python package, whose tests are Python's.
+pub(super) const TESTED: [&str; 5] = ["--workspace", "--exclude", "ros2-node", "--exclude", "whisker-python"];
 
 fn rust_tests() -> Outcome {
     let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--lib", "--bins", "--tests"] };
@@ -46,11 +53,21 @@ fn end_to_end() -> Outcome {
     pipeline::prepare()?;
     pipeline::simulate_with_animations(SUITE)?;
     pipeline::fit(SUITE)?;
-    pipeline::evaluate(SUITE, None)?;
+    pipeline::Evaluations::new(false).of(SUITE, None)?;
     pipeline::report(SUITE)?;
     let mut command = python_command(&["-m", "pytest", "tests"]);
     command.env("WHISKER_REPORT", root().join("results").join(SUITE).join("index.html"));
-    run_command(command)
+    run_command(command)?;
+    kills::disturb(KILLS, 1)
+}
+
+/// The Python package as installed by pip: its stubs against the running module, then its tests, which compare it with the
+/// command on the results of the end-to-end test.
+fn python_package() -> Outcome {
+    python::install_package()?;
+    let stubtest = ["-m", "mypy.stubtest", "whisker_contact", "--mypy-config-file", "python/pyproject.toml"];
+    run_command(python_command(&stubtest))?;
+    run_command(python_command(&["-m", "pytest", "-c", "python/pyproject.toml", "python/tests"]))
 }
 
 fn remove(folder: &str) -> Outcome {

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::table::{self, is_header};
 use super::{Labels, LogReader};
 use crate::Sample;
+use crate::calibration::cross_validation::SAME_PLACE_M;
 use crate::calibration::regression::{Fit, RegressionRow};
 use crate::calibration::{Chain, Error, Features, LabelledPress, Presses, Settings, learn, published};
 
@@ -107,6 +108,11 @@ pub fn gather(
     for source in sources {
         let name = source.path.display().to_string();
         if let Some(text) = table_text(&source.path)? {
+            if let Some(distance_m) = source.distance_m {
+                let found = format!("{:.1} mm for the whole table", 1e3 * distance_m);
+                let expected = "no label: a table states the distance of each press";
+                return Err(files::Error::value(&source.path, "label", found, expected).into());
+            }
             let table = table::read(&source.path, &text, table_rate_hz)?;
             if !table.unlabelled.is_empty() {
                 gathered.notes.push(format!("{name}: skipped lines without a distance: {:?}", table.unlabelled));
@@ -120,7 +126,10 @@ pub fn gather(
             gathered.notes.push(format!("{name}: skipped the incomplete last line"));
         }
         let labels = match source.distance_m {
-            Some(distance_m) => Labels::whole(distance_m),
+            Some(distance_m) => {
+                check_label(&source.path, distance_m)?;
+                Labels::whole(distance_m)
+            }
             None => Labels::read(&source.path.with_extension("json"))?,
         };
         recordings.push(Recording { name, samples, labels });
@@ -157,12 +166,21 @@ fn live_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Features)
 
 fn published_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Features)>, Error> {
     let episodes = published::episodes(samples, chain.main_axis, chain.rate_hz)?;
-    let features = |episode: &published::Episode| Features {
-        slope_counts_per_s: -episode.slope_counts_per_sample * chain.rate_hz,
-        peak_counts: None,
-        slope_ratio: None,
-    };
+    let features = |episode: &published::Episode| Features::of_slope(-episode.slope_counts_per_sample * chain.rate_hz);
     Ok(episodes.iter().map(|episode| (episode.onset_s, features(episode))).collect())
+}
+
+/// Checks that the sidecar of a log, if it has one, states no other distance than the label.
+fn check_label(path: &Path, distance_m: f64) -> Result<(), files::Error> {
+    let sidecar = path.with_extension("json");
+    let Some(stated) = Labels::of_sidecar(&sidecar)?.and_then(|labels| labels.range_m()) else { return Ok(()) };
+    if stated.iter().all(|stated_m| (stated_m - distance_m).abs() <= SAME_PLACE_M) {
+        return Ok(());
+    }
+    let [least, most] = stated.map(|stated_m| 1e3 * stated_m);
+    let found = format!("{:.1} mm, and {least:.1} to {most:.1} mm in {}", 1e3 * distance_m, sidecar.display());
+    let expected = "distances from one of the two: leave out the label, or rename the sidecar";
+    Err(files::Error::value(path, "label", found, expected))
 }
 
 /// Text of a table of presses. `None` if the file is no such table.

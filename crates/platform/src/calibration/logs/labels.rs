@@ -74,6 +74,27 @@ impl Labels {
         Ok(Self { spans })
     }
 
+    /// Labels of a sidecar. `None` if there is no file, or a file of another kind.
+    ///
+    /// # Errors
+    /// As [`Labels::read`].
+    pub(super) fn of_sidecar(path: &Path) -> Result<Option<Self>, Error> {
+        #[derive(Deserialize, Serialize)]
+        struct Kind {
+            kind: Option<String>,
+        }
+        if !path.exists() || read_json::<Kind>(path)?.kind.as_deref() != Some(LOG_KIND) {
+            return Ok(None);
+        }
+        Self::read(path).map(Some)
+    }
+
+    /// Smallest and largest distance (m). `None` if there are no labels.
+    pub(super) fn range_m(&self) -> Option<[f64; 2]> {
+        let distances_m = || self.spans.iter().map(|span| span.distance_m);
+        Some([distances_m().min_by(f64::total_cmp)?, distances_m().max_by(f64::total_cmp)?])
+    }
+
     /// Distance of a press with this onset (m). `None` if it is unknown.
     pub fn distance_m(&self, onset_s: f64) -> Option<f64> {
         let span = self.spans.iter().find(|span| (span.start_s..span.end_s).contains(&onset_s));

@@ -78,7 +78,7 @@ pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error
         table.presses.push(LabelledPress {
             log: path.display().to_string(),
             onset_s: None,
-            features: Features { slope_counts_per_s, peak_counts: None, slope_ratio: None },
+            features: Features::of_slope(slope_counts_per_s),
             distance_m: metres * distance,
         });
     }

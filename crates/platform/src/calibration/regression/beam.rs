@@ -5,15 +5,16 @@
 //! `s` of `(d - s)^2 / (E I (1 - s / t)^4)`). The hinge therefore turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at a constant speed of
 //! the edge the slope is that with a gain `g` instead of `p`. `g`, `l` and `t` are fitted to the distances by Levenberg-Marquardt.
 //!
-//! Not modelled: the finite angle of the twist, the non-linear field of the magnet, the low-pass.
+//! The low-pass decreases the slope of a push that is shorter than its rise time, the more the shorter it is. [`RAMP`] is fitted to the slope before the low-pass
+//! instead, so that the depth of a push does not matter.
+//!
+//! Not modelled: the finite angle of the twist, the non-linear field of the magnet, a speed of the edge that depends on the depth.
 
 use filters::least_squares::{Damping, Evaluated, Method, Residuals, Settings, central_jacobian, minimise};
 use nalgebra::{DMatrix, DVector, dvector};
 
-use super::regressor::{LiveFit, Regressor, log_slope};
+use super::regressor::{LiveFit, LogSlope, Regressor, log_ramp, log_slope, with_ramps};
 use crate::calibration::{Error, Features, LabelledPress};
-
-const NAME: &str = "beam";
 
 /// Upper end of the search for a distance, as a share of the virtual tip's distance.
 const OUTERMOST: f64 = 0.999;
@@ -27,11 +28,26 @@ const SETTINGS: Settings = Settings {
     step: 0.0,
 };
 
-pub(super) const LIVE: LiveFit =
-    LiveFit { coefficients: &["log_gain_counts_m_per_s", "bend_per_m", "tip_m"], fit, restore };
+const COEFFICIENTS: &[&str] = &["log_gain_counts_m_per_s", "bend_per_m", "tip_m"];
+
+pub(super) const LIVE: LiveFit = LiveFit {
+    coefficients: COEFFICIENTS,
+    fit: |presses| fit("beam", presses, log_slope),
+    restore: |coefficients| restore(coefficients, log_slope),
+};
+
+pub(super) const RAMP: LiveFit = LiveFit {
+    coefficients: COEFFICIENTS,
+    fit: |presses| {
+        with_ramps("beam-ramp", presses)?;
+        fit("beam-ramp", presses, log_ramp)
+    },
+    restore: |coefficients| restore(coefficients, log_ramp),
+};
 
 #[derive(Clone, Copy, Debug)]
 struct Beam {
+    measured: LogSlope,
     log_gain: f64,
     bend_per_m: f64,
     tip_m: f64,
@@ -39,8 +55,9 @@ struct Beam {
 
 impl Beam {
     /// Beam of the unconstrained parameters `ln g`, `ln (l r)` and `ln (t / r - 1)`, with the reach `r` (m): any value of them is physical.
-    fn new(parameters: &DVector<f64>, reach_m: f64) -> Self {
+    fn new(parameters: &DVector<f64>, reach_m: f64, measured: LogSlope) -> Self {
         Self {
+            measured,
             log_gain: parameters[0],
             bend_per_m: parameters[1].exp() / reach_m,
             tip_m: reach_m * (1.0 + parameters[2].exp()),
@@ -55,7 +72,10 @@ impl Beam {
 
 impl Regressor for Beam {
     fn distance_m(&self, features: &Features) -> f64 {
-        let wanted = log_slope(features);
+        let wanted = (self.measured)(features);
+        if wanted.is_nan() {
+            return f64::NAN;
+        }
         // The slope decreases with the distance: bisection.
         let (mut low, mut high) = (0.0, OUTERMOST * self.tip_m);
         for _ in 0..60 {
@@ -70,7 +90,7 @@ impl Regressor for Beam {
     }
 }
 
-fn restore(coefficients: &[f64]) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+fn restore(coefficients: &[f64], measured: LogSlope) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
     let [log_gain, bend_per_m, tip_m] = coefficients.try_into().expect("as many as names");
     // Zero and very large values are limits that a fit may reach.
     if bend_per_m < 0.0 {
@@ -79,22 +99,21 @@ fn restore(coefficients: &[f64]) -> Result<Box<dyn Regressor>, (usize, &'static 
     if tip_m <= 0.0 {
         return Err((2, "a distance above zero"));
     }
-    Ok(Box::new(Beam { log_gain, bend_per_m, tip_m }))
+    Ok(Box::new(Beam { measured, log_gain, bend_per_m, tip_m }))
 }
 
-fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
+fn fit(name: &'static str, presses: &[LabelledPress], measured: LogSlope) -> Result<Box<dyn Regressor>, Error> {
     let reach_m = presses.iter().map(|press| press.distance_m).fold(0.0, f64::max);
     let nearest_m = presses.iter().map(|press| press.distance_m).fold(f64::INFINITY, f64::min);
-    let differ =
-        presses.iter().any(|press| press.features.slope_counts_per_s != presses[0].features.slope_counts_per_s);
+    let differ = presses.iter().any(|press| measured(&press.features) != measured(&presses[0].features));
     if !differ || nearest_m >= reach_m {
-        return Err(Error::Undetermined(NAME));
+        return Err(Error::Undetermined(name));
     }
-    let distances = Distances { presses, reach_m };
+    let distances = Distances { presses, reach_m, measured };
     let gain = |bend: f64, taper: f64| {
         // Mean gain over the presses for these starting values of bend and taper.
-        let beam = Beam::new(&dvector![0.0, bend, taper], reach_m);
-        let gains = presses.iter().map(|press| log_slope(&press.features) - beam.log_slope(press.distance_m));
+        let beam = Beam::new(&dvector![0.0, bend, taper], reach_m, measured);
+        let gains = presses.iter().map(|press| measured(&press.features) - beam.log_slope(press.distance_m));
         gains.sum::<f64>() / presses.len() as f64
     };
     let starts = [-2.0, 0.0, 2.0].into_iter().flat_map(|bend| [-2.0, 0.0].map(|taper| (bend, taper)));
@@ -102,19 +121,20 @@ fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
         let start = Evaluated::new(&distances, dvector![gain(bend, taper), bend, taper])?;
         minimise(&distances, start, &SETTINGS).map(|solution| solution.state)
     });
-    let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost())).ok_or(Error::Undetermined(NAME))?;
-    Ok(Box::new(Beam::new(&best.x, reach_m)))
+    let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost())).ok_or(Error::Undetermined(name))?;
+    Ok(Box::new(Beam::new(&best.x, reach_m, measured)))
 }
 
 /// Residuals of the distances, relative to the reach, by the parameters of [`Beam::new`].
 struct Distances<'a> {
     presses: &'a [LabelledPress],
     reach_m: f64,
+    measured: LogSlope,
 }
 
 impl Residuals for Distances<'_> {
     fn residuals(&self, parameters: &DVector<f64>) -> Option<DVector<f64>> {
-        let beam = Beam::new(parameters, self.reach_m);
+        let beam = Beam::new(parameters, self.reach_m, self.measured);
         let of_press = |press: &LabelledPress| (beam.distance_m(&press.features) - press.distance_m) / self.reach_m;
         Some(DVector::from_iterator(self.presses.len(), self.presses.iter().map(of_press)))
     }

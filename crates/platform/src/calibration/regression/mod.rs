@@ -3,14 +3,16 @@
 //! To add a regression: one file with its [`LiveFit`] and one row in [`REGRESSIONS`]. A fit must not depend on the order of the presses.
 
 mod beam;
+mod choice;
 mod published;
 mod regressor;
 mod robust;
 mod several;
 
+pub use choice::{Candidate, by_places};
 pub use regressor::{Fit, Fitter, LeakingRegressor, LiveFit, Regressor, Restorer};
 
-use super::{Error, LabelledPress};
+use super::{Error, HoldOut, LabelledPress};
 
 /// Row of the registry of regressions.
 #[derive(Debug)]
@@ -46,6 +48,18 @@ pub const REGRESSIONS: &[RegressionRow] = &[
         fit: Fit::Live(beam::LIVE),
     },
     RegressionRow {
+        name: "robust-ramp",
+        about: "as robust, with the slope before the low-pass: pushes of different depth that are short for the low-pass",
+        fewest: 5,
+        fit: Fit::Live(robust::RAMP),
+    },
+    RegressionRow {
+        name: "beam-ramp",
+        about: "as beam, with the slope before the low-pass: pushes of different depth that are short for the low-pass",
+        fewest: 4,
+        fit: Fit::Live(beam::RAMP),
+    },
+    RegressionRow {
         name: published::NAME,
         about: "as published: third order in slope times true distance; cross-validated only, as the true distance is unknown at run time",
         fewest: 5,
@@ -60,12 +74,15 @@ pub fn regression(name: &str) -> Option<&'static RegressionRow> {
 
 impl RegressionRow {
     /// # Errors
-    /// [`Error::Few`] if there are fewer presses than the regression needs.
+    /// [`Error::Few`] if there are fewer presses than the regression needs, [`Error::OnePlace`] if all are at one place.
     pub(super) fn enough(&self, presses: &[LabelledPress]) -> Result<(), Error> {
         if presses.len() < self.fewest {
             return Err(Error::Few { regression: self.name, found: presses.len(), expected: self.fewest });
         }
-        Ok(())
+        match HoldOut::Place.groups(presses).iter().max() {
+            Some(0) => Err(Error::OnePlace { regression: self.name, distance_m: presses[0].distance_m }),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -85,6 +102,7 @@ mod exam {
                 slope_counts_per_s,
                 peak_counts: Some(0.02 * slope_counts_per_s * (1.0 + 0.3 * (7.0 * i as f64).sin())),
                 slope_ratio: Some(0.1 + 0.02 * (3.0 * i as f64).cos()),
+                ramp_counts_per_s: Some(1.1 * slope_counts_per_s),
             };
             LabelledPress { log: "exam".into(), onset_s: Some(i as f64), features, distance_m }
         };

@@ -68,6 +68,22 @@ impl Scale {
     }
 }
 
+/// Natural logarithm of a slope in counts/s, by which a regression estimates.
+pub(super) type LogSlope = fn(&Features) -> f64;
+
+/// Checks that every press has the slope before the low-pass.
+pub(super) fn with_ramps(regression: &'static str, presses: &[LabelledPress]) -> Result<(), Error> {
+    match presses.iter().position(|press| press.features.ramp_counts_per_s.is_none()) {
+        Some(i) => Err(Error::Feature { regression, feature: "ramp_counts_per_s", press: i + 1 }),
+        None => Ok(()),
+    }
+}
+
+/// Natural logarithm of the slope before the low-pass in counts/s; not a number if the push was too short, and so is the distance then.
+pub(super) fn log_ramp(features: &Features) -> f64 {
+    features.ramp_counts_per_s.map_or(f64::NAN, f64::ln)
+}
+
 /// Natural logarithm of the slope in counts/s.
 pub(super) fn log_slope(features: &Features) -> f64 {
     features.slope_counts_per_s.ln()

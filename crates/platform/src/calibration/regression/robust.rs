@@ -6,12 +6,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::regressor::{LiveFit, Regressor, Scale, log_slope};
+use super::regressor::{LiveFit, LogSlope, Regressor, Scale, log_ramp, log_slope, with_ramps};
 use crate::calibration::learn::{SD_OVER_MAD, quantile};
 use crate::calibration::least_squares::solve;
 use crate::calibration::{Error, Features, LabelledPress};
-
-const NAME: &str = "robust";
 
 const ORDER: usize = 3;
 
@@ -23,33 +21,47 @@ const SMALLEST_SCATTER_M: f64 = 1e-6;
 
 const ROUNDS: usize = 50;
 
+const COEFFICIENTS: &[&str] =
+    &["log_slope_middle", "log_slope_half", "constant_m", "linear_m", "quadratic_m", "cubic_m"];
+
 pub(super) const LIVE: LiveFit = LiveFit {
-    coefficients: &["log_slope_middle", "log_slope_half", "constant_m", "linear_m", "quadratic_m", "cubic_m"],
-    fit,
-    restore,
+    coefficients: COEFFICIENTS,
+    fit: |presses| fit("robust", presses, log_slope),
+    restore: |coefficients| restore(coefficients, log_slope),
+};
+
+/// As [`LIVE`], with the slope before the low-pass.
+pub(super) const RAMP: LiveFit = LiveFit {
+    coefficients: COEFFICIENTS,
+    fit: |presses| {
+        with_ramps("robust-ramp", presses)?;
+        fit("robust-ramp", presses, log_ramp)
+    },
+    restore: |coefficients| restore(coefficients, log_ramp),
 };
 
 /// A polynomial in the scaled logarithm of the slope.
 #[derive(Clone, Debug)]
 struct Polynomial {
+    measured: LogSlope,
     scale: Scale,
     coefficients_m: DVector<f64>,
 }
 
 impl Polynomial {
     /// Weighted least-squares fit. `None` if the presses do not determine it.
-    fn fit(presses: &[LabelledPress], weights: &DVector<f64>) -> Option<Self> {
-        let values: Vec<f64> = presses.iter().map(|press| log_slope(&press.features)).collect();
+    fn fit(presses: &[LabelledPress], weights: &DVector<f64>, measured: LogSlope) -> Option<Self> {
+        let values: Vec<f64> = presses.iter().map(|press| measured(&press.features)).collect();
         let scale = Scale::of(values.iter().copied())?;
         let rows = DMatrix::from_fn(values.len(), ORDER + 1, |i, power| scale.scaled(values[i]).powi(power as i32));
         let distances_m = DVector::from_iterator(presses.len(), presses.iter().map(|press| press.distance_m));
-        Some(Self { scale, coefficients_m: solve(&rows, &distances_m, weights)? })
+        Some(Self { measured, scale, coefficients_m: solve(&rows, &distances_m, weights)? })
     }
 }
 
 impl Regressor for Polynomial {
     fn distance_m(&self, features: &Features) -> f64 {
-        let x = self.scale.scaled(log_slope(features));
+        let x = self.scale.scaled((self.measured)(features));
         self.coefficients_m.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
     }
 
@@ -58,17 +70,17 @@ impl Regressor for Polynomial {
     }
 }
 
-fn restore(coefficients: &[f64]) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+fn restore(coefficients: &[f64], measured: LogSlope) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
     let scale = Scale { middle: coefficients[0], half: coefficients[1] };
     if scale.half <= 0.0 {
         return Err((1, Scale::HALF));
     }
-    Ok(Box::new(Polynomial { scale, coefficients_m: DVector::from_column_slice(&coefficients[2..]) }))
+    Ok(Box::new(Polynomial { measured, scale, coefficients_m: DVector::from_column_slice(&coefficients[2..]) }))
 }
 
-fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
+fn fit(name: &'static str, presses: &[LabelledPress], measured: LogSlope) -> Result<Box<dyn Regressor>, Error> {
     let mut weights = DVector::repeat(presses.len(), 1.0);
-    let mut fitted = Polynomial::fit(presses, &weights).ok_or(Error::Undetermined(NAME))?;
+    let mut fitted = Polynomial::fit(presses, &weights, measured).ok_or(Error::Undetermined(name))?;
     for _ in 0..ROUNDS {
         let residuals_m: Vec<f64> =
             presses.iter().map(|press| press.distance_m - fitted.distance_m(&press.features)).collect();
@@ -81,7 +93,7 @@ fn fit(presses: &[LabelledPress]) -> Result<Box<dyn Regressor>, Error> {
         let next = DVector::from_iterator(presses.len(), residuals_m.iter().map(biweight));
         let change = (&next - &weights).amax();
         weights = next;
-        fitted = Polynomial::fit(presses, &weights).ok_or(Error::Undetermined(NAME))?;
+        fitted = Polynomial::fit(presses, &weights, measured).ok_or(Error::Undetermined(name))?;
         if change < 1e-9 {
             break;
         }

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use trace::Sidecar;
+
+use crate::commands::output::{files_of_trace, reserve};
 use crate::commands::print;
 use crate::ros::export_trace;
 
@@ -20,6 +23,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let inputs = files_of_trace(&arguments.trace, &Sidecar::read(&arguments.trace)?);
+    let _lock = reserve(&arguments.out, &[inputs.as_slice(), arguments.estimates.as_slice()].concat())?;
     export_trace(&arguments.trace, arguments.estimates.as_deref(), &arguments.out)?;
     print(&format!("{}\n", arguments.out.display()))?;
     Ok(ExitCode::SUCCESS)

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::slice;
 
+use crate::commands::output::reserve;
 use crate::commands::print;
 use crate::ros;
 
@@ -20,6 +22,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let _lock = reserve(&arguments.out, slice::from_ref(&arguments.recording))?;
     for file in ros::import(&arguments.recording, arguments.salvage, &arguments.out)? {
         print(&format!("{}\n", file.display()))?;
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use bag::Reader;
+use strict_json::one_line;
 
 use crate::commands::{print, table};
 
@@ -47,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .into_iter()
         .map(|(name, topic)| {
             let known = if topic.is_known { "yes" } else { "no" };
-            vec![name, topic.type_name, known.into(), topic.messages.to_string()]
+            vec![one_line(&name), one_line(&topic.type_name), known.into(), topic.messages.to_string()]
         })
         .collect();
     print(&table::render(&["topic", "type", "read here", "messages"], &rows, 3))?;
@@ -56,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return Err(error.into());
     }
     for attachment in reader.attachments()? {
-        print(&format!("attachment {}, {} bytes\n", attachment.name, attachment.data.len()))?;
+        print(&format!("attachment {}, {} bytes\n", one_line(&attachment.name), attachment.data.len()))?;
     }
     Ok(ExitCode::SUCCESS)
 }

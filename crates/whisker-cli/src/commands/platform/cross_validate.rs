@@ -6,8 +6,8 @@ use platform::calibration::regression::{Fit, REGRESSIONS};
 use platform::calibration::{CrossValidation, LabelledPress, cross_validate};
 
 use super::super::table::{millimetres, render};
-use super::super::{FINISHED_WITH_FAILURES, print};
-use super::logs::{LogArguments, row};
+use super::super::{FINISHED_WITH_FAILURES, diagnose, print};
+use super::logs::{LogArguments, Validating, row};
 
 /// Cross-validate regressions and print the errors of held-out presses by log
 #[derive(clap::Args)]
@@ -25,7 +25,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     } else {
         arguments.regression.iter().map(|name| row(name)).collect::<Result<Vec<_>, _>>()?
     };
-    let (mut failed, mut gathered) = (false, [None, None]);
+    let (mut failed, mut gathered, mut validating) = (false, [None, None], Validating::new());
     for row in rows {
         // The published regression has its own detection of presses; all others share one.
         let detected = &mut gathered[usize::from(matches!(row.fit, Fit::Leaking(_)))];
@@ -33,10 +33,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Some(presses) => presses,
             None => detected.insert(arguments.logs.gather(row)?.presses),
         };
-        match cross_validate(row, presses, arguments.logs.hold_out) {
+        let validated =
+            cross_validate(row, presses, arguments.logs.hold_out, &mut |done, all| validating.show(done, all));
+        validating.clear();
+        match validated {
             Ok(validation) => print(&format!("{}\n{}\n", row.name, scores(presses, &validation)))?,
             Err(error) => {
-                eprintln!("error: {error}");
+                diagnose(&format!("error: {error}"));
                 failed = true;
             }
         }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use platform::emulate::{Emulated, Emulation, RigTable};
 use platform::interrupt;
 
-use super::format;
+use super::{format, rig};
 use crate::commands::print;
 
 /// Polling interval of interrupts.
@@ -28,6 +28,9 @@ pub(super) struct Arguments {
     /// Line format of the magnetometer; `whisker platform list` names the formats
     #[arg(long, default_value = "hex")]
     format: String,
+    /// Geometry of the rig, such as rigs/openwhisker.json [default: that one, which is built in]
+    #[arg(long)]
+    rig: Option<PathBuf>,
     /// Seed of the magnetometer's noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -39,8 +42,8 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let format = format(&arguments.format)?;
     let stop = interrupt::asked()?;
-    let rig = Arc::new(RigTable::built_in());
-    let mut emulation = Emulation::start(&Emulated { rig, format, seed: arguments.seed })?;
+    let (rig, table) = (Arc::new(rig(arguments.rig.as_deref())?), Arc::new(RigTable::built_in()));
+    let mut emulation = Emulation::start(&Emulated { rig, table, format, seed: arguments.seed })?;
     let (printer, sensor) = (emulation.printer.clone(), emulation.sensor.clone());
     for (port, link) in [(&printer, &arguments.printer_link), (&sensor, &arguments.sensor_link)] {
         if let Some(link) = link {

@@ -10,8 +10,8 @@ use platform::routine::Contact;
 use platform::{Error, Sample};
 use serde_json::json;
 
-use crate::commands::print;
 use crate::commands::table::millimetres;
+use crate::commands::{diagnose, print};
 
 /// Format of events.
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -113,7 +113,7 @@ impl Sink for Events {
     }
 
     fn finish(self: Box<Self>, _: Ending) -> Result<Vec<PathBuf>, Error> {
-        eprintln!("{}", self.summary());
+        diagnose(&self.summary());
         Ok(Vec::new())
     }
 }

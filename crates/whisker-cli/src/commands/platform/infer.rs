@@ -6,14 +6,16 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use anyhow::bail;
 use platform::calibration::logs::LogReader;
-use platform::calibration::{Calibration, Rate};
+use platform::calibration::{Calibration, Intervals, Rate};
 use platform::inference::{Inference, Latency};
 use platform::interrupt;
 use platform::sensor::{Arrival, Reader, ReaderSettings};
 
 use super::events::{Events, Form};
 use super::{calibration, format, inference, rate_hz, report, warn_of_rate};
+use crate::commands::diagnose;
 
 /// Longest wait for samples, and so the delay of an interrupt.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -55,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     if arguments.latency {
-        eprintln!("{latency}");
+        diagnose(&latency.to_string());
     }
     error.map_or(Ok(ExitCode::SUCCESS), |error| Err(error.into()))
 }
@@ -99,17 +101,34 @@ fn from_log(
     } else {
         LogReader::open(log)?
     };
-    let (mut events, mut rate) = (Events::begin(form)?, Rate::default());
+    let (mut events, mut rate, mut intervals) = (Events::begin(form)?, Rate::default(), Intervals::default());
     for sample in reader.by_ref() {
         let arrival = Arrival { sample: sample?, at: Instant::now() };
         rate.step(arrival.sample.t_s);
+        if intervals.step(arrival.sample.t_s) {
+            check_unit(log, &intervals, calibration)?;
+        }
         inference.step(&arrival, |detection| events.report(detection)).transpose()?;
     }
     if reader.cut_off() {
-        eprintln!("{}: skipped the incomplete last line", log.display());
+        diagnose(&format!("{}: skipped the incomplete last line", log.display()));
     }
+    check_unit(log, &intervals, calibration)?;
     if rate.hz().is_finite() {
         warn_of_rate(rate.hz(), calibration);
     }
     Ok(inference.latency())
+}
+
+/// Checks that the times of a log are in seconds.
+fn check_unit(log: &Path, intervals: &Intervals, calibration: &Calibration) -> anyhow::Result<()> {
+    let Some(rate_hz) = calibration.chain().map(|chain| chain.rate_hz) else { return Ok(()) };
+    if let Some((interval_s, hint)) = intervals.misread(rate_hz) {
+        let expected_s = 1.0 / rate_hz;
+        bail!(
+            "{}: times: found a sample every {interval_s} s, expected one every {expected_s:.6} s as in the calibration{hint}",
+            log.display()
+        );
+    }
+    Ok(())
 }

@@ -1,11 +1,18 @@
 //! Arguments that name logs of presses.
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use platform::calibration::logs::{Gathered, Source, gather};
 use platform::calibration::regression::{REGRESSIONS, RegressionRow, regression};
 use platform::calibration::{HoldOut, Settings};
+
+use crate::commands::diagnose;
+use crate::commands::progress::Progress;
+
+/// Duration of a cross-validation without a progress bar.
+const UNSHOWN: Duration = Duration::from_secs(2);
 
 /// Logs and the detection of presses in them
 #[derive(clap::Args)]
@@ -21,14 +28,14 @@ pub(super) struct LogArguments {
     /// Sampling rate in Hz of a table whose slopes are in counts per sample
     #[arg(long, default_value_t = 888.0)]
     table_rate_hz: f64,
-    /// Unit of cross-validation: one press, or all presses of a log
-    #[arg(long, default_value = "press", value_parser = hold_out)]
+    /// Unit of cross-validation: the presses at one place, one press, or all presses of a log
+    #[arg(long, default_value = "place", value_parser = hold_out)]
     pub(super) hold_out: HoldOut,
 }
 
 impl LogArguments {
-    /// Presses of all logs; notes on the logs go to stderr.
-    pub(super) fn gather(&self, row: &RegressionRow) -> anyhow::Result<Gathered> {
+    /// The logs themselves, those that manifests name included.
+    fn sources(&self) -> anyhow::Result<Vec<Source>> {
         let mut sources = self.label.clone();
         for path in &self.logs {
             if path.extension().is_some_and(|extension| extension == "json") {
@@ -40,15 +47,55 @@ impl LogArguments {
         if sources.is_empty() {
             bail!("found no logs, expected at least one, or --label MM=FILE");
         }
+        Ok(sources)
+    }
+
+    /// Files that are read: manifests, logs and their sidecars.
+    pub(super) fn files(&self) -> anyhow::Result<Vec<PathBuf>> {
+        let of_logs = self.sources()?.into_iter().flat_map(|log| [log.path.with_extension("json"), log.path]);
+        Ok(self.logs.iter().cloned().chain(of_logs).collect())
+    }
+
+    /// Presses of all logs; notes on the logs go to stderr.
+    pub(super) fn gather(&self, row: &RegressionRow) -> anyhow::Result<Gathered> {
+        let sources = self.sources()?;
         if !(f64::MIN_POSITIVE..=f64::MAX).contains(&self.table_rate_hz) {
             bail!("--table-rate-hz: found {}, expected a rate above zero", self.table_rate_hz);
         }
         let settings = Settings { cutoff_hz: self.cutoff_hz, ..Settings::default() };
         let gathered = gather(&sources, &settings, row, self.table_rate_hz)?;
         for note in &gathered.notes {
-            eprintln!("{note}");
+            diagnose(note);
         }
         Ok(gathered)
+    }
+}
+
+/// Progress bar of cross-validations. It appears after some seconds.
+pub(super) struct Validating {
+    begun: Instant,
+    bar: Option<Progress>,
+}
+
+impl Validating {
+    pub(super) fn new() -> Self {
+        Self { begun: Instant::now(), bar: None }
+    }
+
+    /// Shows the number of fits done and of all fits of a regression.
+    pub(super) fn show(&mut self, done: usize, all: usize) {
+        if self.bar.is_none() && self.begun.elapsed() > UNSHOWN {
+            self.bar = Some(Progress::of("cross-validation"));
+        }
+        if let Some(bar) = &self.bar {
+            bar.set_length(all as u64);
+            bar.set_position(done as u64);
+        }
+    }
+
+    /// Removes the bar, before other output.
+    pub(super) fn clear(&mut self) {
+        self.bar = None;
     }
 }
 
@@ -73,8 +120,9 @@ fn labelled(text: &str) -> Result<Source, String> {
 
 fn hold_out(text: &str) -> Result<HoldOut, String> {
     match text {
+        "place" => Ok(HoldOut::Place),
         "press" => Ok(HoldOut::Press),
         "log" => Ok(HoldOut::Log),
-        _ => Err("expected press or log".into()),
+        _ => Err("expected place, press or log".into()),
     }
 }

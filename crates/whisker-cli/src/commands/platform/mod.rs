@@ -17,7 +17,10 @@ use anyhow::Context;
 use clap::Subcommand;
 use platform::calibration::{Calibration, Live, is_same_rate};
 use platform::inference::Inference;
+use platform::rig::Rig;
 use platform::sensor::{self, FORMATS, FormatRow, Report};
+
+use super::diagnose;
 
 /// Drive the calibration platform: a printer pushes a ruler against a whisker, a magnetometer measures its deflection
 #[derive(clap::Args)]
@@ -49,6 +52,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
 }
 
+/// The rig of a file, or the built-in one.
+fn rig(path: Option<&Path>) -> anyhow::Result<Rig> {
+    Ok(path.map_or_else(|| Ok(Rig::built_in()), Rig::read)?)
+}
+
 /// Row of the registry of line formats.
 fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
     sensor::format(name).with_context(|| {
@@ -61,10 +69,10 @@ fn format(name: &str) -> anyhow::Result<&'static FormatRow> {
 fn calibration(path: &Path) -> anyhow::Result<Calibration> {
     let calibration = Calibration::read(path)?;
     if calibration.was_fitted_on_reading() {
-        eprintln!(
+        diagnose(&format!(
             "note: {}: has no coefficients and was fitted again; `whisker platform fit` on its logs stores them",
             path.display()
-        );
+        ));
     }
     Ok(calibration)
 }
@@ -82,7 +90,7 @@ fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<In
 
 /// Prints the statistics of a port to stderr, with a warning if its rate is not the calibration's.
 fn report(report: &Report, calibration: Option<&Calibration>) {
-    eprintln!("{report}");
+    diagnose(&report.to_string());
     if let Some(calibration) = calibration {
         warn_of_rate(report.rate_hz, calibration);
     }
@@ -92,9 +100,9 @@ fn report(report: &Report, calibration: Option<&Calibration>) {
 fn warn_of_rate(found_hz: f64, calibration: &Calibration) {
     let calibrated_hz = calibration.chain().map(|chain| chain.rate_hz);
     if let Some(rate_hz) = calibrated_hz.filter(|rate_hz| !is_same_rate(found_hz, *rate_hz)) {
-        eprintln!(
+        diagnose(&format!(
             "warning: found {found_hz:.1} samples a second, expected {rate_hz:.1} as in the calibration: its distances are wrong"
-        );
+        ));
     }
 }
 

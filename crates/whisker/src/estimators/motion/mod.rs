@@ -3,24 +3,25 @@
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
 mod cartesian;
+mod installed;
 mod resting;
 mod round;
 
+pub(super) use installed::Installed;
 pub(super) use resting::Resting;
 pub(super) use round::Round;
 
 use filters::{Gaussian, Process};
 use serde::{Deserialize, Serialize};
 
-use super::side::Side;
-use super::{Sample, Touch, Tracker};
+use super::side::{Side, StateIndices};
+use super::{Estimate, Sample, Touch, Tracker};
 use crate::settings::SettingsError;
 
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
-    /// Index of the sensor model's error at the contact in the state, in standard deviations. `None` if that error
-    /// counts as measurement noise.
-    const MODEL_ERROR: Option<usize> = None;
+    /// Indices in the state of the errors of the reading.
+    const INDICES: StateIndices = StateIndices { model_error: None, gain: None };
 
     /// Process of one step.
     type Step<'a>: Process<N>;
@@ -40,6 +41,11 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// Index of the radius of object and wire together in the state. `None` if it is not estimated.
     fn radius(&self) -> Option<usize> {
         None
+    }
+
+    /// The estimate of a belief in Base, from that in the frame of the state.
+    fn place(&self, _side: &Side, _belief: &Gaussian<N>, estimate: Estimate) -> Estimate {
+        estimate
     }
 
     /// The process of the step to a sample.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::Motion;
 use super::cartesian::Cartesian;
 use crate::estimators::Sample;
-use crate::estimators::side::Side;
+use crate::estimators::side::{Side, StateIndices};
 use crate::frames::{Base, Point, Pose};
 use crate::rest::direction;
 use crate::sensor::{AlongAway, CalibratedFace};
@@ -38,8 +38,16 @@ pub(in crate::estimators) struct Round {
     pub radius_parts: usize,
     /// Random walk of the radius, as the standard deviation after one second.
     pub radius_wander_m_sqrt_s: f64,
+    /// Number of further parts of the prior, which are larger than those above: each has three times the radius of the
+    /// one before. They have the same weight, so that the prior is log-uniform.
+    pub larger_parts: usize,
+    /// Random walk of the contact along the object, as the standard deviation in radii after the whisker has turned by
+    /// one radian on it: the error of the tangent's rotation, on which the sliding depends.
+    pub slip_sqrt_rad: f64,
     /// Process noise of the contact's position, as the standard deviation after one second.
     pub wander_m_sqrt_s: f64,
+    /// Logarithm of the prior odds of the first part to one of the larger ones.
+    pub thin_log_odds: f64,
     /// Correlation length of the sensor model's error.
     pub error_length_m: f64,
     /// Radius of the calibration's pin and wire, zero if unknown.
@@ -54,7 +62,10 @@ impl Default for Round {
             radius_sd_m: 1e-4,
             radius_parts: 1,
             radius_wander_m_sqrt_s: 1e-6,
+            larger_parts: 0,
+            slip_sqrt_rad: 0.0,
             wander_m_sqrt_s: 3e-6,
+            thin_log_odds: 0.0,
             error_length_m: 1e-2,
             pin_radius_m: 0.0,
         }
@@ -74,6 +85,11 @@ impl Round {
         }
     }
 
+    /// Settings for an object of constant radius, from a thin object to a plane.
+    pub(in crate::estimators) fn of_any_scale() -> Self {
+        Self { larger_parts: 5, thin_log_odds: 3.0, slip_sqrt_rad: 0.02, ..Self::default() }
+    }
+
     /// The settings relative to the radius of the calibration's pin and wire.
     pub(in crate::estimators) fn beyond_pin(self, face: &CalibratedFace) -> Self {
         Self { pin_radius_m: face.pin_radius_m, ..self }
@@ -89,6 +105,9 @@ impl Round {
         within("radius_m", self.radius_m, 0.0..=1.0)?;
         within("radius_sd_m", self.radius_sd_m, 1e-9..=1.0)?;
         within("radius_parts", self.radius_parts as f64, 1.0..=100.0)?;
+        within("larger_parts", self.larger_parts as f64, 0.0..=10.0)?;
+        within("slip_sqrt_rad", self.slip_sqrt_rad, 0.0..=10.0)?;
+        within("thin_log_odds", self.thin_log_odds, -20.0..=20.0)?;
         within("radius_wander_m_sqrt_s", self.radius_wander_m_sqrt_s, 1e-9..=0.1)?;
         // Without process noise a covariance can lose its last digits; a whisker's length per second discards all
         // memory.
@@ -103,6 +122,12 @@ const PIN_SHARE_SD: f64 = 0.5;
 
 /// Standard deviation in the settings up to which a radius counts as known, that of a thin object.
 const SETTLED_SD_M: f64 = 5e-4;
+
+/// Ratio of the radii of successive larger parts, the relative standard deviation of one, and the smallest radius from
+/// which they grow.
+const SCALE_RATIO: f64 = 3.0;
+const SCALE_SD: f64 = 0.5;
+const LEAST_SCALE_M: f64 = 0.5e-3;
 
 /// Lower bound of `1 + rho dphi/ds`. At zero whisker and object have the same curvature, and the contact is not at one
 /// point.
@@ -123,11 +148,13 @@ pub(in crate::estimators) struct Wandering<'a> {
     /// Variances that the step adds to the position and to the radius (m2).
     place_m2: f64,
     radius_m2: f64,
+    /// Variance of the position, in squared radii, per radian.
+    slip_per_rad: f64,
     error_length_m: f64,
 }
 
 impl Motion<4> for Round {
-    const MODEL_ERROR: Option<usize> = Some(3);
+    const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: None };
 
     type Step<'a> = Wandering<'a>;
     type CartesianStep<'a> = Cartesian<'a, Wandering<'a>>;
@@ -139,10 +166,16 @@ impl Motion<4> for Round {
         Gaussian::new(vector![place.mean[0], place.mean[1], radius_m, 0.0], covariance)
     }
 
-    /// Equal intervals from zero to two standard deviations above the mean.
+    /// Equal intervals from zero to two standard deviations above the mean, and larger parts in proportion.
     fn parts(&self, place: &Gaussian<2>) -> Vec<(Gaussian<4>, f64)> {
         if self.radius_parts == 1 {
-            return vec![(self.belief(place), 0.0)];
+            let larger = (1..=self.larger_parts).map(|i| {
+                let mut part = self.belief(place);
+                part.mean[2] = part.mean[2].max(LEAST_SCALE_M) * SCALE_RATIO.powi(i as i32);
+                part.covariance[(2, 2)] = (SCALE_SD * part.mean[2]).powi(2);
+                (part, -self.thin_log_odds)
+            });
+            return std::iter::once((self.belief(place), 0.0)).chain(larger).collect();
         }
         let (radius_m, radius_sd_m) = self.expected_radius_m();
         let stretch_m = (radius_m + 2.0 * radius_sd_m) / self.radius_parts as f64;
@@ -157,7 +190,7 @@ impl Motion<4> for Round {
 
     /// A radius that is known beforehand is not estimated.
     fn radius(&self) -> Option<usize> {
-        (self.radius_sd_m > SETTLED_SD_M).then_some(2)
+        (self.radius_sd_m > SETTLED_SD_M || self.larger_parts > 0).then_some(2)
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Wandering<'a> {
@@ -166,6 +199,7 @@ impl Motion<4> for Round {
             motion: sample.motion,
             place_m2: self.wander_m_sqrt_s.powi(2) * sample.dt_s,
             radius_m2: self.radius_wander_m_sqrt_s.powi(2) * sample.dt_s,
+            slip_per_rad: self.slip_sqrt_rad.powi(2),
             error_length_m: self.error_length_m,
         }
     }
@@ -233,10 +267,17 @@ impl Wandering<'_> {
         (place, before, after)
     }
 
-    /// Process noise of a step over which the sensor model's error has the correlation `kept`.
-    fn noise_that_keeps(&self, kept: f64) -> Matrix4<f64> {
+    /// Process noise of a step over which the sensor model's error has the correlation `kept` and the whisker turns by
+    /// `turn_rad` on an object of radius `radius_m`.
+    fn noise_over(&self, kept: f64, turn_rad: f64, radius_m: f64) -> Matrix4<f64> {
         let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
-        Matrix4::from_diagonal(&vector![self.place_m2, self.place_m2, self.radius_m2, renewed])
+        let slip_m2 = self.slip_per_rad * turn_rad.abs() * radius_m.powi(2);
+        Matrix4::from_diagonal(&vector![self.place_m2 + slip_m2, self.place_m2, self.radius_m2, renewed])
+    }
+
+    /// Angle by which the whisker's tangent turns on the object from one tangency to the next.
+    fn turn_rad(&self, before: &Tangency, after: &Tangency) -> f64 {
+        product(&self.motion.rotation(), &before.inward).perp(&after.inward)
     }
 
     /// Displacement of the contact in Base by the base's motion. The variance of the two measured poses, which would
@@ -264,11 +305,27 @@ impl Process<4> for Wandering<'_> {
     }
 
     fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
-        self.noise_that_keeps(self.kept(x))
+        if self.slip_per_rad > 0.0 { self.linearised(x).2 } else { self.noise_over(self.kept(x), 0.0, x[2]) }
     }
 
-    /// Solves for the motion once.
     fn linearised(&self, x: &Vector4<f64>) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>) {
+        let (place, jacobian, noise, _) = self.linearised_with_middle(x);
+        (place, jacobian, noise)
+    }
+}
+
+impl Wandering<'_> {
+    /// Translation of the motion.
+    pub(super) fn translation(&self) -> Vector2<f64> {
+        self.motion.origin().vector()
+    }
+
+    /// As [`Process::linearised`], solving for the motion once; and the derivative of the coordinates one step later by
+    /// the object's centre.
+    pub(super) fn linearised_with_middle(
+        &self,
+        x: &Vector4<f64>,
+    ) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>, Matrix2<f64>) {
         let (place, before, after) = self.moved(x);
         let kept = self.kept(x);
         let turned = self.motion.rotation();
@@ -276,7 +333,8 @@ impl Process<4> for Wandering<'_> {
         jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&product(&product(&after.inverse, &turned), &before.by_place));
         let inward = product(&turned, &before.inward) - after.inward;
         jacobian.fixed_view_mut::<2, 1>(0, 2).copy_from(&product(&after.inverse, &inward));
-        (vector![place[0], place[1], x[2], x[3] * kept], jacobian, self.noise_that_keeps(kept))
+        let noise = self.noise_over(kept, self.turn_rad(&before, &after), x[2]);
+        (vector![place[0], place[1], x[2], x[3] * kept], jacobian, noise, after.inverse)
     }
 }
 
@@ -373,6 +431,34 @@ mod tests {
         let still = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 0.004, reading_n_m: 0.0 };
         let noise = Round::default().step(&side, &still).noise(&vector![0.055, 3e-3, 2e-3, 0.7]);
         assert!(noise.cholesky().is_some(), "{noise}");
+    }
+
+    #[test]
+    fn verif_parts_overlap_from_a_thin_object_to_a_plane() {
+        let knowledge = knowledge();
+        let motion = Round::of_any_scale().beyond_pin(&knowledge.faces[0]);
+        let parts = motion.parts(&Gaussian::new(vector![0.055, 3e-3], Matrix2::identity() * 1e-8));
+        let radii: Vec<_> = parts.iter().map(|(part, _)| (part.mean[2], part.covariance[(2, 2)].sqrt())).collect();
+        for pair in radii.windows(2) {
+            let [(smaller_m, smaller_sd_m), (larger_m, larger_sd_m)] = pair else { unreachable!() };
+            assert!(larger_m - smaller_m < 2.0 * (smaller_sd_m + larger_sd_m), "{radii:?}");
+        }
+        assert!(radii[0].0 < 1e-3 && radii[radii.len() - 1].0 > 0.1, "{radii:?}");
+        assert_eq!(Motion::radius(&motion), Some(2));
+    }
+
+    #[test]
+    fn verif_slip_is_in_proportion_to_the_radius() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let slip_m2 = |radius_m: f64| {
+            let x = vector![0.055, 3e-3, radius_m, 0.0];
+            let (with, without) = (Round::of_any_scale(), Round::default());
+            let noise = |motion: &Round| motion.step(&side, &sample(20, 45)).noise(&x)[(0, 0)];
+            noise(&with) - noise(&without)
+        };
+        let ratio = slip_m2(4e-3) / slip_m2(2e-3);
+        assert!((ratio - 4.0).abs() < 0.5, "{ratio}");
     }
 
     #[test]

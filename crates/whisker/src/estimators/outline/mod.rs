@@ -24,6 +24,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::doubt::Search;
 use super::{Knowledge, Method, Touch, Tracker};
 use crate::settings::{Settings, SettingsError, parse, within};
 use hindsight::Reviser;
@@ -38,13 +39,20 @@ pub(super) struct Config {
     prior: Prior,
     /// Gate, in standard deviations, beyond which the cost of a residual grows logarithmically.
     gate_sds: f64,
+    /// Search for another object if the readings refute the known one.
+    search: Search,
     /// Standard deviation of the contact along the whisker at which the outline replaces the filter.
     start_sd_m: f64,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { prior: Prior::default(), gate_sds: 5.0, start_sd_m: 2e-3 }
+        Self {
+            prior: Prior::default(),
+            gate_sds: 5.0,
+            search: Search { window: 25.0, nis: 6.0, share: 0.5, pause_s: 0.2 },
+            start_sd_m: 2e-3,
+        }
     }
 }
 
@@ -52,6 +60,7 @@ impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
         self.prior.validate()?;
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        self.search.validate()?;
         within("start_sd_m", self.start_sd_m, 1e-6..=1.0)
     }
 }

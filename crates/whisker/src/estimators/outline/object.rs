@@ -14,6 +14,7 @@ use crate::estimators::side::Side;
 use crate::estimators::{Estimate, OutlinePoint, Radius};
 use crate::frames::{Base, Point, Pose, Start};
 use crate::rest::direction;
+use crate::sensor::AlongAway;
 
 /// Cells beyond the outermost contacts.
 const MARGIN_M: f64 = 2.0 * PITCH_M;
@@ -71,6 +72,13 @@ pub(super) struct Expected {
     contact: Contact,
     /// Innovation of the reading.
     pub(super) innovation: Option<Innovation<1>>,
+}
+
+impl Expected {
+    /// Coordinates of the contact along and away.
+    pub(super) fn at(&self) -> AlongAway {
+        self.contact.at
+    }
 }
 
 /// Extent of a search for the curve.

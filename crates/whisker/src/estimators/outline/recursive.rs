@@ -5,8 +5,10 @@ use std::sync::Arc;
 use super::Config;
 use super::object::{Effort, FirstArc, Object};
 use super::readings::{Reading, keep};
+use crate::estimators::doubt::Doubt;
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
+use crate::estimators::inertia::Inertia;
 use crate::estimators::motion::{Motion, Round};
 use crate::estimators::side::Side;
 use crate::estimators::{Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
@@ -29,6 +31,12 @@ const PAUSE_SHARE: usize = 10;
 /// Shorter pauses, after which an outlier triggers the next search.
 const LEAST_OUTLIER_PAUSE: usize = 5;
 const OUTLIER_PAUSE_SHARE: usize = 100;
+
+/// Standard deviation below which a contact that may be at the tip does not refute the object.
+const SETTLED_SD_M: f64 = 3e-3;
+
+/// Distance from the calibrated domain from which a reading is left out.
+const FARTHEST_M: f64 = 0.5e-3;
 
 /// Normalised innovation squared of an outlier.
 const OUTLIER_NIS: f64 = 9.0;
@@ -85,6 +93,8 @@ pub(super) struct Tracer {
     onset: Option<Onset>,
     object: Option<Object>,
     pace: Pace,
+    doubt: Doubt,
+    inertia: Inertia,
 }
 
 impl Tracer {
@@ -97,6 +107,8 @@ impl Tracer {
             onset: Some(Onset::default()),
             object: None,
             pace: Pace::default(),
+            doubt: Doubt::default(),
+            inertia: Inertia::new(&knowledge.whisker),
         }
     }
 
@@ -110,6 +122,9 @@ impl Tracer {
         let Some(object) = &mut self.object else {
             self.onset = Some(onset);
             let advance = advance?;
+            if self.front.is_at_tip(&advance.filtered) {
+                return None;
+            }
             let estimate = side.estimate(self.front.motion.radius(), &advance.filtered, advance.innovation);
             let sd_m = advance.filtered.covariance[(0, 0)].sqrt();
             let Some(onset) = self.onset.take_if(|onset| {
@@ -177,22 +192,51 @@ impl Tracer {
 
     /// Takes a sample of the known object.
     fn go_on(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.inertia.advance(sample);
         let side = &self.front.side;
         let object = self.object.as_mut()?;
         let expected = object.expect(side, &self.base, sample.reading_n_m);
         let estimate = expected.as_ref().map(|expected| object.estimate(side, &self.base, expected));
-        object.keep(Reading::new(self.base, sample.reading_n_m, object.near_m()));
+        // The reading of a contact at the tip has another meaning.
+        if expected.as_ref().is_some_and(|expected| side.is_tip(expected.at())) {
+            return None;
+        }
+        let inertia_n_m = match &expected {
+            Some(expected) if side.base_noise.is_none() => self.inertia.moment_n_m(side, expected.at()),
+            _ => 0.0,
+        };
+        if expected.as_ref().is_none_or(|expected| side.distance_outside_m(expected.at()) < FARTHEST_M) {
+            object.keep(Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m()));
+        }
         let nis = expected.and_then(|expected| expected.innovation).map_or(f64::INFINITY, |innovation| innovation.nis);
         if let Some(effort) = self.pace.next(nis > OUTLIER_NIS) {
             object.refine(side, effort);
         }
+        let sd_m = estimate.as_ref().and_then(|estimate| estimate.covariance_m2).map_or(0.0, |p| p.trace().sqrt());
+        if sd_m < SETTLED_SD_M && estimate.as_ref().is_some_and(|estimate| self.knowledge.may_be_tip(estimate)) {
+            return estimate;
+        }
+        let bounded = nis.min(self.config.gate_sds.powi(2));
+        if self.config.search.is_on() && self.doubt.next(&self.config.search, sample.dt_s, bounded) {
+            self.give_up();
+        }
         estimate
+    }
+
+    /// Discards the known object, which the readings refute.
+    fn give_up(&mut self) {
+        let face = self.front.side.face.clone();
+        let touch = Touch { face: &face, history: &[], before: self.base, contact_prior: None, seed: 0 };
+        self.front = front(&touch, &self.knowledge);
+        self.object = None;
+        self.onset = Some(Onset::default());
+        self.pace = Pace::default();
     }
 }
 
 /// The bank of filters with which a touch begins.
 fn front(touch: &Touch<'_>, knowledge: &Knowledge) -> Follower<Extended, Round, 4> {
-    Follower::new(gaussian::Config::sliding(), Round::of_any_size(), touch, knowledge)
+    Follower::new(gaussian::Config::round(), Round::of_any_scale().beyond_pin(touch.face), touch, knowledge)
 }
 
 impl Tracker for Tracer {

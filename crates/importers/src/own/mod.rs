@@ -1,0 +1,480 @@
+//! Recordings of any laboratory: columns of a CSV, or fields of ROS 2 messages, by a mapping file.
+//!
+//! [`mapping`] names the columns with their units, signs and frames; [`columns`] and [`topics`] read them as [`series`]
+//! over time; these are resampled to equal intervals, and [`sensor`] converts the readings to moments. The contact on
+//! the centre line follows from the axis and the radius of the pin that was touched. `docs/own-data.md` specifies the
+//! mapping.
+
+pub(crate) mod columns;
+mod mapping;
+mod sensor;
+mod series;
+pub(crate) mod topics;
+mod units;
+
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+
+use files::{Digest, Error, FORMAT, sha256};
+use nalgebra::Vector2;
+use trace::{Contour, Generator, Instant, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
+use whisker::Whisker;
+use whisker::elastica::Elastica;
+use whisker::frames::{Base, Point, Pose, World};
+use whisker::sensor::Face;
+
+use self::mapping::{ContactColumns, Mapping, Moving, Quantity, RecordingEntry};
+use self::sensor::{AtRest, Conversion, Touching, sustained};
+use self::series::{Grid, Series};
+use self::units::Unit;
+use crate::{Imported, Progress};
+
+/// Largest coordinate and largest other quantity of a trace.
+const MOST_M: f64 = 1e3;
+const MOST: f64 = 1e6;
+
+/// Vertices of the outline of a pin.
+const VERTICES: usize = 96;
+
+/// Iterations that find the tangent of the whisker at a pin of finite radius.
+const ITERATIONS: usize = 5;
+
+/// A column to be read.
+#[derive(Clone, Copy, Debug)]
+struct Wanted<'a> {
+    name: &'a str,
+    /// Whether values may be missing.
+    may_be_empty: bool,
+}
+
+/// Columns of a recording.
+struct ReadColumns {
+    /// In the order in which they were wanted.
+    series: Vec<Series>,
+    sha256: String,
+    /// Samples with the time of the sample before, which are left out.
+    repeated: usize,
+    has_clock: bool,
+}
+
+type ReadSource = fn(&Path, &Mapping, &[Wanted<'_>]) -> Result<ReadColumns, Error>;
+
+/// Imports the recordings of a mapping from CSV files.
+///
+/// # Errors
+/// [`Error`] of the mapping or of a calibration. Damaged trials are listed in `failures`.
+pub(crate) fn import_columns(path: &Path, progress: Progress<'_>) -> Result<Imported, Error> {
+    import(columns::NAME, columns::read, path, progress)
+}
+
+/// Imports the recordings of a mapping from rosbag2 folders or MCAP files.
+///
+/// # Errors
+/// As [`import_columns`].
+pub(crate) fn import_topics(path: &Path, progress: Progress<'_>) -> Result<Imported, Error> {
+    import(topics::NAME, topics::read, path, progress)
+}
+
+fn import(format: &'static str, read: ReadSource, path: &Path, progress: Progress<'_>) -> Result<Imported, Error> {
+    let mapping = Mapping::read(path)?;
+    let laboratory = Laboratory { format, path, whisker: mapping.whisker(path)?, mapping: &mapping };
+    let mut imported = Imported::default();
+    let mut sampled = Vec::new();
+    for (done, entry) in mapping.recordings.iter().enumerate() {
+        progress(done as u64, mapping.recordings.len() as u64);
+        match Sampled::read(&laboratory, read, entry) {
+            Ok(recording) => sampled.push(recording),
+            // All moments may depend on a calibration.
+            Err(error) if entry.role == Role::Calibration => return Err(error),
+            Err(error) => imported.failures.push(error),
+        }
+    }
+    let Some(sensor) = Sensor::new(&laboratory, &sampled)? else { return Ok(imported) };
+    for recording in &sampled {
+        match recording.trace(&laboratory, &sensor) {
+            Ok((trace, outline)) => {
+                imported.notes.extend(recording.notes());
+                imported.outlines.extend(outline);
+                imported.traces.push(trace);
+            }
+            Err(error) => imported.failures.push(error),
+        }
+    }
+    Ok(imported)
+}
+
+/// Mapping and whisker, common to all recordings.
+struct Laboratory<'a> {
+    format: &'static str,
+    /// Path of the mapping.
+    path: &'a Path,
+    mapping: &'a Mapping,
+    whisker: Whisker,
+}
+
+/// A recording at the instants of its trace.
+struct Sampled<'a> {
+    entry: &'a RecordingEntry,
+    path: PathBuf,
+    sha256: String,
+    repeated: usize,
+    has_clock: bool,
+    grid: Grid,
+    base: Vec<Pose<Base, World>>,
+    at_rest: AtRest,
+    /// Readings relative to rest, in the unit of the recording.
+    readings: Vec<f64>,
+    /// Place of the contact or of the axis of the pin, if known.
+    places: Vec<Option<Point<World>>>,
+    touching: Vec<Option<bool>>,
+}
+
+impl<'a> Sampled<'a> {
+    fn read(laboratory: &Laboratory<'_>, read: ReadSource, entry: &'a RecordingEntry) -> Result<Self, Error> {
+        let mapping = laboratory.mapping;
+        let path = entry.path(laboratory.path);
+        let wanted = wanted(mapping, entry);
+        let ReadColumns { series, sha256, repeated, has_clock } = read(&path, mapping, &wanted)?;
+        let columns = Columns { wanted: &wanted, series: &series };
+        let grid = Grid::new(&path, mapping, &columns.complete())?;
+        let clock_s = &grid.clock_s;
+        let pose = &mapping.pose;
+        let (x, y) = (columns.lengths(&pose.x, clock_s), columns.lengths(&pose.y, clock_s));
+        let yaw = columns.angles(&pose.yaw, clock_s);
+        let reading = columns.series(&mapping.reading.column);
+        let at_rest = AtRest::of(&path, &mapping.reading, reading)?;
+        let known = |values: Vec<Option<f64>>| values.into_iter().map(Option::unwrap_or_default);
+        let base = known(x).zip(known(y)).zip(known(yaw));
+        let base: Vec<_> = base.map(|((x, y), yaw)| placed(mapping, x, y, yaw)).collect();
+        check_poses(&path, &base)?;
+        let places = match &entry.contact {
+            None => vec![None; clock_s.len()],
+            Some(ContactColumns { x, y, .. }) => {
+                let pairs = columns.lengths(x, clock_s).into_iter().zip(columns.lengths(y, clock_s));
+                pairs.map(|(x, y)| Some(Point::new(x?, y?))).collect()
+            }
+        };
+        check_places(&path, &places)?;
+        let flags = entry.touching.as_ref().map(|name| columns.series(name).at(clock_s));
+        let flag = |value: Option<f64>| value.map(|value| value >= 0.5);
+        Ok(Self {
+            entry,
+            sha256,
+            repeated,
+            has_clock,
+            base,
+            readings: known(reading.at(clock_s)).map(|reading| reading - at_rest.rest).collect(),
+            at_rest,
+            places,
+            touching: flags.map_or(vec![None; clock_s.len()], |flags| flags.into_iter().map(flag).collect()),
+            grid,
+            path,
+        })
+    }
+
+    /// Remarks about the times.
+    fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        let name = self.entry.name();
+        if self.grid.is_resampled {
+            notes.push(format!("{name}: interpolated to equal intervals"));
+        }
+        if self.grid.gaps > 0 {
+            notes.push(format!("{name}: {} gaps without rows", self.grid.gaps));
+        }
+        if self.repeated > 0 {
+            notes.push(format!("{name}: {} samples with the time of the one before left out", self.repeated));
+        }
+        notes
+    }
+
+    /// Whether the whisker touches in a row: by its flag, if there is one, else by the reading.
+    fn touches(&self, row: usize, touching: &Touching) -> bool {
+        let reading = self.readings[row];
+        self.touching[row].map_or_else(|| touching.has(reading), |flag| flag && !touching.is_glitch(reading))
+    }
+
+    /// Contacts on the centre line and on the object in a row, if the whisker touches at a known place.
+    fn contact(&self, row: usize, mechanics: &Mechanics<'_>, touching: &Touching) -> Option<Contact> {
+        let place = self.places[row].filter(|_| self.touches(row, touching))?;
+        let radius_m = self.entry.contact.as_ref().and_then(ContactColumns::radius_m);
+        Some(mechanics.contact(&self.base[row], place, radius_m, self.entry.face))
+    }
+
+    fn trace(
+        &self,
+        laboratory: &Laboratory<'_>,
+        sensor: &Sensor<'_>,
+    ) -> Result<(Trace, Option<(String, Outline)>), Error> {
+        let (mut instants, mut truths) = (Vec::new(), Vec::new());
+        for (row, t_s) in self.grid.t_s.iter().enumerate() {
+            let moment_z_n_m = sensor.conversion.characteristic.moment_n_m(self.readings[row]);
+            if !moment_z_n_m.is_finite() || moment_z_n_m.abs() > MOST {
+                let found = format!("{moment_z_n_m} N m at {t_s} s");
+                return Err(Error::value(&self.path, "reading", found, format!("at most {MOST} N m")));
+            }
+            let base = self.base[row];
+            instants.push(Instant { t_s: *t_s, base, twist: None, moment_z_n_m, rotation_z_rad: None });
+            let contact = self.contact(row, &sensor.mechanics, &sensor.touching);
+            let touching = self.touching[row].or(contact.map(|_| true));
+            truths.push(TruthInstant {
+                touching,
+                contact: contact.map(|contact| contact.centre_line),
+                surface: contact.and_then(|contact| contact.surface),
+                ..TruthInstant::default()
+            });
+        }
+        let mut sidecar = self.sidecar(laboratory, sensor);
+        let outline = self.outline();
+        if let Some((file, outline)) = &outline {
+            let radius_m = self.entry.contact.as_ref().and_then(ContactColumns::radius_m).unwrap_or_default();
+            let chord_error_m = radius_m * (1.0 - (0.5 * TAU / VERTICES as f64).cos());
+            sidecar.contour = Some(Contour { file: file.clone(), sha256: sha256(outline.to_csv()), chord_error_m });
+        }
+        let mut trace = Trace { sidecar, recording: Recording { instants }, truth: Truth { instants: truths } };
+        trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+        Ok((trace, outline))
+    }
+
+    /// Outline of a pin of known radius at rest in World.
+    fn outline(&self) -> Option<(String, Outline)> {
+        let contact = self.entry.contact.as_ref()?;
+        let (x_m, y_m, radius_m) = (contact.x.constant()?, contact.y.constant()?, contact.radius_m()?);
+        let vertex = |i: usize| {
+            let angle_rad = TAU * (i % VERTICES) as f64 / VERTICES as f64;
+            Point::new(x_m + radius_m * angle_rad.cos(), y_m + radius_m * angle_rad.sin())
+        };
+        let outline = Outline::new((0..=VERTICES).map(vertex).collect())?;
+        Some((format!("{}.contour.csv", self.entry.name()), outline))
+    }
+
+    fn sidecar(&self, laboratory: &Laboratory<'_>, sensor: &Sensor<'_>) -> Sidecar {
+        let mapping = serde_json::to_vec(laboratory.mapping).expect("a mapping serialises");
+        let coefficients = sensor.conversion.coefficients();
+        let clock = match (self.has_clock, self.grid.is_resampled) {
+            (false, _) => "nominal, a row a sample",
+            (true, false) => "recorded",
+            (true, true) => "recorded, interpolated to equal intervals",
+        };
+        let mut inputs = Digest::default();
+        inputs.add(&self.sha256).add(mapping).add(format!("{coefficients:?}")).add(source_sha256());
+        Sidecar {
+            format: FORMAT,
+            kind: "trace".into(),
+            name: self.entry.name(),
+            role: self.entry.role,
+            group: self.entry.group().into(),
+            object: self.entry.object.clone(),
+            face: self.entry.face,
+            seed: 0,
+            rate_hz: laboratory.mapping.rate_hz,
+            rows: self.grid.t_s.len(),
+            whisker: laboratory.whisker.clone(),
+            scene: serde_json::Value::Null,
+            generator: Generator {
+                name: laboratory.format.into(),
+                version: env!("CARGO_PKG_VERSION").into(),
+                mujoco: None,
+                git_commit: None,
+                source_sha256: source_sha256(),
+            },
+            inputs_sha256: inputs.finish(),
+            csv_sha256: String::new(),
+            contour: None,
+            certificate: None,
+            recorded: Some(Recorded {
+                clock: clock.into(),
+                characteristic: coefficients,
+                residual_counts: sensor.conversion.residual,
+                rest_counts: self.at_rest.rest,
+                noise_sd_n_m: self.at_rest.noise_sd / coefficients[0].abs(),
+                touch_counts: sensor.touching.least,
+                object_class: Some(self.entry.class()),
+            }),
+            recording: None,
+            replay: None,
+        }
+    }
+}
+
+/// Columns of a mapping for one of its recordings, each once.
+fn wanted<'a>(mapping: &'a Mapping, entry: &'a RecordingEntry) -> Vec<Wanted<'a>> {
+    let pose = &mapping.pose;
+    let needed =
+        [&pose.x.column, &pose.y.column, &pose.yaw.column].into_iter().flatten().chain([&mapping.reading.column]);
+    let contact = entry.contact.iter().flat_map(|contact| [&contact.x.column, &contact.y.column]).flatten();
+    let optional = contact.chain(&entry.touching);
+    let all = needed.map(|name| (name, false)).chain(optional.map(|name| (name, true)));
+    let mut wanted: Vec<Wanted<'_>> = Vec::new();
+    for (name, may_be_empty) in all {
+        if wanted.iter().all(|known| known.name != name) {
+            wanted.push(Wanted { name, may_be_empty });
+        }
+    }
+    wanted
+}
+
+/// The columns that were read, by name.
+struct Columns<'a> {
+    wanted: &'a [Wanted<'a>],
+    series: &'a [Series],
+}
+
+impl Columns<'_> {
+    fn series(&self, name: &str) -> &Series {
+        let place = self.wanted.iter().position(|wanted| wanted.name == name);
+        &self.series[place.expect("every column of the mapping is wanted")]
+    }
+
+    /// The columns that must have a value at each instant.
+    fn complete(&self) -> Vec<&Series> {
+        let pairs = self.wanted.iter().zip(self.series);
+        pairs.filter(|(wanted, _)| !wanted.may_be_empty).map(|(_, series)| series).collect()
+    }
+
+    fn lengths<U: Unit>(&self, quantity: &Quantity<U>, clock_s: &[f64]) -> Vec<Option<f64>> {
+        match &quantity.column {
+            Some(name) => self.series(name).clone().scaled(quantity.factor()).at(clock_s),
+            None => vec![quantity.constant(); clock_s.len()],
+        }
+    }
+
+    fn angles<U: Unit>(&self, quantity: &Quantity<U>, clock_s: &[f64]) -> Vec<Option<f64>> {
+        match &quantity.column {
+            Some(name) => self.series(name).clone().scaled(quantity.factor()).unwrapped().at(clock_s),
+            None => vec![quantity.constant(); clock_s.len()],
+        }
+    }
+}
+
+/// Pose of the base in World, the frame in which the object rests.
+fn placed(mapping: &Mapping, x_m: f64, y_m: f64, yaw_rad: f64) -> Pose<Base, World> {
+    match mapping.pose.of {
+        Moving::Whisker => mapping.base::<Base, Base>().then(&Pose::new(x_m, y_m, yaw_rad)),
+        Moving::Object => mapping.base::<Base, Base>().then(&Pose::<World, Base>::new(x_m, y_m, yaw_rad).inverse()),
+    }
+}
+
+fn check_poses(path: &Path, base: &[Pose<Base, World>]) -> Result<(), Error> {
+    let is_far = |pose: &&Pose<Base, World>| {
+        let origin = pose.origin();
+        !(origin.x().abs() <= MOST_M && origin.y().abs() <= MOST_M && pose.yaw_rad().abs() <= MOST)
+    };
+    let Some(far) = base.iter().find(is_far) else { return Ok(()) };
+    let found = format!("{} m, {} m, {} rad", far.origin().x(), far.origin().y(), far.yaw_rad());
+    Err(Error::value(
+        path,
+        "pose",
+        found,
+        format!("at most {MOST_M} m and {MOST} rad; compare the units of the mapping"),
+    ))
+}
+
+fn check_places(path: &Path, places: &[Option<Point<World>>]) -> Result<(), Error> {
+    let is_far = |place: &&Point<World>| !(place.x().abs() <= MOST_M && place.y().abs() <= MOST_M);
+    let Some(far) = places.iter().flatten().find(is_far) else { return Ok(()) };
+    let found = format!("{} m, {} m", far.x(), far.y());
+    Err(Error::value(path, "contact", found, format!("at most {MOST_M} m; compare the units of the mapping")))
+}
+
+/// Contact of a whisker with a pin.
+#[derive(Clone, Copy, Debug)]
+struct Contact {
+    centre_line: Point<World>,
+    /// `None` if the radius of the pin is not known.
+    surface: Option<Point<World>>,
+}
+
+/// Mechanics of a whisker.
+struct Mechanics<'a> {
+    whisker: &'a Whisker,
+    elastica: Elastica,
+}
+
+impl Mechanics<'_> {
+    /// Contact at a place, or with a pin of this radius whose axis is the place: along the normal of the deflected
+    /// whisker. Its tangent is that of the elastica through the contact, found by iteration, or else that of the
+    /// undeflected whisker.
+    fn contact(&self, base: &Pose<Base, World>, place: Point<World>, radius_m: Option<f64>, face: Face) -> Contact {
+        let Some(radius_m) = radius_m else { return Contact { centre_line: place, surface: None } };
+        let rest = self.whisker.rest_shape();
+        let axis = base.inverse().apply(place);
+        let away = |tangent_rad: f64| Vector2::new(-tangent_rad.sin(), tangent_rad.cos()) * face.away_sign();
+        let mut contact = axis;
+        let mut normal = Vector2::zeros();
+        for _ in 0..ITERATIONS {
+            let foot = rest.foot(contact);
+            let tangent_rad = self
+                .elastica
+                .at_point(contact)
+                .map_or_else(|_| rest.tangent_rad(foot.arc_m), |contact| contact.deflection.tangent_rad);
+            normal = away(tangent_rad);
+            contact = axis.shifted(normal * (radius_m + 0.5 * self.whisker.diameter_m(foot.arc_m)));
+        }
+        Contact { centre_line: base.apply(contact), surface: Some(base.apply(axis.shifted(normal * radius_m))) }
+    }
+
+    /// Moment of the elastica through a contact. `None` if the whisker does not reach it.
+    fn moment_n_m(&self, base: &Pose<Base, World>, contact: &Contact) -> Option<f64> {
+        let contact = self.elastica.at_point(base.inverse().apply(contact.centre_line)).ok()?;
+        Some(contact.deflection.moment_n_m)
+    }
+}
+
+/// Sensor of all recordings.
+struct Sensor<'a> {
+    mechanics: Mechanics<'a>,
+    touching: Touching,
+    conversion: Conversion,
+}
+
+impl<'a> Sensor<'a> {
+    /// Sensor as stated by the mapping, or fitted to the calibration. `None` without recordings.
+    fn new(laboratory: &'a Laboratory<'_>, sampled: &[Sampled<'_>]) -> Result<Option<Self>, Error> {
+        if sampled.is_empty() {
+            return Ok(None);
+        }
+        let (path, mapped) = (laboratory.path, &laboratory.mapping.reading);
+        let elastica = Elastica::new(&laboratory.whisker)
+            .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))?;
+        let mechanics = Mechanics { whisker: &laboratory.whisker, elastica };
+        let largest = sampled.iter().map(|recording| sustained(&recording.readings)).fold(0.0, f64::max);
+        let touching = Touching::new(mapped, largest);
+        let conversion = match Conversion::stated(path, mapped, largest)? {
+            Some(stated) => stated,
+            None => {
+                let calibration = sampled.iter().filter(|recording| recording.entry.role == Role::Calibration);
+                let contacts: Vec<(&Sampled<'_>, usize, Contact)> = calibration
+                    .flat_map(|recording| (0..recording.readings.len()).map(move |row| (recording, row)))
+                    .filter_map(|(recording, row)| {
+                        Some((recording, row, recording.contact(row, &mechanics, &touching)?))
+                    })
+                    .collect();
+                let pair = |(recording, row, contact): (&Sampled<'_>, usize, Contact)| {
+                    Some((mechanics.moment_n_m(&recording.base[row], &contact)?, recording.readings[row]))
+                };
+                let known = contacts.len();
+                let pairs: Vec<(f64, f64)> = contacts.into_iter().filter_map(pair).collect();
+                Conversion::fitted(path, mapped, &pairs, known)?
+            }
+        };
+        Ok(Some(Self { mechanics, touching, conversion }))
+    }
+}
+
+/// Hash of the sources that determine a trace.
+fn source_sha256() -> String {
+    let mut sources = Digest::default();
+    for source in [
+        &include_bytes!("mod.rs")[..],
+        include_bytes!("columns.rs"),
+        include_bytes!("mapping.rs"),
+        include_bytes!("sensor.rs"),
+        include_bytes!("series.rs"),
+        include_bytes!("topics.rs"),
+        include_bytes!("units.rs"),
+    ] {
+        sources.add(source);
+    }
+    sources.finish()
+}

@@ -1,0 +1,255 @@
+//! Quantities over time, and their resampling to equal intervals.
+
+use std::collections::BTreeSet;
+use std::f64::consts::TAU;
+use std::path::Path;
+use std::rc::Rc;
+
+use files::Error;
+
+use super::mapping::{Gaps, Mapping};
+
+/// Deviation from equal intervals, in intervals, up to which the rows of a recording are kept as they are.
+const EVEN: f64 = 0.05;
+
+/// Largest ratio of the rate to the median rate of a recording.
+const MOST_UPSAMPLING: f64 = 10.0;
+
+/// Largest number of rows for each sample of a recording.
+const MOST_ROWS_PER_SAMPLE: f64 = 20.0;
+
+/// Times of samples and their places in the file.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Clock {
+    /// Times, strictly increasing.
+    pub(crate) times_s: Vec<f64>,
+    /// Line or message of each sample, from 1.
+    pub(crate) places: Vec<u64>,
+}
+
+impl Clock {
+    /// Appends a time, unless it equals the last one. Returns whether it was appended.
+    ///
+    /// # Errors
+    /// [`Error::Table`] if the time decreases.
+    pub(crate) fn push(&mut self, path: &Path, place: u64, time_s: f64) -> Result<bool, Error> {
+        match self.times_s.last() {
+            Some(last) if time_s < *last => Err(Error::Table {
+                path: path.into(),
+                line: place,
+                place: "time".into(),
+                found: format!("{time_s} s after {last} s"),
+                expected: "the order of time".into(),
+            }),
+            Some(last) if time_s == *last => Ok(false),
+            _ => {
+                self.times_s.push(time_s);
+                self.places.push(place);
+                Ok(true)
+            }
+        }
+    }
+}
+
+/// Values of one quantity over time.
+#[derive(Clone, Debug)]
+pub(crate) struct Series {
+    pub(crate) clock: Rc<Clock>,
+    /// One entry for each time. `None` where the recording has no value.
+    pub(crate) values: Vec<Option<f64>>,
+}
+
+impl Series {
+    pub(crate) fn scaled(mut self, factor: f64) -> Self {
+        self.values.iter_mut().flatten().for_each(|value| *value *= factor);
+        self
+    }
+
+    /// The angles (rad) made continuous: a step of more than half a turn is one across the end of the range.
+    pub(crate) fn unwrapped(mut self) -> Self {
+        let mut last: Option<f64> = None;
+        for value in self.values.iter_mut().flatten() {
+            if let Some(last) = last {
+                *value -= TAU * ((*value - last) / TAU).round();
+            }
+            last = Some(*value);
+        }
+        self
+    }
+
+    /// Values at increasing times, interpolated linearly between known ones.
+    pub(crate) fn at(&self, times_s: &[f64]) -> Vec<Option<f64>> {
+        let own = &self.clock.times_s;
+        let mut next = 0;
+        let interpolate = |time_s: &f64| {
+            while next < own.len() && own[next] < *time_s {
+                next += 1;
+            }
+            if own.get(next) == Some(time_s) {
+                return self.values[next];
+            }
+            let (from, to) = (next.checked_sub(1)?, next);
+            let (first, second) = (self.values[from]?, (*self.values.get(to)?)?);
+            Some(first + (second - first) * (time_s - own[from]) / (own[to] - own[from]))
+        };
+        times_s.iter().map(interpolate).collect()
+    }
+}
+
+/// Instants of a trace.
+#[derive(Debug)]
+pub(crate) struct Grid {
+    /// Times since the first row.
+    pub(crate) t_s: Vec<f64>,
+    /// The same on the clock of the recording.
+    pub(crate) clock_s: Vec<f64>,
+    /// Whether values are interpolated.
+    pub(crate) is_resampled: bool,
+    /// Gaps without rows.
+    pub(crate) gaps: usize,
+}
+
+impl Grid {
+    /// Instants at the rate of the mapping at which all series have values.
+    ///
+    /// # Errors
+    /// [`Error`] if the series do not overlap, have a gap that is refused, or have another order of magnitude of rate.
+    pub(crate) fn new(path: &Path, mapping: &Mapping, series: &[&Series]) -> Result<Self, Error> {
+        let rate_hz = mapping.rate_hz;
+        let clocks = distinct(series);
+        let first = clocks.iter().filter_map(|clock| clock.times_s.first()).copied().fold(f64::NEG_INFINITY, f64::max);
+        let last = clocks.iter().filter_map(|clock| clock.times_s.last()).copied().fold(f64::INFINITY, f64::min);
+        if clocks.iter().any(|clock| clock.times_s.is_empty()) || first > last {
+            return Err(Error::value(path, "times", "no instant at which all columns have values", "an overlap"));
+        }
+        if let [clock] = clocks.as_slice()
+            && is_even(&clock.times_s, rate_hz)
+        {
+            let t_s = (0..clock.times_s.len()).map(|row| row as f64 / rate_hz).collect();
+            return Ok(Self { t_s, clock_s: clock.times_s.clone(), is_resampled: false, gaps: 0 });
+        }
+        for clock in &clocks {
+            check_rate(path, rate_hz, clock)?;
+        }
+        let gaps = gaps(path, mapping, &clocks, [first, last])?;
+        let samples: usize = clocks.iter().map(|clock| clock.times_s.len()).sum();
+        let covered_s = last - first - gaps.iter().map(|[from, to]| to - from).sum::<f64>();
+        if covered_s * rate_hz > MOST_ROWS_PER_SAMPLE * samples as f64 {
+            let found = format!("{rate_hz}, which needs {:.0} rows for {samples} samples", covered_s * rate_hz);
+            return Err(Error::value(path, "rate_hz", found, "about the rate of the recording"));
+        }
+        let mut grid = Self { t_s: Vec::new(), clock_s: Vec::new(), is_resampled: true, gaps: gaps.len() };
+        let mut open = gaps.iter().peekable();
+        let mut row: u64 = 0;
+        loop {
+            let time_s = first + row as f64 / rate_hz;
+            if time_s > last {
+                return Ok(grid);
+            }
+            while open.next_if(|[_, to]| *to <= time_s).is_some() {}
+            match open.peek() {
+                Some([from, to]) if *from < time_s => row = (((to - first) * rate_hz).ceil() as u64).max(row + 1),
+                _ => {
+                    grid.t_s.push(row as f64 / rate_hz);
+                    grid.clock_s.push(time_s);
+                    row += 1;
+                }
+            }
+        }
+    }
+}
+
+/// Clocks of series, each once.
+fn distinct<'a>(series: &[&'a Series]) -> Vec<&'a Clock> {
+    let mut seen = BTreeSet::new();
+    series.iter().filter(|series| seen.insert(Rc::as_ptr(&series.clock))).map(|series| &*series.clock).collect()
+}
+
+fn is_even(times_s: &[f64], rate_hz: f64) -> bool {
+    times_s.iter().enumerate().all(|(row, time_s)| ((time_s - times_s[0]) * rate_hz - row as f64).abs() < EVEN)
+}
+
+/// Compares the rate with the median rate of a clock.
+fn check_rate(path: &Path, rate_hz: f64, clock: &Clock) -> Result<(), Error> {
+    let mut steps_s: Vec<f64> = clock.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if steps_s.is_empty() {
+        return Ok(());
+    }
+    let middle = steps_s.len() / 2;
+    let step_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+    if step_s * rate_hz > MOST_UPSAMPLING {
+        let found = format!("{rate_hz} for samples every {step_s} s");
+        let expected = format!("at most {MOST_UPSAMPLING} rows a sample; compare the unit of the times");
+        return Err(Error::value(path, "rate_hz", found, expected));
+    }
+    Ok(())
+}
+
+/// Gaps of all clocks within a range of time, in order of time and disjoint.
+fn gaps(path: &Path, mapping: &Mapping, clocks: &[&Clock], [first, last]: [f64; 2]) -> Result<Vec<[f64; 2]>, Error> {
+    let mut gaps: Vec<[f64; 2]> = Vec::new();
+    for clock in clocks {
+        for (i, pair) in clock.times_s.windows(2).enumerate() {
+            let [from, to] = [pair[0].max(first), pair[1].min(last)];
+            if pair[1] - pair[0] <= mapping.longest_gap_s || to <= from {
+                continue;
+            }
+            if mapping.gaps == Gaps::Refuse {
+                return Err(Error::Table {
+                    path: path.into(),
+                    line: clock.places[i + 1],
+                    place: "time".into(),
+                    found: format!("a gap of {:.6} s after {} s", pair[1] - pair[0], pair[0]),
+                    expected: format!(
+                        "at most {} s; state `\"gaps\": \"leave\"` to leave gaps without rows, or a larger `longest_gap_s`",
+                        mapping.longest_gap_s
+                    ),
+                });
+            }
+            gaps.push([from, to]);
+        }
+    }
+    gaps.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut joined: Vec<[f64; 2]> = Vec::new();
+    for gap in gaps {
+        match joined.last_mut() {
+            Some(last) if gap[0] <= last[1] => last[1] = last[1].max(gap[1]),
+            _ => joined.push(gap),
+        }
+    }
+    Ok(joined)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn series(times_s: &[f64], values: &[Option<f64>]) -> Series {
+        let places = (2..).take(times_s.len()).collect();
+        Series { clock: Rc::new(Clock { times_s: times_s.into(), places }), values: values.into() }
+    }
+
+    #[test]
+    fn verif_values_are_interpolated_between_known_ones() {
+        let series = series(&[0.0, 1.0, 2.0, 3.0], &[Some(1.0), Some(3.0), None, Some(7.0)]);
+        let found = series.at(&[0.0, 0.25, 1.0, 1.5, 3.0, 3.5]);
+        assert_eq!(found, [Some(1.0), Some(1.5), Some(3.0), None, Some(7.0), None]);
+    }
+
+    #[test]
+    fn verif_wrapped_angles_become_continuous() {
+        let wrapped = series(&[0.0, 1.0, 2.0, 3.0], &[Some(3.0), Some(-3.0), None, Some(3.1)]);
+        let found: Vec<f64> = wrapped.unwrapped().values.into_iter().flatten().collect();
+        assert!((found[1] - (TAU - 3.0)).abs() < 1e-12 && (found[2] - 3.1).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn robust_times_out_of_order_and_repeated() {
+        let mut clock = Clock::default();
+        let path = Path::new("log.csv");
+        assert!(clock.push(path, 2, 0.5).unwrap());
+        assert!(!clock.push(path, 3, 0.5).unwrap());
+        let error = clock.push(path, 4, 0.4).unwrap_err().to_string();
+        assert_eq!(error, "log.csv:4: time: found 0.4 s after 0.5 s, expected the order of time");
+    }
+}

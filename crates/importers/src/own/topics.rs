@@ -1,0 +1,189 @@
+//! Fields of the messages of a rosbag2 folder or MCAP file.
+//!
+//! A field is named as in PlotJuggler: the topic, then the path to the number, separated by slashes, for example
+//! `/wrench/wrench/torque/z`. An element of a list is chosen by its index, `position[0]`, or by its name,
+//! `position[elbow]` for joints and `transforms[tool]` for frames. The yaw of a quaternion is its field `yaw`.
+
+use std::path::Path;
+use std::rc::Rc;
+
+use bag::{Reader, Record};
+use files::{Digest, Error};
+use serde_json::Value;
+
+use super::mapping::{Mapping, Stamps};
+use super::series::{Clock, Series};
+use super::{ReadColumns, Wanted};
+
+pub(crate) const NAME: &str = "bag";
+
+const S_PER_NS: f64 = 1e-9;
+
+/// A wanted column with the values found so far.
+struct Column<'a> {
+    wanted: &'a Wanted<'a>,
+    clock: Clock,
+    values: Vec<Option<f64>>,
+    has_topic: bool,
+}
+
+/// Reads fields of the messages of a recording.
+pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Result<ReadColumns, Error> {
+    if mapping.time.is_some() {
+        return Err(Error::value(path, "time", "a column", "`stamps` for a bag: `log` or `header`"));
+    }
+    let reader = Reader::open(path).map_err(converted)?;
+    let column = |wanted| Column { wanted, clock: Clock::default(), values: Vec::new(), has_topic: false };
+    let mut columns: Vec<Column<'_>> = wanted.iter().map(column).collect();
+    let mut topics: Vec<String> = Vec::new();
+    let (mut digest, mut first_ns, mut repeated) = (Digest::default(), None, 0);
+    for record in reader.records() {
+        let record = record.map_err(converted)?;
+        if !topics.contains(&record.topic) {
+            topics.push(record.topic.clone());
+        }
+        let mut message = None;
+        for column in &mut columns {
+            let Some(field) = field_of(column.wanted.name, &record.topic) else { continue };
+            column.has_topic = true;
+            if message.is_none() {
+                digest.add(&record.topic).add(record.time_ns.to_le_bytes()).add(&record.data);
+                message = Some(decoded(&record)?);
+            }
+            let message = message.as_ref().expect("it was decoded");
+            let Some(value) = value_at(&record, message, field, column.wanted)? else { continue };
+            let time_ns = match mapping.stamps {
+                Some(Stamps::Header) => stamp_ns(&record, message)?,
+                _ => i128::from(record.time_ns),
+            };
+            let since_ns = time_ns - *first_ns.get_or_insert(time_ns);
+            if column.clock.push(&record.file, record.number, since_ns as f64 * S_PER_NS)? {
+                column.values.push(value);
+            } else {
+                repeated += 1;
+            }
+        }
+    }
+    for column in &columns {
+        if !column.has_topic || column.values.is_empty() {
+            let found = if column.has_topic { "no message with this field".into() } else { topics.join(", ") };
+            return Err(Error::value(path, "topics", found, format!("the field `{}`", column.wanted.name)));
+        }
+    }
+    Ok(ReadColumns { series: shared(columns), sha256: digest.finish(), repeated, has_clock: true })
+}
+
+/// The series; those of one topic share their clock.
+fn shared(columns: Vec<Column<'_>>) -> Vec<Series> {
+    let mut clocks: Vec<Rc<Clock>> = Vec::new();
+    let mut series = Vec::new();
+    for Column { clock, values, .. } in columns {
+        let known = clocks.iter().find(|known| ***known == clock).cloned();
+        let clock = known.unwrap_or_else(|| Rc::new(clock));
+        clocks.push(clock.clone());
+        series.push(Series { clock, values });
+    }
+    series
+}
+
+/// Path of a field within the messages of a topic. `None` if the field belongs to another topic.
+fn field_of<'a>(name: &'a str, topic: &str) -> Option<&'a str> {
+    name.strip_prefix(topic)?.strip_prefix('/')
+}
+
+fn converted(error: bag::Error) -> Error {
+    match error {
+        bag::Error::Io { path, reason } => Error::Io { path, reason },
+        bag::Error::Content { path, place, found, expected } => Error::Value { path, key: place, found, expected },
+        bag::Error::Live { topic, reason } => Error::value(Path::new(&topic), "topic", reason, "a recording"),
+    }
+}
+
+fn decoded(record: &Record) -> Result<Value, Error> {
+    let message = record.decode_any().map_err(converted)?.ok_or_else(|| {
+        let known = bag::messages::AnyMessage::TYPES.join(", ");
+        converted(record.wrong(format!("type `{}`", record.type_name), format!("one of: {known}")))
+    })?;
+    serde_json::to_value(&message).map_err(|error| converted(record.wrong(error, "a message")))
+}
+
+/// Number at a path. The outer `None`: the message has no such element, for example another frame. The inner `None`:
+/// the number is not known.
+fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) -> Result<Option<Option<f64>>, Error> {
+    let mut at = message.clone();
+    for part in field.split('/') {
+        let (name, element) = match part.strip_suffix(']').and_then(|part| part.split_once('[')) {
+            Some((name, element)) => (name, Some(element)),
+            None => (part, None),
+        };
+        let Some(next) = member(&at, name) else {
+            let known = at.as_object().map_or_else(Vec::new, |object| object.keys().cloned().collect());
+            let found = format!("no field `{name}` among {}", known.join(", "));
+            return Err(converted(record.wrong(found, format!("`{field}`"))));
+        };
+        at = match element {
+            None => next,
+            Some(element) => match chosen(&at, &next, element) {
+                Some(element) => element,
+                None => return Ok(None),
+            },
+        };
+    }
+    match at.as_f64().or_else(|| at.as_bool().map(|flag| f64::from(u8::from(flag)))) {
+        Some(number) if number.is_finite() => Ok(Some(Some(number))),
+        _ if wanted.may_be_empty && at.is_null() => Ok(Some(None)),
+        _ => Err(converted(record.wrong(at, format!("a finite number in `{field}`")))),
+    }
+}
+
+/// Member of an object; `yaw` also of a quaternion.
+fn member(value: &Value, name: &str) -> Option<Value> {
+    if let Some(member) = value.get(name) {
+        return Some(member.clone());
+    }
+    let [x, y, z, w] = ["x", "y", "z", "w"].map(|name| value.get(name).and_then(Value::as_f64));
+    let (x, y, z, w) = (x?, y?, z?, w?);
+    (name == "yaw").then(|| Value::from((2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))))
+}
+
+/// Element of a list by its index, by the name of its frame, or by the list `name` beside it.
+fn chosen(parent: &Value, list: &Value, element: &str) -> Option<Value> {
+    let items = list.as_array()?;
+    let index = element.parse().ok().or_else(|| {
+        let is_named =
+            |item: &Value| item.as_str() == Some(element) || item["child_frame_id"].as_str() == Some(element);
+        items.iter().position(is_named).or_else(|| parent.get("name")?.as_array()?.iter().position(is_named))
+    })?;
+    items.get::<usize>(index).cloned()
+}
+
+/// Stamp of a message, or of the first frame of a message of frames.
+fn stamp_ns(record: &Record, message: &Value) -> Result<i128, Error> {
+    let part = |name: &str| {
+        let stamp = message.pointer("/header/stamp").or_else(|| message.pointer("/transforms/0/header/stamp"))?;
+        stamp.get(name).and_then(Value::as_i64)
+    };
+    let stamp =
+        part("sec").zip(part("nanosec")).map(|(sec, nanosec)| i128::from(sec) * 1_000_000_000 + i128::from(nanosec));
+    stamp.ok_or_else(|| {
+        converted(record.wrong("no header", "a header with a stamp; state `\"stamps\": \"log\"` for messages without"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_elements_and_angles_are_found_by_name() {
+        let joints = serde_json::json!({"name": ["wrist", "elbow"], "position": [1.0, 2.0]});
+        assert_eq!(chosen(&joints, &joints["position"], "elbow"), Some(Value::from(2.0)));
+        assert_eq!(chosen(&joints, &joints["position"], "0"), Some(Value::from(1.0)));
+        assert_eq!(chosen(&joints, &joints["position"], "knee"), None);
+        let half = 0.5_f64;
+        let turned = serde_json::json!({"x": 0.0, "y": 0.0, "z": half.sin(), "w": half.cos()});
+        assert!((member(&turned, "yaw").unwrap().as_f64().unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(field_of("/wrench/torque/z", "/wrench"), Some("torque/z"));
+        assert_eq!(field_of("/wrench_2/torque/z", "/wrench"), None);
+    }
+}

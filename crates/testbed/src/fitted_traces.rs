@@ -1,0 +1,86 @@
+//! Traces that a calibration was fitted to, compared with the traces of today.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use files::sha256_of_file;
+use trace::{CalibrationFile, Role, Sidecar, data_sha256};
+
+use crate::dataset::{CALIBRATIONS, Dataset};
+
+/// Checks that the traces a calibration was fitted to have not changed since. They lie in the folder that contains `calibrations`. A calibration without any of its traces,
+/// for example a copy, is accepted.
+///
+/// # Errors
+/// If a trace is missing, damaged, or other than at the fit. `path` is the path of the calibration.
+pub fn check_fitted_traces(path: &Path, calibration: &CalibrationFile) -> anyhow::Result<()> {
+    let Some(folder) = folder_of_traces(path)? else { return Ok(()) };
+    let csv = |name: &String| folder.join(name).with_extension("csv");
+    let (found, missing): (Vec<&String>, Vec<&String>) =
+        calibration.traces.iter().partition(|name| csv(name).with_extension("json").is_file());
+    if found.is_empty() {
+        return Ok(());
+    }
+    let remedy = format!("run `whisker fit {}`, or on its suite, with the options of the first fit", folder.display());
+    if let Some(name) = missing.first() {
+        bail!("{}: traces: {} is missing, to which it was fitted; {remedy}", path.display(), csv(name).display());
+    }
+    let mut sidecars = Vec::new();
+    for name in found {
+        sidecars.push(unchanged(&csv(name)).with_context(|| format!("{}: traces", path.display()))?);
+    }
+    if data_sha256(&sidecars) != calibration.data_sha256 {
+        bail!(
+            "{}: data_sha256: found a fit to other data than those of its traces in {} now: they have changed, or another version of whisker made the fit; {remedy}",
+            path.display(),
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+/// Checks that a calibration was fitted to all calibration traces of its whisker in the dataset that it belongs to.
+///
+/// # Errors
+/// If a sidecar cannot be read, or the calibration was not fitted to a trace. `path` is the path of the calibration.
+pub fn check_fitted_to_all(path: &Path, calibration: &CalibrationFile, dataset: &Dataset) -> anyhow::Result<()> {
+    for csv in &dataset.paths {
+        let Sidecar { name, role, whisker, .. } = Sidecar::read(csv)?;
+        if role == Role::Calibration && whisker.name == calibration.whisker.name && !calibration.traces.contains(&name)
+        {
+            bail!(
+                "{}: traces: was not fitted to {}; run `whisker fit {}` with the options of the first fit",
+                path.display(),
+                csv.display(),
+                dataset.input.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Folder that contains the folder `calibrations` of this file. `None` if there is no such folder.
+fn folder_of_traces(path: &Path) -> anyhow::Result<Option<PathBuf>> {
+    let of = |path: &Path| {
+        let calibrations =
+            path.ancestors().find(|folder| folder.file_name().is_some_and(|name| name == CALIBRATIONS))?;
+        Some(calibrations.parent()?.to_path_buf())
+    };
+    if let Some(folder) = of(path).filter(|folder| !folder.as_os_str().is_empty()) {
+        return Ok(Some(folder));
+    }
+    Ok(of(&path.canonicalize().with_context(|| path.display().to_string())?))
+}
+
+/// Sidecar of a trace whose files have the hashes that the sidecar states.
+fn unchanged(csv: &Path) -> anyhow::Result<Sidecar> {
+    let sidecar = Sidecar::read(csv)?;
+    let contour = sidecar.contour.iter().map(|contour| (csv.with_file_name(&contour.file), &contour.sha256));
+    for (file, expected) in [(csv.to_path_buf(), &sidecar.csv_sha256)].into_iter().chain(contour) {
+        let found = sha256_of_file(&file)?;
+        if found != *expected {
+            bail!("{}: sha256: found {found}, expected {expected}, as stated by its sidecar", file.display());
+        }
+    }
+    Ok(sidecar)
+}

@@ -1,0 +1,143 @@
+//! Size and sign of the moment.
+
+use std::f64::consts::FRAC_PI_2;
+
+use super::{Finding, Subject};
+
+/// Factor between N m and N mm.
+const MILLI: f64 = 1e3;
+
+/// Deviation of a single reading from its neighbours, relative to the largest moment of more than two consecutive
+/// readings, above which it is a glitch.
+const GLITCH: f64 = 3.0;
+
+/// Largest deviation of the moment from root stiffness x rotation, relative to the largest moment.
+const ROTATION_TOLERANCE: f64 = 0.05;
+
+/// Largest rotation of the root that a contact can cause, and largest strain of a super-elastic wire.
+const MOST_ROTATION_RAD: f64 = FRAC_PI_2;
+const MOST_STRAIN: f64 = 0.1;
+
+/// Share of the largest moment above which its sign is compared with the face, and share of such rows that may have the
+/// other sign: a released whisker rings.
+const SIGNED: f64 = 0.2;
+const MOST_WRONG: f64 = 0.5;
+
+pub(super) const THOUSAND_TIMES_LOOK: &str = "the moment looks 1000 times too large (N mm instead of N m?)";
+
+/// Finds single readings far above all others.
+pub(super) fn glitches(subject: &Subject<'_>) -> Vec<Finding> {
+    let most_n_m = (1.0 + GLITCH) * subject.largest_n_m;
+    let instants = subject.instants();
+    let glitches: Vec<usize> = (0..instants.len()).filter(|row| instants[*row].moment_z_n_m.abs() > most_n_m).collect();
+    let Some(first) = glitches.first().filter(|_| most_n_m > 0.0) else { return Vec::new() };
+    let more = if glitches.len() > 1 { format!(", the first of {}", glitches.len()) } else { String::new() };
+    vec![Finding {
+        place: "moment_z_n_m",
+        found: format!("{:e} N m in line {}{more}", instants[*first].moment_z_n_m, first + 2),
+        expected: format!("at most {most_n_m:.2e} N m, by the other readings"),
+        looks_like: "a glitch of the sensor; estimators gate a reading above ten times the largest calibrated one"
+            .into(),
+    }]
+}
+
+/// Compares the moment with the rotation of the root times its stiffness.
+pub(super) fn rotation(subject: &Subject<'_>) -> Vec<Finding> {
+    let stiffness = subject.trace.sidecar.whisker.root_stiffness_n_m_rad;
+    let pairs: Vec<(f64, f64)> = subject
+        .loaded(0.0)
+        .map(|row| &subject.instants()[row])
+        .filter_map(|instant| Some((instant.moment_z_n_m, stiffness * instant.rotation_z_rad?)))
+        .collect();
+    let largest_n_m = pairs.iter().map(|(_, expected_n_m)| expected_n_m.abs()).fold(0.0, f64::max);
+    let deviation = |scale: f64| {
+        let deviations = pairs.iter().map(|(found_n_m, expected_n_m)| (scale * found_n_m - expected_n_m).abs());
+        deviations.fold(0.0, f64::max)
+    };
+    let fits = |scale: f64| deviation(scale) <= ROTATION_TOLERANCE * largest_n_m;
+    if fits(1.0) {
+        return Vec::new();
+    }
+    let hypotheses = [
+        (1.0 / MILLI, THOUSAND_TIMES_LOOK),
+        (MILLI, "the moment looks 1000 times too small"),
+        (-1.0, "the sign of the moment is wrong"),
+        (180.0 / std::f64::consts::PI, "rotation_z_rad looks like degrees"),
+    ];
+    let looks_like = hypotheses.iter().find(|(scale, _)| fits(*scale)).map(|(_, look)| *look);
+    vec![Finding {
+        place: "moment_z_n_m",
+        found: format!("up to {:.3e} N m", subject.largest_n_m),
+        expected: format!("root stiffness x rotation_z_rad, up to {largest_n_m:.3e} N m"),
+        looks_like: looks_like.unwrap_or("moment and rotation do not belong together").into(),
+    }]
+}
+
+/// Compares the moment with the rotation of the root and the strain of the wire that it causes.
+pub(super) fn strength(subject: &Subject<'_>) -> Vec<Finding> {
+    let whisker = &subject.trace.sidecar.whisker;
+    let by_rotation_n_m = MOST_ROTATION_RAD * whisker.root_stiffness_n_m_rad;
+    let by_strain_n_m = 2.0 * MOST_STRAIN * whisker.bending_stiffness_n_m2(0.0) / whisker.root_diameter_m;
+    let most_n_m = by_rotation_n_m.min(by_strain_n_m);
+    if subject.largest_n_m <= most_n_m {
+        return Vec::new();
+    }
+    let looks_like = if subject.largest_n_m / MILLI <= most_n_m {
+        THOUSAND_TIMES_LOOK.into()
+    } else {
+        format!("the moment looks {:.0e} times too large", subject.largest_n_m / most_n_m)
+    };
+    vec![Finding {
+        place: "moment_z_n_m",
+        found: format!("up to {:.3e} N m", subject.largest_n_m),
+        expected: format!(
+            "at most {most_n_m:.3e} N m: more turns the root by a right angle ({by_rotation_n_m:.3e} N m) or strains the wire by {:.0} % ({by_strain_n_m:.3e} N m)",
+            100.0 * MOST_STRAIN
+        ),
+        looks_like,
+    }]
+}
+
+/// Compares the moment with the largest calibrated reading.
+pub(super) fn calibrated(subject: &Subject<'_>) -> Vec<Finding> {
+    let Some(calibration) = subject.calibration else { return Vec::new() };
+    let gate = calibration.gate();
+    if gate.admits(subject.largest_n_m) {
+        return Vec::new();
+    }
+    let looks_like = if gate.admits(subject.largest_n_m / MILLI) {
+        THOUSAND_TIMES_LOOK
+    } else {
+        "trace and calibration have different units"
+    };
+    vec![Finding {
+        place: "moment_z_n_m",
+        found: format!("up to {:.3e} N m", subject.largest_n_m),
+        expected: format!("at most {:.3e} N m, ten times the largest calibrated reading", gate.most_n_m()),
+        looks_like: looks_like.into(),
+    }]
+}
+
+/// Compares the sign of the moment with the face.
+pub(super) fn face(subject: &Subject<'_>) -> Vec<Finding> {
+    let face = subject.trace.sidecar.face;
+    let (mut rows, mut wrong) = (0.0, 0.0);
+    for row in subject.loaded(SIGNED) {
+        rows += 1.0;
+        wrong += f64::from(u8::from(face.away_sign() * subject.instants()[row].moment_z_n_m < 0.0));
+    }
+    if wrong <= MOST_WRONG * rows {
+        return Vec::new();
+    }
+    let (opposite, expected) = if face.away_sign() > 0.0 { ("negative", "positive") } else { ("positive", "negative") };
+    vec![Finding {
+        place: "face",
+        found: format!(
+            "`{}` with a {opposite} moment in {:.0} % of the loaded rows",
+            face.name(),
+            100.0 * wrong / rows
+        ),
+        expected: format!("a {expected} moment"),
+        looks_like: "the sign of the moment is wrong, or the face is the other one".into(),
+    }]
+}

@@ -1,0 +1,94 @@
+//! `whisker check` on a golden trace with a wrong unit, sign or rate, valid by its format.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use files::{sha256, write_json};
+use trace::Trace;
+use whisker::frames::Pose;
+
+fn check(path: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_whisker")).arg("check").arg(path).output().unwrap()
+}
+
+/// Asserts that `check` fails on a changed golden trace with a single line that contains every one of `words`.
+fn finds(change: impl FnOnce(&mut Trace), words: &[&str]) {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(golden.join("golden_pin.contour.csv"), folder.path().join("golden_pin.contour.csv")).unwrap();
+    let mut trace = Trace::read(&golden.join("golden_pin.csv")).unwrap();
+    change(&mut trace);
+    let path = folder.path().join("golden_pin.csv");
+    trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+    fs::write(&path, trace.to_csv()).unwrap();
+    write_json(&path.with_extension("json"), &trace.sidecar).unwrap();
+    let output = check(&path);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert_eq!(text.trim_end().lines().count(), 1, "{text}");
+    for word in words {
+        assert!(text.contains(word), "does not contain `{word}`: {text}");
+    }
+}
+
+#[test]
+fn robust_poses_in_millimetres() {
+    let millimetres = |trace: &mut Trace| {
+        for instant in &mut trace.recording.instants {
+            let origin = instant.base.origin();
+            instant.base = Pose::new(1e3 * origin.x(), 1e3 * origin.y(), instant.base.yaw_rad());
+        }
+    };
+    finds(millimetres, &["golden_pin.csv", "base_vx_m_s", "poses look like millimetres"]);
+}
+
+#[test]
+fn robust_yaw_in_degrees() {
+    let degrees = |trace: &mut Trace| {
+        for instant in &mut trace.recording.instants {
+            let origin = instant.base.origin();
+            instant.base = Pose::new(origin.x(), origin.y(), instant.base.yaw_rad().to_degrees());
+        }
+    };
+    finds(degrees, &["golden_pin.csv", "base_wz_rad_s", "yaw looks like degrees"]);
+}
+
+#[test]
+fn robust_moment_a_thousand_times_too_large() {
+    let newton_millimetres =
+        |trace: &mut Trace| trace.recording.instants.iter_mut().for_each(|instant| instant.moment_z_n_m *= 1e3);
+    finds(newton_millimetres, &["moment_z_n_m", "the moment looks 1000 times too large (N mm instead of N m?)"]);
+}
+
+#[test]
+fn robust_500_hz_under_a_rate_of_250_hz() {
+    let twice = |trace: &mut Trace| trace.recording.instants.iter_mut().for_each(|instant| instant.t_s *= 0.5);
+    finds(twice, &["rate_hz", "rate_hz 250 but times step 2.0000 ms"]);
+}
+
+#[test]
+fn robust_moment_of_the_wrong_sign() {
+    let negated = |trace: &mut Trace| {
+        for instant in &mut trace.recording.instants {
+            instant.moment_z_n_m *= -1.0;
+            instant.rotation_z_rad = instant.rotation_z_rad.map(|rotation_rad| -rotation_rad);
+        }
+    };
+    finds(negated, &["face", "the sign of the moment is wrong"]);
+}
+
+#[test]
+fn robust_a_single_glitch() {
+    let glitch = |trace: &mut Trace| trace.recording.instants[150].moment_z_n_m = -1.0;
+    finds(glitch, &["-1e0 N m in line 152", "a glitch of the sensor"]);
+}
+
+#[test]
+fn verif_golden_traces_pass() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+    for name in ["golden_pin.csv", "golden_circle.csv"] {
+        let output = check(&golden.join(name));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+}

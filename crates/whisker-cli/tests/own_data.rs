@@ -1,0 +1,296 @@
+//! From the recordings of a laboratory to estimates: import, check, fit, replay and evaluation of the example.
+
+#[path = "own_data/made.rs"]
+mod made;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use bag::messages::{
+    Header, MagneticField, Point as RosPoint, Pose as RosPose, PoseStamped, Quaternion, Time, Vector3,
+};
+use bag::{Publisher, Writer};
+use trace::{Sidecar, Trace};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn example() -> PathBuf {
+    root().join("examples/own-data")
+}
+
+fn whisker(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
+}
+
+/// Runs a command that must succeed. Returns stdout and stderr.
+fn good(arguments: &[&str]) -> (String, String) {
+    let output = whisker(arguments);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?} ended with {:?}: {errors}", output.status);
+    (String::from_utf8(output.stdout).unwrap(), errors)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Numbers of a column of a table; rows with an empty field are left out.
+fn column(path: &Path, name: &str) -> Vec<f64> {
+    let mut table = csv::Reader::from_path(path).unwrap();
+    let place = table.headers().unwrap().iter().position(|column| column == name).unwrap();
+    table.records().filter_map(|row| row.unwrap()[place].parse().ok()).collect()
+}
+
+/// Copy of the example with a changed mapping.
+fn changed(change: impl FnOnce(String) -> String) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in fs::read_dir(example()).unwrap() {
+        let path = entry.unwrap().path();
+        fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+    }
+    let mapping = folder.path().join("import.json");
+    fs::write(&mapping, change(fs::read_to_string(&mapping).unwrap())).unwrap();
+    folder
+}
+
+/// Imports a copy of the example and returns its standard error.
+fn imported(folder: &Path) -> (PathBuf, Output) {
+    let out = folder.join("traces");
+    let output = whisker(&["import", "csv", text(&folder.join("import.json")), "--out", text(&out)]);
+    (out, output)
+}
+
+/// Asserts that the import of a folder fails with a single error that contains every one of `words`.
+fn fails_on(folder: &Path, words: &[&str]) {
+    let (_, output) = imported(folder);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
+    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
+    let [failure] = failures[..] else { panic!("printed: {errors}") };
+    for word in words {
+        assert!(failure.contains(word), "does not contain `{word}`: {failure}");
+    }
+}
+
+fn fails(change: impl FnOnce(String) -> String, words: &[&str]) {
+    fails_on(changed(change).path(), words);
+}
+
+#[test]
+#[ignore = "writes examples/own-data"]
+fn write_example() {
+    for (name, rows) in made::recordings() {
+        fs::write(example().join(format!("{name}.csv")), made::csv(&rows)).unwrap();
+    }
+}
+
+#[test]
+fn regress_example_is_that_of_the_elastica() {
+    for (name, rows) in made::recordings() {
+        let stored = fs::read_to_string(example().join(format!("{name}.csv"))).unwrap();
+        let made = made::csv(&rows);
+        assert_eq!(stored.lines().count(), made.lines().count(), "{name}");
+        for (stored, made) in stored.lines().zip(made.lines()).skip(1) {
+            let cells = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect::<Vec<f64>>();
+            // The last digit may differ with the C library.
+            assert!(
+                cells(stored).iter().zip(cells(made)).all(|(a, b)| (a - b).abs() <= 1.0),
+                "{name}: {stored} {made}"
+            );
+        }
+    }
+}
+
+#[test]
+fn verif_own_csv_gives_accurate_contacts() {
+    let work = tempfile::tempdir().unwrap();
+    let traces = work.path().join("lab");
+    let mapping = example().join("import.json");
+    let (listed, notes) = good(&["import", "csv", text(&mapping), "--out", text(&traces)]);
+    assert!(listed.contains("lab-whisker") && notes.contains("trial_1: interpolated"), "{listed}{notes}");
+    assert!(!notes.contains("warning"), "{notes}");
+    good(&["check", text(&traces)]);
+    let sidecar = Sidecar::read(&traces.join("trial_1.json")).unwrap();
+    let recorded = sidecar.recorded.unwrap();
+    // The stiffness of the whisker determines the scale of the counts.
+    assert!((recorded.characteristic[0] / -3e7 - 1.0).abs() < 0.03, "{:?}", recorded.characteristic);
+    assert_eq!(recorded.rest_counts, 512.0);
+    assert!((1e-8..2e-7).contains(&recorded.noise_sd_n_m), "{}", recorded.noise_sd_n_m);
+
+    good(&["fit", text(&traces), "--model", "spline"]);
+    let results = work.path().join("results");
+    good(&["evaluate", text(&traces), "--estimators", "recommended", "--results", text(&results)]);
+    let error_m = column(&results.join("lab/trials.csv"), "late_mean_m");
+    assert!(error_m.len() == 1 && error_m[0] < 0.3e-3, "{error_m:?}");
+    let estimates = work.path().join("estimates.csv");
+    let trial = traces.join("trial_1.csv");
+    good(&["replay", text(&trial), "--out", text(&estimates)]);
+    // No noise is added to a recording: the readings are those of the trace.
+    let moments: Vec<f64> =
+        Trace::read(&trial).unwrap().recording.instants.iter().map(|instant| instant.moment_z_n_m).collect();
+    assert_eq!(column(&estimates, "reading_n_m").len(), moments.len());
+    for (reading, moment) in column(&estimates, "reading_n_m").iter().zip(&moments) {
+        assert!((reading - moment).abs() < 1e-14, "{reading} {moment}");
+    }
+}
+
+/// The recordings of the example as rosbag2 folders; the topics have times of their own.
+fn bags(folder: &Path) {
+    for (name, rows) in made::recordings() {
+        let mut writer = Writer::create(&folder.join(name)).unwrap();
+        for row in rows {
+            let time_ns = |late_ms: f64| (1e6 * (row.time_ms + late_ms)) as u64;
+            let header = |time_ns| Header { stamp: Time::from_nanoseconds(time_ns), frame_id: "world".into() };
+            let (x_mm, y_mm, yaw_deg) = row.flange;
+            let position = RosPoint { x: 1e-3 * x_mm, y: 1e-3 * y_mm, z: 0.3 };
+            let pose = RosPose { position, orientation: Quaternion::about_z(yaw_deg.to_radians()) };
+            writer.write("/flange", time_ns(0.0), &PoseStamped { header: header(time_ns(0.0)), pose }).unwrap();
+            let magnetic_field = Vector3 { x: 0.0, y: row.counts, z: 0.0 };
+            let header = header(time_ns(0.4));
+            let field = MagneticField { header, magnetic_field, magnetic_field_covariance: [0.0; 9] };
+            writer.write("/magnetometer", time_ns(7.0), &field).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+}
+
+#[test]
+fn verif_own_bag_gives_the_same_contacts_as_the_csv() {
+    let work = tempfile::tempdir().unwrap();
+    bags(work.path());
+    let mapping = work.path().join("import.json");
+    fs::copy(example().join("import_bag.json"), &mapping).unwrap();
+    let (from_bag, from_csv) = (work.path().join("bag"), work.path().join("csv"));
+    good(&["import", "bag", text(&mapping), "--out", text(&from_bag)]);
+    good(&["check", text(&from_bag)]);
+    good(&["import", "csv", text(&example().join("import.json")), "--out", text(&from_csv)]);
+    let read = |folder: &Path| Trace::read(&folder.join("trial_1.csv")).unwrap();
+    let (bag, csv) = (read(&from_bag), read(&from_csv));
+    let characteristic = |trace: &Trace| trace.sidecar.recorded.as_ref().unwrap().characteristic[0];
+    assert!((characteristic(&bag) / characteristic(&csv) - 1.0).abs() < 0.02);
+    for (bag, csv) in bag.truth.instants.iter().zip(&csv.truth.instants) {
+        let (Some(bag), Some(csv)) = (bag.contact, csv.contact) else { continue };
+        assert!(bag.distance(&csv) < 0.3e-3, "{bag:?} {csv:?}");
+    }
+}
+
+#[test]
+fn robust_mapping_with_an_unknown_unit() {
+    fails(|text| text.replacen("\"ms\"", "\"minutes\"", 1), &["import.json:6:", "minutes", "`ms`"]);
+}
+
+#[test]
+fn robust_mapping_with_an_unknown_key() {
+    fails(|text| text.replacen("rate_hz", "rate", 1), &["import.json:5:", "rate", "rate_hz"]);
+}
+
+#[test]
+fn robust_mapping_with_neither_column_nor_value() {
+    let change = |text: String| text.replacen("\"column\": \"flange_y_mm\", ", "", 1);
+    fails(change, &["pose.y", "neither `column` nor `value`"]);
+}
+
+#[test]
+fn robust_missing_column() {
+    let change = |text: String| text.replacen("flange_y_mm", "flange_z_mm", 1);
+    fails(change, &["calibration_1.csv:1", "header", "flange_y_mm", "one column `flange_z_mm`"]);
+}
+
+#[test]
+fn robust_cell_that_is_no_number() {
+    let folder = changed(|text| text);
+    let path = folder.path().join("trial_1.csv");
+    let lines: Vec<String> = fs::read_to_string(&path).unwrap().lines().map(Into::into).collect();
+    let damaged =
+        lines.iter().enumerate().map(|(i, line)| if i == 7 { line.replacen(',', ",1,5", 1) } else { line.clone() });
+    fs::write(&path, damaged.collect::<Vec<_>>().join("\n")).unwrap();
+    fails_on(folder.path(), &["trial_1.csv:8", "found 6 fields", "5 fields"]);
+    let damaged =
+        lines.iter().enumerate().map(|(i, line)| if i == 7 { line.replacen(',', ",x", 1) } else { line.clone() });
+    fs::write(&path, damaged.collect::<Vec<_>>().join("\n")).unwrap();
+    fails_on(folder.path(), &["trial_1.csv:8", "column 2 (flange_x_mm)", "a finite number"]);
+}
+
+#[test]
+fn robust_times_out_of_order() {
+    let folder = changed(|text| text);
+    let path = folder.path().join("trial_1.csv");
+    let mut lines: Vec<String> = fs::read_to_string(&path).unwrap().lines().map(Into::into).collect();
+    lines.swap(20, 40);
+    fs::write(&path, lines.join("\n")).unwrap();
+    fails_on(folder.path(), &["trial_1.csv:22", "time", "the order of time"]);
+}
+
+/// Example whose trial lacks the rows of 0.9 s.
+fn with_gap(change: impl FnOnce(String) -> String) -> tempfile::TempDir {
+    let folder = changed(change);
+    let path = folder.path().join("trial_1.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let kept = text.lines().enumerate().filter(|(i, _)| !(200..290).contains(i)).map(|(_, line)| line);
+    fs::write(&path, kept.collect::<Vec<_>>().join("\n")).unwrap();
+    folder
+}
+
+#[test]
+fn robust_gap_in_the_times() {
+    fails_on(with_gap(|text| text).path(), &["trial_1.csv:201", "a gap of 0.9", "at most 0.5 s", "leave"]);
+    let folder = with_gap(|text| text.replacen("\"rate_hz\"", "\"gaps\": \"leave\", \"rate_hz\"", 1));
+    let (traces, output) = imported(folder.path());
+    let notes = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && notes.contains("trial_1: 1 gaps without rows"), "{notes}");
+    let trace = Trace::read(&traces.join("trial_1.csv")).unwrap();
+    let steps = trace.recording.instants.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
+    let longest_s = steps.fold(0.0, f64::max);
+    assert!((0.85..1.0).contains(&longest_s), "{longest_s}");
+    good(&["check", text(&traces)]);
+}
+
+#[test]
+fn robust_times_in_the_wrong_unit() {
+    fails(
+        |text| text.replacen("\"ms\"", "\"s\"", 1),
+        &["calibration_1.csv", "rate_hz", "compare the unit of the times"],
+    );
+}
+
+#[test]
+fn robust_poses_in_the_wrong_unit() {
+    let change =
+        |text: String| text.replacen("\"flange_x_mm\", \"unit\": \"mm\"", "\"flange_x_mm\", \"unit\": \"m\"", 1);
+    fails(change, &["reading.characteristic", "0 of 919 contacts", "within reach of the whisker", "compare units"]);
+    // With a stated characteristic the import succeeds with a warning.
+    let folder = changed(|text| change(text).replacen("\"rest_s\"", "\"characteristic\": [-3e7, 0, 0], \"rest_s\"", 1));
+    let (_, output) = imported(folder.path());
+    let warnings = String::from_utf8(output.stderr).unwrap();
+    assert!(warnings.contains("warning: trial_1: ") && warnings.contains("frame of the poses"), "{warnings}");
+}
+
+#[test]
+fn robust_characteristic_that_the_calibration_does_not_determine() {
+    let change = |text: String| text.replace("\"calibration\"", "\"trial\"");
+    fails(change, &["import.json", "reading.characteristic", "0 of 0 contacts"]);
+}
+
+#[test]
+fn robust_a_damaged_trial_does_not_stop_the_others() {
+    let folder = changed(|text| text);
+    fs::write(folder.path().join("trial_1.csv"), "time_ms\n").unwrap();
+    let (traces, output) = imported(folder.path());
+    assert_eq!(output.status.code(), Some(3));
+    assert!(traces.join("calibration_4.csv").is_file() && !traces.join("trial_1.csv").exists());
+}
+
+#[test]
+fn robust_an_import_into_the_folder_of_the_recordings_leaves_them() {
+    let folder = changed(|mapping| mapping);
+    let recording = folder.path().join("trial_1.csv");
+    let kept = fs::read(&recording).unwrap();
+    let output = whisker(&["import", "csv", text(&folder.path().join("import.json")), "--out", text(folder.path())]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && errors.contains("found a file that is no trace"), "{errors}");
+    assert_eq!(fs::read(&recording).unwrap(), kept);
+    assert!(!folder.path().join("trial_1.json").exists());
+}

@@ -1,0 +1,64 @@
+//! Recordings of real sensors evaluated: the values of `docs/REAL.md`.
+
+use std::fs;
+
+use super::docs;
+use crate::failure::{Failure, Outcome};
+use crate::kept;
+use crate::parts::step;
+use crate::pipeline::{self, Evaluations, FORCE};
+
+/// Importer of the recordings, and the name of the run on them.
+const FORMAT: &str = "stanford-whisker";
+const RUN: &str = "stanford";
+
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    let (arguments, is_forced) = match arguments {
+        [rest @ .., last] if last == FORCE => (rest, true),
+        all => (all, false),
+    };
+    let folder = folder(arguments)?;
+    pipeline::prepare()?;
+    measure(Evaluations::new(is_forced), &folder)?;
+    pipeline::page(RUN)?;
+    step("documentation", docs::run)
+}
+
+/// Imports, fits and evaluates the recordings in a folder, and keeps their tables.
+pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
+    evaluations.of_recordings(FORMAT, folder, RUN)?;
+    kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])
+}
+
+/// Folder of the recordings, as a path that does not depend on the working directory.
+fn folder(arguments: &[String]) -> Result<String, Failure> {
+    let [option, folder] = arguments else {
+        return Err(Failure::new(format!("real: found {} arguments, expected --recordings FOLDER", arguments.len())));
+    };
+    if option != "--recordings" {
+        return Err(Failure::new(format!("real: found `{option}`, expected --recordings FOLDER")));
+    }
+    let found = fs::canonicalize(folder);
+    let found =
+        found.map_err(|error| Failure::new(format!("real: {folder}: {error}; see docs/REAL.md for the source")))?;
+    Ok(found.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(arguments: &[&str]) -> Option<String> {
+        let arguments: Vec<String> = arguments.iter().map(|&argument| argument.to_owned()).collect();
+        folder(&arguments).err().map(|failure| failure.to_string())
+    }
+
+    #[test]
+    fn robust_missing_recordings_are_named() {
+        assert_eq!(error(&[]).as_deref(), Some("real: found 0 arguments, expected --recordings FOLDER"));
+        assert_eq!(error(&["--from", "x"]).as_deref(), Some("real: found `--from`, expected --recordings FOLDER"));
+        let missing = error(&["--recordings", "no-such-folder"]).expect("an error");
+        assert!(missing.starts_with("real: no-such-folder: ") && missing.ends_with("see docs/REAL.md for the source"));
+        assert_eq!(error(&["--recordings", "."]), None);
+    }
+}

@@ -1,0 +1,128 @@
+//! NumPy arrays from and to Rust values.
+
+use nalgebra::{Matrix2, Vector2};
+use numpy::ndarray::{Array1, Array2, Array3};
+use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+use whisker::frames::Point;
+
+use crate::error::refused;
+
+/// An array of numbers, or what NumPy converts to one.
+pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
+
+/// Rows of an array of shape (n, `N`), which must be finite.
+pub(crate) fn rows<const N: usize>(what: &str, array: &Numbers<'_>) -> PyResult<Vec<[f64; N]>> {
+    let shape = array.shape();
+    if shape.len() != 2 || shape[1] != N {
+        return Err(refused(what, format!("an array of shape {shape:?}"), &format!("shape [n, {N}]")));
+    }
+    let numbers = finite(what, array)?;
+    Ok(numbers.chunks_exact(N).map(|row| std::array::from_fn(|i| row[i])).collect())
+}
+
+/// Numbers of an array of shape (n), which must be finite.
+pub(crate) fn numbers(what: &str, array: &Numbers<'_>) -> PyResult<Vec<f64>> {
+    if array.shape().len() != 1 {
+        return Err(refused(what, format!("an array of shape {:?}", array.shape()), "shape [n]"));
+    }
+    finite(what, array)
+}
+
+/// Numbers of an array in the order of its indices.
+fn finite(what: &str, array: &Numbers<'_>) -> PyResult<Vec<f64>> {
+    let numbers: Vec<f64> = array.as_array().iter().copied().collect();
+    match numbers.iter().position(|number| !number.is_finite()) {
+        Some(place) => {
+            let per_row: usize = array.shape().iter().skip(1).product();
+            let row = place / per_row.max(1);
+            Err(refused(&format!("{what}[{row}]"), numbers[place], "finite numbers"))
+        }
+        None => Ok(numbers),
+    }
+}
+
+/// Points of an array of shape (n, 2).
+pub(crate) fn points<F>(what: &str, array: &Numbers<'_>) -> PyResult<Vec<Point<F>>> {
+    Ok(rows(what, array)?.into_iter().map(|[x_m, y_m]| Point::new(x_m, y_m)).collect())
+}
+
+/// Checks that a second array has as many rows as the first.
+pub(crate) fn same_length(what: &str, found: usize, of: &str, expected: usize) -> PyResult<()> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(refused(what, format!("{found} rows"), &format!("{expected}, as many as `{of}` has")))
+}
+
+/// Array of shape (n). A missing number is NaN.
+pub(crate) fn column<'py>(
+    py: Python<'py>,
+    numbers: impl IntoIterator<Item = Option<f64>>,
+) -> Bound<'py, PyArray1<f64>> {
+    numbers.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect::<Array1<f64>>().into_pyarray(py)
+}
+
+/// Array of shape (n, 2). A missing vector is NaN.
+pub(crate) fn vectors<'py>(
+    py: Python<'py>,
+    vectors: impl ExactSizeIterator<Item = Option<Vector2<f64>>>,
+) -> Bound<'py, PyArray2<f64>> {
+    let rows = vectors.len();
+    let missing = Vector2::repeat(f64::NAN);
+    let numbers: Vec<f64> = vectors.flat_map(|vector| <[f64; 2]>::from(vector.unwrap_or(missing))).collect();
+    Array2::from_shape_vec((rows, 2), numbers).expect("two numbers a row").into_pyarray(py)
+}
+
+/// Array of shape (n, 2, 2). A missing matrix is NaN.
+pub(crate) fn matrices<'py>(
+    py: Python<'py>,
+    matrices: impl ExactSizeIterator<Item = Option<Matrix2<f64>>>,
+) -> Bound<'py, PyArray3<f64>> {
+    let rows = matrices.len();
+    let missing = Matrix2::repeat(f64::NAN);
+    let in_rows = |m: Matrix2<f64>| [m[(0, 0)], m[(0, 1)], m[(1, 0)], m[(1, 1)]];
+    let numbers: Vec<f64> = matrices.flat_map(|matrix| in_rows(matrix.unwrap_or(missing))).collect();
+    Array3::from_shape_vec((rows, 2, 2), numbers).expect("four numbers a row").into_pyarray(py)
+}
+
+/// Array of flags.
+pub(crate) fn flags<'py>(py: Python<'py>, flags: impl IntoIterator<Item = bool>) -> Bound<'py, PyArray1<bool>> {
+    flags.into_iter().collect::<Array1<bool>>().into_pyarray(py)
+}
+
+/// Array of 1 (true), 0 (false) and -1 (unknown).
+pub(crate) fn known_flags<'py>(
+    py: Python<'py>,
+    flags: impl IntoIterator<Item = Option<bool>>,
+) -> Bound<'py, PyArray1<i8>> {
+    flags.into_iter().map(|flag| flag.map_or(-1, i8::from)).collect::<Array1<i8>>().into_pyarray(py)
+}
+
+/// Array of text.
+pub(crate) fn texts<'py, T: AsRef<str>>(
+    py: Python<'py>,
+    texts: impl IntoIterator<Item = T>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let texts: Vec<String> = texts.into_iter().map(|text| text.as_ref().to_owned()).collect();
+    // Without text NumPy would return an array of numbers.
+    let width = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(1);
+    py.import("numpy")?.call_method1("array", (PyList::new(py, texts)?, format!("U{width}")))
+}
+
+/// Read-only structured array of columns, each with a name and `count` values.
+pub(crate) fn structured<'py>(
+    py: Python<'py>,
+    count: usize,
+    columns: &[(&str, Bound<'py, PyAny>)],
+) -> PyResult<Bound<'py, PyAny>> {
+    let kinds: Vec<(&str, Bound<'py, PyAny>)> =
+        columns.iter().map(|(name, column)| Ok((*name, column.getattr("dtype")?))).collect::<PyResult<_>>()?;
+    let table = py.import("numpy")?.call_method1("empty", (count, kinds))?;
+    for (name, column) in columns {
+        table.set_item(name, column)?;
+    }
+    table.call_method1("setflags", (false,))?;
+    Ok(table)
+}

@@ -1,0 +1,199 @@
+//! The class `Estimate`, and estimates that Python code returns.
+
+use std::sync::Arc;
+
+use ::whisker::estimators::{self, Knowledge};
+use ::whisker::frames::{Base, Point};
+use ::whisker::sensor::Face;
+use filters::Innovation;
+use nalgebra::{Matrix1, Matrix2, Vector1};
+use numpy::{PyArray1, PyArray2, ToPyArray};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arrays::{Numbers, numbers, rows};
+use crate::error::refused;
+
+/// Largest distance of an estimated contact from the base.
+const FARTHEST_M: f64 = 1e3;
+
+/// Estimate of the contact at one instant, in Base.
+#[pyclass(frozen, module = "whisker_contact")]
+pub(crate) struct Estimate {
+    pub(crate) estimate: estimators::Estimate,
+    reading_n_m: f64,
+    knowledge: Arc<Knowledge>,
+}
+
+impl Estimate {
+    pub(crate) fn new(estimate: estimators::Estimate, reading_n_m: f64, knowledge: &Arc<Knowledge>) -> Self {
+        Self { estimate, reading_n_m, knowledge: knowledge.clone() }
+    }
+}
+
+#[pymethods]
+impl Estimate {
+    /// Contact (2) on the centre line, in Base (m).
+    #[getter]
+    fn contact<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        array(py, self.estimate.contact)
+    }
+
+    /// Posterior covariance of the contact (2, 2), in Base (m2). `None` for methods without one.
+    #[getter]
+    fn covariance_m2<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        let p = self.estimate.covariance_m2?;
+        Some(numpy::ndarray::arr2(&[[p[(0, 0)], p[(0, 1)]], [p[(1, 0)], p[(1, 1)]]]).to_pyarray(py))
+    }
+
+    /// Point (2) of the object's surface, in Base (m): the contact shifted by the wire's radius towards the object.
+    #[getter]
+    fn surface<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        array(py, self.knowledge.surface(&self.estimate, self.reading_n_m))
+    }
+
+    /// Side of the whisker on which the object lies: `left` or `right`.
+    #[getter]
+    fn face(&self) -> &'static str {
+        self.estimate.face.name()
+    }
+
+    /// Whether the contact lies in the calibrated domain of the sensor model.
+    #[getter]
+    fn calibrated(&self) -> bool {
+        self.estimate.calibrated
+    }
+
+    /// Whether the contact may lie at the tip, where the reading has another meaning.
+    #[getter]
+    fn at_tip(&self) -> bool {
+        self.estimate.at_tip
+    }
+
+    /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always false for methods
+    /// that average no models.
+    #[getter]
+    fn model_doubtful(&self) -> bool {
+        self.estimate.model_doubtful
+    }
+
+    /// Radius of the object at the contact, without the wire's (m). `None` if the method does not estimate it.
+    #[getter]
+    fn radius_m(&self) -> Option<f64> {
+        self.estimate.radius.map(|radius| radius.radius_m)
+    }
+
+    /// Standard deviation of `radius_m` (m).
+    #[getter]
+    fn radius_sd_m(&self) -> Option<f64> {
+        self.estimate.radius.map(|radius| radius.sd_m)
+    }
+
+    /// Probabilities of the competing models by name, in descending order. `None` if the method has one model only.
+    #[getter]
+    fn models<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(shares) = self.estimate.models else { return Ok(None) };
+        let models = PyDict::new(py);
+        shares.iter().try_for_each(|(name, share)| models.set_item(name, share))?;
+        Ok(Some(models))
+    }
+
+    /// Innovation of the last update (N m): reading minus predicted reading. `None` for methods without one.
+    #[getter]
+    fn innovation_n_m(&self) -> Option<f64> {
+        self.estimate.innovation.map(|innovation| innovation.residual[0])
+    }
+
+    /// Variance of the innovation (N2 m2).
+    #[getter]
+    fn innovation_variance_n2_m2(&self) -> Option<f64> {
+        self.estimate.innovation.map(|innovation| innovation.covariance[(0, 0)])
+    }
+
+    fn __repr__(&self) -> String {
+        let (at, face) = (self.estimate.contact, self.face());
+        let sd_m = self.estimate.covariance_m2.map(|covariance| covariance.trace().sqrt());
+        let sd = sd_m.map_or_else(String::new, |sd_m| format!(", sd {:.3} mm", 1e3 * sd_m));
+        format!("<Estimate: contact ({:.3}, {:.3}) mm on the {face}{sd}>", 1e3 * at.x(), 1e3 * at.y())
+    }
+}
+
+fn array<'py>(py: Python<'py>, point: Point<Base>) -> Bound<'py, PyArray1<f64>> {
+    PyArray1::from_slice(py, &[point.x(), point.y()])
+}
+
+/// Estimate that an estimator written in Python returned: `None`, an `Estimate`, or an object with the attributes
+/// `contact` (2) and, optionally, `covariance_m2` (2, 2), `innovation_n_m` and `innovation_variance_n2_m2`.
+pub(crate) fn returned(
+    object: &Bound<'_, PyAny>,
+    face: Face,
+    knowledge: &Knowledge,
+) -> PyResult<Option<estimators::Estimate>> {
+    if object.is_none() {
+        return Ok(None);
+    }
+    if let Ok(estimate) = object.cast::<Estimate>() {
+        return Ok(Some(estimate.get().estimate));
+    }
+    let contact = attribute(object, "contact")?.ok_or_else(|| {
+        let found = object.repr().map_or_else(|_| "an object".into(), |text| text.to_string());
+        refused("estimate", found, "None or an object with the attribute `contact` of shape [2]")
+    })?;
+    let contact = numbers("contact", &contact.extract::<Numbers<'_>>()?)?;
+    let &[x_m, y_m] = contact.as_slice() else {
+        return Err(refused("contact", format!("{} numbers", contact.len()), "2, in Base (m)"));
+    };
+    if x_m.hypot(y_m) > FARTHEST_M {
+        return Err(refused("contact", format!("{contact:?}"), "a point within 1000 m of the base, in Base"));
+    }
+    let contact = Point::new(x_m, y_m);
+    let estimate = estimators::Estimate {
+        contact,
+        face,
+        covariance_m2: covariance(object)?,
+        calibrated: knowledge.face(face).is_some_and(|face| face.domain.contains(face.along_and_away(contact))),
+        at_tip: false,
+        innovation: innovation(object)?,
+        radius: None,
+        models: None,
+        model_doubtful: false,
+    };
+    Ok(Some(estimators::Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate }))
+}
+
+fn covariance(object: &Bound<'_, PyAny>) -> PyResult<Option<Matrix2<f64>>> {
+    let Some(covariance) = attribute(object, "covariance_m2")? else { return Ok(None) };
+    let covariance: Vec<[f64; 2]> = rows("covariance_m2", &covariance.extract::<Numbers<'_>>()?)?;
+    if let [[xx, xy], [yx, yy]] = covariance[..] {
+        let matrix = Matrix2::new(xx, xy, xy, yy);
+        if (xy - yx).abs() <= 1e-9 * xx.max(yy) && matrix.cholesky().is_some() {
+            return Ok(Some(matrix));
+        }
+    }
+    Err(refused("covariance_m2", format!("{covariance:?}"), "a positive definite matrix, 2 x 2, in Base (m2)"))
+}
+
+fn innovation(object: &Bound<'_, PyAny>) -> PyResult<Option<Innovation<1>>> {
+    let number = |name| attribute(object, name)?.map(|number| number.extract::<f64>()).transpose();
+    let (residual, variance) = match (number("innovation_n_m")?, number("innovation_variance_n2_m2")?) {
+        (None, None) => return Ok(None),
+        (Some(residual), Some(variance)) => (residual, variance),
+        _ => {
+            return Err(refused(
+                "innovation",
+                "one number",
+                "innovation_n_m and innovation_variance_n2_m2, or neither",
+            ));
+        }
+    };
+    let nis = residual * residual / variance;
+    if !(variance > 0.0 && nis.is_finite()) {
+        return Err(refused("innovation_variance_n2_m2", variance, "a positive number"));
+    }
+    Ok(Some(Innovation { residual: Vector1::new(residual), covariance: Matrix1::new(variance), nis }))
+}
+
+/// An attribute that is there and not `None`.
+fn attribute<'py>(object: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    Ok(object.getattr_opt(name)?.filter(|value| !value.is_none()))
+}

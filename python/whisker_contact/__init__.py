@@ -1,0 +1,93 @@
+"""Whisker mechanics, sensor models and contact estimators.
+
+A whisker is a thin elastic wire on a compliant root that a robot drags past objects. From the bending moment at the root and
+the known motion of the root, an estimator computes the point of contact.
+
+| task | functions and classes |
+| --- | --- |
+| mechanics | `Whisker`, `deflect`, `press`, `Contacts` |
+| sensor models | `load_calibration`, `fit_calibration`, `Calibration`, `Prediction`, `sensor_models` |
+| recordings | `Trace`, `Dataset`, `Recording`, `simulate`, `Shape` |
+| estimation | `Estimator`, `Estimate`, `Replay`, `Outline`, `estimators`, `detectors` |
+| evaluation | `Trial`, `evaluate`, `cramer_rao_bound`, `metrics` |
+| several whiskers | `scene_map`, `SceneMap`, `MappedObject` |
+| results | `read_table`, `read_results`, `Results`, `frame` |
+| figures | `plot_sweep`, `plot_outline` |
+
+Quantities are in SI units, named at the end of each name (`moment_n_m`). Shapes are given in brackets: (n, 2) is one point a
+row. Frames: World is fixed; Base is that of the whisker's root, +x along the tangent of the undeflected root, +y to the left;
+Start is the Base of the first sample. Angles are counter-clockwise.
+
+An error is an exception with the words of the command `whisker`: `ValueError` for invalid input, and the exception of the
+operating system (`FileNotFoundError`, ...) for files. Long calls release the interpreter lock, so that they run in parallel in
+threads, and Ctrl-C ends them.
+"""
+
+from ._native import (
+    Calibration,
+    Contacts,
+    Dataset,
+    Estimate,
+    Estimator,
+    MappedObject,
+    Outline,
+    Prediction,
+    Recording,
+    Replay,
+    SceneMap,
+    Shape,
+    Trace,
+    Trial,
+    Whisker,
+    cramer_rao_bound,
+    deflect,
+    detectors,
+    estimators,
+    fit_calibration,
+    load_calibration,
+    metrics,
+    press,
+    scene_map,
+    sensor_models,
+    simulate,
+)
+from .evaluation import Stepper, evaluate
+from .figures import plot_outline, plot_sweep
+from .results import Results, frame, read_results, read_table
+
+__all__ = [
+    "Calibration",
+    "Contacts",
+    "Dataset",
+    "Estimate",
+    "Estimator",
+    "MappedObject",
+    "Outline",
+    "Prediction",
+    "Recording",
+    "Replay",
+    "Results",
+    "SceneMap",
+    "Shape",
+    "Stepper",
+    "Trace",
+    "Trial",
+    "Whisker",
+    "cramer_rao_bound",
+    "deflect",
+    "detectors",
+    "estimators",
+    "evaluate",
+    "fit_calibration",
+    "frame",
+    "load_calibration",
+    "metrics",
+    "plot_outline",
+    "plot_sweep",
+    "press",
+    "read_results",
+    "read_table",
+    "scene_map",
+    "sensor_models",
+    "simulate",
+]

@@ -1,0 +1,61 @@
+"""Figures of replays, by matplotlib."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ._native import Replay, Trial
+
+#: Half width of a 95 % interval, in standard deviations.
+_NORMAL_95 = 1.959963984540054
+
+
+def _axes(function: str, axes: Any) -> Any:
+    if axes is not None:
+        return axes
+    try:
+        from matplotlib import pyplot
+    except ImportError as error:
+        raise ImportError(f"{function}: found no matplotlib, expected it to be installed: pip install matplotlib") from error
+    return pyplot.subplots(layout="constrained")[1]
+
+
+def plot_sweep(trial: Trial, replays: Replay | Mapping[str, Replay], axes: Any = None) -> Any:
+    """Contact error of replays over time, with the standard deviation that they state and the posterior Cramer-Rao bound.
+
+    `replays` is one replay, or several by their labels. Draws on `axes`, by default new ones, and returns them.
+    """
+    axes = _axes("plot_sweep", axes)
+    t_s = trial.trace.recording["t_s"]
+    for label, replay in replays.items() if isinstance(replays, Mapping) else [("estimate", replays)]:
+        (line,) = axes.plot(t_s, 1e3 * trial.errors_m(replay), linewidth=1.0, label=label)
+        axes.plot(t_s, 1e3 * replay.sd_m, linewidth=1.0, linestyle=":", color=line.get_color(), label=f"{label}, stated")
+    axes.plot(t_s, 1e3 * trial.bound["bound_m"], color="black", linewidth=1.5, label="Cramer-Rao bound")
+    axes.set(xlabel="time (s)", ylabel="contact error (mm)", yscale="log", title=trial.trace.name)
+    axes.legend(frameon=False)
+    return axes
+
+
+def plot_outline(trial: Trial, replay: Replay, axes: Any = None) -> Any:
+    """Estimated outline with its 95 % band, estimated and true contacts, and the true outline, in World.
+
+    Draws on `axes`, by default new ones, and returns them.
+    """
+    axes = _axes("plot_outline", axes)
+    truth, contacts = trial.trace.truth, replay.table
+    axes.plot(1e3 * contacts["surface_x_m"], 1e3 * contacts["surface_y_m"], ".", markersize=2, label="estimated contacts")
+    axes.plot(1e3 * truth["surface_x_m"], 1e3 * truth["surface_y_m"], color="gray", linewidth=3, label="true contacts")
+    if trial.trace.outline is not None:
+        axes.plot(*(1e3 * trial.trace.outline.T), color="black", linewidth=1, label="true outline")
+    outline = trial.outline(replay)
+    if outline is not None:
+        (line,) = axes.plot(*(1e3 * outline.points.T), linewidth=1.5, label="estimated outline")
+        offset = _NORMAL_95 * outline.sd_m[:, None] * outline.normals
+        inner, outer = outline.points - offset, outline.points + offset
+        band = np.concatenate([inner, outer[::-1]])
+        if np.isfinite(band).all():
+            axes.fill(*(1e3 * band.T), alpha=0.3, linewidth=0, color=line.get_color(), label="95 % band")
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title=trial.trace.name)
+    axes.legend(frameon=False)
+    return axes

@@ -1,0 +1,93 @@
+"""Readers of the results of `whisker evaluate`."""
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._native import check_table
+
+
+def read_table(path: str | PathLike[str]) -> NDArray[np.void]:
+    """Table of a run, such as `trials.csv`, as a structured array.
+
+    The columns are described in `datasets/FORMAT.md`. A missing number is NaN, a missing flag is -1 (true is 1, false is 0), a
+    missing text is empty.
+    """
+    count = check_table(path)
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    names, cells = rows[0], rows[1:]
+    columns = [_column([row[place] for row in cells]) for place in range(len(names))]
+    table = np.empty(count, dtype=[(name, column.dtype) for name, column in zip(names, columns, strict=True)])
+    for name, column in zip(names, columns, strict=True):
+        table[name] = column
+    return table
+
+
+def _column(cells: list[str]) -> NDArray[Any]:
+    """Column of flags, whole numbers, numbers or text: the first that all of its cells are."""
+    given = [cell for cell in cells if cell]
+    if given and all(cell in ("true", "false") for cell in given):
+        return np.array([{"true": 1, "false": 0}.get(cell, -1) for cell in cells], dtype=np.int8)
+    if given and len(given) == len(cells) and all(cell.isdecimal() for cell in given):
+        return np.array([int(cell) for cell in cells], dtype=np.uint64)
+    try:
+        return np.array([float(cell) if cell else np.nan for cell in cells], dtype=np.float64)
+    except ValueError:
+        return np.array(cells)
+
+
+class Results(Mapping[str, NDArray[np.void]]):
+    """Tables of a run by the path in its folder without `.csv`, read when they are asked for: `results["trials"]`."""
+
+    def __init__(self, folder: str | PathLike[str]) -> None:
+        self.folder = Path(folder)
+        """Folder of the run."""
+        with (self.folder / "run.json").open(encoding="utf-8") as file:
+            self.run: dict[str, Any] = json.load(file)
+            """Record of the run, `run.json`: settings, estimators, sets of trials."""
+        self._paths = {
+            path.relative_to(self.folder).with_suffix("").as_posix(): path for path in sorted(self.folder.rglob("*.csv"))
+        }
+
+    def __getitem__(self, name: str) -> NDArray[np.void]:
+        if name not in self._paths:
+            raise KeyError(f"{self.folder}: found no table `{name}`, expected one of: {', '.join(self._paths)}")
+        return read_table(self._paths[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __repr__(self) -> str:
+        return f"<Results of {self.folder}: {len(self)} tables>"
+
+
+def read_results(folder: str | PathLike[str]) -> Results:
+    """Results of a run, from its folder (`results/<run>`)."""
+    return Results(folder)
+
+
+def frame(table: NDArray[np.void], library: str | None = None) -> Any:
+    """Data frame of a structured array, by `pandas` or `polars`; by default whichever is installed, pandas first."""
+    if table.dtype.names is None:
+        raise ValueError(f"frame: found an array of {table.dtype}, expected a structured array")
+    columns = {name: np.ascontiguousarray(table[name]) for name in table.dtype.names}
+    known = ("pandas", "polars")
+    if library is not None and library not in known:
+        raise ValueError(f"library: found `{library}`, expected `pandas` or `polars`")
+    for name in known if library is None else (library,):
+        try:
+            module = __import__(name)
+        except ImportError:
+            continue
+        return module.DataFrame(columns)
+    raise ImportError(f"frame: found no {library or 'pandas or polars'}, expected it to be installed")
