@@ -48,13 +48,17 @@ batch:
 rig *arguments:
     @cargo xtask rig "$@"
 
-# Time the filters against other libraries: docs/PERFORMANCE.md
+# Time the filters against other libraries: results/reference/peers.csv
 peers:
     @cargo xtask peers
 
 # Fuzz every parser: just fuzz [TARGET] [--seconds N]
 fuzz *arguments:
     @cargo xtask fuzz "$@"
+
+# Build the reference of the Rust crates and of the Python package: target/doc/
+reference:
+    @cargo xtask reference
 
 # Check licences, sources and known vulnerabilities of the dependencies
 deny:
@@ -67,6 +71,14 @@ golden:
 # Measure every claim of the documentation: results/reference/claims.csv
 reproduce:
     @cargo xtask reproduce
+
+# Evaluate recordings of real sensors: just real --recordings FOLDER
+real *arguments:
+    @cargo xtask real "$@"
+
+# Write the measured values of the documentation from results/reference/
+docs:
+    @cargo xtask docs
 
 # Check format, lints and documentation of Rust and Python
 check:

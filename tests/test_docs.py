@@ -1,14 +1,19 @@
-"""Documentation: relative links lead to a file, a heading or an item of code that exists; crates and version are those of Cargo."""
+"""Documentation: links lead to what exists; crates and version are those of Cargo; measured values are those of the tables."""
 
 import functools
 import re
 import subprocess
+import sys
 import tomllib
 from collections import Counter
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "docs"))
+
+import figures
 
 ROOT = Path(__file__).resolve().parents[1]
 FENCE = re.compile(r"^(```|~~~).*?^\1[^\S\n]*$", re.MULTILINE | re.DOTALL)
@@ -98,3 +103,94 @@ def test_verif_architecture_lists_the_dependencies_of_every_crate() -> None:
     manifests = {path.parent.name: tomllib.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("crates/*/Cargo.toml")}
     built = {name: sorted(manifests.keys() & manifest.get("dependencies", {})) for name, manifest in manifests.items()}
     assert listed == built
+
+
+@pytest.mark.parametrize("name", figures.DOCUMENTS)
+def test_verif_measured_values_are_those_of_the_results_tables(name: str) -> None:
+    assert figures.problems(name, (ROOT / name).read_text(encoding="utf-8")) == []
+
+
+def test_verif_each_measured_value_is_shown_and_has_a_commit() -> None:
+    shown = "".join((ROOT / name).read_text(encoding="utf-8") for name in figures.DOCUMENTS)
+    rows = [key for key in figures.values("measured") if "/" not in key]
+    assert [row for row in rows if not re.search(rf"measured\.{re.escape(row)}[ /]", shown)] == []
+    assert [row for row in rows if not re.fullmatch("[0-9a-f]{7}", figures.values("measured")[f"{row}/commit"])] == []
+
+
+@pytest.fixture
+def tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of results tables with two claims, of which one does not hold, and one run."""
+    claims = ["id,measured,relation,bound,unit,holds", "mean,0.0701,<=,0.1,mm,true", "worst,12.3,<=,10,mm,false"]
+    (tmp_path / "claims.csv").write_text("\n".join(claims), encoding="utf-8")
+    (tmp_path / "standard").mkdir()
+    summary = ["group,whisker,estimator,noise,rmse_m", "pin,straight,ekf,0.01,0.000049", "pin,straight,ukf,0.01,0.00006"]
+    (tmp_path / "standard" / "summary.csv").write_text("\n".join(summary), encoding="utf-8")
+    (tmp_path / "standard" / "run.json").write_text('{"watermark": {"git_commit": "0123456789"}}', encoding="utf-8")
+    monkeypatch.setattr(figures, "REFERENCE", tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("source", "text"),
+    [
+        ("claims.mean .2f", "0.07"),
+        ("claims.mean .0f", "< 1"),
+        ("claims.mean/bound", "0.1"),
+        ("max claims.* .1f", "12.3"),
+        ("count claims.*", "2"),
+        ("unmet_count", "1"),
+        ("summary.standard/pin/straight/ekf/0.01/rmse_m .3f mm", "0.049"),
+        ("max summary.standard/*/*/u*/0..0.05/rmse_m .0e", "6e-5"),
+        ("commit.standard", "0123456"),
+    ],
+)
+@pytest.mark.usefixtures("tables")
+def test_verif_a_source_gives_the_value_of_the_table(source: str, text: str) -> None:
+    assert figures.figure(source) == text
+    assert figures.written(f"a <!--= {source} -->1 mm<!--/--> b") == f"a <!--= {source} -->{text}<!--/--> b"
+
+
+@pytest.mark.usefixtures("tables")
+def test_verif_claims_that_do_not_hold_form_a_table() -> None:
+    assert figures.figure("unmet_claims").splitlines()[-1] == "| `worst` | 12.3 | <= 10 | mm |"
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("claims.median .2f", "`claims.median .2f`: found 0 values, expected 1"),
+        ("claims.* .2f", "`claims.* .2f`: found 2 values, expected 1"),
+        ("results.mean .2f", "found table `results`, expected one of claims"),
+        ("claims.mean .2q", "`claims.mean .2q`: "),
+        ("claims.mean .2f inch", "`claims.mean .2f inch`: "),
+    ],
+)
+@pytest.mark.usefixtures("tables")
+def test_robust_a_wrong_source_is_named(source: str, message: str) -> None:
+    with pytest.raises(figures.FigureError, match=re.escape(message)):
+        figures.figure(source)
+
+
+@pytest.mark.usefixtures("tables")
+def test_robust_stale_and_unmarked_values_are_found() -> None:
+    text = """
+Noise 1 %. <!-- given: 1 % --> The error is 0.07 mm, at most <!--= claims.worst .1f -->15.7<!--/--> mm, as `5 mm`.
+
+| quantity | measured | bound |
+| --- | --- | --- |
+| radius 3 mm | 0.05 | 0.1 |
+
+# Settings
+<!-- given: all -->
+Length 80 mm.
+
+Mean
+<!--= claims.mean .2f -->0.07<!--/--> mm.
+"""
+    assert figures.problems("A.md", text) == [
+        "A.md: `claims.worst .1f`: found '15.7', expected '12.3'",
+        "A.md: `claims.mean .2f`: a line begins with this mark, which ends the paragraph",
+        "A.md: found 0.07 mm, expected a mark or a `given` comment",
+        "A.md: found 3 mm, expected a mark or a `given` comment",
+        "A.md: found 0.05, expected a mark or a `given` comment",
+    ]

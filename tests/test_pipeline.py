@@ -53,7 +53,9 @@ def test_up_to_date_results_are_reused(tmp_path: Path) -> None:
     before = (tmp_path / "smoke" / "summary.csv").read_bytes()
     assert "up to date" in whisker(*arguments)
     assert (tmp_path / "smoke" / "summary.csv").read_bytes() == before
-    assert "up to date" not in whisker(*arguments, "--noise", "0.02")
+    whisker(*arguments, "--noise", "0.02", code=1)
+    assert (tmp_path / "smoke" / "summary.csv").read_bytes() == before
+    assert "up to date" not in whisker(*arguments, "--noise", "0.02", "--force")
     fit = ["fit", SUITE, "--out", tmp_path / "calibrations"]
     assert "up to date" not in whisker(*fit)
     assert "up to date" in whisker(*fit)

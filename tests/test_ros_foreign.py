@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 import pytest
 
@@ -156,11 +157,11 @@ def test_a_third_party_service_call_runs_the_routine(python: Path, whisker: Path
 
 
 @contextmanager
-def fed(node: Path, *arguments: str | Path) -> Iterator[str]:
-    """Address of a feed while the node runs."""
+def fed(node: Path, *arguments: str | Path) -> Iterator[TextIO]:
+    """Output of the node, whose first line is the address of its feed, while it runs."""
     process = subprocess.Popen([node, *arguments, "--foxglove=127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
     try:
-        yield process.stdout.readline().strip()
+        yield process.stdout
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(30)
@@ -169,14 +170,16 @@ def fed(node: Path, *arguments: str | Path) -> Iterator[str]:
 def test_a_third_party_listener_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
-    with fed(node, "play", folder, "--wait-for", "/moment") as url:
+    with fed(node, "play", folder, "--wait-for", "/moment") as lines:
+        url = lines.readline().strip()
         assert totals(output(python, FOREIGN / "read_bag.py", url, "foxglove")) == totals_of_trace()
 
 
 def test_a_third_party_listener_receives_every_message_of_a_minute(python: Path, node: Path, tmp_path: Path) -> None:
     folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
     output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
-    with fed(node, "play", folder, "--wait-for", "/field") as url:
+    with fed(node, "play", folder, "--wait-for", "/field") as lines:
+        url = lines.readline().strip()
         received = totals(output(python, FOREIGN / "read_bag.py", url, "foxglove"))
     assert received == {"/field": (expected, expected * (expected - 1) / 2)}
 
@@ -185,7 +188,8 @@ def test_a_third_party_listener_runs_the_routine(python: Path, whisker: Path, no
     with subprocess.Popen([whisker, "platform", "emulate"], stdout=subprocess.PIPE, text=True) as rig:
         ports = dict(rig.stdout.readline().split() for _ in range(2))
         run = ["run", "--printer", ports["printer"], "--sensor", ports["sensor"], "--speed", "15000"]
-        with fed(node, *run) as url:
-            pushed = output(python, FOREIGN / "call_foxglove.py", url, "6", "20", "0", "2", "0")
+        with fed(node, *run) as lines:
+            url, token = lines.readline().strip(), lines.readline().removeprefix("token ").strip()
+            pushed = output(python, FOREIGN / "call_foxglove.py", url, token, "6", "20", "0", "2", "0")
         rig.send_signal(signal.SIGINT)
     assert pushed.split() == ["0.1450", "0.1350", "0.1250"]

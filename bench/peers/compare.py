@@ -1,14 +1,15 @@
 """Comparison of this project's filters with other implementations: estimates first, then time per step.
 
-Usage: compare.py PEERS TRACE CALIBRATION DOCUMENT
+Usage: compare.py PEERS TRACE CALIBRATION TABLE
 
 PEERS is the program built from the Cargo workspace beside this file. Fails if the Kalman filters do not agree to rounding, or the
-particle filters not within statistical error. Otherwise the table of times in DOCUMENT is replaced. Implementations alternate in
-each round, and ratios are taken within a round, so that drift of the machine's speed cancels. Times are processor times, which
-exclude other programs.
+particle filters not within statistical error. Otherwise the times are written to TABLE (CSV): medians over rounds, and the median
+and the extremes of the ratio. Implementations alternate in each round, and ratios are taken within a round, so that drift of the
+machine's speed cancels. Times are processor times, which exclude other programs.
 """
 
 import argparse
+import csv
 import json
 import os
 import platform
@@ -38,13 +39,11 @@ START_SHARE = 0.2
 # Allowed difference of the mean errors of two particle filters, in standard errors.
 CHANCE = 4.0
 
-BEGIN, END = "<!-- peers: begin -->", "<!-- peers: end -->"
 MAKERS = {
     "ekf": {"smelly": "smelly", "filterpy": "filterpy"},
     "ukf": {"smelly": "smelly", "filterpy": "filterpy"},
     "particle": {"smelly": "smelly", "numpy": "NumPy"},
 }
-NAMES = {"ekf": "extended Kalman filter", "ukf": "unscented Kalman filter", "particle": "particle filter, 1000"}
 
 Answers = dict[tuple[str, str], tuple[float, list[Estimates]]]
 
@@ -52,7 +51,7 @@ Answers = dict[tuple[str, str], tuple[float, list[Estimates]]]
 def main() -> int:
     """Runs the comparison; returns the exit code."""
     parser = argparse.ArgumentParser()
-    for name in ("peers", "trace", "calibration", "document"):
+    for name in ("peers", "trace", "calibration", "table"):
         parser.add_argument(name, type=Path)
     arguments = parser.parse_args()
     times: dict[tuple[str, str], list[float]] = {}
@@ -65,9 +64,7 @@ def main() -> int:
         for who, (step_s, _) in answers.items():
             times.setdefault(who, []).append(step_s)
         print(f"round {number + 1} of {ROUNDS}", file=sys.stderr)
-    table = as_markdown(times, len(problem.reading_n_m), arguments.trace.stem)
-    print(table)
-    replace(arguments.document, table)
+    write(arguments.table, rows(times, f"trace {arguments.trace.stem}, {len(problem.reading_n_m)} steps, {ROUNDS} rounds"))
     return 0
 
 
@@ -135,30 +132,27 @@ def rms_m(problem: Problem, estimates: list[Estimates]) -> np.ndarray:
     return np.sqrt((apart_m**2).sum(axis=2).mean(axis=1))
 
 
-def as_markdown(times: dict[tuple[str, str], list[float]], steps: int, trace: str) -> str:
-    """Table in Markdown, with the conditions of the measurement."""
-    lines = ["| filter | here | other | ratio (median of rounds, least to most) |", "| --- | --- | --- | --- |"]
+def rows(times: dict[tuple[str, str], list[float]], problem: str) -> list[dict[str, str]]:
+    """Rows of the table, with the conditions of the measurement."""
+    smelly = re.search(r'name = "smelly"\nversion = "(.*)"', Path(__file__).with_name("Cargo.lock").read_text())
+    versions = f"filterpy {version('filterpy')}, NumPy {np.__version__}, smelly {smelly[1] if smelly else 'unknown'}"
+    conditions = {"problem": problem, "machine": processor(), "versions": f"{versions}, Python {platform.python_version()}"}
+    found = []
     for kind, makers in MAKERS.items():
         ours = np.array(times["whisker", kind])
         for maker, name in makers.items():
             theirs = np.array(times[maker, kind])
-            ratios = np.sort(theirs / ours)
-            ratio = f"{np.median(ratios):.3g} ({ratios[0]:.3g} to {ratios[-1]:.3g})"
-            lines.append(f"| {NAMES[kind]} | {as_time(ours)} | {name} {as_time(theirs)} | {ratio} |")
-    smelly = re.search(r'name = "smelly"\nversion = "(.*)"', Path(__file__).with_name("Cargo.lock").read_text())
-    versions = f"filterpy {version('filterpy')}, NumPy {np.__version__}, smelly {smelly[1] if smelly else 'unknown'}"
-    versions += f", Python {platform.python_version()}"
-    lines += [
-        "",
-        f"Trace `{trace}`, {steps} steps; {ROUNDS} rounds. {processor()}; {versions}.",
-    ]
-    return "\n".join(lines)
-
-
-def as_time(seconds: np.ndarray) -> str:
-    """Median in a suitable unit."""
-    median_s = float(np.median(seconds))
-    return f"{1e6 * median_s:.3g} µs" if median_s > 1e-6 else f"{1e9 * median_s:.3g} ns"
+            ratios = theirs / ours
+            numbers = {
+                "here_s": np.median(ours),
+                "other_s": np.median(theirs),
+                "ratio": np.median(ratios),
+                "ratio_least": ratios.min(),
+                "ratio_most": ratios.max(),
+            }
+            head = {"filter": kind, "other": name}
+            found.append(head | {column: f"{value:.4g}" for column, value in numbers.items()} | conditions)
+    return found
 
 
 def processor() -> str:
@@ -167,15 +161,14 @@ def processor() -> str:
     return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores"
 
 
-def replace(document: Path, table: str) -> None:
-    """Replaces the table between the marks of the document."""
-    before, _, rest = document.read_text().partition(BEGIN)
-    _, found, after = rest.partition(END)
-    if not found:
-        sys.exit(f"error: {document}: expected {BEGIN} and {END}")
-    unfinished = document.with_suffix(".partial")
-    unfinished.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
-    unfinished.replace(document)
+def write(table: Path, found: list[dict[str, str]]) -> None:
+    """Writes the rows as CSV, at once."""
+    unfinished = table.with_suffix(".partial")
+    with unfinished.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(found[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(found)
+    unfinished.replace(table)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Calls the service of the Foxglove feed; prints the positions of the pushes (m).
 
-The arguments are the address of the feed and those of the call.
+The arguments are the address of the feed, its token and those of the call.
 """
 
 import asyncio
@@ -11,14 +11,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 REQUEST = "whisker_interfaces/msg/Request"
 
-url, (x, y, increments_x, increments_y, pause) = sys.argv[1], sys.argv[2:]
+url, token, (x, y, increments_x, increments_y, pause) = sys.argv[1], sys.argv[2], sys.argv[3:]
 
 
 def request(definition: str) -> bytes:
     """The serialised request, by the definition of the feed."""
     types = get_typestore(Stores.ROS2_HUMBLE)
     types.register(get_types_from_msg(definition, REQUEST))
-    arguments = (float(x), float(y), int(increments_x), int(increments_y), int(pause))
+    arguments = (float(x), float(y), int(increments_x), int(increments_y), int(pause), token)
     return bytes(types.serialize_cdr(types.types[REQUEST](*arguments), REQUEST))
 
 
@@ -27,8 +27,7 @@ async def main() -> None:
     async with Feed(url) as feed, asyncio.timeout(300):
         while not feed.client.services:
             await asyncio.sleep(0.1)
-        [service] = feed.client.services.values()
-        assert service["name"] == "/increments_beam_test", service
+        [service] = [service for service in feed.client.services.values() if service["name"] == "/increments_beam_test"]
         await asyncio.sleep(1.0)
         call = request(service["request"]["schema"])
         answer = await feed.client.call_service(service["id"], call, encoding="cdr", timeout=240.0)
