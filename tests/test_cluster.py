@@ -18,6 +18,8 @@ import pytest
 Client = pytest.importorskip("distributed", reason="the packages of the extra `cluster` are not installed").Client
 from psutil import Process, wait_procs  # noqa: E402
 
+from whisker_sim.paths import whisker_program  # noqa: E402
+
 ROOT = Path(__file__).resolve().parents[1]
 TRACES = 16
 LONGEST_S = 120.0
@@ -152,7 +154,7 @@ def evaluation() -> list[str]:
 
 def whisker(*arguments: str | Path) -> None:
     """Runs the command on this machine; it must succeed."""
-    subprocess.run([ROOT / "target/release/whisker", *arguments], cwd=ROOT, check=True, capture_output=True)
+    subprocess.run([whisker_program(), *arguments], cwd=ROOT, check=True, capture_output=True)
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +193,7 @@ def test_verif_results_equal_those_of_one_machine_with_a_killed_and_a_slow_worke
 
 def test_verif_results_of_shares_equal_those_of_one_machine(evaluation: list[str], evaluated: Path, tmp_path: Path) -> None:
     """Shares of simultaneous processes, one of which is missing."""
-    command = [ROOT / "target/release/whisker", "evaluate", *evaluation, "--results", tmp_path / "shares"]
+    command = [whisker_program(), "evaluate", *evaluation, "--results", tmp_path / "shares"]
     jobs = [subprocess.Popen([*command, "--share", f"{number}/4"], cwd=ROOT, stdout=subprocess.PIPE) for number in (4, 1, 3)]
     assert [job.communicate(timeout=LONGEST_S)[0] for job in jobs] == [
         b"share 4/4 done\n",

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from whisker_sim.paths import whisker_program
+
 ROOT = Path(__file__).resolve().parents[1]
 SUITE = "scenes/suites/smoke.json"
 TRACE = "datasets/smoke/smoke_pin.csv"
@@ -15,8 +17,7 @@ TRACE = "datasets/smoke/smoke_pin.csv"
 
 def whisker(*arguments: str | Path, code: int = 0) -> str:
     """Standard output of the command, which must end with this exit code."""
-    command = ["cargo", "run", "--quiet", "--release", "--bin", "whisker", "--"]
-    done = subprocess.run([*command, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([whisker_program(), *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == code, done.stderr
     return done.stdout
 

@@ -1,5 +1,6 @@
 """Folders and programs of the repository."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -13,10 +14,12 @@ DATASETS = ROOT / "datasets"
 
 
 def whisker_program() -> Path:
-    """The program `whisker`: that of the repository's release build, else that on the PATH.
+    """The program `whisker`: that of the variable `WHISKER`, else of the repository's release build, else on the PATH.
 
-    If neither exists, the path of the release build is returned, for the error message of the caller.
+    If none exists, the path of the release build is returned, for the error message of the caller.
     """
+    if named := os.environ.get("WHISKER"):
+        return Path(named)
     built = ROOT / "target/release/whisker"
     on_path = shutil.which("whisker")
     return built if built.is_file() or on_path is None else Path(on_path)

@@ -6,9 +6,9 @@ use std::time::Instant;
 use crate::failure::Outcome;
 use crate::parts::step;
 use crate::python::{self, Requirements};
-use crate::tools::{cargo, python, run, start, whisker};
+use crate::tools::{cargo, given_whisker, python, run, start, whisker};
 
-/// Installs the Python packages and builds `whisker`.
+/// Installs the Python packages and builds `whisker`, unless the variable `WHISKER` names a program.
 pub(crate) fn prepare() -> Outcome {
     prepare_with(|| Ok(()))
 }
@@ -16,12 +16,15 @@ pub(crate) fn prepare() -> Outcome {
 /// Installs the Python packages and then runs `simulation`, which needs nothing else, while cargo builds `whisker`.
 pub(crate) fn prepare_with(simulation: impl FnOnce() -> Outcome) -> Outcome {
     let started = Instant::now();
-    eprintln!("\n== build: the command whisker, in parallel with the next steps");
-    let build = start(cargo(&["build", "--quiet", "--release", "--package", "whisker-cli"]))?;
     let beside = || {
         step("Python packages", || python::install(Requirements::Runtime))?;
         simulation()
     };
+    if given_whisker().is_some() {
+        return beside();
+    }
+    eprintln!("\n== build: the command whisker, in parallel with the next steps");
+    let build = start(cargo(&["build", "--quiet", "--release", "--package", "whisker-cli"]))?;
     if let Err(failure) = beside() {
         build.abandon();
         return Err(failure);

@@ -74,7 +74,13 @@ pub(crate) fn install(requirements: Requirements) -> Outcome {
 pub(crate) fn install_package() -> Outcome {
     install(Requirements::Development)?;
     // The build takes the pinned build backend of the environment, and pip has nothing to download.
-    run(python(&["-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "./python"]))
+    let mut pip =
+        python(&["-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "./python"]);
+    // The backend starts its program by name.
+    let path = env::var_os("PATH").unwrap_or_default();
+    let folders = [folder().join("bin")].into_iter().chain(env::split_paths(&path));
+    pip.env("PATH", env::join_paths(folders).expect("folders of the PATH are without separators"));
+    run(pip)
 }
 
 fn folder() -> PathBuf {

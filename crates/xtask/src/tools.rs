@@ -13,11 +13,24 @@ pub(crate) fn cargo(arguments: &[&str]) -> Command {
     in_repository(Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into())), arguments)
 }
 
-/// A command of the binary `whisker`, built for release if its sources changed.
+/// A command of the program `whisker`: of [`given_whisker`], else of the release build, which is brought up to date first.
 pub(crate) fn whisker(arguments: &[&str]) -> Command {
+    if let Some(program) = given_whisker() {
+        return in_repository(Command::new(program), arguments);
+    }
     let mut command = cargo(&["run", "--quiet", "--release", "--package", "whisker-cli", "--bin", "whisker", "--"]);
     command.args(arguments);
     command
+}
+
+/// The program `whisker` that the environment variable `WHISKER` names, for use in place of the release build.
+pub(crate) fn given_whisker() -> Option<PathBuf> {
+    env::var_os("WHISKER").filter(|program| !program.is_empty()).map(|program| root().join(program))
+}
+
+/// The program `whisker` as it is now: [`given_whisker`], else the release build.
+pub(crate) fn built_whisker() -> PathBuf {
+    given_whisker().unwrap_or_else(|| root().join("target/release/whisker"))
 }
 
 /// The program of a published package at a pinned version, built on its first use.

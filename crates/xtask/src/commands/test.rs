@@ -23,7 +23,7 @@ pub(super) const PARTS: &[Part] = &[
     Part { name: "python packages", run: || python::install(Requirements::Development) },
     Part { name: "rust tests", run: rust_tests },
     Part { name: "rust examples", run: || run_command(cargo(&[&["test"], &TESTED[..], &["--doc"]].concat())) },
-    Part { name: "python tests", run: || run_command(python_command(&["-m", "pytest", "sim/tests"])) },
+    Part { name: "python tests", run: || run_command(python_command(&["-m", "pytest", "-n", "auto", "sim/tests"])) },
     Part { name: "end to end", run: end_to_end },
     Part { name: "python package", run: python_package },
 ];

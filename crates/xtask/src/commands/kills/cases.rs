@@ -11,6 +11,7 @@ use super::files::{self, Files, failed};
 use crate::failure::{Failure, Outcome};
 use crate::python;
 use crate::repository::root;
+use crate::tools::built_whisker;
 
 /// A command that is disturbed.
 pub(super) struct Case {
@@ -187,7 +188,7 @@ impl Workspace {
 
     /// The command of a case, run by other words if there are any.
     pub(super) fn command(&self, case: &Case, by: &[&str]) -> Command {
-        let whisker = root().join("target/release/whisker");
+        let whisker = built_whisker();
         let mut command = match by {
             [program, rest @ ..] => {
                 let mut command = Command::new(program);
@@ -226,7 +227,7 @@ impl Workspace {
             // The links do not exist before the first session.
             let _ = fs::remove_file(link);
         }
-        let mut command = Command::new(root().join("target/release/whisker"));
+        let mut command = Command::new(built_whisker());
         command.args(["platform", "emulate", "--printer-link"]).arg(&links[0]).arg("--sensor-link").arg(&links[1]);
         let rig = command.stdout(Stdio::null()).spawn();
         self.rig = Some(rig.map_err(|error| Failure::new(format!("the emulated rig does not start: {error}")))?);
