@@ -45,7 +45,7 @@ mod _native {
     #[pymodule_export]
     use crate::outline::Outline;
     #[pymodule_export]
-    use crate::registries::{detectors, estimators, metrics, sensor_models};
+    use crate::registries::{detectors, estimators, front_ends, metrics, sensor_models};
     #[pymodule_export]
     use crate::replay::Replay;
     #[pymodule_export]

@@ -5,6 +5,7 @@ use ::whisker::events::DETECTORS;
 use ::whisker::sensor::MODELS;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
+use testbed::front_end::FRONT_ENDS;
 use testbed::metrics::METRICS;
 
 use crate::convert::from_json;
@@ -35,6 +36,15 @@ pub(crate) fn sensor_models(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
 #[pyfunction]
 pub(crate) fn detectors(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let rows = DETECTORS.iter().map(|row| json!({"name": row.name, "about": row.about, "settings": (row.config)()}));
+    from_json(py, &rows.collect::<Vec<Value>>())
+}
+
+/// Registered front ends: `name`, `about`, default `noise` as a fraction of the largest reading, and default `settings`.
+#[pyfunction]
+pub(crate) fn front_ends(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    let rows = FRONT_ENDS
+        .iter()
+        .map(|row| json!({"name": row.name, "about": row.about, "noise": row.noise, "settings": (row.defaults)()}));
     from_json(py, &rows.collect::<Vec<Value>>())
 }
 

@@ -20,20 +20,23 @@ use crate::whisker::Whisker;
 pub(crate) struct Trace {
     pub(crate) trace: ::trace::Trace,
     pub(crate) outline: Option<::trace::Outline>,
+    /// Folder that the trace was read from, which contains the other traces of its recording.
+    pub(crate) folder: Option<PathBuf>,
     recording: PyOnceLock<Py<PyAny>>,
     truth: PyOnceLock<Py<PyAny>>,
 }
 
 impl Trace {
     pub(crate) fn new(trace: ::trace::Trace, outline: Option<::trace::Outline>) -> Self {
-        Self { trace, outline, recording: PyOnceLock::new(), truth: PyOnceLock::new() }
+        Self { trace, outline, folder: None, recording: PyOnceLock::new(), truth: PyOnceLock::new() }
     }
 
     /// Reads a trace and the outline of its object.
     pub(crate) fn of(path: &Path) -> Result<Self, files::Error> {
         let trace = ::trace::Trace::read(path)?;
-        let outline = trace.outline(path.parent().unwrap_or(Path::new("")))?;
-        Ok(Self::new(trace, outline))
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let outline = trace.outline(folder)?;
+        Ok(Self { folder: Some(folder.into()), ..Self::new(trace, outline) })
     }
 }
 

@@ -3,21 +3,23 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use ::trace::SensorFile;
 use ::whisker::estimators::{BaseNoise, Knowledge, Sample};
 use ::whisker::sensor::Face;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde_json::json;
 use testbed::bound::TraceBound;
 use testbed::contact_events::Events;
-use testbed::front_end::{FrontEnd, FrontEndConfig, Mounting, SensorInput};
+use testbed::front_end::{FRONT_ENDS, FrontEnd, FrontEndConfig, Mounting, Reading};
 use testbed::metrics::{self, GroundTruth, METRICS, Scored, Scores};
-use testbed::replay::{check_calibration, knowledge, noise_sd_n_m as total_noise, runner, samples, touched};
+use testbed::replay::{check_calibration, knowledge, noise_sd_n_m as total_noise, read_by, runner, samples, touched};
 
 use crate::arrays::{Numbers, column, structured, texts};
 use crate::calibration::Calibration;
-use crate::convert::base_noise as base_noise_of;
+use crate::convert::{base_noise as base_noise_of, to_json};
 use crate::error::{raised, refused};
 use crate::estimate::returned;
 use crate::estimator::{detection, registered};
@@ -30,13 +32,17 @@ use crate::trace::Trace;
 /// estimates are scored against.
 ///
 /// `noise` is the standard deviation of the measurement noise to add, as a fraction of the trace's largest reading; by default
-/// 0.01, and 0 for a recording of a real sensor. `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and of
-/// the estimators. `touch` are the settings of the contact detector.
+/// 0.01, and 0 for a recording of a real sensor or a front end with its own noise. `noise_sd_n_m` states it in N m instead.
+/// `seed` is that of the noise, of the front end and of the estimators. `touch` are the settings of the contact detector.
+/// `front_end` is the sensor between moment and reading, see `front_ends()`, with the settings `front_end_settings`; the
+/// calibration must be one through the same front end.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct Trial {
     pub(crate) trace: Py<Trace>,
     calibration: Py<Calibration>,
     seed: u64,
+    /// Sensor of the front end. `None` if readings are the moments themselves.
+    sensor: Option<SensorFile>,
     /// Prior information with the sensor model that the calibration chose.
     knowledge: Arc<Knowledge>,
     readings_n_m: Vec<f64>,
@@ -76,7 +82,7 @@ impl Trial {
         if label.is_none() {
             return Ok(self.knowledge.clone());
         }
-        let faces = self.calibration.get().calibrated(label)?;
+        let faces = read_by(self.sensor.as_ref(), &self.calibration.get().calibrated(label)?);
         Ok(Arc::new(Knowledge { faces, ..Knowledge::clone(&self.knowledge) }))
     }
 
@@ -104,7 +110,8 @@ impl Trial {
 #[pymethods]
 impl Trial {
     #[new]
-    #[pyo3(signature = (trace, calibration, noise=None, seed=1, *, noise_sd_n_m=None, touch=None))]
+    #[pyo3(signature = (trace, calibration, noise=None, seed=1, *, noise_sd_n_m=None, touch=None, front_end=None, front_end_settings=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python class")]
     fn new(
         py: Python<'_>,
         trace: Py<Trace>,
@@ -113,6 +120,8 @@ impl Trial {
         seed: u64,
         noise_sd_n_m: Option<f64>,
         touch: Option<&Bound<'_, PyAny>>,
+        front_end: Option<String>,
+        front_end_settings: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let touch = detection(touch)?;
         for (what, number) in [("noise", noise), ("noise_sd_n_m", noise_sd_n_m)] {
@@ -127,16 +136,24 @@ impl Trial {
         let (sidecar, recording) = (&read.trace.sidecar, &read.trace.recording);
         let calibrated = calibration.get();
         check_calibration(&calibrated.path, &calibrated.file, sidecar).map_err(raised)?;
-        let front_end = FrontEnd::new(&FrontEndConfig::default()).map_err(raised)?;
-        let mounting = Mounting::alone(sidecar);
-        front_end.sensor(&calibrated.path, &calibrated.file, &mounting).map_err(raised)?;
-        let moments = recording.instants.iter().map(|now| now.moment_z_n_m.abs());
-        let largest_n_m = moments.fold(0.0, f64::max);
+        let front_end = selected(front_end, front_end_settings)?;
+        front_end.check_trace(sidecar).map_err(raised)?;
+        let folder = read.folder.as_deref();
+        let mounting = folder.map_or_else(|| Ok(Mounting::alone(sidecar)), |folder| Mounting::of(folder, sidecar));
+        let mounting = mounting.map_err(raised)?;
+        let sensor = front_end.sensor(&calibrated.path, &calibrated.file, &mounting).map_err(raised)?;
+        let gate = calibrated.file.gate();
+        let moments = recording.instants.iter().map(|now| now.moment_z_n_m);
+        let largest_n_m = moments.filter(|moment| gate.admits(*moment)).map(f64::abs).fold(0.0, f64::max);
         let fraction = noise.unwrap_or_else(|| front_end.default_noise(sidecar));
         let added_sd_n_m = noise_sd_n_m.unwrap_or(fraction * largest_n_m);
-        let readings_n_m = front_end.readings_n_m(&SensorInput::new(&read.trace, &mounting, added_sd_n_m, seed));
-        let readings_n_m = readings_n_m.map_err(raised)?;
-        let knowledge = knowledge(sidecar, &calibrated.calibrated(None)?, total_noise(added_sd_n_m, None, sidecar));
+        let path = &calibrated.path;
+        let reading = Reading { front_end: &front_end, path, calibration: &calibrated.file, added_sd_n_m, seed };
+        let beside = folder.unwrap_or(Path::new(""));
+        let readings_n_m = py.detach(|| reading.of(&read.trace, &mounting, beside)).map_err(raised)?;
+        let faces = read_by(sensor, &calibrated.calibrated(None)?);
+        let knowledge = knowledge(sidecar, &faces, total_noise(added_sd_n_m, sensor, sidecar));
+        let sensor = sensor.cloned();
         let (samples, touched, ground_truth) = py.detach(|| {
             let samples = samples(recording, &readings_n_m);
             let touched = touched(touch, &knowledge, &samples);
@@ -144,7 +161,19 @@ impl Trial {
         });
         let events = Events::of(&read.trace, &touched);
         let bound = OnceLock::new();
-        Ok(Self { trace, calibration, seed, knowledge, readings_n_m, samples, touched, events, bound, ground_truth })
+        Ok(Self {
+            trace,
+            calibration,
+            seed,
+            sensor,
+            knowledge,
+            readings_n_m,
+            samples,
+            touched,
+            events,
+            bound,
+            ground_truth,
+        })
     }
 
     /// The trace.
@@ -336,6 +365,13 @@ fn bound_table<'py>(
         ("condition", numbers(|at| at.window.map(|window| window.condition))),
     ];
     structured(py, rows.len(), &columns)
+}
+
+/// Front end of this name and these settings.
+fn selected(name: Option<String>, settings: Option<&Bound<'_, PyAny>>) -> PyResult<FrontEnd> {
+    let config = settings.map_or_else(|| Ok(json!({})), |settings| to_json("front_end_settings", settings))?;
+    let name = name.unwrap_or_else(|| FRONT_ENDS[0].name.into());
+    FrontEnd::new(&FrontEndConfig { name, config }).map_err(raised)
 }
 
 /// An error with the row that it belongs to.

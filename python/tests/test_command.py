@@ -1,5 +1,6 @@
 """Equality with the command `whisker`, to the bit."""
 
+import json
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -67,6 +68,22 @@ def check_suite(tmp_path: Path, command: Path, dataset: wc.Dataset, names: list[
 def test_verif_every_replay_of_a_suite_equals_that_of_the_command(tmp_path, command, in_repository, threads):
     in_repository("datasets/smoke/calibrations")
     assert check_suite(tmp_path, command, wc.Dataset(ROOT / "datasets" / "smoke"), NAMES, threads) == 2 * len(NAMES)
+
+
+@pytest.mark.parametrize("settings", [{}, {"white_counts": 2}])
+def test_verif_a_replay_through_a_hall_sensor_equals_that_of_the_command(tmp_path, command, in_repository, settings):
+    traces = in_repository("datasets/smoke")
+    options = ["--front-end", "hall", "--front-end-config", json.dumps(settings)]
+    run(command, "fit", "scenes/suites/smoke.json", "--traces", traces, "--out", tmp_path, *options)
+    path = tmp_path / "straight.json"
+    out = tmp_path / "estimates" / "smoke_pin.ekf.csv"
+    out.parent.mkdir()
+    run(command, "replay", traces / "smoke_pin.csv", "--estimator", "ekf", "--calibration", path, "--out", out, *options)
+    trace, calibration = wc.Trace.read(traces / "smoke_pin.csv"), wc.load_calibration(path)
+    trial = wc.Trial(trace, calibration, front_end="hall", front_end_settings=settings)
+    check_equal(trial.replay("ekf").table, out)
+    with pytest.raises(ValueError, match=r"front_end\.name: found `hall`, expected `white`"):
+        wc.Trial(trace, calibration)
 
 
 def test_verif_scores_equal_those_of_the_command(in_repository):

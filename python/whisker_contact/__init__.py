@@ -8,7 +8,7 @@ the known motion of the root, an estimator computes the point of contact.
 | mechanics | `Whisker`, `deflect`, `press`, `Contacts` |
 | sensor models | `load_calibration`, `fit_calibration`, `Calibration`, `Prediction`, `sensor_models` |
 | recordings | `Trace`, `Dataset`, `Recording`, `simulate`, `Shape` |
-| estimation | `Estimator`, `Estimate`, `Replay`, `Outline`, `estimators`, `detectors` |
+| estimation | `Estimator`, `Estimate`, `Replay`, `Outline`, `estimators`, `detectors`, `front_ends` |
 | evaluation | `Trial`, `evaluate`, `cramer_rao_bound`, `metrics` |
 | several whiskers | `scene_map`, `SceneMap`, `MappedObject` |
 | results | `read_table`, `read_results`, `Results`, `frame` |
@@ -44,6 +44,7 @@ from ._native import (
     detectors,
     estimators,
     fit_calibration,
+    front_ends,
     load_calibration,
     metrics,
     press,
@@ -80,6 +81,7 @@ __all__ = [
     "evaluate",
     "fit_calibration",
     "frame",
+    "front_ends",
     "load_calibration",
     "metrics",
     "plot_outline",

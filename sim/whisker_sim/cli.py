@@ -147,7 +147,7 @@ def _add_cluster_commands(commands: "argparse._SubParsersAction[argparse.Argumen
         "--whisker",
         type=Path,
         metavar="PROGRAM",
-        help="program `whisker` (default: that of the variable WHISKER, else target/release/whisker of the repository, else the one on the PATH)",
+        help="program `whisker` (default: that of the variable WHISKER, else of the repository's release build, else on the PATH)",
     )
     command.add_argument("--shares", type=_positive, metavar="N", help="number of shares (default: four per thread of the workers)")
     command.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of `whisker evaluate`")

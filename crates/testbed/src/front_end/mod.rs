@@ -6,6 +6,7 @@ mod chain;
 mod hall;
 mod mounting;
 mod white;
+mod whole;
 
 use std::path::Path;
 
@@ -19,6 +20,7 @@ use chain::noise;
 pub use chain::{Chain, Reader, SensorInput};
 pub use hall::{Config as HallConfig, shift_counts};
 pub use mounting::{BoardSlot, Mounting};
+pub use whole::Reading;
 
 /// Entry of the registry of front ends.
 pub struct FrontEndRow {

@@ -10,7 +10,7 @@ use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::evaluate::estimate_row;
 use testbed::fitted_traces::check_fitted_traces;
-use testbed::front_end::{FrontEnd, Mounting, Reader, SensorInput};
+use testbed::front_end::{FrontEnd, Mounting, Reader, Reading};
 use testbed::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::{EstimateRow, RECOMMENDED, Table};
 use testbed::settings::merged;
@@ -91,9 +91,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let reader = match front_end.reader(&sidecar, added_sd_n_m, arguments.seed) {
         Some(reader) => reader,
         None => {
-            let read =
-                Read { front_end: &front_end, calibration: (&path, &calibration), mounting: &mounting, added_sd_n_m };
-            read.ahead(&arguments.trace, arguments.seed)?
+            let reading = Reading {
+                front_end: &front_end,
+                path: &path,
+                calibration: &calibration,
+                added_sd_n_m,
+                seed: arguments.seed,
+            };
+            let mut readings_n_m = reading.of(&Trace::read(&arguments.trace)?, &mounting, beside_trace)?.into_iter();
+            Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant"))
         }
     };
     let knowledge = knowledge(&sidecar, &faces, noise_sd_n_m(added_sd_n_m, sensor, &sidecar));
@@ -162,41 +168,6 @@ fn read_calibration(path: &Path, beside_trace: &Path) -> anyhow::Result<Calibrat
     let calibration = CalibrationFile::read(path)?;
     check_fitted_traces(path, &calibration)?;
     Ok(calibration)
-}
-
-/// Reading of a trace by a front end that needs the whole of it.
-struct Read<'a> {
-    front_end: &'a FrontEnd,
-    /// Calibration and its path.
-    calibration: (&'a Path, &'a CalibrationFile),
-    mounting: &'a Mounting,
-    added_sd_n_m: f64,
-}
-
-impl Read<'_> {
-    /// Readings of a trace, computed before the replay begins, with the influence of the other whiskers of its board.
-    fn ahead(&self, path: &Path, seed: u64) -> anyhow::Result<Reader> {
-        let folder = path.parent().unwrap_or(Path::new(""));
-        let trace = Trace::read(path)?;
-        let seats = self.mounting.board.iter().filter_map(|seat| seat.trace.as_ref());
-        let mut beside = Vec::new();
-        for name in seats.filter(|name| **name != trace.sidecar.name) {
-            let trace = Trace::read(&folder.join(format!("{name}.csv")))?;
-            let mounting = Mounting::of(folder, &trace.sidecar)?;
-            beside.push((trace, mounting));
-        }
-        let neighbours = beside.iter().map(|(trace, mounting)| self.input(trace, mounting, seed));
-        let neighbours = neighbours.collect::<anyhow::Result<Vec<_>>>()?;
-        let played = SensorInput { neighbours: &neighbours, ..self.input(&trace, self.mounting, seed)? };
-        let mut readings_n_m = self.front_end.readings_n_m(&played)?.into_iter();
-        Ok(Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant")))
-    }
-
-    fn input<'b>(&'b self, trace: &'b Trace, mounting: &'b Mounting, seed: u64) -> anyhow::Result<SensorInput<'b>> {
-        let (path, calibration) = self.calibration;
-        let sensor = self.front_end.sensor(path, calibration, mounting)?;
-        Ok(SensorInput { sensor, ..SensorInput::new(trace, mounting, self.added_sd_n_m, seed) })
-    }
 }
 
 /// Counts of a replay, from which the reason for a missing result follows.
