@@ -60,7 +60,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "docs", about: "Write the measured values of the documentation from results/reference/", run: Plain(docs::run) },
     Command { name: "reference", about: "Build the reference of the Rust crates and of the Python package: target/doc/", run: Plain(reference::run) },
     Command { name: "deny", about: "Check licences, sources and known vulnerabilities of the dependencies", run: Plain(deny::run) },
-    Command { name: "fuzz", about: "Fuzz every parser, ten minutes each: fuzz [TARGET] [--seconds N]", run: With(fuzz::run) },
+    Command { name: "fuzz", about: "Fuzz every parser, ten minutes each: fuzz [TARGET] [--seconds N] [--jobs N]", run: With(fuzz::run) },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
     Command { name: "rig", about: "Test the calibration platform on its emulated rig: rig [--runs N] [--soak SECONDS]", run: With(rig::run) },
     Command { name: "kills", about: "Kill commands at random moments or fill their disk, give them again, and compare: kills [--count N] [--seed S]", run: With(kills::run) },
