@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::failure::Outcome;
 use crate::parts::step;
 use crate::python::{self, Requirements};
-use crate::tools::{cargo, given_whisker, python, run, start, whisker};
+use crate::tools::{build_whisker, python, run, start, whisker};
 
 /// Installs the Python packages and builds `whisker`, unless the variable `WHISKER` names a program.
 pub(crate) fn prepare() -> Outcome {
@@ -20,11 +20,9 @@ pub(crate) fn prepare_with(simulation: impl FnOnce() -> Outcome) -> Outcome {
         step("Python packages", || python::install(Requirements::Runtime))?;
         simulation()
     };
-    if given_whisker().is_some() {
-        return beside();
-    }
+    let Some(build) = build_whisker() else { return beside() };
     eprintln!("\n== build: the command whisker, in parallel with the next steps");
-    let build = start(cargo(&["build", "--quiet", "--release", "--package", "whisker-cli"]))?;
+    let build = start(build)?;
     if let Err(failure) = beside() {
         build.abandon();
         return Err(failure);

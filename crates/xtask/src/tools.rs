@@ -28,6 +28,11 @@ pub(crate) fn given_whisker() -> Option<PathBuf> {
     env::var_os("WHISKER").filter(|program| !program.is_empty()).map(|program| root().join(program))
 }
 
+/// Command that brings the release build of `whisker` up to date. `None` if [`given_whisker`] takes its place.
+pub(crate) fn build_whisker() -> Option<Command> {
+    given_whisker().is_none().then(|| cargo(&["build", "--quiet", "--release", "--package", "whisker-cli"]))
+}
+
 /// The program `whisker` as it is now: [`given_whisker`], else the release build.
 pub(crate) fn built_whisker() -> PathBuf {
     given_whisker().unwrap_or_else(|| root().join("target/release/whisker"))

@@ -10,7 +10,7 @@ use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::pipeline::{self, Evaluations};
 use crate::repository::root;
-use crate::tools::{cargo, run as run_command};
+use crate::tools::{built_whisker, cargo, run as run_command};
 
 const SUITE: &str = "standard";
 /// Folder of the files that only this measurement uses.
@@ -109,7 +109,7 @@ struct Cost {
 impl Cost {
     /// Runs a command of `whisker`, which is built already, to its end.
     fn of(arguments: &[&str]) -> Result<Self, Failure> {
-        let path = root().join("target/release/whisker");
+        let path = built_whisker();
         let failed = |reason: String| Failure::new(format!("{} {}: {reason}", path.display(), arguments.join(" ")));
         let begun = Instant::now();
         let mut command = Command::new(&path);

@@ -11,7 +11,7 @@ use crate::failure::{Failure, Outcome};
 use crate::parts::step;
 use crate::repository::root;
 use crate::repository::words;
-use crate::tools::{cargo, run as run_command};
+use crate::tools::{build_whisker, built_whisker, cargo, run as run_command};
 
 /// Folder of all files, with a folder for each run.
 const FOLDER: &str = "target/rig";
@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     let folder = root().join(FOLDER);
     // A session does not overwrite a recording.
     let _ = fs::remove_dir_all(&folder);
-    step("the command whisker", || run_command(cargo(&["build", "--release", "--package", "whisker-cli"])))?;
+    step("the command whisker", || build_whisker().map_or(Ok(()), run_command))?;
     let bars = match runs {
         1 => one_run()?,
         runs => several_runs(runs)?,
@@ -342,7 +342,7 @@ fn whisker(arguments: &[&str]) -> Result<Output, Failure> {
 }
 
 fn program(arguments: &[&str]) -> Command {
-    let mut command = Command::new(root().join("target/release/whisker"));
+    let mut command = Command::new(built_whisker());
     command.args(arguments).current_dir(root());
     command
 }
