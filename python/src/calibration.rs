@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use ::trace::{CalibrationFile, FaceFile};
+use ::trace::{CalibrationFile, FaceFile, FittedData};
 use ::whisker::frames::{Base, Point};
 use ::whisker::sensor::{self, CalibratedFace, FitData, MODELS, ModelError, Sample};
 use nalgebra::Vector2;
@@ -260,8 +260,8 @@ pub(crate) fn fit_calibration(
         return Err(refused("lines", "no face", "`left`, `right` or both"));
     }
     let watermark = watermark([&*serde_json::to_string(&faces).map_err(raised)?]);
-    let data = watermark.inputs_sha256.clone();
-    let file = CalibrationFile::new(whisker.whisker.clone(), 0.0, 0, None, data, Vec::new(), faces, watermark);
+    let data = FittedData { data_sha256: watermark.inputs_sha256.clone(), ..FittedData::default() };
+    let file = CalibrationFile::new(whisker.whisker.clone(), data, faces, watermark);
     Ok(Calibration::new(file, "calibration".into()))
 }
 

@@ -68,6 +68,7 @@
 
 mod mesh;
 mod own;
+mod provenance;
 mod registration;
 mod stanford_whisker;
 

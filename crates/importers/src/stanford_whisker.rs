@@ -28,14 +28,13 @@ use std::path::{Path, PathBuf};
 use files::read_table;
 use files::table::{number, reader};
 use files::{Digest, Error, FORMAT, sha256};
-use trace::{
-    Contour, Generator, Instant, ObjectClass, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant,
-};
+use trace::{Contour, Instant, ObjectClass, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
 use whisker::Whisker;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
 
 use crate::mesh::section;
+use crate::provenance::generator;
 use crate::registration::{Mounted, Pressed, Registration, pieces, register};
 use crate::{Imported, Progress};
 
@@ -507,13 +506,7 @@ impl Calibrated {
             rows: recording.len(),
             whisker: mounted.whisker.clone(),
             scene: serde_json::Value::Null,
-            generator: Generator {
-                name: NAME.into(),
-                version: env!("CARGO_PKG_VERSION").into(),
-                mujoco: None,
-                git_commit: None,
-                source_sha256: source_sha256(),
-            },
+            generator: generator(NAME, source_sha256()),
             inputs_sha256: inputs.finish(),
             csv_sha256: String::new(),
             contour: None,

@@ -12,7 +12,7 @@ use crate::printer::Head;
 use crate::routine::Contact;
 use crate::{Error, Sample};
 
-/// How a recording ended.
+/// End of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// Complete.
@@ -94,7 +94,7 @@ const RESERVE: (&str, usize) = ("reserve.part", 1 << 20);
 /// The project's log: samples (`log.csv`), sidecar (`log.json`) and positions of the head (`head.csv`). A file that is being written ends in `.part`; one of an
 /// interrupted session has `interrupted` in its name.
 ///
-/// The space for its end is reserved from the beginning, so that a disk that fills up meanwhile, which ends the session, costs no sample.
+/// The space for its end is reserved from the beginning, so that no sample is lost if the disk fills up, which ends the session.
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
@@ -130,7 +130,7 @@ impl Log {
     pub fn check_is_free(folder: &Path) -> Result<(), Error> {
         let taken = [COMPLETE, INTERRUPTED, PART].map(|file| folder.join(file)).into_iter().find(|path| path.exists());
         taken.map_or(Ok(()), |path| {
-            let expected = "nothing yet: rename or remove it, or choose another folder";
+            let expected = "none: rename or remove it, or choose another folder";
             Err(files::Error::value(&path, "path", "a log", expected).into())
         })
     }
@@ -138,7 +138,7 @@ impl Log {
 
 impl Sink for Log {
     fn samples(&mut self, samples: &[Sample]) -> Result<(), Error> {
-        // All are taken before the first is written, so that a full disk costs none.
+        // All are taken before the first is written, so that none is lost if the disk is full.
         for Sample { t_s, counts: [x, y, z] } in samples {
             self.samples.take(format_args!("{t_s:.6},{x},{y},{z}"));
         }
@@ -146,7 +146,7 @@ impl Sink for Log {
     }
 
     fn detected(&mut self, _: &Detection) -> Result<(), Error> {
-        // Not part of the log: the samples and the calibration give it again.
+        // Not part of the log: it follows from the samples and the calibration.
         Ok(())
     }
 
@@ -319,7 +319,7 @@ mod tests {
                 begun.finish(ending).expect("written");
             }
             let error = Log::create(&folder, sidecar.clone()).expect_err("refused").to_string();
-            assert!(error.contains(&format!("{name}: path: found a log, expected nothing yet")), "{error}");
+            assert!(error.contains(&format!("{name}: path: found a log, expected none")), "{error}");
         }
     }
 }

@@ -8,7 +8,7 @@ use files::{Watermark, read_json, write_atomically, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, FaceFile, FrontEndFile, Role, Sidecar, Trace, TruthInstant, data_sha256};
+use trace::{CalibrationFile, FaceFile, FittedData, FrontEndFile, Role, Sidecar, Trace, TruthInstant, data_sha256};
 use whisker::Whisker;
 use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
@@ -184,11 +184,11 @@ impl WhiskerFit<'_> {
         // The readings of a recording already contain noise.
         let is_recorded = self.traces.iter().any(|trace| trace.sidecar.recorded.is_some());
         let noise = if is_recorded { 0.0 } else { self.settings.noise };
-        let (sensors, readings_n_m) = self.read(noise)?;
+        let (front_end, readings_n_m) = self.read(noise)?;
         let (faces, left_out) = self.faces(&readings_n_m)?;
-        let names = self.traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
-        let (whisker, seed) = (whisker.clone(), self.settings.seed);
-        let calibration = CalibrationFile::new(whisker, noise, seed, sensors, data_sha256, names, faces, watermark);
+        let traces = self.traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
+        let data = FittedData { noise_fraction: noise, seed: self.settings.seed, front_end, data_sha256, traces };
+        let calibration = CalibrationFile::new(whisker.clone(), data, faces, watermark);
         write_json(&path, &calibration)?;
         Ok(Fitted { calibration, path, is_new: true, left_out })
     }

@@ -55,6 +55,21 @@ pub struct CalibrationFile {
     pub watermark: Watermark,
 }
 
+/// Data that a calibration is fitted to, with the fields of [`CalibrationFile`] that describe them.
+#[derive(Clone, Debug, Default)]
+pub struct FittedData {
+    /// Measurement noise added before the fit, as a fraction of the largest reading.
+    pub noise_fraction: f64,
+    /// Seed of that noise.
+    pub seed: u64,
+    /// Front end through which the traces were read. `None` if the readings are the moments themselves.
+    pub front_end: Option<FrontEndFile>,
+    /// Hash over the hashes of the traces.
+    pub data_sha256: String,
+    /// Names of the traces.
+    pub traces: Vec<String>,
+}
+
 /// Front end and the calibration of its sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -192,18 +207,9 @@ impl FaceFile {
 }
 
 impl CalibrationFile {
-    /// Calibration of these faces.
-    #[allow(clippy::too_many_arguments)]
-    pub fn new(
-        whisker: Whisker,
-        noise_fraction: f64,
-        seed: u64,
-        front_end: Option<FrontEndFile>,
-        data_sha256: String,
-        traces: Vec<String>,
-        faces: Vec<FaceFile>,
-        watermark: Watermark,
-    ) -> Self {
+    /// Calibration of these faces, fitted to `data`.
+    pub fn new(whisker: Whisker, data: FittedData, faces: Vec<FaceFile>, watermark: Watermark) -> Self {
+        let FittedData { noise_fraction, seed, front_end, data_sha256, traces } = data;
         Self {
             format: FORMAT,
             kind: "calibration".into(),

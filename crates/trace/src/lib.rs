@@ -53,7 +53,9 @@ mod writer;
 
 pub use arm::{Arm, JOINTS, JointInstant, Link, PoseMatrix};
 pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObject};
-pub use calibration::{CalibrationFile, CrossTalk, FaceFile, FrontEndFile, MOST_NOISE, ModelFile, SensorFile};
+pub use calibration::{
+    CalibrationFile, CrossTalk, FaceFile, FittedData, FrontEndFile, MOST_NOISE, ModelFile, SensorFile,
+};
 pub use certificate::{Breach, Certificate};
 pub use characteristic::{Characteristic, through_zero};
 pub use effects::{Miscalibration, ReplayEffects};

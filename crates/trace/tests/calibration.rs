@@ -4,7 +4,7 @@ use std::path::Path;
 
 use files::{Watermark, read_json, write_json};
 use serde_json::Value;
-use trace::{CalibrationFile, FaceFile};
+use trace::{CalibrationFile, FaceFile, FittedData};
 use whisker::Whisker;
 use whisker::elastica::Elastica;
 use whisker::sensor::{self, Face, Fit, FitData, Sample};
@@ -45,7 +45,8 @@ fn calibration(fits: &[Fit]) -> CalibrationFile {
     let faces = vec![FaceFile::new(fits).unwrap()];
     let watermark =
         Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
-    CalibrationFile::new(whisker(), 0.0, 1, None, String::new(), vec!["trace".into()], faces, watermark)
+    let data = FittedData { seed: 1, traces: vec!["trace".into()], ..FittedData::default() };
+    CalibrationFile::new(whisker(), data, faces, watermark)
 }
 
 /// Error message for a changed file; it must be one line.

@@ -56,6 +56,41 @@ impl Observer for NoObserver {
     }
 }
 
+/// Asserts that a command fails with an error that contains `message`.
+fn fails(arguments: &[&str], message: &str) {
+    let output = whisker(arguments).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && stderr.contains(message), "{stderr}");
+}
+
+/// Checks warnings and errors about a log with another rate, another unit of time, or another label.
+fn check_logs(log: &Path, calibrated: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+
+    // Samples at another rate give a warning.
+    let rows = fs::read_to_string(log).unwrap();
+    let half = folder.path().join("half.csv");
+    fs::write(&half, rows.split_inclusive('\n').step_by(2).collect::<String>()).unwrap();
+    for (log, is_warned) in [(log, false), (&half, true)] {
+        let stderr = String::from_utf8(done(&[&["infer", text(log)], calibrated].concat()).stderr).unwrap();
+        assert_eq!(stderr.contains("warning: found 4"), is_warned, "{stderr}");
+    }
+
+    // Times in milliseconds are rejected.
+    let milliseconds = folder.path().join("milliseconds.csv");
+    let scaled = rows.lines().map(|row| match row.split_once(',') {
+        Some((t_s, rest)) if t_s != "t_s" => format!("{},{rest}\n", 1e3 * t_s.parse::<f64>().unwrap()),
+        _ => format!("{row}\n"),
+    });
+    fs::write(&milliseconds, scaled.collect::<String>()).unwrap();
+    fails(&[&["infer", text(&milliseconds)], calibrated].concat(), "the times look like milliseconds");
+
+    // A label does not override the distances that the sidecar states.
+    let (labelled, out) = (format!("65={}", text(log)), folder.path().join("none"));
+    fails(&["fit", "--label", &labelled, "--out", text(&out)], "found 65.0 mm, and 45.0 to 145.0 mm in ");
+    assert!(!out.exists());
+}
+
 #[test]
 fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
     let folder = tempfile::tempdir().unwrap();
@@ -68,39 +103,8 @@ fn verif_contacts_are_estimated_live_until_the_port_is_unplugged() {
     let calibrated = ["--calibration", text(&calibration)];
 
     // An existing session is not overwritten, and the printer does not move.
-    let again = whisker(&ports).output().unwrap();
-    let stderr = String::from_utf8(again.stderr).unwrap();
-    assert!(
-        again.status.code() == Some(1) && stderr.contains("log.csv: path: found a log, expected nothing yet"),
-        "{stderr}"
-    );
-
-    // Samples at another rate give a warning.
-    let rows = fs::read_to_string(log.join("log.csv")).unwrap();
-    let half = folder.path().join("half.csv");
-    fs::write(&half, rows.split_inclusive('\n').step_by(2).collect::<String>()).unwrap();
-    for (log, is_warned) in [(log.join("log.csv"), false), (half, true)] {
-        let stderr = String::from_utf8(done(&[&["infer", text(&log)], &calibrated[..]].concat()).stderr).unwrap();
-        assert_eq!(stderr.contains("warning: found 4"), is_warned, "{stderr}");
-    }
-
-    // Times in milliseconds are refused.
-    let milliseconds = folder.path().join("milliseconds.csv");
-    let scaled = rows.lines().map(|row| match row.split_once(',') {
-        Some((t_s, rest)) if t_s != "t_s" => format!("{},{rest}\n", 1e3 * t_s.parse::<f64>().unwrap()),
-        _ => format!("{row}\n"),
-    });
-    fs::write(&milliseconds, scaled.collect::<String>()).unwrap();
-    let output = whisker(&[&["infer", text(&milliseconds)], &calibrated[..]].concat()).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && stderr.contains("the times look like milliseconds"), "{stderr}");
-
-    // A label does not override the distances that the sidecar states.
-    let labelled = format!("65={}", text(&log.join("log.csv")));
-    let output = whisker(&["fit", "--label", &labelled, "--out", text(&folder.path().join("none"))]).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && stderr.contains("found 65.0 mm, and 45.0 to 145.0 mm in "), "{stderr}");
-    assert!(!folder.path().join("none").exists());
+    fails(&ports, "log.csv: path: found a log, expected none");
+    check_logs(&log.join("log.csv"), &calibrated);
 
     // A session prints contacts on the standard output and their errors on stderr.
     let out = folder.path().join("second");

@@ -53,7 +53,7 @@ pub(crate) fn fit_through(front_end: &str, suite: &str) -> Outcome {
     step("fit", || run(whisker(&["fit", &suite_file(suite), "--front-end", front_end])))
 }
 
-/// Evaluations of suites. A finished run with other settings is replaced only if asked for.
+/// Evaluations of suites. A finished run with other settings is replaced only on request.
 #[derive(Clone, Copy)]
 pub(crate) struct Evaluations {
     force: bool,

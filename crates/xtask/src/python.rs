@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use crate::failure::{Failure, Outcome};
-use crate::repository::{root, words};
+use crate::repository::{environment, interpreter, root, words};
 use crate::tools::{python, run};
 
 /// Oldest version of Python that runs the generator.
@@ -41,11 +41,6 @@ impl Requirements {
         fs::read_to_string(root().join(self.lock()))
             .map_err(|error| Failure::new(format!("{}: cannot be read: {error}", self.lock())))
     }
-}
-
-/// Interpreter of the environment.
-pub(crate) fn interpreter() -> PathBuf {
-    folder().join("bin/python")
 }
 
 /// Installs the required packages unless the environment already holds them.
@@ -78,17 +73,13 @@ pub(crate) fn install_package() -> Outcome {
         python(&["-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "./python"]);
     // The backend starts its program by name.
     let path = env::var_os("PATH").unwrap_or_default();
-    let folders = [folder().join("bin")].into_iter().chain(env::split_paths(&path));
+    let folders = [environment().join("bin")].into_iter().chain(env::split_paths(&path));
     pip.env("PATH", env::join_paths(folders).expect("folders of the PATH are without separators"));
     run(pip)
 }
 
-fn folder() -> PathBuf {
-    root().join(".venv")
-}
-
 fn stamp() -> PathBuf {
-    folder().join("installed.lock")
+    environment().join("installed.lock")
 }
 
 /// Lock against a second command that makes the environment at the same time: the second waits.
@@ -106,7 +97,7 @@ fn installed_lock() -> Option<String> {
 }
 
 fn write_stamp(lock: &str) -> Outcome {
-    let unfinished = folder().join("installed.lock.tmp");
+    let unfinished = environment().join("installed.lock.tmp");
     fs::write(&unfinished, lock)
         .and_then(|()| fs::rename(&unfinished, stamp()))
         .map_err(|error| Failure::new(format!(".venv/installed.lock: cannot be written: {error}")))
@@ -141,10 +132,10 @@ fn create() -> Outcome {
         return Err(Failure::new(format!("`{name}` lacks the module venv or ensurepip. {HOW_TO_GET_PYTHON}")));
     }
 
-    remove_if_present(fs::remove_dir_all(folder()), ".venv")?;
+    remove_if_present(fs::remove_dir_all(environment()), ".venv")?;
     let made = Command::new(&base)
         .args(["-m", "venv"])
-        .arg(folder())
+        .arg(environment())
         .output()
         .map_err(|error| Failure::new(format!("`{name}` does not start: {error}")))?;
     if made.status.success() {

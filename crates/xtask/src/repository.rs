@@ -1,4 +1,4 @@
-//! The repository: its root folder, and command lines as typed there.
+//! The repository: its root folder, its Python environment, and command lines as typed in the root folder.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,6 +7,16 @@ use std::process::Command;
 pub(crate) fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().nth(2).unwrap_or(here).to_path_buf()
+}
+
+/// Folder of the Python environment, absolute.
+pub(crate) fn environment() -> PathBuf {
+    root().join(".venv")
+}
+
+/// Interpreter of the Python environment.
+pub(crate) fn interpreter() -> PathBuf {
+    environment().join("bin/python")
 }
 
 /// Command line as typed in the root folder.

@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command};
 
 use crate::failure::{Failure, Outcome};
-use crate::python;
-use crate::repository::{root, words};
+use crate::repository::{interpreter, root, words};
 
 /// A cargo command, for example `["build", "--release"]`.
 pub(crate) fn cargo(arguments: &[&str]) -> Command {
@@ -52,7 +51,7 @@ pub(crate) fn tool((package, version): (&str, &str)) -> Result<PathBuf, Failure>
 
 /// A command of the Python interpreter in the repository's environment, for example `["-m", "pytest"]`.
 pub(crate) fn python(arguments: &[&str]) -> Command {
-    in_repository(Command::new(python::interpreter()), arguments)
+    in_repository(Command::new(interpreter()), arguments)
 }
 
 fn in_repository(mut command: Command, arguments: &[&str]) -> Command {
@@ -60,7 +59,7 @@ fn in_repository(mut command: Command, arguments: &[&str]) -> Command {
         .args(arguments)
         .current_dir(root())
         .env("PYTHONPATH", root().join("sim"))
-        .env("WHISKER_PYTHON", python::interpreter());
+        .env("WHISKER_PYTHON", interpreter());
     command
 }
 

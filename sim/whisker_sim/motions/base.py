@@ -67,6 +67,11 @@ class Stage(msgspec.Struct, frozen=True):
             gap_m[index] = np.min(height)
         return gap_m
 
+    def check_arc(self, key: str, arc_m: float) -> None:
+        """Raises `ValueError` if the arc length `arc_m`, the motion's parameter `key`, is not on the whisker."""
+        if arc_m >= self.whisker.length_m:
+            raise ValueError(f"motion.{key}: expected less than the whisker's length {self.whisker.length_m}, found {arc_m}")
+
 
 class Plan(msgspec.Struct, frozen=True):
     """A planned motion: the commanded pose at every step and the guaranteed contact."""
@@ -129,6 +134,14 @@ class Path:
     def poses(self) -> Array:
         """All poses (n, 3)."""
         return np.concatenate(self._poses)
+
+
+def check_ranges(motion: Motion, *lowest: str) -> None:
+    """Raises `ValueError` if a parameter named in `lowest`, with `_min_` in its name, exceeds the one with `_max_` in its place."""
+    for low in lowest:
+        high = low.replace("_min_", "_max_")
+        if getattr(motion, low) > getattr(motion, high):
+            raise ValueError(f"{high}: expected at least {low} = {getattr(motion, low)}, found {getattr(motion, high)}")
 
 
 def check_steps(steps: float) -> int:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage
+from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage, check_ranges
 from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 
 _HOLD_S = 0.05
@@ -42,16 +42,11 @@ class Excursions(Motion, frozen=True, forbid_unknown_fields=True, tag="excursion
     example: ClassVar[dict[str, Any]] = {"moves": 3, "arc_min_m": 0.05, "arc_max_m": 0.055}
 
     def __post_init__(self) -> None:
-        for low, high in (("arc_min_m", "arc_max_m"), ("depth_min_m", "depth_max_m"), ("speed_min_m_s", "speed_max_m_s")):
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{high}: expected at least {low} = {getattr(self, low)}, found {getattr(self, high)}")
+        check_ranges(self, "arc_min_m", "depth_min_m", "speed_min_m_s")
 
     def plan(self, stage: Stage) -> Plan:
         """Plans the moves."""
-        if self.arc_max_m >= stage.whisker.length_m:
-            raise ValueError(
-                f"motion.arc_max_m: expected less than the whisker's length {stage.whisker.length_m}, found {self.arc_max_m}"
-            )
+        stage.check_arc("arc_max_m", self.arc_max_m)
         rng = stage.rng
         arc_m = rng.uniform(self.arc_min_m, self.arc_max_m)
         path = Path(stage.base_pose(arc_m, self.clearance_m), stage.timestep_s)

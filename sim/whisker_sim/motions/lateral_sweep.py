@@ -27,11 +27,7 @@ class LateralSweep(Motion, frozen=True, forbid_unknown_fields=True, tag="lateral
 
     def plan(self, stage: Stage) -> Plan:
         """Plans the strokes."""
-        if self.contact_arc_m >= stage.whisker.length_m:
-            raise ValueError(
-                f"motion.contact_arc_m: expected less than the whisker's length {stage.whisker.length_m}, "
-                f"found {self.contact_arc_m}"
-            )
+        stage.check_arc("contact_arc_m", self.contact_arc_m)
 
         def at(gap_m: float) -> Array:
             return stage.base_pose(self.contact_arc_m, gap_m, self.yaw_rad)

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage
+from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage, check_ranges
 from whisker_sim.whisker import Length, Positive
 
 _EASE = 0.7
@@ -42,17 +42,11 @@ class LiftOffs(Motion, frozen=True, forbid_unknown_fields=True, tag="lift_offs")
     example: ClassVar[dict[str, Any]] = {"strokes": 2, "arc_min_m": 0.05, "arc_max_m": 0.055, "depth_max_m": 0.005}
 
     def __post_init__(self) -> None:
-        for quantity in ("arc_min_m", "depth_min_m", "press_speed_min_m_s", "release_speed_min_m_s", "free_min_s"):
-            low, largest = getattr(self, quantity), quantity.replace("_min_", "_max_")
-            if low > getattr(self, largest):
-                raise ValueError(f"{largest}: expected at least {quantity} = {low}, found {getattr(self, largest)}")
+        check_ranges(self, "arc_min_m", "depth_min_m", "press_speed_min_m_s", "release_speed_min_m_s", "free_min_s")
 
     def plan(self, stage: Stage) -> Plan:
         """Plans the strokes."""
-        if self.arc_max_m >= stage.whisker.length_m:
-            raise ValueError(
-                f"motion.arc_max_m: expected less than the whisker's length {stage.whisker.length_m}, found {self.arc_max_m}"
-            )
+        stage.check_arc("arc_max_m", self.arc_max_m)
         arcs_m = stage.rng.uniform(self.arc_min_m, self.arc_max_m, self.strokes)
         depths_m = stage.rng.uniform(self.depth_min_m, self.depth_max_m, self.strokes)
         press_m_s = _log_uniform(stage.rng, self.press_speed_min_m_s, self.press_speed_max_m_s, self.strokes)

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Array, Motion, Plan, Stage, check_steps, raised_cosine
+from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Array, Motion, Plan, Stage, check_ranges, check_steps, raised_cosine
 from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 
 # Two periods of a free whisker of 80 mm (8 Hz): a raised cosine of that duration leaves it at rest.
@@ -46,16 +46,11 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
     example: ClassVar[dict[str, Any]] = {"arc_min_m": 0.04, "arc_max_m": 0.05}
 
     def __post_init__(self) -> None:
-        for low, high in (("arc_min_m", "arc_max_m"), ("frequency_min_hz", "frequency_max_hz")):
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{high}: expected at least {low} = {getattr(self, low)}, found {getattr(self, high)}")
+        check_ranges(self, "arc_min_m", "frequency_min_hz")
 
     def plan(self, stage: Stage) -> Plan:
         """Plans the trajectory: rest, approach, press, and motion about the contact until `duration_s`."""
-        if self.arc_max_m >= stage.whisker.length_m:
-            raise ValueError(
-                f"motion.arc_max_m: expected less than the whisker's length {stage.whisker.length_m}, found {self.arc_max_m}"
-            )
+        stage.check_arc("arc_max_m", self.arc_max_m)
         settled_s = REST_S + _APPROACH_S + _PRESS_S + _RAMP_S
         if stage.duration_s <= settled_s:
             raise ValueError(f"duration_s: expected more than {settled_s} (rest, approach and press), found {stage.duration_s}")

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use files::{Digest, Error, FORMAT, sha256};
 use nalgebra::Vector2;
-use trace::{Contour, Generator, Instant, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
+use trace::{Contour, Instant, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
 use whisker::Whisker;
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
@@ -27,6 +27,7 @@ use self::mapping::{ContactColumns, Mapping, Moving, Quantity, RecordingEntry};
 use self::sensor::{AtRest, Conversion, Touching, sustained};
 use self::series::{Grid, Series};
 use self::units::Unit;
+use crate::provenance::generator;
 use crate::{Imported, Progress};
 
 /// Largest coordinate and largest other quantity of a trace.
@@ -271,13 +272,7 @@ impl<'a> Sampled<'a> {
             rows: self.grid.t_s.len(),
             whisker: laboratory.whisker.clone(),
             scene: serde_json::Value::Null,
-            generator: Generator {
-                name: laboratory.format.into(),
-                version: env!("CARGO_PKG_VERSION").into(),
-                mujoco: None,
-                git_commit: None,
-                source_sha256: source_sha256(),
-            },
+            generator: generator(laboratory.format, source_sha256()),
             inputs_sha256: inputs.finish(),
             csv_sha256: String::new(),
             contour: None,

@@ -10,6 +10,7 @@ use platform::sensor::FORMATS;
 use serde_json::{Value, json};
 use testbed::front_end::FRONT_ENDS;
 use testbed::metrics::METRICS;
+use testbed::plausibility::TESTS;
 use whisker::estimators::ESTIMATORS;
 use whisker::events::DETECTORS;
 use whisker::sensor::MODELS;
@@ -87,7 +88,7 @@ const REGISTRIES: &[Registry] = &[
     },
     Registry {
         name: "importers",
-        about: "formats of foreign recordings: import",
+        about: "formats of recordings of real sensors: import",
         rows: || IMPORTERS.iter().map(|row| Row::new(row.name, row.about)).collect(),
     },
     Registry {
@@ -112,6 +113,11 @@ const REGISTRIES: &[Registry] = &[
             let about = |row: &testbed::metrics::Metric| format!("{} ({} over trials)", row.about, row.summary.name());
             METRICS.iter().map(|row| Row::new(row.name, about(row))).collect()
         },
+    },
+    Registry {
+        name: "plausibility-tests",
+        about: "tests of traces for errors of unit, sign, frame and rate: check",
+        rows: || TESTS.iter().map(|row| Row::new(row.name, row.about)).collect(),
     },
     Registry {
         name: "figures",

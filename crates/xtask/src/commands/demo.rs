@@ -21,7 +21,7 @@ const ESTIMATORS: &[&str] = &[
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     const ALL: &str = "--all";
     if let Some(surplus) = arguments.iter().find(|option| ![ALL, FORCE].contains(&option.as_str())) {
-        return Err(Failure::new(format!("demo: found `{surplus}`, expected {ALL}, {FORCE} or nothing")));
+        return Err(Failure::new(format!("demo: found `{surplus}`, expected {ALL}, {FORCE} or no argument")));
     }
     let has = |name: &str| arguments.iter().any(|option| option == name);
     let estimators = (!has(ALL)).then_some(ESTIMATORS);

@@ -63,7 +63,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "fuzz", about: "Fuzz every parser, ten minutes each: fuzz [TARGET] [--seconds N] [--jobs N]", run: With(fuzz::run) },
     Command { name: "golden", about: "Simulate the golden traces of the tests: datasets/golden/", run: Plain(golden::run) },
     Command { name: "rig", about: "Test the calibration platform on its emulated rig: rig [--runs N] [--soak SECONDS]", run: With(rig::run) },
-    Command { name: "kills", about: "Kill commands at random moments or fill their disk, give them again, and compare: kills [--count N] [--seed S]", run: With(kills::run) },
+    Command { name: "kills", about: "Kill commands at random moments or fill their disk, repeat them, and compare their files: kills [--count N] [--seed S]", run: With(kills::run) },
     Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
     Command { name: "batch", about: "Measure time and memory of batches and long traces", run: Plain(batch::run) },
     Command { name: "peers", about: "Time the filters against other libraries: results/reference/peers.csv", run: Plain(peers::run) },

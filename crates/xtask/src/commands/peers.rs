@@ -7,7 +7,7 @@ use super::docs;
 use crate::failure::Outcome;
 use crate::parts::step;
 use crate::pipeline;
-use crate::repository::root;
+use crate::repository::{interpreter, root};
 use crate::tools::{cargo, run as run_command};
 
 /// The Cargo workspace, the packages and the script of the comparison.
@@ -26,7 +26,7 @@ pub(crate) fn run() -> Outcome {
         let manifest = format!("{FOLDER}/Cargo.toml");
         run_command(cargo(&["build", "--release", "--locked", "--manifest-path", &manifest, "--target-dir", TARGET]))?;
         let environment = format!("{TARGET}/venv");
-        run_command(program(&crate::python::interpreter().to_string_lossy(), &["-m", "venv", &environment]))?;
+        run_command(program(&interpreter().to_string_lossy(), &["-m", "venv", &environment]))?;
         let python = root().join(&environment).join("bin/python").to_string_lossy().into_owned();
         let lock = format!("{FOLDER}/requirements.lock");
         let pip =

@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
         [] => Evaluations::new(false),
         [option] if option == FORCE => Evaluations::new(true),
         [surplus, ..] => {
-            return Err(Failure::new(format!("reproduce: found `{surplus}`, expected {FORCE} or nothing")));
+            return Err(Failure::new(format!("reproduce: found `{surplus}`, expected {FORCE} or no argument")));
         }
     };
     pipeline::prepare()?;

@@ -6,11 +6,10 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use super::disturbance::send;
 use super::files::{self, Files, failed};
+use super::signal::send;
 use crate::failure::{Failure, Outcome};
-use crate::python;
-use crate::repository::root;
+use crate::repository::{interpreter, root};
 use crate::tools::built_whisker;
 
 /// A command that is disturbed.
@@ -20,7 +19,7 @@ pub(super) struct Case {
     arguments: &'static str,
     /// Whether it needs the emulated rig.
     needs_rig: bool,
-    /// Gives the disturbed command again and checks the files.
+    /// Repeats the disturbed command and checks the files.
     pub(super) again: fn(&mut Workspace, &Case, &Workspace) -> Outcome,
 }
 
@@ -71,7 +70,7 @@ impl Case {
     }
 }
 
-/// Gives the command again. The files must be those of the undisturbed command, without temporary ones.
+/// Repeats the command. The files must be those of the undisturbed command, without temporary ones.
 fn repeat(state: &mut Workspace, case: &Case, after: &Workspace) -> Outcome {
     state.run(case)?;
     match files::difference(&files::read(&state.folder)?, &files::read(&after.folder)?) {
@@ -200,7 +199,7 @@ impl Workspace {
         command
             .args(case.arguments.split(' '))
             .current_dir(&self.folder)
-            .env("WHISKER_PYTHON", python::interpreter())
+            .env("WHISKER_PYTHON", interpreter())
             .env("PYTHONPATH", root().join("sim"))
             .stdin(Stdio::null())
             .stdout(Stdio::null())

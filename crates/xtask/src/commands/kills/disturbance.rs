@@ -1,10 +1,11 @@
 //! Disturbances of a command: signals and a full disk.
 
-use std::process::{Child, Command};
+use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use super::cases::{Case, Workspace};
+use super::signal::send;
 use crate::failure::Failure;
 
 /// Time within which a command ends after a signal.
@@ -80,15 +81,6 @@ impl Disturbance {
                 Ok(!success)
             }
         }
-    }
-}
-
-/// Sends a signal to a process.
-pub(super) fn send(name: &str, process: u32) -> Result<(), Failure> {
-    let sent = Command::new("kill").args(["-s", name, &process.to_string()]).status();
-    match sent {
-        Ok(status) if status.success() => Ok(()),
-        other => Err(Failure::new(format!("kill -s {name} {process}: {other:?}"))),
     }
 }
 

@@ -1,8 +1,10 @@
-//! `cargo xtask kills`: commands killed at random moments or out of disk space, then given again. No file may be lost, and the files must be those of an undisturbed command.
+//! `cargo xtask kills`: commands that are killed at random moments or run out of disk space, and are then repeated. No
+//! file may be lost, and the final files must be those of an undisturbed command.
 
 mod cases;
 mod disturbance;
 mod files;
+mod signal;
 
 use std::fs;
 use std::path::PathBuf;
@@ -33,7 +35,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 /// Disturbs commands, `count` times in all, at moments drawn from the seed.
 ///
 /// # Errors
-/// If a file was lost, or a command that was given again failed or wrote other files.
+/// If a file was lost, or a repeated command failed or wrote other files.
 pub(crate) fn disturb(count: u64, seed: u64) -> Outcome {
     let folder = root().join(FOLDER);
     Workspace::release(&folder.join(DISTURBED));
@@ -98,7 +100,7 @@ struct Prepared {
     duration: std::time::Duration,
 }
 
-/// Result of a disturbed command that was given again: whether the disturbance came before its end, or what is wrong.
+/// Result of a disturbed command and its repetition: whether the disturbance came before its end, or what is wrong.
 type Disturbed = Result<bool, Failure>;
 
 impl Prepared {
@@ -115,8 +117,8 @@ impl Prepared {
 
 fn described(outcome: &Disturbed) -> String {
     match outcome {
-        Ok(true) => "whole after the repetition".into(),
-        Ok(false) => "whole; the command had ended".into(),
+        Ok(true) => "complete after the repetition".into(),
+        Ok(false) => "complete; the command had ended before".into(),
         Err(failure) => format!("WRONG: {failure}"),
     }
 }
