@@ -62,7 +62,7 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Placed {
     }
 }
 
-/// Three finite numbers out of a tuple, which takes no detour, or any other sequence.
+/// Three finite numbers from a tuple, the fastest, or from any other sequence.
 fn triple(what: &str, object: Borrowed<'_, '_, PyAny>) -> PyResult<[f64; 3]> {
     let numbers = match object.cast::<PyTuple>() {
         Ok(tuple) if tuple.len() == 3 => {

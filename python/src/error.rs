@@ -1,4 +1,4 @@
-//! Rust errors as Python exceptions with the same words.
+//! Rust errors as Python exceptions with the same message.
 
 use std::io;
 

@@ -37,7 +37,7 @@ pub(crate) struct Estimator {
     running: Mutex<Running>,
 }
 
-/// All that a new run of an estimator starts from.
+/// Inputs from which an estimator is constructed.
 struct Setup {
     row: &'static EstimatorRow,
     config: Value,
@@ -217,7 +217,7 @@ impl Estimator {
         self.running().estimator.is_following()
     }
 
-    /// Forgets all samples.
+    /// Resets the estimator: discards all samples.
     fn reset(&self) -> PyResult<()> {
         *self.running() = Running { estimator: self.setup.start()?, steps: Steps::default(), last_s: None };
         Ok(())

@@ -3,7 +3,7 @@
 //! The doc comments of the items exported to Python are their docstrings: shapes in brackets, SI units, the unit as the end
 //! of a name. Arrays of numbers are accepted as anything that NumPy converts to `float64` and are returned as NumPy arrays.
 //! Long calls release the interpreter lock and check for signals (`interrupt`); every error is a Python exception with the
-//! words of the Rust error (`error`).
+//! message of the Rust error (`error`).
 
 mod arrays;
 mod calibration;

@@ -18,7 +18,7 @@ Quantities are in SI units, named at the end of each name (`moment_n_m`). Shapes
 row. Frames: World is fixed; Base is that of the whisker's root, +x along the tangent of the undeflected root, +y to the left;
 Start is the Base of the first sample. Angles are counter-clockwise.
 
-An error is an exception with the words of the command `whisker`: `ValueError` for invalid input, and the exception of the
+An error is an exception with the message of the command `whisker`: `ValueError` for invalid input, and the exception of the
 operating system (`FileNotFoundError`, ...) for files. Long calls release the interpreter lock, so that they run in parallel in
 threads, and Ctrl-C ends them.
 """

@@ -44,7 +44,7 @@ def _column(cells: list[str]) -> NDArray[Any]:
 
 
 class Results(Mapping[str, NDArray[np.void]]):
-    """Tables of a run by the path in its folder without `.csv`, read when they are asked for: `results["trials"]`."""
+    """Tables of a run by the path in its folder without `.csv`, read at each access: `results["trials"]`."""
 
     def __init__(self, folder: str | PathLike[str]) -> None:
         self.folder = Path(folder)

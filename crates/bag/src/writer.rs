@@ -50,8 +50,8 @@ impl Writer {
                 return Err(Error::content(
                     taken,
                     "path",
-                    "something of that name",
-                    "nothing yet: remove or rename it",
+                    "an existing file or folder",
+                    "a new name: rename or remove it",
                 ));
             }
         }

@@ -112,7 +112,7 @@ pub enum Error {
         /// Expected range.
         expected: String,
     },
-    /// A push that the whisker does not bear.
+    /// A push above the largest that the whisker withstands.
     #[error(
         "total_x_distance: found {:.1} mm, expected at most {:.1} mm, the largest push at {:.0} mm from the root, {reason}; choose a smaller push, or allow the overload by name (--allow-overload)",
         1e3 * push_m, 1e3 * most_m, 1e3 * distance_m
@@ -124,7 +124,7 @@ pub enum Error {
         most_m: f64,
         /// Distance of the place from the root (m).
         distance_m: f64,
-        /// What limits it.
+        /// Quantity that limits the push.
         reason: String,
     },
     /// Interrupted by the user.

@@ -138,7 +138,7 @@ impl IncrementsBeamTest {
     }
 }
 
-/// Checks that the whisker bears a push at every place.
+/// Checks that the whisker withstands a push at every place.
 fn check_load(rig: &Rig, distances_m: &[f64], push_m: f64) -> Result<(), Error> {
     let pushes = rig.shaft.largest_pushes();
     let bearable = distances_m.iter().map(|&distance_m| (distance_m, pushes.at(distance_m)));
@@ -277,7 +277,7 @@ mod tests {
         assert!(at_the_tip.contains("at most 26.5 mm, the largest push at 145 mm"), "{at_the_tip}");
         assert!(at_the_tip.contains("the ruler slips off the whisker of 150 mm"), "{at_the_tip}");
         deep.on(&Rig::built_in(), Overload::Allowed).expect("allowed by name");
-        // The bed's range is no matter of strength.
+        // The range of the bed is checked even if an overload is allowed.
         let far = IncrementsBeamTest { total_x_m: 0.104, ..deep };
         assert!(far.on(&Rig::built_in(), Overload::Allowed).is_err());
     }

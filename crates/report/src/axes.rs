@@ -8,7 +8,7 @@ use super::canvas::{Align, Canvas, Px};
 use super::color::{Rgb, Rgba};
 use super::style::{FINE_GRID, FRAME, GRID, HAIRLINE_PX, LABEL, Look, MARKER_PX, PANEL_TITLE, SMALL};
 
-/// How far [`Panel::tile`] moves corners outwards along either axis, in CSS pixels.
+/// Distance by which [`Panel::tile`] moves corners outwards along either axis, in CSS pixels.
 const TILE_GROWTH_PX: f64 = 0.4;
 
 /// Least distance of the vertical axis' name from the frame; larger beside long numbers.

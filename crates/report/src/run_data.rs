@@ -45,7 +45,7 @@ impl RunData {
         let summary: Vec<SummaryRow> = read_scores(&folder.join("summary.csv"))?;
         ensure!(
             !summary.is_empty(),
-            "{}: found no rows, expected at least one: the run scored nothing",
+            "{}: found no rows, expected at least one: no trial of the run was scored",
             folder.join("summary.csv").display()
         );
         // The summary is in the order of the suite, which puts like things side by side.

@@ -201,7 +201,7 @@ struct Queue {
 }
 
 impl Queue {
-    /// The routine that a call asks for, if it has the token.
+    /// The routine that a call requests, if it has the token.
     fn authorised(&self, call: &service::Request) -> Result<Request, String> {
         let found = cdr::decode::<Authorised>(call.payload());
         let Authorised { request, token } =

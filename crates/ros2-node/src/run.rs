@@ -155,7 +155,7 @@ fn inference<'a>(calibration: &'a Calibration, path: &Path) -> anyhow::Result<In
     Ok(Inference::new(Live::new(calibration)?.with_context(expected)?))
 }
 
-/// The routine that a request asks for.
+/// The routine that a request specifies.
 fn routine(request: Request, speed_m_s: f64) -> IncrementsBeamTest {
     IncrementsBeamTest {
         total_x_m: 1e-3 * f64::from(request.total_x_distance),

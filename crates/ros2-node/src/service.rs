@@ -12,7 +12,7 @@ use crate::node::Node;
 use crate::outlet::{Desk, Routine};
 use crate::request::{Request, Response, Trigger, Triggered};
 
-/// Interval between two looks for a request.
+/// Polling interval of requests.
 const POLL: Duration = Duration::from_millis(20);
 
 /// Middleware of the caller, which determines how requests are identified on the wire.

@@ -1,4 +1,4 @@
-//! Traces that a calibration was fitted to, compared with the traces of today.
+//! Traces that a calibration was fitted to, compared with the present traces.
 
 use std::path::{Path, PathBuf};
 

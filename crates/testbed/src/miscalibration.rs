@@ -3,7 +3,7 @@
 //! The truth of a trace stays that of the actual whisker. The readings are those that this whisker would give if its
 //! sensor and its wire deviated from the calibration; the poses are those of the calibrated Base, which a robot
 //! computes from the mounting as it is calibrated, late by the latency. Estimates are evaluated in World, with the base
-//! at its believed pose.
+//! at its nominal pose, that of the calibrated Base.
 //!
 //! | deviation | reading or pose |
 //! | --- | --- |
@@ -28,11 +28,11 @@ pub fn displaces(miscalibration: &Miscalibration) -> bool {
 pub fn displaced(miscalibration: &Miscalibration, recording: &Recording) -> Recording {
     let Miscalibration { mount_rad, mount_x_m, mount_y_m, latency_s, .. } = *miscalibration;
     let mount = Pose::<Base, Base>::new(mount_x_m, mount_y_m, mount_rad);
-    let believed = |instant: &Instant| {
+    let nominal = |instant: &Instant| {
         let late = at(recording, instant.t_s - latency_s);
         Instant { base: mount.then(&late.base), twist: late.twist.map(|twist| carried(&twist, &mount)), ..*instant }
     };
-    Recording { instants: recording.instants.iter().map(believed).collect() }
+    Recording { instants: recording.instants.iter().map(nominal).collect() }
 }
 
 /// Pose and twist at a time, interpolated linearly; those of the first or last instant beyond the recording.
@@ -153,16 +153,16 @@ mod tests {
         let Trace { recording, .. } = golden();
         let miscalibration =
             Miscalibration { mount_rad: 0.02, mount_x_m: 1e-3, mount_y_m: -2e-3, ..Miscalibration::default() };
-        let believed = displaced(&miscalibration, &recording);
+        let nominal = displaced(&miscalibration, &recording);
         let in_actual = Point::<Base>::new(1e-3 + 0.05 * 0.02_f64.cos(), -2e-3 + 0.05 * 0.02_f64.sin());
-        for (actual, believed) in recording.instants.iter().zip(&believed.instants) {
-            let seen = believed.base.apply(Point::new(0.05, 0.0));
+        for (actual, nominal) in recording.instants.iter().zip(&nominal.instants) {
+            let seen = nominal.base.apply(Point::new(0.05, 0.0));
             assert!(seen.distance(&actual.base.apply(in_actual)) < 1e-15);
-            assert_eq!((believed.t_s, believed.moment_z_n_m), (actual.t_s, actual.moment_z_n_m));
+            assert_eq!((nominal.t_s, nominal.moment_z_n_m), (actual.t_s, actual.moment_z_n_m));
         }
-        for pair in believed.instants.windows(2) {
+        for pair in nominal.instants.windows(2) {
             let dt_s = pair[1].t_s - pair[0].t_s;
-            let mean = at(&believed, 0.5 * (pair[0].t_s + pair[1].t_s)).twist.unwrap();
+            let mean = at(&nominal, 0.5 * (pair[0].t_s + pair[1].t_s)).twist.unwrap();
             let moved = pair[0].base.then(&pair[1].base.inverse());
             let predicted = mean.motion(dt_s);
             assert!(moved.origin().distance(&predicted.origin()) < 2e-6 * dt_s / 4e-3);

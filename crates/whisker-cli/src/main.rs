@@ -8,7 +8,7 @@ use strict_json::one_line;
 fn main() -> ExitCode {
     match whisker_cli::run() {
         Ok(code) => code,
-        // The reader of stdout has seen enough.
+        // The reader of stdout has closed it.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // A terminal that was closed cannot show it.

@@ -98,7 +98,7 @@ impl<'a> Staging<'a> {
             .with_context(|| format!("{}: path: expected the name of a new folder", target.display()))?;
         ensure!(
             !target.exists(),
-            "{}: path: found something of that name, expected nothing yet: remove or rename it",
+            "{}: path: found an existing file or folder, expected a new name: rename or remove it",
             target.display()
         );
         let folder = target.with_file_name(format!(".{}.export", name.display()));

@@ -102,7 +102,7 @@ class RandomSet(SceneBase, frozen=True, forbid_unknown_fields=True, omit_default
         return tuple(f"{name}_{trace:02d}" for trace in range(self.traces))
 
     def plan(self) -> None:
-        """Nothing to check: scenes that are not possible are drawn again."""
+        """Does not check anything: scenes that are not possible are drawn again."""
 
     def draw(self, attempt: int) -> "DrawnSet":
         """The set as drawn for the `attempt`-th time."""

@@ -89,7 +89,7 @@ pub enum HoldOut {
     Press,
     /// All presses of one recording.
     Log,
-    /// All presses at one place, from whatever recordings.
+    /// All presses at one place, in any recording.
     Place,
 }
 

@@ -228,7 +228,7 @@ impl Calibration {
         self.was_fitted_on_reading
     }
 
-    /// Writes the file, whole or not at all.
+    /// Writes the file atomically.
     ///
     /// # Errors
     /// [`files::Error::Io`] names the file.

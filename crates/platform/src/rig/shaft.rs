@@ -1,4 +1,4 @@
-//! The whisker's shaft and the largest push that it bears.
+//! The whisker's shaft and the largest push that it withstands.
 //!
 //! A round, conical shaft of the diameter `D (1 - t s)` at the arc length `s` from the root is clamped at the root and bent by the frictionless edge of the
 //! ruler, whose force is normal to the shaft at the arc length `a` of the contact. Beyond the contact the shaft is straight. The equation of the exact elastica
@@ -13,7 +13,7 @@
 //! strain of a cylinder at a push `y` at the distance `d` is `3 D y / (2 d^2)` (Gere and Timoshenko, *Mechanics of Materials*).
 //!
 //! The largest push is that at which the strain reaches its limit, the shaft is turned by [`MOST_TURN_RAD`] at the ruler and slips along it, or the ruler reaches
-//! the tip. A soft root takes a part of the push, so that a shaft on it bears more.
+//! the tip. A soft root takes a part of the push, so that a shaft on it withstands a larger push.
 
 use serde::{Deserialize, Serialize};
 
@@ -112,7 +112,7 @@ impl Shaft {
         bent.strain <= self.largest_strain && bent.turn_rad <= MOST_TURN_RAD
     }
 
-    /// Largest ratio of force and stiffness that the shaft bears at an arc length (1/m^2).
+    /// Largest ratio of force and stiffness that the shaft withstands at an arc length (1/m^2).
     fn largest_force(&self, arc_m: f64) -> f64 {
         // An angle of one radian or less for small deflections of a cylinder; a cone is turned more.
         let mut high = arc_m.powi(-2);

@@ -106,7 +106,7 @@ impl Reader {
         self.ring.take(arrivals, patience)
     }
 
-    /// Asks the thread to end after the pending bytes. Samples can be taken until [`Reader::take`] returns `false`.
+    /// Signals the thread to end after the pending bytes. Samples can be taken until [`Reader::take`] returns `false`.
     pub fn end(&self) {
         self.ends.store(true, Ordering::Relaxed);
     }

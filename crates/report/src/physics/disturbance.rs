@@ -8,7 +8,7 @@ use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Canvas, Picture};
 use crate::style::{CURVE_PX, INK, LegendEntry, Look, MUTED, legend};
 
-/// Roots from this stiffness on are as good as clamped.
+/// Smallest stiffness of a root that counts as clamped.
 const CLAMPED_N_M_RAD: f64 = 1.0;
 /// Looks of the legend's hollow marker and of the force at which an object slides.
 const GREY: usize = 6;
@@ -31,7 +31,7 @@ struct Row {
     tips_at_n: f64,
 }
 
-/// How the rows are laid out.
+/// Layout of the rows.
 struct Layout {
     /// The column of a row, by its title.
     column: fn(&Row) -> String,

@@ -82,7 +82,7 @@ pub(super) fn restore(folder: &Path) -> anyhow::Result<()> {
 }
 
 /// Removes the shards of a complete run, the run that it replaced, and unfinished runs of the same name beside it. It
-/// is called last, so that a process killed earlier loses nothing; the next one tidies up.
+/// is called last: if the process is killed before, no result is lost, and the next evaluation removes them.
 ///
 /// # Errors
 /// If a file or folder cannot be removed.

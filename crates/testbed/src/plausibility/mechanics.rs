@@ -20,7 +20,7 @@ const MOST_RATIO: f64 = 5.0;
 /// Share of the compared rows that must agree.
 const AGREEING: f64 = 0.5;
 
-/// A wrong unit or sign: factors of the quantities that undo it.
+/// Wrong unit or sign, with the factors of the quantities that correct it.
 struct Hypothesis {
     positions: f64,
     yaw: f64,

@@ -1,9 +1,9 @@
 //! Plausibility of a trace: tests that a wrong unit, sign, frame or rate would break.
 //!
 //! A trace can satisfy its format and still state millimetres as metres or degrees as radians. Each row of [`TESTS`]
-//! compares redundant quantities of a trace, or a quantity with its physical bound, and names the error that the
-//! disagreement looks like. The bounds lie far outside the values of the project's suites; a test without the data that
-//! it requires finds nothing.
+//! compares redundant quantities of a trace, or a quantity with its physical bound, and states the probable
+//! error that causes a disagreement. The bounds lie far outside the values of the project's suites; a test without the
+//! data that it requires has no findings.
 //!
 //! To add a test: one file with a function from a [`Subject`] to its [`Finding`]s, and one row in [`TESTS`].
 
@@ -39,7 +39,7 @@ pub struct Finding {
     pub found: String,
     /// Value expected.
     pub expected: String,
-    /// The error that it looks like.
+    /// Probable error that causes it.
     pub looks_like: String,
 }
 
@@ -68,7 +68,7 @@ pub const TESTS: &[Test] = &[
     Test { name: "travel", about: "speed of the base, jumps of its position and its travel in one touch", find: motion::travel },
     Test { name: "glitches", about: "single readings far above all others", find: moment::glitches },
     Test { name: "rotation", about: "moment against the rotation of the root", find: moment::rotation },
-    Test { name: "strength", about: "moment against the deflection that the whisker can bear", find: moment::strength },
+    Test { name: "strength", about: "moment against the largest deflection that the whisker withstands", find: moment::strength },
     Test { name: "calibrated", about: "moment against the largest calibrated reading", find: moment::calibrated },
     Test { name: "face", about: "face against the sign of the moment", find: moment::face },
     Test { name: "mechanics", about: "moment against the elastica through the true contact", find: mechanics::elastica },
@@ -82,7 +82,7 @@ impl<'a> Subject<'a> {
         Self { trace, calibration, largest_n_m }
     }
 
-    /// Findings of all tests. Of several findings that look like the same error, the first.
+    /// Findings of all tests. Of several findings with the same probable error, the first.
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings: Vec<Finding> = Vec::new();
         for found in TESTS.iter().flat_map(|test| (test.find)(self)) {
@@ -98,7 +98,7 @@ impl<'a> Subject<'a> {
     }
 
     /// Indices of the rows in which the whisker is loaded by more than this share of the largest moment, without
-    /// glitches. None if all moments may be noise.
+    /// glitches. Empty if all moments may be noise.
     fn loaded(&self, share: f64) -> impl Iterator<Item = usize> {
         let range = share * self.largest_n_m..=self.largest_n_m;
         let touches = self.largest_n_m > FREE_SDS * self.trace.sidecar.own_noise_sd_n_m();

@@ -37,7 +37,7 @@ const SHORT_STEP: f64 = 0.05;
 /// Longest time between consecutive rows without a missing one, in intervals of the rate.
 const MOST_INTERVALS: f64 = 1.5;
 
-/// Share of the largest moment above which the whisker certainly touches.
+/// Share of the largest moment above which the whisker counts as touching.
 const TOUCHING: f64 = 0.05;
 
 /// Mean velocity in World and yaw rate between two rows with known twist.

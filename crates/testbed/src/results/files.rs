@@ -258,8 +258,8 @@ impl RunFile {
         }
     }
 
-    /// How precisely a path, of which perhaps only the file name is given, identifies this file: 0 by its whole name, 1
-    /// by the end of its name, 2 by its folder. `None` if it is another file.
+    /// Rank of the match between this file and a path, of which perhaps only the file name is given: 0 by its whole
+    /// name, 1 by the end of its name, 2 by its folder. `None` if it is another file.
     fn identified_by(&self, path: &Path) -> Option<u8> {
         let found = path.file_name()?.to_str()?;
         let (folder, name) = self.name.rsplit_once('/').unwrap_or(("", self.name));

@@ -78,7 +78,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let config = merged((row.defaults)(), &arguments.config)?;
     let faces = read_by(sensor, &calibration.calibrated(&path, row.sensor_model)?);
     let gate = calibration.gate();
-    // The first pass checks the whole trace, so that nothing is written for a damaged one.
+    // The first pass checks the whole trace, so that no output is written for a damaged one.
     let mut largest: f64 = 0.0;
     for row in rows {
         let moment_n_m = row?.0.moment_z_n_m;

@@ -1,7 +1,7 @@
-//! Recordings of a made laboratory: a robot's flange carries a whisker past a pin at a known place.
+//! Synthetic recordings: a robot's flange carries a whisker past a pin at a known place.
 //!
-//! The readings are those of the elastica, with noise, in counts of a nonlinear sensor. Nothing in the columns is in the
-//! units or frames of a trace: milliseconds at uneven intervals, millimetres, degrees within a half turn, the pose of
+//! The readings are those of the elastica, with noise, in counts of a nonlinear sensor. No column is in the units or
+//! frames of a trace: milliseconds at uneven intervals, millimetres, degrees within a half turn, the pose of
 //! the flange.
 
 use std::f64::consts::PI;

@@ -62,7 +62,7 @@ pub(super) struct Config {
 
 impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
-    /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration. The
+    /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also allows for an inexact calibration. The
     /// odds were chosen on random scenes of the training suite and on the standard suite.
     fn default() -> Self {
         let candidates =
@@ -283,7 +283,7 @@ impl AveragingTracker {
         if known < LEAST_KNOWN {
             return None;
         }
-        // Relative to the leading candidate's contact, so that nothing is lost to rounding if its probability is nearly
+        // Relative to the leading candidate's contact, so that no digits are lost to rounding if its probability is nearly
         // one.
         let offset = |estimate: &Estimate| estimate.contact.vector() - leading.contact.vector();
         let shift = parts.iter().map(|(estimate, share)| offset(estimate) * (share / known)).sum::<Vector2<f64>>();

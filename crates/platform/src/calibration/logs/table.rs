@@ -64,8 +64,11 @@ pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error
                 "a finite slope that is not zero".into(),
             ));
         }
-        let distance =
-            if fields[distance_at].is_empty() { f64::NAN } else { number(distance_at, "a distance or nothing")? };
+        let distance = if fields[distance_at].is_empty() {
+            f64::NAN
+        } else {
+            number(distance_at, "a distance or an empty field")?
+        };
         if distance.is_nan() {
             table.unlabelled.push(i + 2);
             continue;
