@@ -4,6 +4,7 @@
 //! beginning of the trace. Sidecar and outline are attachments, so that the trace is restored byte for byte. `docs/ROS.md` has the table.
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ use bag::messages::{
     TwistStamped, Vector3, Wrench, WrenchStamped,
 };
 use bag::{Attachment, Message, Publisher, Reader, Record, Writer, topics};
-use files::{sha256, write_atomically, write_json};
+use files::{sha256, sha256_of_file, write_atomically, write_json};
 use platform::record::LogSidecar;
 use platform::streams::SIDECAR;
 use serde::Serialize;
@@ -44,8 +45,9 @@ const ROTATION: &str = "root_rotation";
 /// Writes a trace as a recording, with the contacts of an estimator if its `estimates/` table is given.
 ///
 /// # Errors
-/// If trace or estimates cannot be read or do not belong together, or the recording exists or cannot be written.
-pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<()> {
+/// If trace or estimates cannot be read or do not belong together, if the recording cannot be written, or if another file or
+/// recording has its name.
+pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<Export> {
     let trace = Trace::read(path)?;
     let estimates: Vec<EstimateRow> = estimates.map(read_rows).transpose()?.unwrap_or_default();
     let mut of_time = BTreeMap::new();
@@ -83,6 +85,27 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
     staging.finish()
 }
 
+/// Result of an export.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Export {
+    /// The recording was written.
+    Written,
+    /// The recording existed with the same bytes.
+    UpToDate,
+}
+
+/// SHA-256 of each file of a folder, by name.
+fn digests(folder: &Path) -> anyhow::Result<BTreeMap<OsString, String>> {
+    let context = || folder.display().to_string();
+    let entries = fs::read_dir(folder).with_context(context)?;
+    entries
+        .map(|entry| {
+            let entry = entry.with_context(context)?;
+            Ok((entry.file_name(), sha256_of_file(&entry.path())?))
+        })
+        .collect()
+}
+
 /// Hidden folder beside a recording, in which it is written. An export that is repeated after a kill removes the incomplete recording.
 struct Staging<'a> {
     folder: PathBuf,
@@ -96,21 +119,24 @@ impl<'a> Staging<'a> {
         let name = target
             .file_name()
             .with_context(|| format!("{}: path: expected the name of a new folder", target.display()))?;
-        ensure!(
-            !target.exists(),
-            "{}: path: found an existing file or folder, expected a new name: rename or remove it",
-            target.display()
-        );
         let folder = target.with_file_name(format!(".{}.export", name.display()));
         let staging = Self { recording: folder.join(name), folder, target };
         staging.remove()?;
         Ok(staging)
     }
 
-    /// Gives the complete recording its name.
-    fn finish(self) -> anyhow::Result<()> {
-        fs::rename(&self.recording, self.target).with_context(|| self.target.display().to_string())?;
-        self.remove()
+    /// Gives the complete recording its name, unless one with the same bytes has it already.
+    fn finish(self) -> anyhow::Result<Export> {
+        let target = self.target;
+        if !target.exists() {
+            fs::rename(&self.recording, target).with_context(|| target.display().to_string())?;
+            self.remove()?;
+            return Ok(Export::Written);
+        }
+        let same = target.is_dir() && digests(target)? == digests(&self.recording)?;
+        self.remove()?;
+        ensure!(same, "{}: path: found another file or folder of that name: rename or remove it", target.display());
+        Ok(Export::UpToDate)
     }
 
     fn remove(&self) -> anyhow::Result<()> {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use bag::messages::{Header, MagneticField, MagneticFieldArray, Time, Vector3};
 use bag::{Publisher, Reader, Writer, topics};
 use serde_json::{Value, json};
-use whisker_cli::ros::{export_trace, import};
+use whisker_cli::ros::{Export, export_trace, import};
 
 fn golden() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../datasets/golden"))
@@ -41,6 +41,20 @@ fn verif_traces_are_restored_byte_for_byte() {
             assert_eq!(fs::read(&file).unwrap(), fs::read(original).unwrap(), "{}", file.display());
         }
     }
+}
+
+#[test]
+fn robust_a_repeated_export_keeps_an_equal_recording_and_refuses_another() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("recording");
+    let export = |name: &str| export_trace(&golden().join(name), None, &folder);
+    assert_eq!(export("golden_pin.csv").unwrap(), Export::Written);
+    let files = tree(home.path());
+    assert_eq!(export("golden_pin.csv").unwrap(), Export::UpToDate);
+    let message = export("golden_circle.csv").unwrap_err().to_string();
+    assert!(message.contains("path: found another file or folder of that name"), "{message}");
+    assert_eq!(tree(home.path()), files);
+    assert_eq!(export("golden_pin.csv").unwrap(), Export::UpToDate);
 }
 
 #[test]

@@ -7,14 +7,14 @@ use trace::Sidecar;
 
 use crate::commands::output::{files_of_trace, reserve};
 use crate::commands::print;
-use crate::ros::export_trace;
+use crate::ros::{Export, export_trace};
 
 /// Write a trace as a rosbag2 folder
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Trace: its .csv or .json file
     trace: PathBuf,
-    /// Folder to write; it must not exist
+    /// Folder to write
     #[arg(long)]
     out: PathBuf,
     /// Estimated contacts to include: a table of `estimates/` in a run of `whisker evaluate`
@@ -25,7 +25,8 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let inputs = files_of_trace(&arguments.trace, &Sidecar::read(&arguments.trace)?);
     let _lock = reserve(&arguments.out, &[inputs.as_slice(), arguments.estimates.as_slice()].concat())?;
-    export_trace(&arguments.trace, arguments.estimates.as_deref(), &arguments.out)?;
-    print(&format!("{}\n", arguments.out.display()))?;
+    let export = export_trace(&arguments.trace, arguments.estimates.as_deref(), &arguments.out)?;
+    let note = if export == Export::UpToDate { " (up to date)" } else { "" };
+    print(&format!("{}{note}\n", arguments.out.display()))?;
     Ok(ExitCode::SUCCESS)
 }
