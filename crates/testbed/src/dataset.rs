@@ -163,7 +163,8 @@ impl Dataset {
     /// Default measurement noise to add to every trial of datasets, see [`FrontEnd::default_noise`].
     ///
     /// # Errors
-    /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together among the trials.
+    /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together among the
+    /// trials.
     pub fn default_noise(datasets: &[Self], front_end: &FrontEnd) -> anyhow::Result<f64> {
         let mut noise: Option<f64> = None;
         for path in datasets.iter().flat_map(|dataset| &dataset.paths) {
@@ -279,14 +280,15 @@ impl Simulated<'_> {
         Ok(())
     }
 
-    /// Checks that traces were drawn with the numbers of a random suite as it is now: none is of a whisker or of a set with more. Names of traces
-    /// contain the name and the seed of the suite, which determine everything else that is drawn.
+    /// Checks that traces were drawn with the numbers of a random suite as it is now: none is of a whisker or of a set with
+    /// more. Names of traces contain the name and the seed of the suite, which determine everything else that is drawn.
     fn check_draws(&self, random: &RandomDraws, paths: &[PathBuf]) -> anyhow::Result<()> {
         let (prefix, folder) = (format!("{}_{}_", self.name, random.seed), self.folder());
         let changed = |key: &str, found: u64, path: &Path, drawn: &str| {
             let (suite, path, folder, remedy) = (self.suite.display(), path.display(), folder.display(), self.remedy());
             anyhow!(
-                "{suite}: random.{key}: found {found}, but {path} was drawn with {drawn}: the suite has changed; remove the traces in {folder} and run {remedy}"
+                "{suite}: random.{key}: found {found}, but {path} was drawn with {drawn}: the suite has changed; \
+                 remove the traces in {folder} and run {remedy}"
             )
         };
         let beyond = (0..random.sets).map(|set| folder.join(format!("{prefix}{set:04}_{:02}.csv", random.traces())));

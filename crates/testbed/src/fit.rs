@@ -97,7 +97,8 @@ pub struct Fitted {
     pub is_new: bool,
     /// Candidates that the data do not determine, with the reasons. Empty if an up-to-date file was found.
     pub left_out: Vec<String>,
-    /// Traces from which glitches were left out, single readings far above all others: name, number of these readings and of all rows.
+    /// Traces from which glitches were left out, single readings far above all others: name, number of these readings and of all
+    /// rows.
     pub gated: Vec<(String, usize, usize)>,
 }
 
@@ -278,7 +279,8 @@ impl WhiskerFit<'_> {
     }
 }
 
-/// Checks that a calibration does not replace a JSON file of another kind, such as a scene. A link is replaced itself, and an unreadable file as well.
+/// Checks that a calibration does not replace a JSON file of another kind, such as a scene. A link is replaced itself, and an
+/// unreadable file as well.
 fn check_is_calibration(path: &Path) -> anyhow::Result<()> {
     let is_file = path.symlink_metadata().is_ok_and(|found| found.is_file());
     match read_json::<Value>(path) {

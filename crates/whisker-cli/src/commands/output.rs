@@ -40,7 +40,8 @@ pub(super) fn check_apart(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<()> 
     Ok(())
 }
 
-/// Checks that a command does not replace a file of another kind: there is no file of this name, or an empty one, or `is_own` holds of it.
+/// Checks that a command does not replace a file of another kind: there is no file of this name, or an empty one, or `is_own`
+/// holds of it.
 ///
 /// # Errors
 /// If there is another file, with the expected kind.
