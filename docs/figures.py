@@ -8,7 +8,7 @@ A measured value stands between two comments, of which the first names its sourc
 
 Between the first comment's `=` and its end stand, separated by spaces:
 
-1. optionally `min`, `max`, `median` or `count`, applied to all values whose keys match;
+1. optionally `min`, `max`, `median`, `p5`, `p95` (percentiles), `sum` or `count`, applied to all values whose keys match;
 2. the key: the table, a dot, and the cells of its key columns and the name of a column, joined by `/`. Without a column, that of
    the measured value. Within a cell, `*` stands for any characters; `0.5..1` stands for all numbers of that range. Spaces are
    written as `_`;
@@ -43,6 +43,12 @@ DOCUMENTS = (
     "docs/HALL.md",
     "docs/PHYSICS.md",
     "docs/PERFORMANCE.md",
+    "docs/PLATFORM.md",
+    "docs/ROS.md",
+    "docs/PYTHON.md",
+    "docs/CLUSTER.md",
+    "docs/own-data.md",
+    "docs/your-estimator.md",
 )
 """Documents with measured values; in these, every number with a unit is checked."""
 
@@ -66,15 +72,26 @@ TABLES = {
     "measured": Table("measured.csv", ("id",), "measured"),
     "peers": Table("peers.csv", ("filter", "other")),
     "summary": Table("*/summary.csv", ("group", "whisker", "estimator", "noise"), of_runs=True),
+    "platform": Table("platform.csv", ("recordings", "hold_out", "regression", "log")),
+    "rig": Table("platform_rig.csv", ("run",)),
     "real": Table("stanford/contour_trials.csv", ("trace", "estimator")),
 }
 """The registry of results tables. The keys of a table of runs begin with the name of the run."""
+
+
+def at_share(share: float, found: list[float]) -> float:
+    """The value below which about this share of the values lies."""
+    return sorted(found)[round(share * (len(found) - 1))]
+
 
 SCALES = {"mm": 1e3, "um": 1e6, "µrad": 1e6, "ms": 1e3, "µs": 1e6, "ns": 1e9, "mN": 1e3, "mrad": 1e3, "%": 1e2}
 REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "min": min,
     "max": max,
     "median": statistics.median,
+    "p5": functools.partial(at_share, 0.05),
+    "p95": functools.partial(at_share, 0.95),
+    "sum": sum,
     "count": len,
 }
 

@@ -147,13 +147,16 @@ def test_a_third_party_service_call_runs_the_routine(python: Path, whisker: Path
         export CYCLONEDDS_URI='{CYCLONE}'
         {whisker} platform emulate --printer-link {printer} --sensor-link {sensor} >&2 & rig=$!
         until test -e {printer} && test -e {sensor}; do sleep 0.1; done
-        {node} run --printer {printer} --sensor {sensor} --speed 15000 --middleware cyclonedds >&2 & node=$!
+        {node} run --printer {printer} --sensor {sensor} --speed 15000 --middleware cyclonedds 2>{tmp_path / "notes"} >&2 & node=$!
         {python} {FOREIGN / "call.py"} 6 20 0 2 0
         called=$?
         kill -INT $node; wait $node; kill -INT $rig; wait $rig
         exit $called
     """
     assert output("unshare", "--net", "bash", "-c", script).split() == ["0.1450", "0.1350", "0.1250"]
+    notes = (tmp_path / "notes").read_text()
+    assert "everyone who reaches it reads the sensor and moves the printer" in notes, notes
+    assert "confine it with --localhost-only" in notes, notes
 
 
 @contextmanager

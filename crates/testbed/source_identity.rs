@@ -29,6 +29,7 @@ pub(crate) const CALIBRATION: Code = Code {
         "crates/testbed/src/dataset.rs",
         "crates/testbed/src/fit.rs",
         "crates/testbed/src/front_end",
+        "crates/testbed/src/glitches.rs",
         "crates/testbed/src/provenance.rs",
         "crates/testbed/src/results/sensor_model.rs",
         "crates/testbed/src/results/sensors.rs",

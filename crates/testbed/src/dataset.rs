@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use files::read_json;
 use serde_json::Value;
 use trace::{
@@ -43,6 +43,9 @@ impl Dataset {
         if input.extension().is_some_and(|extension| extension == "csv") {
             bail!("{}: is one file, expected a suite (.json) or a folder of traces", input.display());
         }
+        if !input.exists() {
+            bail!("{}: no such file or folder, expected a suite (.json) or a folder of traces", input.display());
+        }
         let keys: Value = read_json(input)?;
         if keys.get("scenes").is_none() && keys.get("random").is_none() {
             bail!("{}: scenes: found no such key, expected a suite, or the folder of the traces", input.display());
@@ -58,8 +61,29 @@ impl Dataset {
             for name in random_names(&folder, &suite.name, random)? {
                 paths.extend(simulated.present(&name)?);
             }
+            simulated.check_draws(random, &paths)?;
         }
         Ok(Self { name: suite.name, input: input.into(), folder, paths })
+    }
+
+    /// Checks that those traces of a suite that have been simulated into its own folder are those of its scenes.
+    ///
+    /// # Errors
+    /// If a scene has changed since its trace was simulated, or a file cannot be read.
+    pub fn check_simulated(input: &Path) -> anyhow::Result<()> {
+        let suite = Suite::read(input)?;
+        let simulated = Simulated { suite: input, folder: None, name: &suite.name };
+        let is_there = |name: &str| simulated.folder().join(format!("{name}.json")).is_file();
+        for run in suite.runs(input)?.iter().filter(|run| is_there(&run.name)) {
+            simulated.traces(run)?;
+        }
+        if let Some(random) = &suite.random {
+            let mut names = random_names(&simulated.folder(), &suite.name, random)?;
+            names.retain(|name| is_there(name));
+            let paths = names.iter().map(|name| simulated.present(name)).collect::<anyhow::Result<Vec<_>>>()?;
+            simulated.check_draws(random, &paths.concat())?;
+        }
+        Ok(())
     }
 
     fn of_folder(folder: &Path) -> anyhow::Result<Self> {
@@ -136,14 +160,19 @@ impl Dataset {
         Ok(true)
     }
 
-    /// Default measurement noise to add to every trace of datasets, see [`FrontEnd::default_noise`].
+    /// Default measurement noise to add to every trial of datasets, see [`FrontEnd::default_noise`].
     ///
     /// # Errors
-    /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together.
+    /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together among the
+    /// trials.
     pub fn default_noise(datasets: &[Self], front_end: &FrontEnd) -> anyhow::Result<f64> {
         let mut noise: Option<f64> = None;
         for path in datasets.iter().flat_map(|dataset| &dataset.paths) {
-            let own = front_end.default_noise(&Sidecar::read(path)?);
+            let sidecar = Sidecar::read(path)?;
+            if sidecar.role != Role::Trial {
+                continue;
+            }
+            let own = front_end.default_noise(&sidecar);
             if *noise.get_or_insert(own) != own {
                 bail!(
                     "{}: found recordings and simulated traces together, expected one kind, since noise is added to simulated traces alone; give the noise for all by --noise",
@@ -247,6 +276,31 @@ impl Simulated<'_> {
                 path.display(),
                 self.remedy()
             );
+        }
+        Ok(())
+    }
+
+    /// Checks that traces were drawn with the numbers of a random suite as it is now: none is of a whisker or of a set with
+    /// more. Names of traces contain the name and the seed of the suite, which determine everything else that is drawn.
+    fn check_draws(&self, random: &RandomDraws, paths: &[PathBuf]) -> anyhow::Result<()> {
+        let (prefix, folder) = (format!("{}_{}_", self.name, random.seed), self.folder());
+        let changed = |key: &str, found: u64, path: &Path, drawn: &str| {
+            let (suite, path, folder, remedy) = (self.suite.display(), path.display(), folder.display(), self.remedy());
+            anyhow!(
+                "{suite}: random.{key}: found {found}, but {path} was drawn with {drawn}: the suite has changed; \
+                 remove the traces in {folder} and run {remedy}"
+            )
+        };
+        let beyond = (0..random.sets).map(|set| folder.join(format!("{prefix}{set:04}_{:02}.csv", random.traces())));
+        if let Some(path) = beyond.into_iter().find(|path| path.with_extension("json").is_file()) {
+            return Err(changed("traces", random.traces(), &path, "more traces of a set"));
+        }
+        for path in paths {
+            let whisker = Sidecar::read(path)?.whisker.name;
+            let number = whisker.strip_prefix(&format!("{prefix}w")).and_then(|number| number.parse::<u64>().ok());
+            if number.is_some_and(|number| number >= random.whiskers()) {
+                return Err(changed("whiskers", random.whiskers(), path, "more whiskers"));
+            }
         }
         Ok(())
     }

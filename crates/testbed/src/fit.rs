@@ -15,6 +15,7 @@ use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, Model
 use crate::contour::true_circle;
 use crate::dataset::Dataset;
 use crate::front_end::{FrontEnd, FrontEndConfig, Mounting, SensorInput};
+use crate::glitches;
 use crate::provenance::calibration_watermark;
 use crate::results::{ResidualRow, SurfaceRow, csv_bytes, face_stem};
 use crate::settings::merged;
@@ -96,6 +97,9 @@ pub struct Fitted {
     pub is_new: bool,
     /// Candidates that the data do not determine, with the reasons. Empty if an up-to-date file was found.
     pub left_out: Vec<String>,
+    /// Traces from which glitches were left out, single readings far above all others: name, number of these readings and of all
+    /// rows.
+    pub gated: Vec<(String, usize, usize)>,
 }
 
 /// Fits every whisker with calibration traces in the dataset and writes its calibration, unless an up-to-date one is there.
@@ -112,9 +116,16 @@ pub fn fit(
     let candidates = settings.models.candidates()?;
     let front_end = FrontEnd::new(&settings.front_end)?;
     let mut whiskers: BTreeMap<String, Vec<Trace>> = BTreeMap::new();
-    for trace in dataset.read(Role::Calibration)? {
+    let mut gated: BTreeMap<String, Vec<(String, usize, usize)>> = BTreeMap::new();
+    for mut trace in dataset.read(Role::Calibration)? {
         front_end.check_trace(&trace.sidecar)?;
-        whiskers.entry(trace.sidecar.whisker.name.clone()).or_default().push(trace);
+        let (whisker, name, rows) =
+            (trace.sidecar.whisker.name.clone(), trace.sidecar.name.clone(), trace.sidecar.rows);
+        match leave_out_glitches(&mut trace) {
+            0 => {}
+            glitches => gated.entry(whisker.clone()).or_default().push((name, glitches, rows)),
+        }
+        whiskers.entry(whisker).or_default().push(trace);
     }
     progress
         .set_length(whiskers.values().map(|traces| faces_of(traces).count() * candidates.len()).sum::<usize>() as u64);
@@ -123,10 +134,22 @@ pub fn fit(
         .map(|(whisker, traces)| {
             let mountings = mountings(dataset, whisker, settings)?;
             let (candidates, front_end, mountings) = (&candidates, &front_end, &mountings);
-            let (whisker, folder) = (&traces[0].sidecar.whisker, &dataset.folder);
-            WhiskerFit { whisker, candidates, traces, front_end, mountings, settings, folder, out, progress }.run()
+            let (folder, gated) = (&dataset.folder, gated.remove(whisker).unwrap_or_default());
+            let whisker = &traces[0].sidecar.whisker;
+            let fit = WhiskerFit { whisker, candidates, traces, front_end, mountings, settings, folder, out, progress };
+            Ok(Fitted { gated, ..fit.run()? })
         })
         .collect()
+}
+
+/// Removes the rows with glitches, which no contact explains. Returns their number.
+fn leave_out_glitches(trace: &mut Trace) -> usize {
+    let glitches = glitches::rows(&trace.moments_n_m());
+    for row in glitches.iter().rev() {
+        trace.recording.instants.remove(*row);
+        trace.truth.instants.remove(*row);
+    }
+    glitches.len()
 }
 
 /// Faces that the traces touch.
@@ -177,9 +200,10 @@ impl WhiskerFit<'_> {
         let data_sha256 = data_sha256(self.traces.iter().map(|trace| &trace.sidecar));
         let watermark = self.watermark(&data_sha256)?;
         let path = self.out.join(format!("{}.json", whisker.name));
+        check_is_calibration(&path)?;
         if let Some(calibration) = self.up_to_date(&path, &watermark) {
             self.progress.inc((faces_of(self.traces).count() * self.candidates.len()) as u64);
-            return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new() });
+            return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new(), gated: Vec::new() });
         }
         // The readings of a recording already contain noise.
         let is_recorded = self.traces.iter().any(|trace| trace.sidecar.recorded.is_some());
@@ -190,7 +214,7 @@ impl WhiskerFit<'_> {
         let data = FittedData { noise_fraction: noise, seed: self.settings.seed, front_end, data_sha256, traces };
         let calibration = CalibrationFile::new(whisker.clone(), data, faces, watermark);
         write_json(&path, &calibration)?;
-        Ok(Fitted { calibration, path, is_new: true, left_out })
+        Ok(Fitted { calibration, path, is_new: true, left_out, gated: Vec::new() })
     }
 
     /// Watermark of the calibration from everything that determines it.
@@ -255,6 +279,21 @@ impl WhiskerFit<'_> {
     }
 }
 
+/// Checks that a calibration does not replace a JSON file of another kind, such as a scene. A link is replaced itself, and an
+/// unreadable file as well.
+fn check_is_calibration(path: &Path) -> anyhow::Result<()> {
+    let is_file = path.symlink_metadata().is_ok_and(|found| found.is_file());
+    match read_json::<Value>(path) {
+        Ok(found) if is_file && found["kind"] != "calibration" => {
+            bail!(
+                "{}: found a JSON file of another kind, which the calibration would replace; give another --out",
+                path.display()
+            )
+        }
+        _ => Ok(()),
+    }
+}
+
 /// A calibration trace as the sensor read it.
 struct Read<'a> {
     trace: &'a Trace,
@@ -310,7 +349,7 @@ fn is_single(truth: &TruthInstant) -> bool {
 }
 
 fn clean_contacts(trace: &Trace) -> Vec<Sample> {
-    contacts(trace, &trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect::<Vec<_>>())
+    contacts(trace, &trace.moments_n_m())
 }
 
 /// Known single contacts of a calibration trace on the side of the whisker. The mechanics of other contacts differ.

@@ -90,6 +90,7 @@ pub mod evaluate;
 pub mod fit;
 pub mod fitted_traces;
 pub mod front_end;
+mod glitches;
 pub mod map;
 pub mod metrics;
 pub mod miscalibration;

@@ -46,7 +46,7 @@ pub struct RandomDraws {
     /// Traces of each set. `None` for the generator's default, [`Self::DEFAULT_TRACES`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traces: Option<u64>,
-    /// Number of random whiskers, beside the presets. `None` for the generator's default.
+    /// Number of random whiskers, beside the presets. `None` for the generator's default, [`Self::DEFAULT_WHISKERS`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub whiskers: Option<u64>,
 }
@@ -55,12 +55,20 @@ impl RandomDraws {
     /// Default number of traces of each set.
     pub const DEFAULT_TRACES: u64 = 5;
 
+    /// Default number of random whiskers.
+    pub const DEFAULT_WHISKERS: u64 = 8;
+
     /// Largest numbers of sets, and of traces of a set.
     const MOST: [u64; 2] = [1_000_000, 99];
 
     /// Number of traces of each set.
     pub fn traces(&self) -> u64 {
         self.traces.unwrap_or(Self::DEFAULT_TRACES)
+    }
+
+    /// Number of random whiskers.
+    pub fn whiskers(&self) -> u64 {
+        self.whiskers.unwrap_or(Self::DEFAULT_WHISKERS)
     }
 }
 

@@ -99,6 +99,11 @@ pub struct Trace {
 }
 
 impl Trace {
+    /// Moments of all rows (N m).
+    pub fn moments_n_m(&self) -> Vec<f64> {
+        self.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect()
+    }
+
     /// Reads the trace with this CSV or sidecar path and checks it against its sidecar.
     ///
     /// # Errors

@@ -278,6 +278,7 @@ fn import_trace(
     }
     // The sidecar is written last: it marks a complete trace.
     files.push((format!("{name}.json"), &attachment.data));
+    files.iter().try_for_each(|(file, bytes)| check_replaces_same(&folder.join(file), bytes))?;
     let mut written = Vec::new();
     for (file, bytes) in files {
         let file = folder.join(file);
@@ -285,6 +286,16 @@ fn import_trace(
         written.push(file);
     }
     Ok(written)
+}
+
+/// Checks that a converted file replaces nothing but itself.
+fn check_replaces_same(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    ensure!(
+        fs::read(file).map_or(true, |found| found.is_empty() || found == bytes),
+        "{}: found a file with other contents, which the conversion would replace; give another --out, or remove it",
+        file.display()
+    );
+    Ok(())
 }
 
 /// Text of an attachment.
@@ -424,8 +435,14 @@ fn import_readings(
         );
     };
     let files = [folder.join(SIDECAR), folder.join("log.csv")];
+    check_replaces_same(&files[1], table.as_bytes())?;
+    if let Some(attachment) = sidecar {
+        check_replaces_same(&files[0], &attachment.data)?;
+    }
     match sidecar {
         Some(attachment) => write_atomically(&files[0], &attachment.data)?,
+        // Contacts may have been added to the sidecar of this table.
+        None if files.iter().all(|file| file.is_file()) => {}
         None => {
             // Format and rate of OpenWhisker's driver; its recordings do not contain them.
             let format = platform::sensor::format("hex").expect("the platform's own format is registered");

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use files::{sha256, write_json};
-use trace::Trace;
+use trace::{CalibrationFile, Trace};
 
 fn whisker(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
@@ -93,6 +93,33 @@ fn robust_a_glitch_is_gated_and_counted() {
             assert!(worst_m < 1e-3, "{estimator}, row {row}: {worst_m} m from the estimates without a glitch");
         }
     }
+}
+
+#[test]
+fn robust_glitches_of_calibrations_and_trials_are_gated_and_counted() {
+    let laboratory = Laboratory::new();
+    let folder = laboratory.folder.path();
+    let held_out_n_m = || {
+        let calibration = CalibrationFile::read(&folder.join("calibrations/lab-whisker.json")).unwrap();
+        calibration.faces[0].model(None).unwrap().heldout_rms_n_m
+    };
+    let clean_n_m = held_out_n_m();
+    for name in ["calibration_1", "trial_1"] {
+        let path = folder.join(format!("{name}.csv"));
+        let mut trace = Trace::read(&path).unwrap();
+        trace.recording.instants[200].moment_z_n_m = GLITCH_N_M;
+        trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+        fs::write(&path, trace.to_csv()).unwrap();
+        write_json(&path.with_extension("json"), &trace.sidecar).unwrap();
+    }
+    let notes = good(&["fit", text(folder), "--model", "polynomial"]);
+    assert!(notes.contains("gated: 1 of 360 readings of calibration_1, far above all others"), "{notes}");
+    let change = held_out_n_m() / clean_n_m;
+    assert!((0.9..1.1).contains(&change), "{change}");
+    let results = tempfile::tempdir().unwrap();
+    let run = ["--estimators", "ekf", "--name", "run", "--results", text(results.path())];
+    let notes = good(&[&["evaluate", text(folder)], &run[..]].concat());
+    assert!(notes.contains("gated: 1 of 500 readings of trial_1"), "{notes}");
 }
 
 #[test]

@@ -165,6 +165,51 @@ fn robust_an_edited_scene_is_refused_with_its_key_both_values_and_the_remedy() {
 }
 
 #[test]
+fn robust_a_suite_is_checked_against_its_traces() {
+    let bench = Bench::new();
+    bench.edit("scenes/pin.json", |scene| scene["duration_s"] = json!(2));
+    bench.refused("check scenes/suite.json", &["duration_s", "found 2,", "golden_pin.csv", "whisker simulate"]);
+}
+
+#[test]
+fn robust_an_edited_random_suite_is_refused() {
+    let bench = Bench::new();
+    let of_whisker = |name: &str, golden: &str, role| {
+        bench.trace(name, golden, "unused", role, None);
+        bench.edit(&format!("datasets/mine/{name}.json"), |sidecar| sidecar["whisker"]["name"] = json!("mine_7_w01"));
+    };
+    for name in ["mine_7_0000_00", "mine_7_0000_01"] {
+        of_whisker(name, "golden_pin", Role::Trial);
+    }
+    for name in ["mine_7_w01_left_00", "mine_7_w01_left_01"] {
+        of_whisker(name, "golden_circle", Role::Calibration);
+    }
+    let suite = |change: Change| {
+        let mut random = json!({"seed": 7, "sets": 1, "traces": 2, "whiskers": 2});
+        change(&mut random);
+        bench.write(SUITE, &json!({"format": 1, "name": "mine", "random": random}));
+    };
+    suite(|_| {});
+    bench.good(FIT);
+    bench.good(EVALUATE);
+    let changes: [(Change, &[&str]); 4] = [
+        (
+            |random| random["whiskers"] = json!(1),
+            &["random.whiskers", "found 1,", "more whiskers", "remove the traces"],
+        ),
+        (|random| random["traces"] = json!(1), &["random.traces", "found 1,", "mine_7_0000_01", "remove the traces"]),
+        (|random| random["sets"] = json!(2), &["mine_7_0001_00", "no such trace"]),
+        (|random| random["seed"] = json!(8), &["mine_8_0000_00", "no such trace"]),
+    ];
+    for (change, words) in changes {
+        suite(change);
+        for command in [FIT, EVALUATE] {
+            bench.refused(command, &[words, &["run `whisker simulate scenes/suite.json`"]].concat());
+        }
+    }
+}
+
+#[test]
 fn robust_a_calibration_of_changed_traces_is_refused() {
     let bench = Bench::new();
     bench.good(FIT);
@@ -227,6 +272,78 @@ fn robust_every_property_of_a_recording_is_an_input_of_its_calibration_and_run()
     bench.edit("datasets/mine/golden_circle_00.json", |sidecar| sidecar["recorded"]["noise_sd_n_m"] = json!(2e-7));
     bench.refused(EVALUATE, &["straight.json", "have changed"]);
     assert!(!bench.good(FIT).contains("(up to date)"), "noise of a calibration trace");
+}
+
+#[test]
+fn robust_recordings_are_given_noise_by_name_alone() {
+    let bench = Bench::new();
+    let recorded = json!({
+        "clock": "none", "characteristic": [1.0, 0.0, 0.0], "residual_counts": 1.0, "rest_counts": 0.0, "noise_sd_n_m": 1e-7,
+        "touch_counts": 1.0
+    });
+    bench.trace("real_pin", "golden_pin", "pin", Role::Trial, None);
+    bench.edit("datasets/mine/real_pin.json", |sidecar| {
+        (sidecar["scene"], sidecar["recorded"]) = (Value::Null, recorded.clone());
+    });
+    // A recording whose calibration is simulated, and a simulated trial, in folders of their own.
+    for (folder, trial) in [("real", "real_pin"), ("made", "golden_pin")] {
+        fs::create_dir(bench.path(folder)).unwrap();
+        for name in [trial, "golden_circle_00", "golden_circle_01"] {
+            for end in ["csv", "json"] {
+                let file = format!("{name}.{end}");
+                fs::copy(bench.path(&format!("datasets/mine/{file}")), bench.path(&format!("{folder}/{file}")))
+                    .unwrap();
+            }
+        }
+        bench.good(&format!("fit {folder} --model elastica"));
+    }
+    let noise_of = |command: &str| -> (Value, Value) {
+        bench.good(&format!("evaluate {command} --estimators ekf --name run --force"));
+        let run: Value = serde_json::from_slice(&fs::read(bench.path("results/run/run.json")).unwrap()).unwrap();
+        (run["noise"].clone(), run["seeds"].clone())
+    };
+    assert_eq!(noise_of("made --seeds 2"), (json!([0.01]), json!([1, 2])));
+    assert_eq!(noise_of("real"), (json!([0.0]), json!([1])));
+    assert_eq!(noise_of("real --noise 0.02 --seeds 2"), (json!([0.02]), json!([1, 2])));
+    let together = "evaluate real made --calibrations made/calibrations --estimators ekf";
+    bench.refused(together, &["recordings and simulated traces together", "by --noise"]);
+    bench.good(&format!("{together} --noise 0"));
+
+    let estimates = |trace: &str, noise: &str| {
+        let command = format!("replay {trace} --estimator ekf {noise}");
+        bench.good(command.trim_end())
+    };
+    assert_eq!(estimates("real/real_pin.csv", ""), estimates("real/real_pin.csv", "--noise 0"));
+    assert_eq!(estimates("made/golden_pin.csv", ""), estimates("made/golden_pin.csv", "--noise 0.01"));
+    assert_ne!(estimates("made/golden_pin.csv", ""), estimates("made/golden_pin.csv", "--noise 0"));
+}
+
+/// Whether a process runs. A zombie that has not been reaped yet has ended too.
+#[cfg(target_os = "linux")]
+fn is_running(pid: &str) -> bool {
+    let status = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    status.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with(|state| state != 'Z'))
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn robust_an_interrupted_evaluation_leaves_no_process_of_its_programs() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    let script = "(setsid sh -c 'echo $$ >> pids; exec sleep 600' &)\necho $$ >> pids\nexec sleep 600\n";
+    fs::write(bench.path("program.sh"), script).unwrap();
+    let mut command = bench.command("evaluate datasets/mine --estimators ekf --seeds 2 --name run --threads 1");
+    let mut child = command.args(["--exec", "sh program.sh", "--exec-timeout", "600"]).spawn().unwrap();
+    let pids = || fs::read_to_string(bench.path("pids")).unwrap_or_default();
+    // The program and its child; the program is also started once before the evaluation.
+    while pids().lines().filter(|pid| is_running(pid)).count() < 2 {
+        assert_eq!(child.try_wait().unwrap(), None);
+    }
+    let interrupted = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(interrupted.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(pids().lines().find(|pid| is_running(pid)), None);
+    assert!(!bench.path("results/run").exists(), "no run with a failed program");
 }
 
 #[test]
@@ -306,6 +423,40 @@ fn robust_an_output_is_never_an_input() {
 }
 
 #[test]
+fn robust_an_output_replaces_no_file_of_another_kind() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    fs::write(bench.path("log.csv"), "t_s,x_counts,y_counts,z_counts\n").unwrap();
+    fs::write(bench.path("other.csv.gz"), "another recording").unwrap();
+    let estimates = "something other than a table of estimates";
+    for out in ["datasets/mine/golden_circle_00.csv", "scenes/pin.json", "log.csv", "other.csv.gz", "datasets"] {
+        bench.refused(&format!("replay datasets/mine/golden_pin.csv --estimator ekf --out {out}"), &[out, estimates]);
+    }
+    // A rename would replace the device.
+    bench.refused(&REPLAY.replace("estimates.csv", "/dev/null"), &["/dev/null", "neither a file nor a folder"]);
+    for out in ["scenes/pin.json", "other.csv.gz", "datasets/mine/calibrations/straight.json"] {
+        bench.refused(
+            &format!("platform fit log.csv --out {out}"),
+            &[out, "something other than a calibration of the platform"],
+        );
+    }
+    fs::copy(bench.path("scenes/pin.json"), bench.path("scenes/straight.json")).unwrap();
+    bench.refused(&format!("{FIT} --out scenes"), &["scenes/straight.json", "JSON file of another kind"]);
+
+    // A conversion replaces a file by itself alone.
+    bench.good("bag export datasets/mine/golden_pin.csv --out bag");
+    bench.good("bag import bag --out datasets/mine");
+    bench.shorten("golden_pin");
+    bench.refused("bag import bag --out datasets/mine", &["golden_pin.csv", "other contents"]);
+    bench.good("bag import bag --out imported");
+
+    // An earlier output and an empty file are replaced.
+    fs::write(bench.path("estimates.csv"), "").unwrap();
+    bench.good(REPLAY);
+    bench.good(&format!("{REPLAY} --noise 0.02"));
+}
+
+#[test]
 fn robust_a_second_command_waits_and_states_who_holds_the_output() {
     let bench = Bench::new();
     let holder = format!("process {}", std::process::id());
@@ -369,6 +520,12 @@ fn robust_messages_on_missing_inputs_state_what_to_give() {
     bench.refused(FIT, &["no such trace", "`whisker simulate scenes/suite.json`", "--traces"]);
     bench.refused("report results/mine", &["no such run", "whisker evaluate"]);
     bench.good(&format!("{FIT} --traces made"));
+    for command in ["fit made2", "evaluate made2"] {
+        bench.refused(command, &["made2", "no such file or folder", "expected a suite (.json) or a folder of traces"]);
+    }
+    let output = bench.run("platform fit --label 65= --out calibration.json");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && text.contains("expected MM=FILE"), "{text}");
     let output = bench.run("evaluate made --seeds 99999999999");
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{text}");

@@ -72,13 +72,13 @@ pub fn evaluate(
     restore(&folder)?;
     let prepared = Prepared::new(datasets, settings)?;
     let run = prepared.run(settings)?;
-    let (unscored, omitted) = (prepared.unscored(), prepared.omitted.clone());
+    let (unscored, omitted, gated) = (prepared.unscored(), prepared.omitted.clone(), prepared.gated.clone());
     // A run with an unreadable table is made anew.
     if prepared.is_up_to_date(&folder, &run)
         && let Ok((summary, failures)) = tables(&folder)
     {
         tidy(&folder)?;
-        return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored });
+        return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored, gated });
     }
     if !settings.force {
         check_replaceable(&folder, &run)?;
@@ -100,7 +100,7 @@ pub fn evaluate(
     prepared.copy_for_report(part.path())?;
     write_json(&RUN.path(part.path()), &run)?;
     part.finish()?;
-    Ok(Evaluated { folder, summary, is_new: true, failures, omitted, unscored })
+    Ok(Evaluated { folder, summary, is_new: true, failures, omitted, unscored, gated })
 }
 
 /// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing.

@@ -71,6 +71,8 @@ pub(super) struct Prepared {
     pub(super) calibrations: Calibrations,
     /// Largest absolute reading of each set without noise and without gated readings.
     pub(super) largest_readings_n_m: BTreeMap<SetName, f64>,
+    /// Traces with gated readings: name, number of these readings and of all rows.
+    pub(super) gated: Vec<(String, usize, usize)>,
     noise_unit: NoiseUnit,
     pub(super) front_end: FrontEnd,
     pub(super) participants: Vec<Box<dyn Participant>>,
@@ -91,6 +93,7 @@ impl Prepared {
             trials: Vec::new(),
             calibrations: Calibrations::default(),
             largest_readings_n_m: BTreeMap::new(),
+            gated: Vec::new(),
             noise_unit: settings.noise_unit,
             front_end: FrontEnd::new(&settings.front_end)?,
             participants: Vec::new(),
@@ -150,8 +153,13 @@ impl Prepared {
             is_known: first_touch_s(&trace) != Err(Unscored::TruthUnknown),
         };
         let gate = calibration.file.gate();
-        let moments = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m);
-        let largest_n_m = moments.filter(|moment_n_m| gate.admits(*moment_n_m)).map(f64::abs).fold(0.0, f64::max);
+        let mut admitted = trace.moments_n_m();
+        let rows = admitted.len();
+        admitted.retain(|moment_n_m| gate.admits(*moment_n_m));
+        let largest_n_m = admitted.iter().copied().map(f64::abs).fold(0.0, f64::max);
+        if admitted.len() < rows {
+            self.gated.push((sidecar.name.clone(), rows - admitted.len(), rows));
+        }
         if settings.starts == Starts::Wrong {
             for (sidecar, prior) in starts::wrong(&trace) {
                 self.add(spec.with(sidecar, None, Some(prior)), largest_n_m, settings)?;

@@ -72,6 +72,8 @@ pub struct Evaluated {
     pub omitted: Vec<OmittedEstimator>,
     /// Names of the trials that were replayed but not scored, because the true contact is unknown.
     pub unscored: Vec<String>,
+    /// Traces with gated readings: name, number of these readings and of all rows.
+    pub gated: Vec<(String, usize, usize)>,
 }
 
 /// Estimator that was omitted because a calibration lacks its sensor model.

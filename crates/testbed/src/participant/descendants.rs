@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::process::Command;
 use std::sync::Once;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -23,6 +23,23 @@ const MOST_ROUNDS: usize = 1000;
 /// Time between two rounds.
 const PAUSE: Duration = Duration::from_millis(1);
 
+/// Set when the programs of all trials are being ended.
+static ENDING: AtomicBool = AtomicBool::new(false);
+
+/// Kills the programs of all trials with every process that they started. Trials with a program do not return any more.
+pub(super) fn end_all() {
+    ENDING.store(true, Ordering::Relaxed);
+    let of_this = format!("{VARIABLE}={}.", getpid());
+    kill_where(|variable| variable.starts_with(of_this.as_bytes()));
+}
+
+/// Does not return if the programs of all trials are being ended.
+pub(super) fn wait_if_ending() {
+    while ENDING.load(Ordering::Relaxed) {
+        sleep(PAUSE);
+    }
+}
+
 /// Mark of a program and of every process that it starts.
 pub(super) struct Mark(String);
 
@@ -31,6 +48,7 @@ impl Mark {
     pub(super) fn on(command: &mut Command) -> Self {
         static SUBREAPER: Once = Once::new();
         static NEXT: AtomicU64 = AtomicU64::new(0);
+        wait_if_ending();
         // Without it, on a kernel before 3.4, orphans cannot be found.
         SUBREAPER.call_once(|| _ = set_child_subreaper(Some(getpid())));
         let value = format!("{}.{}", getpid(), NEXT.fetch_add(1, Ordering::Relaxed));
@@ -40,25 +58,29 @@ impl Mark {
 
     /// Kills the marked processes and waits for their end. The program itself has ended and was waited for.
     pub(super) fn kill_all(&self) {
-        let mut dying = BTreeSet::new();
-        for _ in 0..MOST_ROUNDS {
-            let marked: Vec<Pid> = descendants().into_iter().filter(|pid| self.is_on(*pid)).collect();
-            for pid in &marked {
-                // Fails if the process has just ended.
-                _ = kill_process(*pid, Signal::KILL);
-                dying.insert(pid.as_raw_nonzero());
-            }
-            dying.retain(|raw| is_running(Pid::from_raw(raw.get()).expect("not zero")));
-            if marked.is_empty() && dying.is_empty() {
-                return;
-            }
-            sleep(PAUSE);
-        }
+        kill_where(|variable| variable == self.0.as_bytes());
     }
+}
 
-    fn is_on(&self, pid: Pid) -> bool {
+/// Kills the descendants with a variable of this kind in their environment, and waits for their end.
+fn kill_where(is_marked: impl Fn(&[u8]) -> bool) {
+    let is_on = |pid: &Pid| {
         let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-        environment.split(|byte| *byte == 0).any(|variable| variable == self.0.as_bytes())
+        environment.split(|byte| *byte == 0).any(&is_marked)
+    };
+    let mut dying = BTreeSet::new();
+    for _ in 0..MOST_ROUNDS {
+        let marked: Vec<Pid> = descendants().into_iter().filter(is_on).collect();
+        for pid in &marked {
+            // Fails if the process has just ended.
+            _ = kill_process(*pid, Signal::KILL);
+            dying.insert(pid.as_raw_nonzero());
+        }
+        dying.retain(|raw| is_running(Pid::from_raw(raw.get()).expect("not zero")));
+        if marked.is_empty() && dying.is_empty() {
+            return;
+        }
+        sleep(PAUSE);
     }
 }
 

@@ -11,7 +11,7 @@ use std::{env, iter, thread};
 use strict_json::one_line;
 
 #[cfg(target_os = "linux")]
-use super::descendants::Mark;
+use super::descendants::{Mark, wait_if_ending};
 
 /// Longest accepted line in bytes.
 const LONGEST_LINE: u64 = 1 << 16;
@@ -142,7 +142,11 @@ impl Drop for Process {
         _ = self.child.kill();
         _ = self.child.wait();
         #[cfg(target_os = "linux")]
-        self.mark.kill_all();
+        {
+            self.mark.kill_all();
+            // Otherwise the end of the program would be recorded as its failure.
+            wait_if_ending();
+        }
     }
 }
 

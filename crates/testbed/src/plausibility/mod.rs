@@ -16,6 +16,8 @@ use std::fmt;
 
 use trace::{CalibrationFile, Instant, Trace};
 
+use crate::glitches;
+
 /// Largest moment, in standard deviations of the noise that a recording contains, up to which its whisker may be free.
 const FREE_SDS: f64 = 8.0;
 
@@ -77,8 +79,7 @@ pub const TESTS: &[Test] = &[
 impl<'a> Subject<'a> {
     /// A trace, with the calibration of its whisker if known.
     pub fn new(trace: &'a Trace, calibration: Option<&'a CalibrationFile>) -> Self {
-        let moments: Vec<f64> = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect();
-        let largest_n_m = medians(&moments).map(f64::abs).fold(0.0, f64::max);
+        let largest_n_m = glitches::largest(&trace.moments_n_m());
         Self { trace, calibration, largest_n_m }
     }
 
@@ -105,14 +106,6 @@ impl<'a> Subject<'a> {
         let is_loaded = move |row: &usize| range.contains(&self.instants()[*row].moment_z_n_m.abs());
         (0..self.instants().len()).filter(move |row| touches && is_loaded(row))
     }
-}
-
-/// Medians of five consecutive values, of fewer at both ends.
-fn medians(values: &[f64]) -> impl Iterator<Item = f64> {
-    (0..values.len()).map(|i| {
-        let mut window = values[i.saturating_sub(2)..values.len().min(i + 3)].to_vec();
-        median(&mut window).expect("a window is not empty")
-    })
 }
 
 /// Median of values. `None` if there are none.

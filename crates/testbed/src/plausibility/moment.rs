@@ -3,13 +3,10 @@
 use std::f64::consts::FRAC_PI_2;
 
 use super::{Finding, Subject};
+use crate::glitches;
 
 /// Factor between N m and N mm.
 const MILLI: f64 = 1e3;
-
-/// Deviation of a single reading from its neighbours, relative to the largest moment of more than two consecutive
-/// readings, above which it is a glitch.
-const GLITCH: f64 = 3.0;
 
 /// Largest deviation of the moment from root stiffness x rotation, relative to the largest moment.
 const ROTATION_TOLERANCE: f64 = 0.05;
@@ -27,10 +24,9 @@ pub(super) const THOUSAND_TIMES_LOOK: &str = "the moment looks 1000 times too la
 
 /// Finds single readings far above all others.
 pub(super) fn glitches(subject: &Subject<'_>) -> Vec<Finding> {
-    let most_n_m = (1.0 + GLITCH) * subject.largest_n_m;
-    let instants = subject.instants();
-    let glitches: Vec<usize> = (0..instants.len()).filter(|row| instants[*row].moment_z_n_m.abs() > most_n_m).collect();
-    let Some(first) = glitches.first().filter(|_| most_n_m > 0.0) else { return Vec::new() };
+    let (instants, most_n_m) = (subject.instants(), glitches::most(subject.largest_n_m));
+    let glitches = glitches::rows(&subject.trace.moments_n_m());
+    let Some(first) = glitches.first() else { return Vec::new() };
     let more = if glitches.len() > 1 { format!(", the first of {}", glitches.len()) } else { String::new() };
     vec![Finding {
         place: "moment_z_n_m",

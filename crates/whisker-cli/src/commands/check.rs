@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::bail;
 use files::read_json;
 use serde_json::Value;
-use testbed::dataset::calibrations;
+use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
 use testbed::plausibility::Subject;
 use testbed::results::files::run_file;
@@ -19,6 +19,7 @@ use crate::claims::MeasuredClaim;
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
 ///
 /// A trace is also tested for errors of unit, sign, frame and rate: twist against poses, rate_hz against times, face and size of the moment against whisker, calibration and true contact.
+/// A suite is compared with its traces in datasets/<suite>, if they have been simulated.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Files, or folders of traces
@@ -111,12 +112,14 @@ fn check(path: &Path) -> anyhow::Result<String> {
         None if value.get("scenes").is_some() => {
             let suite = Suite::read(path)?;
             let runs = suite.runs(path)?.len();
+            Dataset::check_simulated(path)?;
             check_scene(path)?;
             Ok(format!("suite `{}` of {runs} runs of scenes", suite.name))
         }
         None if value.get("random").is_some() => {
             let suite = Suite::read(path)?;
             let sets = suite.random.map_or(0, |random| random.sets);
+            Dataset::check_simulated(path)?;
             check_scene(path)?;
             Ok(format!("random suite `{}` of {sets} sets", suite.name))
         }

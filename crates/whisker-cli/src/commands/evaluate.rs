@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{ExitCode, exit};
+use std::sync::atomic::Ordering;
+use std::thread::{self, sleep};
 use std::time::Duration;
 
 use anyhow::{Context, bail};
 use files::read_json;
+use platform::interrupt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strict_json::parse_json;
@@ -17,7 +20,7 @@ use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
 use testbed::noise::NoiseUnit;
-use testbed::participant::Program;
+use testbed::participant::{Program, end_programs};
 use testbed::results::{FailureRow, SummaryRow};
 use trace::Miscalibration;
 use whisker::events::{FORMER_NAMES, TouchConfig};
@@ -31,6 +34,12 @@ const DEFAULT_SEEDS: u64 = 5;
 
 /// Largest number of noise seeds per trial: each is a replay of every trial by every estimator.
 const MOST_SEEDS: u64 = 1_000_000;
+
+/// Polling interval of interrupts.
+const TICK: Duration = Duration::from_millis(20);
+
+/// Exit code of an interrupted evaluation, that of shells for SIGINT.
+const INTERRUPTED: i32 = 130;
 
 /// Prior information on the first contact.
 #[derive(Clone, Copy, Default, clap::ValueEnum)]
@@ -192,6 +201,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             bail!("{traces}: lies in {run}, which the run would replace; give another --name or --results");
         }
     }
+    if !settings.programs.is_empty() {
+        end_programs_with_this()?;
+    }
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads.map_or(0, usize::from))
         .build()
@@ -213,6 +225,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     conclude(&evaluated, noise_unit)
 }
 
+/// Ends the external programs if an interrupt ends the evaluation.
+fn end_programs_with_this() -> anyhow::Result<()> {
+    let asked = interrupt::asked()?;
+    let waits = move || {
+        while !asked.load(Ordering::Relaxed) {
+            sleep(TICK);
+        }
+        end_programs();
+        exit(INTERRUPTED);
+    };
+    thread::Builder::new().name("end of programs".into()).spawn(waits).context("cannot start threads")?;
+    Ok(())
+}
+
 /// Prints the summary to stdout, and failures and omissions to stderr. Returns the exit code.
 fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<ExitCode> {
     let state = if evaluated.is_new { "" } else { " (up to date)" };
@@ -225,6 +251,9 @@ fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<Exit
     for OmittedEstimator { estimator, sensor_model, calibration } in &evaluated.omitted {
         let calibration = calibration.display();
         eprintln!("left out: {estimator}, which needs the sensor model `{sensor_model}` that {calibration} lacks");
+    }
+    for (trace, gated, rows) in &evaluated.gated {
+        eprintln!("gated: {gated} of {rows} readings of {trace}, beyond the largest plausible one");
     }
     if !evaluated.unscored.is_empty() {
         eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));

@@ -78,6 +78,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
         eprintln!("left out: {reason}");
     }
+    for (trace, gated, rows) in fitted.iter().flat_map(|whisker| &whisker.gated) {
+        eprintln!("gated: {gated} of {rows} readings of {trace}, far above all others");
+    }
     let mut rows = Vec::new();
     for whisker in &fitted {
         for face in &whisker.calibration.faces {

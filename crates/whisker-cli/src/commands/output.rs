@@ -1,17 +1,28 @@
-//! Outputs of commands: never an input, and one writer at a time.
+//! Outputs of commands: never an input nor a file of another kind, and one writer at a time.
 
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
-use files::{OutputLock, resolved};
+use anyhow::{Context, bail, ensure};
+use files::{OutputLock, read_json, resolved};
+use serde_json::Value;
 use trace::Sidecar;
 
 /// Exclusive access to an output that is none of the inputs and lies in none of them. Waits, with a note on stderr, while another process writes it.
 ///
 /// # Errors
-/// If the output is an input or lies in one, or the system refuses access.
+/// If the output is an input or lies in one, is a device, or the system refuses access.
 pub(super) fn reserve(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<OutputLock> {
     check_apart(out, inputs)?;
+    if let Ok(found) = fs::metadata(out) {
+        // A rename would replace a device, such as /dev/null.
+        ensure!(
+            found.is_file() || found.is_dir(),
+            "{}: found neither a file nor a folder, expected a place for the output",
+            out.display()
+        );
+    }
     Ok(OutputLock::take(out, |holder| eprintln!("{}: waiting for {holder}, which writes it", out.display()))?)
 }
 
@@ -27,6 +38,33 @@ pub(super) fn check_apart(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<()> 
         }
     }
     Ok(())
+}
+
+/// Checks that a command does not replace a file of another kind: there is no file of this name, or an empty one, or `is_own`
+/// holds of it.
+///
+/// # Errors
+/// If there is another file, with the expected kind.
+pub(super) fn check_replaces_own(out: &Path, kind: &str, is_own: impl FnOnce(&Path) -> bool) -> anyhow::Result<()> {
+    let Ok(found) = fs::metadata(out) else { return Ok(()) };
+    ensure!(
+        found.is_file() && (found.len() == 0 || is_own(out)),
+        "{}: found something other than {kind}, which the output would replace; give another --out, or remove it",
+        out.display()
+    );
+    Ok(())
+}
+
+/// Whether a file begins with these bytes.
+pub(super) fn begins_with(path: &Path, bytes: &[u8]) -> bool {
+    let mut found = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(bytes.len() as u64).read_to_end(&mut found));
+    read.is_ok() && found == bytes
+}
+
+/// Whether a JSON file states this `kind`.
+pub(super) fn is_of_kind(path: &Path, kind: &str) -> bool {
+    read_json::<Value>(path).is_ok_and(|value| value["kind"] == kind)
 }
 
 /// Whether a path is another or lies in it.

@@ -12,14 +12,14 @@ use testbed::evaluate::estimate_row;
 use testbed::fitted_traces::check_fitted_traces;
 use testbed::front_end::{FrontEnd, Mounting, Reader, Reading};
 use testbed::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
-use testbed::results::{EstimateRow, RECOMMENDED, Table};
+use testbed::results::{EstimateRow, RECOMMENDED, Table, csv_bytes};
 use testbed::settings::merged;
 use trace::{CalibrationFile, Instant, Trace, TraceRows, TruthInstant};
 use whisker::estimators::{self, Estimate, Estimator, Knowledge, MethodClass};
 use whisker::events::{Signals, TouchConfig};
 use whisker::sensor::Face;
 
-use super::output::{files_of_trace, reserve};
+use super::output::{begins_with, check_replaces_own, files_of_trace, reserve};
 use super::progress::Progress;
 use super::{front_end, json, noise_fraction};
 
@@ -63,7 +63,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let _lock = match &arguments.out {
         Some(out) => {
             let inputs = files_of_trace(&arguments.trace, &sidecar).into_iter().chain([path.clone()]);
-            Some(reserve(out, &inputs.collect::<Vec<_>>())?)
+            let lock = reserve(out, &inputs.collect::<Vec<_>>())?;
+            let header = csv_bytes::<EstimateRow>(&[])?;
+            check_replaces_own(out, "a table of estimates", |path| begins_with(path, &header))?;
+            Some(lock)
         }
         None => None,
     };

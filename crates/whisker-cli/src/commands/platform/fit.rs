@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use platform::calibration::regression::{REGRESSIONS, RegressionRow, by_places};
-use platform::calibration::{Calibration, Error, LabelledPress};
+use platform::calibration::{Calibration, Error, KIND, LabelledPress};
 use testbed::provenance::watermark;
 
-use super::super::output::reserve;
+use super::super::output::{check_replaces_own, is_of_kind, reserve};
 use super::super::{print, table::millimetres};
 use super::logs::{LogArguments, Validating, row};
 
@@ -30,6 +30,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let stated = arguments.regression.as_deref().map(row).transpose()?;
     let _lock = reserve(&arguments.out, &arguments.logs.files()?)?;
+    check_replaces_own(&arguments.out, "a calibration of the platform", |path| is_of_kind(path, KIND))?;
     // All regressions that can be chosen share one detection of presses.
     let gathered = arguments.logs.gather(stated.unwrap_or(&REGRESSIONS[0]))?;
     let mut validating = Validating::new();

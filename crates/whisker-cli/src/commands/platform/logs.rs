@@ -108,10 +108,10 @@ pub(super) fn row(name: &str) -> anyhow::Result<&'static RegressionRow> {
 }
 
 fn labelled(text: &str) -> Result<Source, String> {
-    let expected = "expected MM=FILE with a distance above zero, for example 105=log.csv";
+    let expected = "expected MM=FILE with a distance above zero and a log, for example 105=log.csv";
     let (distance, file) = text.split_once('=').ok_or(expected)?;
     match distance.parse::<f64>() {
-        Ok(mm) if mm > 0.0 && mm.is_finite() => {
+        Ok(mm) if mm > 0.0 && mm.is_finite() && !file.is_empty() => {
             Ok(Source { path: Path::new(file).into(), distance_m: Some(1e-3 * mm) })
         }
         _ => Err(expected.into()),
