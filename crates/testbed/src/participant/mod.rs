@@ -20,7 +20,7 @@ use crate::replay::Replay;
 use crate::results::RunEstimator;
 
 pub use program::Program;
-pub use protocol::{PROTOCOL, estimate};
+pub use protocol::{AnswerLine, BaseNoiseLine, ContactPriorLine, PROTOCOL, estimate};
 pub use registered::Registered;
 
 /// One trial from the view of a participant.
