@@ -16,6 +16,7 @@ mod run;
 mod sensor;
 mod settings;
 mod sidecar;
+mod stream;
 mod suite;
 mod trace;
 
@@ -43,6 +44,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "run", about: "description of a run", run: run::run },
     Target { name: "results", about: "tables of a run", run: results::run },
     Target { name: "settings", about: "settings of estimators, front ends, detection and maps", run: settings::run },
+    Target { name: "stream", about: "line of a live stream", run: stream::run },
     Target { name: "answer", about: "answer of an external program", run: answer::run },
     Target { name: "bag", about: "ROS 2 bag: metadata and MCAP file", run: bag::run },
     Target { name: "sensor", about: "serial stream of a magnetometer", run: sensor::run },

@@ -20,7 +20,7 @@ use crate::replay::Replay;
 use crate::results::RunEstimator;
 
 pub use program::Program;
-pub use protocol::{PROTOCOL, estimate};
+pub use protocol::{AnswerLine, BaseNoiseLine, ContactPriorLine, PROTOCOL, estimate};
 pub use registered::Registered;
 
 /// Kills the external programs of all running trials, on Linux with every process that they started, since they do not end with

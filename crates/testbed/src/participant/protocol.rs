@@ -1,11 +1,11 @@
 //! Messages between the testbed and an external program: JSON lines, specified in `docs/your-estimator.md`.
 
 use filters::Innovation;
-use nalgebra::{Matrix1, Matrix2, Vector1};
+use nalgebra::{Matrix1, Matrix2, Matrix3, Vector1};
 use serde::{Deserialize, Serialize};
 use strict_json::{one_line, shown};
 use whisker::Whisker;
-use whisker::estimators::{BaseNoise, Estimate, Knowledge, Sample};
+use whisker::estimators::{BaseNoise, ContactPrior, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
 use whisker::sensor::{AlongAway, CalibratedFace, Domain, Face};
 
@@ -44,8 +44,9 @@ pub(super) struct Prior<'a> {
 }
 
 /// Covariance of the error of the measured base pose, in Base.
-#[derive(Serialize)]
-struct BaseNoiseLine {
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BaseNoiseLine {
     cov_xx_m2: f64,
     cov_xy_m2: f64,
     cov_yy_m2: f64,
@@ -88,11 +89,26 @@ struct SensorTable {
 }
 
 /// Prior position of the first contact, in Base.
-#[derive(Serialize)]
-struct ContactPriorLine {
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactPriorLine {
     contact_x_m: f64,
     contact_y_m: f64,
     sd_m: f64,
+}
+
+impl ContactPriorLine {
+    /// The prior, unless a number is out of range: then the expected form.
+    ///
+    /// # Errors
+    /// The expected form.
+    pub fn contact_prior(&self) -> Result<ContactPrior, String> {
+        let Self { contact_x_m, contact_y_m, sd_m } = *self;
+        if !(contact_x_m.abs() <= FARTHEST_M && contact_y_m.abs() <= FARTHEST_M && sd_m > 0.0 && sd_m <= FARTHEST_M) {
+            return Err(format!("a contact within {FARTHEST_M} m of the base, and a positive sd_m up to that"));
+        }
+        Ok(ContactPrior { contact: Point::new(contact_x_m, contact_y_m), sd_m })
+    }
 }
 
 impl<'a> Prior<'a> {
@@ -126,6 +142,30 @@ impl BaseNoiseLine {
             cov_y_yaw_m_rad: covariance[(1, 2)],
             cov_yaw_yaw_rad2: covariance[(2, 2)],
         }
+    }
+
+    /// The covariance.
+    ///
+    /// # Errors
+    /// The expected form, if it is no covariance.
+    pub fn base_noise(&self) -> Result<BaseNoise, String> {
+        let covariance = Matrix3::new(
+            self.cov_xx_m2,
+            self.cov_xy_m2,
+            self.cov_x_yaw_m_rad,
+            self.cov_xy_m2,
+            self.cov_yy_m2,
+            self.cov_y_yaw_m_rad,
+            self.cov_x_yaw_m_rad,
+            self.cov_y_yaw_m_rad,
+            self.cov_yaw_yaw_rad2,
+        );
+        let is_small = covariance.iter().all(|entry| entry.abs() <= FARTHEST_M * FARTHEST_M);
+        let roundoff = 1e-12 * covariance.diagonal().amax();
+        if !is_small || covariance.symmetric_eigenvalues().min() < -roundoff {
+            return Err("a positive semidefinite covariance in m2 and rad2".into());
+        }
+        Ok(BaseNoise(covariance))
     }
 }
 
@@ -222,17 +262,92 @@ impl Row {
     }
 }
 
-/// Answer of the program; `null` stands for no estimate.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Answer {
-    contact_x_m: f64,
-    contact_y_m: f64,
-    cov_xx_m2: Option<f64>,
-    cov_xy_m2: Option<f64>,
-    cov_yy_m2: Option<f64>,
-    innovation_n_m: Option<f64>,
-    innovation_variance_n2_m2: Option<f64>,
+/// Answer to a row; `null`, or a status without a contact, stands for no estimate. Keys beside contact, covariance and
+/// innovation are remarks of `whisker live`, which writes the same messages that an evaluation reads.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AnswerLine {
+    /// Name of the whisker, if there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Time of the reading.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub t_s: Option<f64>,
+    /// What happened to the reading.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub status: Option<String>,
+    /// Pose of the base at the time of the reading: position, x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_x_m: Option<f64>,
+    /// Position, y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_y_m: Option<f64>,
+    /// Yaw.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_yaw_rad: Option<f64>,
+    /// Side of the whisker on which the object lies.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub face: Option<Face>,
+    /// Contact on the centre line in Base, x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_x_m: Option<f64>,
+    /// Contact on the centre line in Base, y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_y_m: Option<f64>,
+    /// Variance of the contact along x, in Base.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_xx_m2: Option<f64>,
+    /// Covariance of the contact between x and y, in Base.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_xy_m2: Option<f64>,
+    /// Variance of the contact along y, in Base.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_yy_m2: Option<f64>,
+    /// Innovation: reading minus predicted reading.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub innovation_n_m: Option<f64>,
+    /// Variance of the innovation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub innovation_variance_n2_m2: Option<f64>,
+    /// Whether the contact lies in the calibrated domain.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<bool>,
+    /// Whether the contact may lie at the tip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at_tip: Option<bool>,
+    /// Radius of the object at the contact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius_m: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius_sd_m: Option<f64>,
+    /// Whether the readings contradict the models of the estimator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model_doubtful: Option<bool>,
+}
+
+impl AnswerLine {
+    /// Answer with an estimate. Without one, all keys are missing.
+    pub fn new(estimate: Option<&Estimate>) -> Self {
+        let Some(estimate) = estimate else { return Self::default() };
+        let covariance = estimate.covariance_m2;
+        Self {
+            face: Some(estimate.face),
+            contact_x_m: Some(estimate.contact.x()),
+            contact_y_m: Some(estimate.contact.y()),
+            cov_xx_m2: covariance.map(|p| p[(0, 0)]),
+            cov_xy_m2: covariance.map(|p| p[(0, 1)]),
+            cov_yy_m2: covariance.map(|p| p[(1, 1)]),
+            innovation_n_m: estimate.innovation.map(|innovation| innovation.residual.x),
+            innovation_variance_n2_m2: estimate.innovation.map(|innovation| innovation.covariance.x),
+            calibrated: Some(estimate.calibrated),
+            at_tip: Some(estimate.at_tip),
+            radius_m: estimate.radius.map(|radius| radius.radius_m),
+            radius_sd_m: estimate.radius.map(|radius| radius.sd_m),
+            model_doubtful: Some(estimate.model_doubtful),
+            ..Self::default()
+        }
+    }
 }
 
 /// Expected form of an answer.
@@ -254,19 +369,24 @@ pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<
     if line.starts_with('[') {
         return Err(format!("{}, expected {EXPECTED}", found()));
     }
-    let answer: Option<Answer> = serde_json::from_str(line)
+    let answer: Option<AnswerLine> = serde_json::from_str(line)
         .map_err(|error| format!("{}, expected {EXPECTED} ({})", found(), shown(&error.to_string())))?;
     let Some(answer) = answer else { return Ok(None) };
-    answer.estimate(face, knowledge).map(Some).map_err(|expected| format!("{}, expected {expected}", found()))
+    answer.estimate(face, knowledge).map_err(|expected| format!("{}, expected {expected}", found()))
 }
 
-impl Answer {
+impl AnswerLine {
     /// Estimate with its flags, or the expected form.
-    fn estimate(&self, face: Face, knowledge: &Knowledge) -> Result<Estimate, String> {
-        if !(self.contact_x_m.abs() <= FARTHEST_M && self.contact_y_m.abs() <= FARTHEST_M) {
+    fn estimate(&self, face: Face, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
+        let (x_m, y_m) = match (self.contact_x_m, self.contact_y_m) {
+            (Some(x_m), Some(y_m)) => (x_m, y_m),
+            (None, None) if self.status.is_some() => return Ok(None),
+            _ => return Err(EXPECTED.into()),
+        };
+        if !(x_m.abs() <= FARTHEST_M && y_m.abs() <= FARTHEST_M) {
             return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));
         }
-        let contact = Point::new(self.contact_x_m, self.contact_y_m);
+        let contact = Point::new(x_m, y_m);
         let calibrated = knowledge.face(face).is_some_and(|face| face.domain.contains(face.along_and_away(contact)));
         let estimate = Estimate {
             covariance_m2: self.covariance_m2()?,
@@ -274,7 +394,7 @@ impl Answer {
             calibrated,
             ..plain_estimate(contact, face)
         };
-        Ok(Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate })
+        Ok(Some(Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate }))
     }
 
     fn covariance_m2(&self) -> Result<Option<Matrix2<f64>>, String> {

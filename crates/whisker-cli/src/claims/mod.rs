@@ -7,6 +7,7 @@ mod contact_events;
 mod contours;
 mod determinism;
 mod hall;
+mod live;
 mod monte_carlo;
 mod motion;
 mod noiseless;
@@ -101,6 +102,7 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     contours::claims,
     contact_events::claims,
     hall::claims,
+    live::claims,
     arm::claims,
     real::claims,
     determinism::claims,

@@ -21,6 +21,11 @@ pub(super) struct Arguments {
 }
 
 impl Arguments {
+    /// Whether this is the front end that is selected without options.
+    pub(super) fn is_default(&self) -> bool {
+        self.choice() == FrontEndConfig::default()
+    }
+
     /// The selected front end.
     pub(super) fn choice(&self) -> FrontEndConfig {
         FrontEndConfig { name: self.front_end.clone(), config: self.front_end_config.clone() }

@@ -9,8 +9,10 @@ mod fit;
 mod front_end;
 mod import;
 mod list;
+mod live;
 mod output;
 mod platform;
+mod played;
 mod progress;
 mod python;
 mod replay;
@@ -41,6 +43,7 @@ enum Command {
     Import(import::Arguments),
     Fit(fit::Arguments),
     Replay(replay::Arguments),
+    Live(live::Arguments),
     Evaluate(evaluate::Arguments),
     Report(report::Arguments),
     Check(check::Arguments),
@@ -60,6 +63,7 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Import(arguments) => import::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Live(arguments) => live::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),

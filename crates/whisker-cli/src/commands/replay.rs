@@ -4,65 +4,41 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
 use files::AtomicFile;
-use serde_json::Value;
-use testbed::dataset::calibrations;
 use testbed::evaluate::estimate_row;
-use testbed::fitted_traces::check_fitted_traces;
-use testbed::front_end::{FrontEnd, Mounting, Reader, Reading};
-use testbed::replay::{Steps, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
-use testbed::results::{EstimateRow, RECOMMENDED, Table, csv_bytes};
-use testbed::settings::merged;
-use trace::{CalibrationFile, Instant, Trace, TraceRows, TruthInstant};
-use whisker::estimators::{self, Estimate, Estimator, Knowledge, MethodClass};
-use whisker::events::{Signals, TouchConfig};
+use testbed::front_end::Reader;
+use testbed::replay::Steps;
+use testbed::results::{EstimateRow, Table, csv_bytes};
+use trace::{Instant, TraceRows, TruthInstant};
+use whisker::estimators::{Estimate, Estimator, Knowledge};
+use whisker::events::Signals;
 use whisker::sensor::Face;
 
 use super::output::{begins_with, check_replaces_own, files_of_trace, reserve};
+use super::played;
 use super::progress::Progress;
-use super::{front_end, json, noise_fraction};
 
 /// Replay one trace through one estimator and write its estimates as CSV
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Trace (.csv, its sidecar beside it)
     trace: PathBuf,
-    /// Estimator (`whisker list estimators`)
-    #[arg(long, default_value = RECOMMENDED)]
-    estimator: String,
-    /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
-    #[arg(long, default_value = "{}", value_parser = json)]
-    config: Value,
+    #[command(flatten)]
+    played: played::Arguments,
     /// Calibration of the whisker
     /// [default: calibrations/<whisker>.json beside the trace, calibrations/<front end>/<whisker>.json for a front end other than the default]
     #[arg(long)]
     calibration: Option<PathBuf>,
-    #[command(flatten)]
-    front_end: front_end::Arguments,
-    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 for a front end with its own noise and for a recording]
-    #[arg(long, value_parser = noise_fraction)]
-    noise: Option<f64>,
-    /// Seed of the measurement noise and of the front end
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
     /// File to write [default: stdout]
     #[arg(long)]
     out: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    check_trace(&arguments.trace)?;
-    let (sidecar, rows) = TraceRows::open(&arguments.trace)?;
-    let front_end = FrontEnd::new(&arguments.front_end.choice())?;
-    front_end.check_trace(&sidecar)?;
-    let beside_trace = arguments.trace.parent().unwrap_or(Path::new(""));
-    let folder = calibrations(beside_trace, front_end.row.name);
-    let beside = || folder.join(format!("{}.json", sidecar.whisker.name));
-    let path = arguments.calibration.clone().unwrap_or_else(beside);
+    let found = arguments.played.find(&arguments.trace, arguments.calibration.as_deref())?;
     let _lock = match &arguments.out {
         Some(out) => {
-            let inputs = files_of_trace(&arguments.trace, &sidecar).into_iter().chain([path.clone()]);
+            let inputs = files_of_trace(&found.path, &found.sidecar).into_iter().chain([found.calibration.clone()]);
             let lock = reserve(out, &inputs.collect::<Vec<_>>())?;
             let header = csv_bytes::<EstimateRow>(&[])?;
             check_replaces_own(out, "a table of estimates", |path| begins_with(path, &header))?;
@@ -70,50 +46,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let calibration = read_calibration(&path, beside_trace)?;
-    check_calibration(&path, &calibration, &sidecar)?;
-    let mounting = Mounting::of(beside_trace, &sidecar)?;
-    let sensor = front_end.sensor(&path, &calibration, &mounting)?;
-    let row = estimators::estimator(&arguments.estimator).with_context(|| {
-        let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
-        format!("unknown estimator `{}`, expected one of: {}", arguments.estimator, known.join(", "))
-    })?;
-    let config = merged((row.defaults)(), &arguments.config)?;
-    let faces = read_by(sensor, &calibration.calibrated(&path, row.sensor_model)?);
-    let gate = calibration.gate();
-    // The first pass checks the whole trace, so that no output is written for a damaged one.
-    let mut largest: f64 = 0.0;
-    for row in rows {
-        let moment_n_m = row?.0.moment_z_n_m;
-        if gate.admits(moment_n_m) {
-            largest = largest.max(moment_n_m.abs());
-        }
-    }
-    let noise = arguments.noise.unwrap_or_else(|| front_end.default_noise(&sidecar));
-    let added_sd_n_m = noise * largest;
-    let reader = match front_end.reader(&sidecar, added_sd_n_m, arguments.seed) {
-        Some(reader) => reader,
-        None => {
-            let reading = Reading {
-                front_end: &front_end,
-                path: &path,
-                calibration: &calibration,
-                added_sd_n_m,
-                seed: arguments.seed,
-            };
-            let mut readings_n_m = reading.of(&Trace::read(&arguments.trace)?, &mounting, beside_trace)?.into_iter();
-            Box::new(move |_: &Instant| readings_n_m.next().expect("there is a reading an instant"))
-        }
-    };
-    let knowledge = knowledge(&sidecar, &faces, noise_sd_n_m(added_sd_n_m, sensor, &sidecar));
+    let played = arguments.played.prepare(found)?;
     let replay = Streamed {
-        rows: TraceRows::of(&sidecar, &arguments.trace)?,
-        reader,
-        estimator: estimator(row, &config, TouchConfig::default(), &knowledge, &sidecar.name, arguments.seed)?,
-        looks_back: row.class == MethodClass::Hindsight,
-        knowledge: &knowledge,
+        rows: TraceRows::of(&played.sidecar, &played.path)?,
+        estimator: played.build()()?,
+        looks_back: played.looks_back(),
+        knowledge: &played.knowledge,
+        reader: played.reader,
         tally: Tally::default(),
-        progress: progress(arguments, sidecar.rows),
+        progress: progress(arguments, played.sidecar.rows),
     };
     let tally = match &arguments.out {
         Some(path) => {
@@ -127,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             tally
         }
     };
-    for note in tally.notes(&knowledge, &path) {
+    for note in tally.notes(&played.knowledge, &played.calibration) {
         eprintln!("{note}");
     }
     Ok(ExitCode::SUCCESS)
@@ -141,36 +82,6 @@ fn progress(arguments: &Arguments, rows: usize) -> Option<Progress> {
     let progress = Progress::of("replaying");
     progress.set_length(rows as u64);
     Some(progress)
-}
-
-/// Checks that there is a trace.
-fn check_trace(path: &Path) -> anyhow::Result<()> {
-    if path.is_dir() {
-        bail!("{}: is a folder, expected one of its traces (.csv)", path.display());
-    }
-    for file in ["csv", "json"].map(|extension| path.with_extension(extension)) {
-        if !file.is_file() {
-            bail!(
-                "{}: no such file, expected a trace: a .csv with its .json beside it, as `whisker simulate ... --out DIR` writes them into DIR",
-                file.display()
-            );
-        }
-    }
-    Ok(())
-}
-
-/// Reads a calibration whose traces have not changed since the fit.
-fn read_calibration(path: &Path, beside_trace: &Path) -> anyhow::Result<CalibrationFile> {
-    if !path.is_file() {
-        bail!(
-            "{}: no such calibration; make it by `whisker fit {}`, with the same --front-end, or name another by --calibration",
-            path.display(),
-            if beside_trace.as_os_str().is_empty() { Path::new(".") } else { beside_trace }.display()
-        );
-    }
-    let calibration = CalibrationFile::read(path)?;
-    check_fitted_traces(path, &calibration)?;
-    Ok(calibration)
 }
 
 /// Counts of a replay, from which the reason for a missing result follows.

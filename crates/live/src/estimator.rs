@@ -1,0 +1,267 @@
+//! Estimator of one whisker on a stream.
+
+use std::sync::Arc;
+
+use testbed::replay::Steps;
+use trace::Instant;
+use whisker::ReadingGate;
+use whisker::estimators::{Estimate, Estimator, Knowledge, OutlinePoint};
+use whisker::frames::{Base, Pose, World};
+
+use crate::clock::Jump;
+use crate::counters::Counters;
+use crate::event::{Event, Stream};
+use crate::matching::{Admitted, Arrived, Matching};
+use crate::timing::Timing;
+
+/// Builds the estimator at the start and after a jump of a clock.
+pub type Build = Box<dyn Fn() -> anyhow::Result<Estimator> + Send>;
+
+/// What happened to a reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// It was given to the estimator.
+    Used,
+    /// It was given to the estimator, which left it out: it exceeds the largest plausible reading.
+    Gated,
+    /// Its pose did not arrive in time.
+    Stale,
+    /// It arrived after a later reading had been used, or it lies farther behind the newest pose than the smallest jump of a clock.
+    Late,
+    /// Its time had arrived before.
+    Repeated,
+    /// It, or its time, is not finite.
+    NotFinite,
+    /// The clock jumped and the estimator restarted while it waited for its pose.
+    Dropped,
+}
+
+impl Status {
+    /// Name as used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Used => "used",
+            Self::Gated => "gated",
+            Self::Stale => "stale",
+            Self::Late => "late",
+            Self::Repeated => "repeated",
+            Self::NotFinite => "not finite",
+            Self::Dropped => "dropped",
+        }
+    }
+}
+
+/// Answer to a reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// Time of the reading.
+    pub t_s: f64,
+    /// Arrival of the reading.
+    pub arrived_s: f64,
+    /// The reading.
+    pub reading_n_m: f64,
+    /// What happened to it.
+    pub status: Status,
+    /// Pose of the base at its time. `None` unless it was used or gated.
+    pub base: Option<Pose<Base, World>>,
+    /// Estimate of the contact. `None` while the whisker is free or the method has no estimate.
+    pub estimate: Option<Estimate>,
+}
+
+/// Answers and events in the order in which they came about.
+#[derive(Clone, Debug, Default)]
+pub struct Output {
+    /// One answer to each reading.
+    pub answers: Vec<Answer>,
+    /// Events.
+    pub events: Vec<Event>,
+}
+
+/// Estimator of one whisker whose readings and poses arrive independently.
+///
+/// Times of messages (`t_s`) and of their arrival (`now_s`) are on clocks of their own; only differences are compared. A
+/// reading and its pose are given to the estimator in the order of the readings' times, as by [`testbed::replay`]: if none is
+/// late, the estimates equal those of a replay to the bit. A reading that is left out is bridged by the motion and the duration
+/// of the next one.
+pub struct LiveEstimator {
+    build: Build,
+    timing: Timing,
+    rate_hz: f64,
+    gate: ReadingGate,
+    /// Whether the estimates of a contact are revised at its end.
+    looks_back: bool,
+    estimator: Estimator,
+    steps: Steps,
+    matching: Matching,
+    /// Answers that may be revised, and the estimates of those with a pose.
+    held: Vec<Answer>,
+    estimates: Vec<Option<Estimate>>,
+    counters: Counters,
+    is_stale: bool,
+}
+
+impl LiveEstimator {
+    /// An estimator with these settings. `looks_back` states whether its method is of the class `hindsight`, whose answers are held
+    /// until the contact ends.
+    ///
+    /// # Errors
+    /// If the timing is invalid, or the estimator cannot be built.
+    pub fn new(build: Build, knowledge: &Arc<Knowledge>, looks_back: bool, timing: Timing) -> anyhow::Result<Self> {
+        timing.validate()?;
+        Ok(Self {
+            estimator: build()?,
+            build,
+            timing,
+            rate_hz: knowledge.rate_hz,
+            gate: knowledge.gate(),
+            looks_back,
+            steps: Steps::default(),
+            matching: Matching::new(timing, knowledge.rate_hz),
+            held: Vec::new(),
+            estimates: Vec::new(),
+            counters: Counters::default(),
+            is_stale: false,
+        })
+    }
+
+    /// Takes a reading that arrives at `now_s`.
+    ///
+    /// # Errors
+    /// If the estimator cannot be built again after a jump of a clock.
+    pub fn reading(&mut self, t_s: f64, reading_n_m: f64, now_s: f64, out: &mut Output) -> anyhow::Result<()> {
+        self.counters.readings += 1;
+        let arrived = Arrived { t_s, reading_n_m, at_s: now_s };
+        if !(t_s.is_finite() && reading_n_m.is_finite()) {
+            self.counters.not_finite += 1;
+            out.events.push(Event::NotFinite { stream: Stream::Readings, t_s });
+            out.answers.push(answer(&arrived, Status::NotFinite));
+            return Ok(());
+        }
+        let admitted = match self.matching.reading(arrived, &mut self.counters) {
+            Ok(admitted) => admitted,
+            Err(jump) => {
+                self.restart(Stream::Readings, jump, out)?;
+                self.matching.reading(arrived, &mut self.counters).expect("the first reading of a clock")
+            }
+        };
+        match admitted {
+            Admitted::Kept => self.poll(now_s, out),
+            Admitted::Late => out.answers.push(answer(&arrived, Status::Late)),
+            Admitted::Repeated => out.answers.push(answer(&arrived, Status::Repeated)),
+        }
+        Ok(())
+    }
+
+    /// Takes a pose of the base that arrives at `now_s`. World may be any frame at rest.
+    ///
+    /// # Errors
+    /// If the estimator cannot be built again after a jump of a clock.
+    pub fn pose(&mut self, t_s: f64, pose: Pose<Base, World>, now_s: f64, out: &mut Output) -> anyhow::Result<()> {
+        self.counters.poses += 1;
+        let at = pose.origin();
+        if ![t_s, at.x(), at.y(), pose.yaw_rad()].into_iter().all(f64::is_finite) {
+            self.counters.not_finite += 1;
+            out.events.push(Event::NotFinite { stream: Stream::Poses, t_s });
+            return Ok(());
+        }
+        if let Err(jump) = self.matching.pose(t_s, pose, now_s, &mut self.counters) {
+            self.restart(Stream::Poses, jump, out)?;
+            self.matching.pose(t_s, pose, now_s, &mut self.counters).expect("the first pose of a clock");
+        }
+        self.poll(now_s, out);
+        Ok(())
+    }
+
+    /// Answers the readings that need not wait any longer at `now_s`.
+    pub fn poll(&mut self, now_s: f64, out: &mut Output) {
+        while let Some((arrived, pose)) = self.matching.settled(now_s, &mut self.counters) {
+            self.step(&arrived, pose, out);
+        }
+    }
+
+    /// Time of arrival at which [`Self::poll`] is due. `None` while no reading waits.
+    pub fn deadline_s(&self) -> Option<f64> {
+        self.matching.deadline_s()
+    }
+
+    /// Answers all readings at the end of the streams.
+    pub fn finish(&mut self, out: &mut Output) {
+        while let Some((arrived, pose)) = self.matching.last(&mut self.counters) {
+            self.step(&arrived, pose, out);
+        }
+        self.estimator.end(&mut self.estimates);
+        self.release(out);
+    }
+
+    /// Counts so far.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Outline of the object that is touched, or was touched last; see [`Estimator::outline`].
+    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.estimator.outline()
+    }
+
+    fn step(&mut self, arrived: &Arrived, pose: Option<Pose<Base, World>>, out: &mut Output) {
+        let Arrived { t_s, reading_n_m, .. } = *arrived;
+        let Some(base) = pose else {
+            self.counters.stale += 1;
+            if !self.is_stale {
+                self.counters.stale_intervals += 1;
+                out.events.push(Event::Stale { t_s, newest_pose_s: self.matching.newest_pose_s() });
+            }
+            self.is_stale = true;
+            self.held.push(answer(arrived, Status::Stale));
+            return self.release_unless_held(out);
+        };
+        if std::mem::take(&mut self.is_stale) {
+            out.events.push(Event::Recovered { t_s });
+        }
+        self.counters.matched += 1;
+        let is_gated = !self.gate.admits(reading_n_m);
+        self.counters.gated += u64::from(is_gated);
+        let now = Instant { t_s, base, twist: None, moment_z_n_m: reading_n_m, rotation_z_rad: None };
+        self.estimator.push(&self.steps.sample(&now, reading_n_m), &mut self.estimates);
+        let status = if is_gated { Status::Gated } else { Status::Used };
+        self.held.push(Answer { base: Some(base), ..answer(arrived, status) });
+        self.release_unless_held(out);
+    }
+
+    fn release_unless_held(&mut self, out: &mut Output) {
+        if !(self.looks_back && self.estimator.is_following()) {
+            self.release(out);
+        }
+    }
+
+    fn release(&mut self, out: &mut Output) {
+        let mut estimates = self.estimates.drain(..);
+        for answer in self.held.drain(..) {
+            // The estimator was given those with a pose.
+            let estimate = answer.base.and_then(|_| estimates.next().flatten());
+            self.counters.estimates += u64::from(estimate.is_some());
+            out.answers.push(Answer { estimate, ..answer });
+        }
+    }
+
+    /// Begins anew after a jump of a clock; waiting readings are dropped.
+    fn restart(&mut self, stream: Stream, jump: Jump, out: &mut Output) -> anyhow::Result<()> {
+        self.counters.jumps += 1;
+        self.estimator.end(&mut self.estimates);
+        self.release(out);
+        let dropped = self.matching.drain();
+        out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
+        out.events.push(Event::Jumped { stream, jump });
+        self.estimator = (self.build)()?;
+        self.steps = Steps::default();
+        self.matching = Matching::new(self.timing, self.rate_hz);
+        self.is_stale = false;
+        Ok(())
+    }
+}
+
+/// Answer without an estimate.
+fn answer(arrived: &Arrived, status: Status) -> Answer {
+    let Arrived { t_s, reading_n_m, at_s } = *arrived;
+    Answer { t_s, arrived_s: at_s, reading_n_m, status, base: None, estimate: None }
+}

@@ -1,0 +1,76 @@
+//! Events of a stream that a user has to know of.
+
+use std::fmt;
+
+use crate::clock::Jump;
+
+/// Kind of messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stream {
+    /// Readings of the sensor.
+    Readings,
+    /// Poses of the base.
+    Poses,
+}
+
+impl fmt::Display for Stream {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Readings => "readings",
+            Self::Poses => "poses",
+        })
+    }
+}
+
+/// Event of a stream. It is displayed as what was found and what was expected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The poses of the base did not arrive in time; there are no estimates until [`Self::Recovered`].
+    Stale {
+        /// Time of the first reading without a pose.
+        t_s: f64,
+        /// Time of the newest pose.
+        newest_pose_s: Option<f64>,
+    },
+    /// Poses arrive in time again.
+    Recovered {
+        /// Time of the first reading with a pose.
+        t_s: f64,
+    },
+    /// The clock of a stream jumped; the estimator restarted.
+    Jumped {
+        /// The stream.
+        stream: Stream,
+        /// Its jump.
+        jump: Jump,
+    },
+    /// A message has a value that is not finite.
+    NotFinite {
+        /// The stream.
+        stream: Stream,
+        /// Time of the message, which may be the value.
+        t_s: f64,
+    },
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stale { t_s, newest_pose_s } => {
+                write!(f, "stale poses: found none at or after the reading of {t_s} s in time")?;
+                if let Some(newest_s) = newest_pose_s {
+                    write!(f, ", the newest of {newest_s} s")?;
+                }
+                f.write_str("; there are no estimates until poses arrive again")
+            }
+            Self::Recovered { t_s } => write!(f, "poses arrive again, from {t_s} s on"),
+            Self::Jumped { stream, jump } => {
+                write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")
+            }
+            Self::NotFinite { stream, t_s } => write!(
+                f,
+                "{stream}: found a value that is not finite at {t_s} s, expected finite numbers; the message is left out"
+            ),
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! Contact estimation on streams: readings and poses that arrive independently, late, twice, in another order, or not at all.
+//!
+//! ```text
+//! readings, poses -> order and jumps of their clocks -> matching by time -> estimator -> one answer to each reading
+//! ```
+//!
+//! The crate accesses no files, threads, clocks or devices: each message is passed with the time of its arrival. Samples, contact
+//! detection and estimators are those of [`testbed::replay`]; a stream without delays has the estimates of a replay.
+//!
+//! | item | contents |
+//! | --- | --- |
+//! | [`LiveEstimator`] | estimator of one whisker on its streams |
+//! | [`Timing`] | longest waits and gaps, smallest jump of a clock |
+//! | [`Counters`], [`Event`], [`Status`] | what happened to the messages |
+//! | [`play()`], [`Disturbance`] | recordings as streams, with lost, delayed and swapped messages |
+//! | [`wire`] | messages as JSON lines |
+//!
+//! # Example
+//! A golden trace arrives as two streams, of which 5 % are lost. The contacts are estimated by the filter `ekf` and compared
+//! with the truth. For brevity the trace serves as calibration too.
+//!
+//! ```
+//! use std::path::Path;
+//!
+//! use indicatif::ProgressBar;
+//! use live::{Disturbance, LiveEstimator, Timing, messages, play};
+//! use testbed::dataset::Dataset;
+//! use testbed::fit::{FitSettings, Models, fit};
+//! use testbed::front_end::FrontEndConfig;
+//! use testbed::replay::{estimator, knowledge};
+//! use trace::{CalibrationFile, Role, Trace};
+//! use whisker::events::TouchConfig;
+//!
+//! # fn main() -> anyhow::Result<()> {
+//! let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+//! let folder = tempfile::tempdir()?;
+//! for name in ["golden_pin", "golden_circle"] {
+//!     let mut trace = Trace::read(&golden.join(name).with_extension("csv"))?;
+//!     (trace.sidecar.role, trace.sidecar.contour) = (Role::Calibration, None);
+//!     trace.write(folder.path())?;
+//! }
+//! let dataset = Dataset::open(folder.path(), None)?;
+//! let models = Models::One { kind: "elastica".into(), config: serde_json::json!({}) };
+//! let front_end = FrontEndConfig::default();
+//! let settings = FitSettings { models, noise: 0.0, seed: 1, front_end, sensors: Vec::new() };
+//! let calibrations = dataset.calibrations("white");
+//! fit(&dataset, &settings, &calibrations, &ProgressBar::hidden())?;
+//!
+//! // Prior information, and a builder of the estimator.
+//! let trace = Trace::read(&golden.join("golden_pin.csv"))?;
+//! let path = calibrations.join(format!("{}.json", trace.sidecar.whisker.name));
+//! let faces = CalibrationFile::read(&path)?.calibrated(&path, None)?;
+//! let knowledge = knowledge(&trace.sidecar, &faces, 1e-7);
+//! let row = whisker::estimators::estimator("ekf").expect("a registered estimator");
+//! let prior = knowledge.clone();
+//! let build = move || estimator(row, &(row.defaults)(), TouchConfig::default(), &prior, "golden_pin", 1);
+//!
+//! // Streams of readings and poses.
+//! let readings: Vec<f64> = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m).collect();
+//! let disturbance = Disturbance { lost: 0.05, ..Disturbance::default() };
+//! let messages = messages(&[(&trace.recording, &readings)], &disturbance, 1);
+//!
+//! let mut live = [LiveEstimator::new(Box::new(build), &knowledge, false, Timing::default())?];
+//! let mut contacts = Vec::new();
+//! play(&mut live, &messages, |_| true, |_, out| {
+//!     let estimates = out.answers.drain(..);
+//!     contacts.extend(estimates.filter_map(|answer| Some((answer.t_s, answer.base?.apply(answer.estimate?.contact)))));
+//!     Ok(())
+//! })?;
+//!
+//! let (t_s, last) = contacts.last().expect("the whisker touches");
+//! let row = trace.recording.instants.iter().position(|instant| instant.t_s == *t_s).expect("a time of the trace");
+//! let error_m = trace.truth.instants[row].contact.expect("it touches until the end").distance(last);
+//! assert!(error_m < 1e-3 && live[0].counters().missing > 0, "{error_m} m");
+//! # Ok(())
+//! # }
+//! ```
+
+mod clock;
+mod counters;
+mod disturbance;
+mod estimator;
+mod event;
+mod matching;
+mod play;
+mod poses;
+mod timing;
+pub mod wire;
+
+pub use clock::Jump;
+pub use counters::Counters;
+pub use disturbance::Disturbance;
+pub use estimator::{Answer, Build, LiveEstimator, Output, Status};
+pub use event::{Event, Stream};
+pub use play::{Content, Message, first_due, messages, play};
+pub use timing::Timing;

@@ -1,0 +1,183 @@
+//! Matching of readings and poses by time.
+
+use std::collections::VecDeque;
+
+use whisker::frames::{Base, Pose, World};
+
+use crate::clock::{Clock, Jump, Order};
+use crate::counters::Counters;
+use crate::poses::{Place, Poses};
+use crate::timing::Timing;
+
+/// Largest number of waiting readings.
+const MOST_WAITING: usize = 1 << 14;
+
+/// Number of settled readings whose times are kept, to tell repeated readings from late ones.
+const RECENT: usize = 256;
+
+/// Number of nominal intervals between readings by which a clock may differ at least.
+const INTERVALS: f64 = 3.0;
+
+/// Share of a nominal interval by which readings may follow each other later without one being missing.
+const UNEVEN: f64 = 0.5;
+
+/// Reading that has arrived.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Arrived {
+    pub(crate) t_s: f64,
+    pub(crate) reading_n_m: f64,
+    pub(crate) at_s: f64,
+}
+
+/// Admission of a message.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Admitted {
+    /// It is kept.
+    Kept,
+    /// It is too late.
+    Late,
+    /// Its time has arrived before.
+    Repeated,
+}
+
+/// Readings that wait for their poses, and poses.
+#[derive(Clone, Debug)]
+pub(crate) struct Matching {
+    timing: Timing,
+    rate_hz: f64,
+    readings: Clock,
+    poses: Clock,
+    /// In order of time.
+    waiting: VecDeque<Arrived>,
+    placed: Poses,
+    /// Times of the last settled readings.
+    recent: VecDeque<f64>,
+}
+
+impl Matching {
+    pub(crate) fn new(timing: Timing, rate_hz: f64) -> Self {
+        let (readings, poses) = (Clock::default(), Clock::default());
+        let (waiting, placed, recent) = (VecDeque::new(), Poses::default(), VecDeque::new());
+        Self { timing, rate_hz, readings, poses, waiting, placed, recent }
+    }
+
+    /// Adds a reading.
+    ///
+    /// # Errors
+    /// If the clock of the readings has jumped; the reading is not added.
+    pub(crate) fn reading(&mut self, arrived: Arrived, counters: &mut Counters) -> Result<Admitted, Jump> {
+        let Arrived { t_s, at_s, .. } = arrived;
+        let order = self.readings.check(t_s, at_s, self.jump_s());
+        if let Order::Jumped(jump) = order {
+            return Err(jump);
+        }
+        let place = self.waiting.partition_point(|waiting| waiting.t_s < t_s);
+        let is_waiting = self.waiting.get(place).is_some_and(|waiting| waiting.t_s == t_s);
+        let is_past = self.recent.back().is_some_and(|last_s| t_s <= *last_s);
+        if is_waiting || (is_past && self.recent.contains(&t_s)) {
+            counters.repeated += 1;
+            return Ok(Admitted::Repeated);
+        }
+        // Its pose would be one of another clock if the clock of the readings was set back.
+        let is_behind_poses = self.placed.newest_s().is_some_and(|newest_s| newest_s - t_s > self.jump_s());
+        if is_past || is_behind_poses {
+            counters.late += 1;
+            return Ok(Admitted::Late);
+        }
+        counters.overtaken += u64::from(order == Order::Behind);
+        self.waiting.insert(place, arrived);
+        Ok(Admitted::Kept)
+    }
+
+    /// Adds a pose that arrives at `at_s`.
+    ///
+    /// # Errors
+    /// If the clock of the poses has jumped; the pose is not added.
+    pub(crate) fn pose(
+        &mut self,
+        t_s: f64,
+        pose: Pose<Base, World>,
+        at_s: f64,
+        counters: &mut Counters,
+    ) -> Result<(), Jump> {
+        let order = self.poses.check(t_s, at_s, self.jump_s());
+        if let Order::Jumped(jump) = order {
+            return Err(jump);
+        }
+        if self.placed.is_before_all(t_s) && !self.recent.is_empty() {
+            counters.late += 1;
+        } else if !self.placed.insert(t_s, pose) {
+            counters.repeated += 1;
+        } else {
+            counters.overtaken += u64::from(order == Order::Behind);
+        }
+        Ok(())
+    }
+
+    /// The next reading that needs not wait any longer at `now_s`, with its pose. The pose is `None` if it did not arrive in time.
+    pub(crate) fn settled(
+        &mut self,
+        now_s: f64,
+        counters: &mut Counters,
+    ) -> Option<(Arrived, Option<Pose<Base, World>>)> {
+        let next = *self.waiting.front()?;
+        let is_full = self.waiting.len() > MOST_WAITING;
+        if !is_full && self.awaits_earlier(&next) && now_s < next.at_s + self.timing.reorder_s {
+            return None;
+        }
+        let pose = match self.placed.at(next.t_s, self.timing.gap_s) {
+            Place::At(pose) => Some(pose),
+            Place::Pending if !is_full && now_s < next.at_s + self.timing.wait_s => return None,
+            Place::Pending | Place::Unknown => None,
+        };
+        self.settle(&next, counters);
+        Some((next, pose))
+    }
+
+    /// The next waiting reading, at the end of the streams: as [`Self::settled`] without a wait.
+    pub(crate) fn last(&mut self, counters: &mut Counters) -> Option<(Arrived, Option<Pose<Base, World>>)> {
+        self.settled(f64::INFINITY, counters)
+    }
+
+    /// Time from which on [`Self::settled`] settles the next reading at the latest.
+    pub(crate) fn deadline_s(&self) -> Option<f64> {
+        let next = self.waiting.front()?;
+        let earlier_s = if self.awaits_earlier(next) { self.timing.reorder_s } else { 0.0 };
+        let pending = self.placed.at(next.t_s, self.timing.gap_s) == Place::Pending;
+        let pose_s = if pending { self.timing.wait_s } else { 0.0 };
+        Some(next.at_s + earlier_s.max(pose_s))
+    }
+
+    /// Takes the waiting readings.
+    pub(crate) fn drain(&mut self) -> VecDeque<Arrived> {
+        std::mem::take(&mut self.waiting)
+    }
+
+    /// Time of the newest pose.
+    pub(crate) fn newest_pose_s(&self) -> Option<f64> {
+        self.placed.newest_s()
+    }
+
+    /// Whether readings between the last settled one and this one have not arrived.
+    fn awaits_earlier(&self, next: &Arrived) -> bool {
+        self.recent.back().is_some_and(|last_s| (next.t_s - last_s) * self.rate_hz > 1.0 + UNEVEN)
+    }
+
+    /// Largest difference of two clocks.
+    fn jump_s(&self) -> f64 {
+        self.timing.jump_s.max(INTERVALS / self.rate_hz)
+    }
+
+    fn settle(&mut self, next: &Arrived, counters: &mut Counters) {
+        if let Some(last_s) = self.recent.back() {
+            let intervals = ((next.t_s - last_s) * self.rate_hz).round();
+            counters.missing += (intervals - 1.0).max(0.0) as u64;
+        }
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back(next.t_s);
+        self.waiting.pop_front();
+        self.placed.forget_before(next.t_s);
+    }
+}

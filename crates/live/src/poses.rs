@@ -1,0 +1,132 @@
+//! Poses of a whisker's base by time, and the pose between two of them.
+
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+use whisker::frames::{Base, Pose, World};
+
+/// Largest number of kept poses.
+const MOST: usize = 1 << 14;
+
+/// Pose at a requested time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Place {
+    /// It is known.
+    At(Pose<Base, World>),
+    /// A later pose may determine it.
+    Pending,
+    /// No later pose can determine it: there is none before, or too long a gap.
+    Unknown,
+}
+
+/// Poses in order of time.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Poses {
+    kept: VecDeque<(f64, Pose<Base, World>)>,
+}
+
+impl Poses {
+    /// Adds a pose and returns whether there was none at its time. The yaw is continued from the pose before by whole turns.
+    pub(crate) fn insert(&mut self, t_s: f64, pose: Pose<Base, World>) -> bool {
+        let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
+        if self.kept.get(place).is_some_and(|(of_kept_s, _)| *of_kept_s == t_s) {
+            return false;
+        }
+        let beside = self.kept.get(place.saturating_sub(1));
+        let turns = beside.map_or(0.0, |(_, beside)| ((beside.yaw_rad() - pose.yaw_rad()) / TAU).round());
+        let continued = if turns == 0.0 { pose } else { turned(&pose, turns * TAU) };
+        self.kept.insert(place, (t_s, continued));
+        if self.kept.len() > MOST {
+            self.kept.pop_front();
+        }
+        true
+    }
+
+    /// Pose at a time: the one with that time or, by linear interpolation, between its neighbours if they are at most `gap_s`
+    /// apart.
+    pub(crate) fn at(&self, t_s: f64, gap_s: f64) -> Place {
+        let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
+        let Some((after_s, after)) = self.kept.get(place) else { return Place::Pending };
+        if *after_s == t_s {
+            return Place::At(*after);
+        }
+        let Some((before_s, before)) = place.checked_sub(1).and_then(|place| self.kept.get(place)) else {
+            return Place::Unknown;
+        };
+        if after_s - before_s > gap_s {
+            return Place::Unknown;
+        }
+        Place::At(between(before, after, (t_s - before_s) / (after_s - before_s)))
+    }
+
+    /// Time of the newest pose.
+    pub(crate) fn newest_s(&self) -> Option<f64> {
+        self.kept.back().map(|(t_s, _)| *t_s)
+    }
+
+    /// Drops the poses that no time from `t_s` on requires.
+    pub(crate) fn forget_before(&mut self, t_s: f64) {
+        while self.kept.get(1).is_some_and(|(next_s, _)| *next_s <= t_s) {
+            self.kept.pop_front();
+        }
+    }
+
+    /// Whether a pose at this time lies before all that are kept.
+    pub(crate) fn is_before_all(&self, t_s: f64) -> bool {
+        self.kept.front().is_some_and(|(first_s, _)| t_s < *first_s)
+    }
+}
+
+/// A pose whose yaw is larger by whole turns.
+fn turned(pose: &Pose<Base, World>, by_rad: f64) -> Pose<Base, World> {
+    Pose::new(pose.origin().x(), pose.origin().y(), pose.yaw_rad() + by_rad)
+}
+
+/// Pose at a share of the way from one to another, the yaw by the shorter way.
+fn between(before: &Pose<Base, World>, after: &Pose<Base, World>, share: f64) -> Pose<Base, World> {
+    let (from, to) = (before.origin().vector(), after.origin().vector());
+    let turn_rad = after.yaw_rad() - before.yaw_rad();
+    let turn_rad = turn_rad - TAU * (turn_rad / TAU).round();
+    let at = from + (to - from) * share;
+    Pose::new(at.x, at.y, before.yaw_rad() + turn_rad * share)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    fn poses(rows: &[(f64, f64, f64)]) -> Poses {
+        let mut poses = Poses::default();
+        rows.iter().for_each(|&(t_s, x_m, yaw_rad)| assert!(poses.insert(t_s, Pose::new(x_m, 0.0, yaw_rad))));
+        poses
+    }
+
+    #[test]
+    fn verif_poses_are_interpolated_in_any_order_of_arrival() {
+        let poses = poses(&[(0.2, 2.0, 0.4), (0.0, 0.0, 0.0), (0.1, 1.0, 0.2)]);
+        assert_eq!(poses.at(0.1, 0.1), Place::At(Pose::new(1.0, 0.0, 0.2)));
+        let Place::At(pose) = poses.at(0.175, 0.11) else { panic!("a pose") };
+        assert!((pose.origin().x() - 1.75).abs() < 1e-12 && (pose.yaw_rad() - 0.35).abs() < 1e-12);
+        assert_eq!(poses.at(0.175, 0.05), Place::Unknown);
+        assert_eq!(poses.at(-0.1, 1.0), Place::Unknown);
+        assert_eq!(poses.at(0.3, 1.0), Place::Pending);
+    }
+
+    #[test]
+    fn verif_a_wrapped_yaw_is_continued() {
+        let poses = poses(&[(0.0, 0.0, 3.1), (0.1, 0.0, -3.1)]);
+        let Place::At(pose) = poses.at(0.05, 1.0) else { panic!("a pose") };
+        assert!((pose.yaw_rad() - PI).abs() < 1e-12);
+    }
+
+    #[test]
+    fn verif_the_last_pose_before_a_time_is_kept() {
+        let mut poses = poses(&[(0.0, 0.0, 0.0), (0.1, 1.0, 0.0), (0.2, 2.0, 0.0)]);
+        poses.forget_before(0.15);
+        assert!(poses.is_before_all(0.05) && !poses.is_before_all(0.1));
+        assert_eq!(poses.at(0.1, 1.0), Place::At(Pose::new(1.0, 0.0, 0.0)));
+        assert!(!poses.insert(0.2, Pose::new(9.0, 0.0, 0.0)));
+    }
+}

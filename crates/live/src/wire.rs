@@ -1,0 +1,239 @@
+//! Messages of a stream as JSON lines: those between an evaluation and an external program, the other way round. They are
+//! specified in `docs/LIVE.md`.
+
+use std::fmt;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use strict_json::{parse_json, shown};
+use testbed::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine};
+use whisker::Whisker;
+use whisker::frames::{Base, Pose, World};
+
+use crate::estimator::Answer;
+
+/// Key that only the first line of a whisker has.
+const PROTOCOL_KEY: &str = "protocol";
+
+/// First line of a whisker: prior information. Keys of the protocol that the calibration determines are read but not used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PriorLine {
+    /// Version of the protocol.
+    pub protocol: u32,
+    /// Name of the whisker, if there are several.
+    #[serde(default)]
+    pub name: Option<String>,
+    /// Seed for methods that draw random numbers.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// Readings per second.
+    pub rate_hz: f64,
+    /// Standard deviation of the measurement noise.
+    pub noise_sd_n_m: f64,
+    /// Noise of the poses. Missing: none.
+    #[serde(default)]
+    pub base_noise: Option<BaseNoiseLine>,
+    /// Prior of the first contact.
+    #[serde(default)]
+    pub told: Option<ContactPriorLine>,
+    /// Parameters of the whisker, which must be those of the calibration.
+    #[serde(default)]
+    pub whisker: Option<Whisker>,
+    /// Undeflected whisker; not used.
+    #[serde(default)]
+    pub rest: Option<Value>,
+    /// Calibrated faces; not used.
+    #[serde(default)]
+    pub faces: Option<Value>,
+}
+
+/// Later line: a reading, a pose, or both at one time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleLine {
+    /// Name of the whisker, if there are several.
+    pub name: Option<String>,
+    /// Time.
+    pub t_s: f64,
+    /// Reading of the sensor.
+    pub reading_n_m: Option<f64>,
+    /// Pose of the base in a frame at rest.
+    pub base: Option<Pose<Base, World>>,
+}
+
+/// Line of a stream.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Line {
+    /// Prior information.
+    Prior(Box<PriorLine>),
+    /// Reading, pose or both.
+    Sample(SampleLine),
+}
+
+/// All keys of a later line. Those of the protocol that follow from the poses are read but not used.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    #[serde(default)]
+    name: Option<String>,
+    t_s: f64,
+    #[serde(default)]
+    reading_n_m: Option<f64>,
+    #[serde(default)]
+    base_x_m: Option<f64>,
+    #[serde(default)]
+    base_y_m: Option<f64>,
+    #[serde(default)]
+    base_yaw_rad: Option<f64>,
+    #[serde(default)]
+    dt_s: Option<f64>,
+    #[serde(default)]
+    last_x_m: Option<f64>,
+    #[serde(default)]
+    last_y_m: Option<f64>,
+    #[serde(default)]
+    last_yaw_rad: Option<f64>,
+    #[serde(default)]
+    touched: Option<Value>,
+}
+
+/// Line that is no message: the column, what was found and what was expected.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BadLine {
+    /// Column, from 1 on. `None` if the problem has no single place.
+    pub column: Option<usize>,
+    /// What was found and what was expected.
+    pub reason: String,
+    /// Whether a number is not finite.
+    pub is_not_finite: bool,
+}
+
+impl fmt::Display for BadLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.column.iter().try_for_each(|column| write!(f, "column {column}: "))?;
+        f.write_str(&self.reason)
+    }
+}
+
+/// Parses a line.
+///
+/// # Errors
+/// [`BadLine`] if it is no message.
+pub fn parse(line: &str) -> Result<Line, BadLine> {
+    let is_prior = line.contains(PROTOCOL_KEY)
+        && serde_json::from_str::<Value>(line).is_ok_and(|value| value.get(PROTOCOL_KEY).is_some());
+    if is_prior {
+        return Ok(Line::Prior(Box::new(strict(line)?)));
+    }
+    let keys: Keys = strict(line)?;
+    let base = match (keys.base_x_m, keys.base_y_m, keys.base_yaw_rad) {
+        (Some(x_m), Some(y_m), Some(yaw_rad)) => Some(Pose::new(x_m, y_m, yaw_rad)),
+        (None, None, None) => None,
+        _ => return Err(unplaced("found a part of a pose, expected all of base_x_m, base_y_m and base_yaw_rad")),
+    };
+    if keys.reading_n_m.is_none() && base.is_none() {
+        return Err(unplaced(
+            "found neither a reading nor a pose, expected reading_n_m, or base_x_m, base_y_m and base_yaw_rad, or all",
+        ));
+    }
+    Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading_n_m: keys.reading_n_m, base }))
+}
+
+/// Answer to a reading of the whisker with this name.
+pub fn answer_line(name: Option<&str>, answer: &Answer) -> AnswerLine {
+    AnswerLine {
+        name: name.map(Into::into),
+        t_s: Some(answer.t_s),
+        status: Some(answer.status.name().into()),
+        base_x_m: answer.base.map(|base| base.origin().x()),
+        base_y_m: answer.base.map(|base| base.origin().y()),
+        base_yaw_rad: answer.base.map(|base| base.yaw_rad()),
+        ..AnswerLine::new(answer.estimate.as_ref())
+    }
+}
+
+fn unplaced(reason: &str) -> BadLine {
+    BadLine { column: None, reason: reason.into(), is_not_finite: false }
+}
+
+fn strict<T: DeserializeOwned + Serialize>(line: &str) -> Result<T, BadLine> {
+    parse_json(line.as_bytes()).map_err(|error| {
+        let column = Some(error.column()).filter(|column| *column > 0);
+        if let Some(number) = column.and_then(|column| number_at(line, column))
+            && is_not_finite(number, &error)
+        {
+            let reason = format!("found `{}`, expected a finite number", shown(number));
+            return BadLine { column, reason, is_not_finite: true };
+        }
+        let text = error.to_string();
+        let reason = text.split(" at line ").next().unwrap_or(&text);
+        let expected =
+            "expected a JSON object with t_s and a reading or a pose, or the first line of a whisker (docs/LIVE.md)";
+        BadLine { column, reason: format!("{}, {expected}", shown(reason)), is_not_finite: false }
+    })
+}
+
+/// The value at this column of an object or a list: the text between its colon, comma or bracket and the next.
+fn number_at(line: &str, column: usize) -> Option<&str> {
+    let place = column.min(line.len());
+    let start = line.get(..place)?.rfind([':', ',', '['])? + 1;
+    let value = line[start..].split([',', '}', ']']).next()?;
+    Some(value.trim())
+}
+
+/// Whether a text stands for a number that is not finite.
+fn is_not_finite(text: &str, error: &serde_json::Error) -> bool {
+    let word = text.trim_start_matches(['-', '+']).to_ascii_lowercase();
+    ["nan", "inf", "infinity"].contains(&word.as_str()) || error.to_string().starts_with("number out of range")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bad(line: &str) -> String {
+        parse(line).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn verif_lines_are_parsed() {
+        let sample = |line| match parse(line) {
+            Ok(Line::Sample(sample)) => sample,
+            other => panic!("{other:?}"),
+        };
+        let reading = sample(r#"{"name": "left_1", "t_s": 0.5, "reading_n_m": -1e-5}"#);
+        assert_eq!((reading.name.as_deref(), reading.reading_n_m, reading.base), (Some("left_1"), Some(-1e-5), None));
+        let pose = sample(r#"{"t_s": 0.5, "base_x_m": 1, "base_y_m": 2, "base_yaw_rad": 3}"#);
+        assert_eq!((pose.reading_n_m, pose.base), (None, Some(Pose::new(1.0, 2.0, 3.0))));
+        let row = r#"{"t_s":1,"dt_s":0.004,"base_x_m":1,"base_y_m":2,"base_yaw_rad":3,"last_x_m":0,"last_y_m":0,
+            "last_yaw_rad":0,"reading_n_m":1e-6,"touched":"left"}"#;
+        let both = sample(row);
+        assert!(both.reading_n_m.is_some() && both.base.is_some());
+        let prior = parse(r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#);
+        assert!(matches!(prior, Ok(Line::Prior(prior)) if prior.rate_hz == 250.0 && prior.told.is_none()));
+        assert!(matches!(parse(r#"{"name": "protocol", "t_s": 0, "reading_n_m": 0}"#), Ok(Line::Sample(_))));
+    }
+
+    #[test]
+    fn robust_numbers_that_are_not_finite_are_named_with_their_column() {
+        for (value, column) in [("NaN", 23), ("-Infinity", 24), ("1e999", 28), ("inf", 23)] {
+            let error = parse(&format!(r#"{{"t_s":1,"reading_n_m":{value}}}"#)).unwrap_err();
+            assert!(error.is_not_finite, "{value}: {error}");
+            assert!(error.to_string().ends_with(&format!("found `{value}`, expected a finite number")), "{error}");
+            assert!(error.column.is_some_and(|found| found.abs_diff(column) <= 3), "{value}: {error}");
+        }
+    }
+
+    #[test]
+    fn robust_lines_that_are_no_messages_are_refused() {
+        assert!(bad("nonsense").starts_with("column 2: expected ident, expected a JSON object"), "{}", bad("nonsense"));
+        assert!(bad("").contains("expected a JSON object"));
+        assert!(bad("[1, 2]").contains("expected a JSON object"));
+        assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither a reading nor a pose"));
+        assert!(bad(r#"{"t_s": 1, "base_x_m": 0}"#).starts_with("found a part of a pose"));
+        assert!(bad(r#"{"t_s": 1, "reading": 0}"#).contains("unknown field `reading`"));
+        assert!(bad(r#"{"t_s": 1, "t_s": 1, "reading_n_m": 0}"#).contains("t_s"));
+        assert!(bad(r#"{"protocol": 1}"#).contains("missing field `rate_hz`"));
+    }
+}

@@ -1,0 +1,113 @@
+//! Answers as JSON lines, notes on stderr, and the summary at the end.
+
+use std::collections::BTreeMap;
+use std::io::{self, StdoutLock, Write};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use live::wire::answer_line;
+use live::{Event, LiveEstimator, Output, Status};
+use platform::inference::Times;
+use testbed::participant::AnswerLine;
+
+use crate::commands::{FINISHED_WITH_FAILURES, diagnose};
+
+/// Largest number of printed notes of a kind; further ones are counted.
+const MOST_NOTES: u64 = 10;
+
+/// Status of a line that is no message.
+const REFUSED: &str = "refused";
+
+/// Destination of the answers.
+pub(super) struct Sink {
+    stdout: StdoutLock<'static>,
+    line: Vec<u8>,
+    /// Wall-clock time at which the time of arrivals is zero, and its speed.
+    origin: Instant,
+    speed: f64,
+    latency: Times,
+    notes: BTreeMap<&'static str, u64>,
+    refused: u64,
+}
+
+impl Sink {
+    /// A sink for arrivals at `speed` seconds a second from `origin` on.
+    pub(super) fn new(origin: Instant, speed: f64) -> Self {
+        let (line, latency, notes) = (Vec::new(), Times::default(), BTreeMap::new());
+        Self { stdout: io::stdout().lock(), line, origin, speed, latency, notes, refused: 0 }
+    }
+
+    /// Writes the answers of a whisker and prints its events. `name` is `None` if it is the only one.
+    pub(super) fn take(&mut self, name: Option<&str>, out: &mut Output) -> anyhow::Result<()> {
+        let of = name.map_or_else(String::new, |name| format!("{name}: "));
+        for event in out.events.drain(..) {
+            let (kind, most) = match event {
+                Event::Stale { .. } => ("stale poses", MOST_NOTES),
+                Event::Recovered { .. } => ("poses again", MOST_NOTES),
+                Event::Jumped { .. } => ("jumps of a clock", MOST_NOTES),
+                Event::NotFinite { .. } => ("values that are not finite", 1),
+            };
+            let is_error = matches!(event, Event::Jumped { .. } | Event::NotFinite { .. });
+            self.refused += u64::from(is_error);
+            self.note(kind, most, || format!("{}{of}{event}", if is_error { "error: " } else { "" }));
+        }
+        if out.answers.is_empty() {
+            return Ok(());
+        }
+        for answer in &out.answers {
+            self.write(&answer_line(name, answer))?;
+        }
+        self.stdout.flush()?;
+        let elapsed_s = self.origin.elapsed().as_secs_f64();
+        for answer in out.answers.drain(..) {
+            if matches!(answer.status, Status::Used | Status::Gated) {
+                let latency_s = (elapsed_s - answer.arrived_s / self.speed).max(0.0);
+                self.latency.push(Duration::from_secs_f64(latency_s));
+            }
+        }
+        Ok(())
+    }
+
+    /// Prints why a line is no message, and answers it.
+    pub(super) fn refuse(&mut self, kind: &'static str, reason: &str) -> anyhow::Result<()> {
+        self.refused += 1;
+        self.note(kind, 1, || format!("error: {reason}; the line is left out"));
+        self.write(&AnswerLine { status: Some(REFUSED.into()), ..AnswerLine::default() })?;
+        Ok(self.stdout.flush()?)
+    }
+
+    /// Prints the counts of the whiskers and the latency. Returns the exit code.
+    pub(super) fn finish<'a>(
+        self,
+        whiskers: impl IntoIterator<Item = (Option<&'a str>, &'a LiveEstimator)>,
+    ) -> ExitCode {
+        for (kind, count) in &self.notes {
+            if *count > 1 {
+                diagnose(&format!("{kind}: {count}"));
+            }
+        }
+        for (name, estimator) in whiskers {
+            diagnose(&format!("{}: {}", name.unwrap_or("whisker"), estimator.counters()));
+        }
+        if self.latency.count() > 0 {
+            diagnose(&format!("latency from reading to answer: {} answers, {}", self.latency.count(), self.latency));
+        }
+        if self.refused > 0 { FINISHED_WITH_FAILURES.into() } else { ExitCode::SUCCESS }
+    }
+
+    fn write(&mut self, answer: &AnswerLine) -> anyhow::Result<()> {
+        self.line.clear();
+        serde_json::to_writer(&mut self.line, answer)?;
+        self.line.push(b'\n');
+        Ok(self.stdout.write_all(&self.line)?)
+    }
+
+    fn note(&mut self, kind: &'static str, most: u64, words: impl FnOnce() -> String) {
+        let count = self.notes.entry(kind).or_default();
+        *count += 1;
+        if *count <= most {
+            let further = if *count == most { " (further ones are counted)" } else { "" };
+            diagnose(&format!("{}{further}", words()));
+        }
+    }
+}

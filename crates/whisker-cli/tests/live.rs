@@ -1,0 +1,328 @@
+//! `whisker live`: recordings and JSON lines against `whisker replay`, bad lines and signals.
+#![cfg(unix)]
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+
+use files::sha256;
+use serde_json::{Value, json};
+use tempfile::TempDir;
+use testbed::results::{EstimateRow, read_rows};
+use trace::{Role, Trace};
+
+/// Estimators of every class, for one whisker each.
+const ESTIMATORS: [&str; 3] = ["ekf", "outline", "smoother"];
+
+fn whisker(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+fn good(arguments: &[&str]) -> Output {
+    let output = whisker(arguments).stdin(Stdio::null()).output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    output
+}
+
+/// Golden traces with a calibration.
+struct Bench(TempDir);
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self(tempfile::tempdir().unwrap());
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+        for (of, name, role) in [
+            ("golden_pin", "pin", Role::Trial),
+            ("golden_circle", "round", Role::Trial),
+            ("golden_pin", "grid_0", Role::Calibration),
+            ("golden_circle", "grid_1", Role::Calibration),
+        ] {
+            let mut trace = Trace::read(&golden.join(format!("{of}.csv"))).unwrap();
+            (trace.sidecar.name, trace.sidecar.role, trace.sidecar.contour) = (name.into(), role, None);
+            trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+            trace.write(bench.0.path()).unwrap();
+        }
+        good(&["fit", bench.0.path().to_str().unwrap(), "--model", "elastica"]);
+        bench
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn calibration(&self) -> String {
+        let files: Vec<PathBuf> =
+            fs::read_dir(self.path("calibrations")).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let json = files.iter().find(|file| file.extension().is_some_and(|extension| extension == "json")).unwrap();
+        json.to_str().unwrap().to_owned()
+    }
+
+    fn replayed(&self, trace: &str, estimator: &str) -> Vec<EstimateRow> {
+        let out = self.path(&format!("{trace}.{estimator}.txt"));
+        good(&["replay", &self.path(&format!("{trace}.csv")), "--estimator", estimator, "--out", &out]);
+        read_rows(Path::new(&out)).unwrap()
+    }
+
+    /// First line of the whisker of a trace.
+    fn prior(&self, trace: &str, name: Option<&str>, rows: &[EstimateRow]) -> Value {
+        let trace = Trace::read(Path::new(&self.path(&format!("{trace}.csv")))).unwrap();
+        let largest = trace.recording.instants.iter().map(|instant| instant.moment_z_n_m.abs()).fold(0.0, f64::max);
+        assert_eq!(rows.len(), trace.sidecar.rows);
+        json!({"protocol": 1, "name": name, "rate_hz": trace.sidecar.rate_hz, "noise_sd_n_m": 0.01 * largest})
+    }
+}
+
+/// Reading and pose of a row, each as a line.
+fn lines(name: Option<&str>, row: &EstimateRow) -> [Value; 2] {
+    let mut pose =
+        json!({"t_s": row.t_s, "base_x_m": row.base_x_m, "base_y_m": row.base_y_m, "base_yaw_rad": row.base_yaw_rad});
+    let mut reading = json!({"t_s": row.t_s, "reading_n_m": row.reading_n_m});
+    if let Some(name) = name {
+        (pose["name"], reading["name"]) = (name.into(), name.into());
+    }
+    [reading, pose]
+}
+
+fn parsed(stdout: &[u8]) -> Vec<Value> {
+    text(stdout).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// Asserts that answers have the contacts of a replay.
+fn assert_same(answers: &[&Value], rows: &[EstimateRow], of: &str) {
+    assert_eq!(answers.len(), rows.len(), "{of}");
+    let mut contacts = 0;
+    for (answer, row) in answers.iter().zip(rows) {
+        assert_eq!(answer["t_s"].as_f64(), Some(row.t_s));
+        let Some(x) = answer["contact_x_m"].as_f64() else {
+            assert_eq!(row.contact_x_m, None, "{of}: {answer}");
+            continue;
+        };
+        let number = |key: &str| answer[key].as_f64().unwrap();
+        let (sin, cos) = number("base_yaw_rad").sin_cos();
+        let y = number("contact_y_m");
+        let found = [number("base_x_m") + cos * x - sin * y, number("base_y_m") + sin * x + cos * y];
+        let off_m = (found[0] - row.contact_x_m.unwrap()).hypot(found[1] - row.contact_y_m.unwrap());
+        assert!(off_m < 1e-12, "{of}: {off_m} m at {} s", row.t_s);
+        contacts += 1;
+    }
+    assert!(contacts > 100, "{of}: {contacts} contacts");
+}
+
+/// Runs the command with these lines on stdin.
+fn fed(arguments: &[&str], lines: &[Value]) -> Output {
+    let input: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    fed_text(arguments, &input)
+}
+
+fn fed_text(arguments: &[&str], input: &str) -> Output {
+    let mut child = whisker(arguments).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let input = input.to_owned();
+    // A command that refuses its first line does not read the others.
+    let writes = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
+    let output = child.wait_with_output().unwrap();
+    writes.join().unwrap();
+    output
+}
+
+#[test]
+fn verif_recordings_and_lines_have_the_contacts_of_a_replay() {
+    let bench = Bench::new();
+    let calibration = bench.calibration();
+    for estimator in ESTIMATORS {
+        for trace in ["pin", "round"] {
+            let of = format!("{estimator}, {trace}");
+            let rows = bench.replayed(trace, estimator);
+            let path = bench.path(&format!("{trace}.csv"));
+            let played = good(&["live", "--recording", &path, "--estimator", estimator, "--speed", "1e6"]);
+            let answers = parsed(&played.stdout);
+            assert_same(&answers.iter().collect::<Vec<_>>(), &rows, &format!("{of}, recording"));
+            assert!(text(&played.stderr).contains("latency from reading to answer: "), "{}", text(&played.stderr));
+            let mut input = vec![bench.prior(trace, None, &rows)];
+            input.extend(rows.iter().flat_map(|row| lines(None, row)));
+            let output = fed(&["live", "--calibration", &calibration, "--estimator", estimator], &input);
+            assert!(output.status.success(), "{}", text(&output.stderr));
+            let answers = parsed(&output.stdout);
+            assert_same(&answers.iter().collect::<Vec<_>>(), &rows, &format!("{of}, lines"));
+        }
+    }
+}
+
+#[test]
+fn verif_several_whiskers_have_the_contacts_of_their_replays() {
+    let bench = Bench::new();
+    let calibration = bench.calibration();
+    let traces = ["pin", "round"];
+    let rows = traces.map(|trace| bench.replayed(trace, "ekf"));
+    let named = traces.map(|trace| format!("{trace}={calibration}"));
+    let mut input: Vec<Value> =
+        traces.iter().zip(&rows).map(|(trace, rows)| bench.prior(trace, Some(trace), rows)).collect();
+    for row in 0..rows[0].len().max(rows[1].len()) {
+        for (trace, rows) in traces.iter().zip(&rows) {
+            input.extend(rows.get(row).into_iter().flat_map(|row| lines(Some(trace), row)));
+        }
+    }
+    let stdin = fed(&["live", "--calibration", &named[0], "--calibration", &named[1], "--estimator", "ekf"], &input);
+    let [pin, round] = traces.map(|trace| bench.path(&format!("{trace}.csv")));
+    let recorded = ["live", "--recording", &pin, "--recording", &round, "--estimator", "ekf", "--speed", "1e6"];
+    for output in [stdin, good(&recorded)] {
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let answers = parsed(&output.stdout);
+        for (trace, rows) in traces.iter().zip(&rows) {
+            let of: Vec<&Value> = answers.iter().filter(|answer| answer["name"] == **trace).collect();
+            assert_same(&of, rows, trace);
+        }
+    }
+}
+
+#[test]
+fn verif_an_evaluation_runs_it_as_an_external_program() {
+    let bench = Bench::new();
+    let program =
+        format!("live={} live --estimator ekf --calibration {}", env!("CARGO_BIN_EXE_whisker"), bench.calibration());
+    let other = tempfile::tempdir().unwrap();
+    let results = other.path().join("results").to_str().unwrap().to_owned();
+    good(&[
+        "evaluate",
+        &bench.path(""),
+        "--results",
+        &results,
+        "--name",
+        "run",
+        "--estimators",
+        "ekf",
+        "--exec",
+        &program,
+        "--seeds",
+        "1",
+    ]);
+    for trace in ["pin", "round"] {
+        let of = |name: &str| -> Vec<EstimateRow> {
+            read_rows(&Path::new(&results).join(format!("run/estimates/{trace}.{name}.csv"))).unwrap()
+        };
+        let mut contacts = 0;
+        for (own, other) in of("ekf").iter().zip(&of("live")) {
+            assert_eq!(own.contact_x_m.is_some(), other.contact_x_m.is_some());
+            let Some((x_m, y_m)) = own.contact_x_m.zip(own.contact_y_m) else { continue };
+            contacts += 1;
+            let off_m = (x_m - other.contact_x_m.unwrap()).hypot(y_m - other.contact_y_m.unwrap());
+            assert!(off_m < 1e-9, "{trace}: {off_m} m");
+        }
+        assert!(contacts > 100);
+    }
+}
+
+#[test]
+fn robust_bad_lines_are_named_with_line_and_column_counted_and_answered() {
+    let bench = Bench::new();
+    let rows = bench.replayed("pin", "ekf");
+    let clean: Vec<String> = [bench.prior("pin", None, &rows)]
+        .into_iter()
+        .chain(rows.iter().flat_map(|row| lines(None, row)))
+        .map(|line| line.to_string())
+        .collect();
+    let mut dirty = clean.clone();
+    dirty.insert(301, r#"{"t_s": 0.5, "reading_n_m": NaN}"#.into());
+    dirty.insert(305, r#"{"t_s": 0.5, "reading_n_m": Infinity}"#.into());
+    dirty.insert(501, r#"{"t_s": 0.5, "reading"#.into());
+    dirty.insert(601, r#"{"t_s": 0.5, "reading_n_m": 0, "name": "left"}"#.into());
+    let calibration = bench.calibration();
+    let output = fed_text(&["live", "--calibration", &calibration, "--estimator", "ekf"], &(dirty.join("\n") + "\n"));
+    let errors = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{errors}");
+    let said: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(said.len(), 2, "{errors}");
+    assert!(
+        said[0].starts_with("error: stdin: line 302, column ")
+            && said[0].contains("found `NaN`, expected a finite number"),
+        "{errors}"
+    );
+    assert!(
+        said[1].starts_with("error: stdin: line 502, column ") && said[1].contains("expected a JSON object"),
+        "{errors}"
+    );
+    assert!(
+        errors.contains("lines with a value that is not finite: 2") && errors.contains("lines that are no messages: 2"),
+        "{errors}"
+    );
+    let (refused, answers): (Vec<Value>, Vec<Value>) =
+        parsed(&output.stdout).into_iter().partition(|answer| answer["status"] == "refused");
+    assert_eq!(refused.len(), 4);
+    assert_same(&answers.iter().collect::<Vec<_>>(), &rows, "answers beside the refused lines");
+}
+
+/// Asserts that the command ends with one error that contains these words.
+fn fails(arguments: &[&str], input: &str, words: &[&str]) {
+    let output = fed_text(arguments, input);
+    let errors = text(&output.stderr);
+    assert!([Some(1), Some(2)].contains(&output.status.code()), "{arguments:?}: {errors}");
+    assert_eq!(errors.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{errors}");
+    words.iter().for_each(|word| assert!(errors.contains(word), "{word}: {errors}"));
+}
+
+#[test]
+fn robust_wrong_first_lines_and_options_end_with_one_error() {
+    let bench = Bench::new();
+    let calibration = bench.calibration();
+    let live = ["live", "--calibration", &calibration];
+    let two = format!("right={calibration}");
+    fails(
+        &live,
+        "{\"protocol\": 2, \"rate_hz\": 250, \"noise_sd_n_m\": 0}\n",
+        &["stdin: line 1", "protocol: found 2, expected 1"],
+    );
+    fails(&live, "{\"protocol\": 1, \"rate_hz\": 0, \"noise_sd_n_m\": 0}\n", &["rate_hz: found 0, expected"]);
+    fails(&live, "{\"protocol\": 1, \"rate_hz\": 250, \"noise_sd_n_m\": -1}\n", &["noise_sd_n_m: found -1"]);
+    fails(
+        &live,
+        "{\"protocol\": 1, \"name\": \"left\", \"rate_hz\": 250, \"noise_sd_n_m\": 0}\n",
+        &["found the name `left`"],
+    );
+    let told = r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 0, "told": {"contact_x_m": 0.05, "contact_y_m": 0, "sd_m": 0}}"#;
+    fails(&live, told, &["told: ", "a positive sd_m"]);
+    fails(&["live"], "", &["--calibration"]);
+    fails(&[&live[..], &["--calibration", &two]].concat(), "", &["expected NAME="]);
+    fails(&[&live[..], &["--estimator", "nobody"]].concat(), "", &["unknown estimator `nobody`"]);
+    fails(&[&live[..], &["--wait=-1"]].concat(), "", &["wait: found -1 s"]);
+    fails(&[&live[..], &["--noise", "0.01"]].concat(), "", &["--recording"]);
+    fails(&["live", "--recording", &bench.path("none.csv")], "", &["none.csv: no such file"]);
+    fails(&["live", "--recording", &bench.path("pin.csv"), "--lost", "2"], "", &["lost: found 2, expected 0 to 1"]);
+}
+
+fn signal(child: &Child, signal: rustix::process::Signal) {
+    rustix::process::kill_process(rustix::process::Pid::from_child(child), signal).unwrap();
+}
+
+#[test]
+fn robust_signals_end_the_stream_with_its_summary() {
+    let bench = Bench::new();
+    let rows = bench.replayed("pin", "ekf");
+    let calibration = bench.calibration();
+    for sent in [rustix::process::Signal::INT, rustix::process::Signal::TERM] {
+        let mut child = whisker(&["live", "--calibration", &calibration, "--estimator", "ekf"]).spawn().unwrap();
+        let mut stdin = child.stdin.take().unwrap();
+        let mut answers = BufReader::new(child.stdout.take().unwrap());
+        writeln!(stdin, "{}", bench.prior("pin", None, &rows)).unwrap();
+        for row in &rows[..200] {
+            lines(None, row).iter().for_each(|line| writeln!(stdin, "{line}").unwrap());
+        }
+        let mut answer = String::new();
+        for _ in 0..200 {
+            answers.read_line(&mut answer).unwrap();
+        }
+        // stdin stays open.
+        signal(&child, sent);
+        let output = child.wait_with_output().unwrap();
+        let errors = text(&output.stderr);
+        assert!(output.status.success(), "{errors}");
+        assert!(errors.contains("200 readings, 200 poses, 200 readings with a pose"), "{errors}");
+        drop(stdin);
+    }
+}
