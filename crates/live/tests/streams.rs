@@ -256,11 +256,10 @@ fn robust_a_jump_of_the_clock_restarts_the_estimator() {
 #[test]
 fn robust_a_jump_of_one_of_two_clocks_gives_no_contact() {
     let sweep = Sweep::new(1);
-    let of_readings = |content: &Content| matches!(content, Content::Reading(_));
+    let is_reading = |content: &Content| matches!(content, Content::Reading(_));
     for by_s in [-0.5017, 0.3] {
-        let cases: [(Stream, &dyn Fn(&Content) -> bool); 2] =
-            [(Stream::Readings, &of_readings), (Stream::Poses, &|content| !of_readings(content))];
-        for (stream, is_meant) in cases {
+        for stream in [Stream::Readings, Stream::Poses] {
+            let is_meant = |content: &Content| is_reading(content) == (stream == Stream::Readings);
             let (answers, events, _) = played(sweep.live(ekf(), Timing::default()), &shifted(&sweep, by_s, is_meant));
             let jumped =
                 events.iter().filter(|event| matches!(event, Event::Jumped { stream: of, .. } if *of == stream));
