@@ -1,6 +1,7 @@
 //! The whisker in space against the planar elastica, closed forms and published results.
 
 use std::f64::consts::{FRAC_PI_4, PI};
+use std::path::PathBuf;
 
 use nalgebra::{Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -219,4 +220,48 @@ fn verif_the_contact_at_a_point_inverts_the_forward_map() {
             assert!((force - expected).norm() < 1e-5 * contact.force_gradient_n_m.norm(), "{case}: {force} {expected}");
         }
     }
+}
+
+/// Random whiskers and loads, solved by SciPy (`sim/whisker_sim/physics/scipy_rod.py`). The environment variable names another file
+/// of such cases.
+#[test]
+fn val_agrees_with_scipy() {
+    let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/rod.csv");
+    let path = std::env::var_os("ROD_CASES").map_or(golden, PathBuf::from);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut worst = [0.0_f64; 3];
+    let mut count = 0;
+    for line in text.lines().skip(1) {
+        let fields: Vec<&str> = line.split(',').collect();
+        let number = |i: usize| -> f64 { fields[i].parse().unwrap() };
+        let vector = |i: usize| Vector3::new(number(i), number(i + 1), number(i + 2));
+        let pieces = fields[4].split(';').map(|piece| {
+            let (length, curvature) = piece.split_once(':').unwrap();
+            Curvature::new(length.parse().unwrap(), curvature.parse().unwrap())
+        });
+        let whisker = Whisker {
+            length_m: number(0),
+            root_diameter_m: number(1),
+            tip_diameter_m: number(2),
+            youngs_modulus_pa: number(3),
+            curvature: pieces.collect(),
+            ..Whisker::straight()
+        };
+        let suspension = Suspension { yaw_n_m_rad: number(5), pitch_n_m_rad: number(6), twist_n_m_rad: number(7) };
+        let load = SpatialLoad { arc_m: number(9), force_n: vector(10) };
+        let pressed = Rod::new(&whisker, suspension, number(8)).unwrap().deflect(load).unwrap();
+        let errors = [
+            (pressed.point - vector(13)).norm() / load.arc_m,
+            (pressed.directors.column(0) - vector(16)).norm(),
+            (pressed.moment_n_m - vector(19)).norm() / vector(19).norm(),
+        ];
+        worst = std::array::from_fn(|i| worst[i].max(errors[i]));
+        count += 1;
+        assert!(errors.iter().all(|&error| error < 1e-9), "line {}: {errors:?}", count + 1);
+    }
+    assert!(count >= 100, "{count} cases");
+    println!(
+        "{count} cases: worst relative error of point {:.1e}, tangent {:.1e}, moment {:.1e}",
+        worst[0], worst[1], worst[2]
+    );
 }
