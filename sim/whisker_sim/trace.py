@@ -61,6 +61,7 @@ _WITHOUT_INFLUENCE = {
     "random_suite/picture.py",
     "render.py",
     "rig",
+    "rod.py",
     "schema.py",
     "startup.py",
 }

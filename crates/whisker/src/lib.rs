@@ -9,6 +9,7 @@
 //! | --- | --- |
 //! | [`frames`] | points, poses and twists whose types include their frame |
 //! | [`elastica`] | exact quasi-static mechanics of a whisker against points and convex outlines |
+//! | [`rod`] | exact quasi-static mechanics in space |
 //! | [`sensor`] | sensor models: fit, calibrated domain, model error |
 //! | [`events`] | contact detection |
 //! | [`estimators`] | estimators of the contact point |
@@ -120,8 +121,10 @@ pub mod frames;
 mod gate;
 mod presets;
 mod rest;
+pub mod rod;
 pub mod sensor;
 mod settings;
+mod taylor;
 mod wire;
 
 pub use gate::ReadingGate;

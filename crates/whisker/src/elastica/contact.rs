@@ -275,7 +275,7 @@ impl Elastica {
     }
 
     /// The equations, written along the whisker's surface and along the normal.
-    fn equations(&self, placed: &Placed, side: f64, part: Part, surface: &Surface) -> Equations {
+    fn equations(&self, placed: &Placed, side: f64, part: Part, surface: &Surface) -> Equations<2> {
         let normal = direction(surface.normal_rad);
         let turning = direction(surface.normal_rad + FRAC_PI_2);
         let forward = side * turning;

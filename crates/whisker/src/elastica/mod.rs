@@ -55,7 +55,7 @@
 mod contact;
 mod line;
 mod modes;
-mod newton;
+pub(crate) mod newton;
 mod outline;
 mod point;
 mod series;
@@ -67,8 +67,9 @@ use nalgebra::Vector2;
 use crate::face::Face;
 use crate::frames::{Base, Point};
 use crate::rest::direction;
+use crate::taylor::Stretch;
 use crate::{Invalid, RestShape, Whisker};
-use series::{Parameter, Stretch};
+use series::Parameter;
 
 pub use contact::{Regime, Touch};
 pub use line::CenterLine;
@@ -182,16 +183,6 @@ impl Elastica {
         whisker.validate()?;
         let (rest, length_m) = (whisker.rest_shape(), whisker.length_m);
         let taper = (whisker.tip_diameter_m - whisker.root_diameter_m) / length_m;
-        let mut stretches: Vec<Stretch> = Vec::with_capacity(whisker.curvature.len() + 1);
-        let mut start_m = 0.0;
-        for piece in &whisker.curvature {
-            let curvature_per_m = piece.curvature_per_m;
-            stretches.push(Stretch { start_m, curvature_per_m, diameter_m: whisker.diameter_m(start_m), taper });
-            start_m += piece.length_m;
-        }
-        // The whisker is continued beyond its tip, which iterations may pass.
-        let curvature_per_m = stretches[stretches.len() - 1].curvature_per_m;
-        stretches.push(Stretch { start_m: length_m, curvature_per_m, diameter_m: whisker.tip_diameter_m, taper: 0.0 });
         Ok(Self {
             rest,
             length_m,
@@ -199,7 +190,7 @@ impl Elastica {
             taper,
             root_stiffness_n_m_rad: whisker.root_stiffness_n_m_rad,
             compliance_coefficient: 64.0 / (PI * whisker.youngs_modulus_pa),
-            stretches,
+            stretches: Stretch::of(whisker),
         })
     }
 

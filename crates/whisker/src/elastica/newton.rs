@@ -1,6 +1,6 @@
-//! Newton's iteration in two unknowns and continuation from the undeflected whisker, common to the inverse maps.
+//! Newton's iteration and continuation from the undeflected whisker, common to the inverse maps.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Const, DimMin, SMatrix, SVector};
 
 /// Residual, relative to the whisker's length, below which one more step is the last: it squares the residual.
 const NEARLY: f64 = 1e-9;
@@ -12,19 +12,22 @@ const MOST_ITERATIONS: usize = 12;
 const SHORTEST: f64 = 1.0 / 4096.0;
 
 /// Residual (in metres) and its derivatives by the unknowns.
-pub(super) struct Equations {
-    pub(super) residual_m: Vector2<f64>,
-    pub(super) jacobian: Matrix2<f64>,
+pub(crate) struct Equations<const N: usize> {
+    pub(crate) residual_m: SVector<f64, N>,
+    pub(crate) jacobian: SMatrix<f64, N, N>,
 }
 
-/// Solves two equations from an initial guess. `None` if the iteration does not converge, or converges to a solution
+/// Solves equations from an initial guess. `None` if the iteration does not converge, or converges to a solution
 /// beyond a fold, where the determinant is negative: from the undeflected whisker, where it is positive, it can be
 /// reached by a snap only.
-pub(super) fn solve(
-    mut unknowns: Vector2<f64>,
+pub(crate) fn solve<const N: usize>(
+    mut unknowns: SVector<f64, N>,
     length_m: f64,
-    mut equations: impl FnMut(Vector2<f64>) -> Option<Equations>,
-) -> Option<Vector2<f64>> {
+    mut equations: impl FnMut(SVector<f64, N>) -> Option<Equations<N>>,
+) -> Option<SVector<f64, N>>
+where
+    Const<N>: DimMin<Const<N>, Output = Const<N>>,
+{
     let mut last = f64::INFINITY;
     for iteration in 0..MOST_ITERATIONS {
         let Equations { residual_m, jacobian } = equations(unknowns)?;
@@ -49,7 +52,7 @@ pub(super) fn solve(
 ///
 /// # Errors
 /// The largest share that was reached, and its solution.
-pub(super) fn follow<S: Copy>(start: S, mut solve: impl FnMut(f64, S) -> Option<S>) -> Result<S, (f64, S)> {
+pub(crate) fn follow<S: Copy>(start: S, mut solve: impl FnMut(f64, S) -> Option<S>) -> Result<S, (f64, S)> {
     let (mut reached, mut state, mut stride) = (0.0, start, 1.0_f64);
     while reached < 1.0 {
         let share = (reached + stride).min(1.0);

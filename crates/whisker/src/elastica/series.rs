@@ -1,34 +1,17 @@
 //! The integration: Taylor series of the equilibrium, summed from the contact back to the root.
 //!
 //! All derivatives at a point follow from recurrences, since the curvature `q = kappa0 + C m` is a product of series and
-//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` (Jorba and Zou, "A software package for the numerical integration of
-//! ODEs by means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step of order 20 covers a third
-//! of a radian or more to machine precision, without tabulated coefficients or trial steps. Derivatives with respect
-//! to the load are those of the recurrences themselves.
+//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` ([`crate::taylor`]). Derivatives with respect to the load are those of the recurrences
+//! themselves.
 
 use super::Load;
-
-/// Order of the series. The work per step grows with its square, the step with `eps^(-1/order)`: near 18 is cheapest.
-const ORDER: usize = 20;
+use crate::taylor::{ORDER, Series, Stretch, horner, product};
 
 /// Size of the last terms kept: in angle in radians, in position relative to the arc length of the contact.
 const TOLERANCE: f64 = 1e-16;
 
 /// Maximum number of steps, beyond which a load is refused as unreasonable.
 const MOST_STEPS: usize = 2000;
-
-type Series = [f64; ORDER + 1];
-
-/// A stretch of the wire with one pre-curvature and one rate of taper.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Stretch {
-    pub(super) start_m: f64,
-    pub(super) curvature_per_m: f64,
-    /// Diameter at `start_m`.
-    pub(super) diameter_m: f64,
-    /// Change of the diameter per length.
-    pub(super) taper: f64,
-}
 
 /// Parameter by which the equilibrium is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,8 +60,7 @@ impl Expansion {
 
     /// The state at the distance `step_m`.
     pub(super) fn sum(&self, step_m: f64) -> State {
-        let horner = |series: &Series| series.iter().rev().fold(0.0, |sum, term| sum * step_m + term);
-        State { x_m: horner(&self.x), y_m: horner(&self.y), t_rad: horner(&self.t) }
+        State { x_m: horner(&self.x, step_m), y_m: horner(&self.y, step_m), t_rad: horner(&self.t, step_m) }
     }
 
     /// The step at which the last terms have the size of the tolerance. The last three, since every second term of a
@@ -90,26 +72,6 @@ impl Expansion {
         };
         step(ORDER - 2).min(step(ORDER - 1)).min(step(ORDER))
     }
-}
-
-/// The term of order `k` of the product of two series.
-fn product(a: &Series, b: &Series, k: usize) -> f64 {
-    a[..=k].iter().zip(b[..=k].iter().rev()).map(|(a, b)| a * b).sum()
-}
-
-/// Series of `1 / EI = C d^-4` in the distance from a point where the diameter is `diameter_m`, and its number of
-/// terms.
-fn compliance(coefficient: f64, diameter_m: f64, taper: f64) -> (Series, usize) {
-    let mut series = [0.0; ORDER + 1];
-    series[0] = coefficient / diameter_m.powi(4);
-    if taper == 0.0 {
-        return (series, 1);
-    }
-    // d f' = -4 d' f for f = d^-4.
-    for k in 0..ORDER {
-        series[k + 1] = -series[k] * taper / diameter_m * (k as f64 + 4.0) / (k as f64 + 1.0);
-    }
-    (series, ORDER + 1)
 }
 
 /// The state at the root under `load`, and its derivatives by `parameters`.
@@ -138,8 +100,7 @@ pub(super) fn root<const N: usize>(
             if steps > MOST_STEPS {
                 return None;
             }
-            let diameter_m = stretch.diameter_m + stretch.taper * (s_m - stretch.start_m);
-            let (stiffness, terms) = compliance(compliance_coefficient, diameter_m, stretch.taper);
+            let (stiffness, terms) = stretch.compliance(compliance_coefficient, s_m);
             let curvature = |moment: &Series, k: usize| -> f64 {
                 (0..terms.min(k + 1)).map(|j| stiffness[j] * moment[k - j]).sum()
             };
