@@ -92,5 +92,5 @@ pub use counters::Counters;
 pub use disturbance::Disturbance;
 pub use estimator::{Answer, Build, LiveEstimator, Output, Status};
 pub use event::{Event, Stream};
-pub use play::{Content, Message, first_due, messages, play};
+pub use play::{Content, Message, messages, play};
 pub use timing::Timing;

@@ -58,9 +58,8 @@ pub fn play(
     mut take: impl FnMut(usize, &mut Output) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let mut out = Output::default();
-    let due = |estimators: &[LiveEstimator]| first_due(estimators.iter().enumerate());
     'streams: for message in messages {
-        while let Some((due_s, whisker)) = due(estimators).filter(|(due_s, _)| *due_s < message.at_s) {
+        while let Some((due_s, whisker)) = first_due(estimators).filter(|(due_s, _)| *due_s < message.at_s) {
             if !pace(due_s) {
                 break 'streams;
             }
@@ -84,8 +83,8 @@ pub fn play(
     Ok(())
 }
 
-/// The earliest time at which one of some whiskers is to be polled, and its index.
-pub fn first_due<'a>(estimators: impl IntoIterator<Item = (usize, &'a LiveEstimator)>) -> Option<(f64, usize)> {
-    let due = estimators.into_iter().filter_map(|(whisker, of)| Some((of.deadline_s()?, whisker)));
+/// The earliest time at which a whisker is to be polled, and its index.
+fn first_due(estimators: &[LiveEstimator]) -> Option<(f64, usize)> {
+    let due = estimators.iter().enumerate().filter_map(|(whisker, of)| Some((of.deadline_s()?, whisker)));
     due.min_by(|a, b| a.0.total_cmp(&b.0))
 }

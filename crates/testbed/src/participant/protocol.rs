@@ -381,7 +381,8 @@ impl AnswerLine {
         let (x_m, y_m) = match (self.contact_x_m, self.contact_y_m) {
             (Some(x_m), Some(y_m)) => (x_m, y_m),
             (None, None) if self.status.is_some() => return Ok(None),
-            _ => return Err(EXPECTED.into()),
+            (None, _) => return Err(format!("{EXPECTED} (missing field `contact_x_m`)")),
+            (_, None) => return Err(format!("{EXPECTED} (missing field `contact_y_m`)")),
         };
         if !(x_m.abs() <= FARTHEST_M && y_m.abs() <= FARTHEST_M) {
             return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));

@@ -68,7 +68,9 @@ pub(super) fn run(
         false
     };
     play(&mut estimators, &messages, pace, |whisker, out| sink.take(name(whisker), out))?;
-    Ok(sink.finish(estimators.iter().enumerate().map(|(whisker, estimator)| (name(whisker), estimator))))
+    let counts = estimators.iter().enumerate();
+    let counts: Vec<_> = counts.map(|(whisker, of)| (name(whisker).map(Into::into), *of.counters())).collect();
+    Ok(sink.finish(&counts))
 }
 
 /// Traces of the recordings: those of the whiskers of an array, or one of a single whisker.

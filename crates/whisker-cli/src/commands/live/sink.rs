@@ -1,12 +1,12 @@
 //! Answers as JSON lines, notes on stderr, and the summary at the end.
 
 use std::collections::BTreeMap;
-use std::io::{self, StdoutLock, Write};
+use std::io::{self, Stdout, Write};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use live::wire::answer_line;
-use live::{Event, LiveEstimator, Output, Status};
+use live::{Counters, Event, Output, Status};
 use platform::inference::Times;
 use testbed::participant::AnswerLine;
 
@@ -20,8 +20,8 @@ const REFUSED: &str = "refused";
 
 /// Destination of the answers.
 pub(super) struct Sink {
-    stdout: StdoutLock<'static>,
-    line: Vec<u8>,
+    stdout: Stdout,
+    lines: Vec<u8>,
     /// Wall-clock time at which the time of arrivals is zero, and its speed.
     origin: Instant,
     speed: f64,
@@ -33,8 +33,8 @@ pub(super) struct Sink {
 impl Sink {
     /// A sink for arrivals at `speed` seconds a second from `origin` on.
     pub(super) fn new(origin: Instant, speed: f64) -> Self {
-        let (line, latency, notes) = (Vec::new(), Times::default(), BTreeMap::new());
-        Self { stdout: io::stdout().lock(), line, origin, speed, latency, notes, refused: 0 }
+        let (lines, latency, notes) = (Vec::new(), Times::default(), BTreeMap::new());
+        Self { stdout: io::stdout(), lines, origin, speed, latency, notes, refused: 0 }
     }
 
     /// Writes the answers of a whisker and prints its events. `name` is `None` if it is the only one.
@@ -55,9 +55,9 @@ impl Sink {
             return Ok(());
         }
         for answer in &out.answers {
-            self.write(&answer_line(name, answer))?;
+            self.add(&answer_line(name, answer))?;
         }
-        self.stdout.flush()?;
+        self.write()?;
         let elapsed_s = self.origin.elapsed().as_secs_f64();
         for answer in out.answers.drain(..) {
             if matches!(answer.status, Status::Used | Status::Gated) {
@@ -72,22 +72,19 @@ impl Sink {
     pub(super) fn refuse(&mut self, kind: &'static str, reason: &str) -> anyhow::Result<()> {
         self.refused += 1;
         self.note(kind, 1, || format!("error: {reason}; the line is left out"));
-        self.write(&AnswerLine { status: Some(REFUSED.into()), ..AnswerLine::default() })?;
-        Ok(self.stdout.flush()?)
+        self.add(&AnswerLine { status: Some(REFUSED.into()), ..AnswerLine::default() })?;
+        self.write()
     }
 
     /// Prints the counts of the whiskers and the latency. Returns the exit code.
-    pub(super) fn finish<'a>(
-        self,
-        whiskers: impl IntoIterator<Item = (Option<&'a str>, &'a LiveEstimator)>,
-    ) -> ExitCode {
+    pub(super) fn finish(&self, whiskers: &[(Option<String>, Counters)]) -> ExitCode {
         for (kind, count) in &self.notes {
             if *count > 1 {
                 diagnose(&format!("{kind}: {count}"));
             }
         }
-        for (name, estimator) in whiskers {
-            diagnose(&format!("{}: {}", name.unwrap_or("whisker"), estimator.counters()));
+        for (name, counters) in whiskers {
+            diagnose(&format!("{}: {counters}", name.as_deref().unwrap_or("whisker")));
         }
         if self.latency.count() > 0 {
             diagnose(&format!("latency from reading to answer: {} answers, {}", self.latency.count(), self.latency));
@@ -95,11 +92,16 @@ impl Sink {
         if self.refused > 0 { FINISHED_WITH_FAILURES.into() } else { ExitCode::SUCCESS }
     }
 
-    fn write(&mut self, answer: &AnswerLine) -> anyhow::Result<()> {
-        self.line.clear();
-        serde_json::to_writer(&mut self.line, answer)?;
-        self.line.push(b'\n');
-        Ok(self.stdout.write_all(&self.line)?)
+    fn add(&mut self, answer: &AnswerLine) -> anyhow::Result<()> {
+        serde_json::to_writer(&mut self.lines, answer)?;
+        self.lines.push(b'\n');
+        Ok(())
+    }
+
+    fn write(&mut self) -> anyhow::Result<()> {
+        let written = self.stdout.write_all(&self.lines).and_then(|()| self.stdout.flush());
+        self.lines.clear();
+        Ok(written?)
     }
 
     fn note(&mut self, kind: &'static str, most: u64, words: impl FnOnce() -> String) {

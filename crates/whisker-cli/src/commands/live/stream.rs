@@ -1,17 +1,17 @@
-//! JSON lines on stdin.
+//! JSON lines on stdin. Each whisker has a thread of its own, so that a new touch, whose first step takes long, delays no other.
 
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use live::wire::{self, BadLine, Line, PriorLine, SampleLine};
-use live::{LiveEstimator, Output, Timing, first_due};
+use live::{Counters, LiveEstimator, Output, Timing};
 use serde_json::Value;
 use strict_json::one_line;
 use testbed::participant::PROTOCOL;
@@ -33,6 +33,9 @@ const AHEAD: usize = 1 << 12;
 /// Longest wait for a line, and so the delay of an interrupt.
 const NAP: Duration = Duration::from_millis(50);
 
+/// Longest wait of a whisker without a waiting reading.
+const IDLE: Duration = Duration::from_secs(1);
+
 /// Smallest and largest sampling rate (Hz).
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 
@@ -46,12 +49,18 @@ struct Arrival {
     at: Instant,
 }
 
-/// A whisker and its estimator, once its first line has arrived.
+/// A whisker of the options, and its thread once its first line has arrived.
 struct Whisker {
     name: Option<String>,
     path: PathBuf,
     calibration: CalibrationFile,
-    estimator: Option<LiveEstimator>,
+    worker: Option<Worker>,
+}
+
+/// Thread that runs the estimator of a whisker.
+struct Worker {
+    samples: SyncSender<(SampleLine, f64)>,
+    thread: JoinHandle<anyhow::Result<Counters>>,
 }
 
 /// Whiskers with one estimator.
@@ -60,22 +69,23 @@ struct Session {
     row: &'static EstimatorRow,
     config: Value,
     timing: Timing,
-    out: Output,
-    sink: Sink,
+    sink: Arc<Mutex<Sink>>,
     origin: Instant,
     lines: u64,
 }
 
 pub(super) fn run(arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
     let (row, config) = arguments.played.method.registered()?;
-    let origin = Instant::now();
-    let (out, sink) = (Output::default(), Sink::new(origin, 1.0));
     let whiskers = whiskers(&arguments.calibration)?;
-    let mut session = Session { whiskers, row, config, timing, out, sink, origin, lines: 0 };
+    let origin = Instant::now();
+    let sink = Arc::new(Mutex::new(Sink::new(origin, 1.0)));
+    let mut session = Session { whiskers, row, config, timing, sink, origin, lines: 0 };
     let (sender, lines) = sync_channel(AHEAD);
     thread::Builder::new().name("stdin".into()).spawn(move || read(&sender)).context("thread of stdin")?;
-    session.serve(&lines, stop)?;
-    session.finish()
+    let served = session.serve(&lines, stop);
+    let counts = session.end_workers()?;
+    served?;
+    Ok(locked(&session.sink).finish(&counts))
 }
 
 /// Reads the calibrations and checks that the names are distinct.
@@ -91,7 +101,7 @@ fn whiskers(options: &[String]) -> anyhow::Result<Vec<Whisker>> {
         }
         let beside_trace = path.parent().and_then(Path::parent).unwrap_or(Path::new(""));
         let calibration = read_calibration(&path, beside_trace)?;
-        whiskers.push(Whisker { name: name.map(Into::into), path, calibration, estimator: None });
+        whiskers.push(Whisker { name: name.map(Into::into), path, calibration, worker: None });
     }
     Ok(whiskers)
 }
@@ -121,53 +131,78 @@ fn read(lines: &SyncSender<Arrival>) {
     }
 }
 
+/// Exclusive use of the sink.
+fn locked(sink: &Mutex<Sink>) -> MutexGuard<'_, Sink> {
+    sink.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Runs the estimator of a whisker on its samples with their arrivals, until their sender is gone. Returns the counts.
+fn work(
+    mut estimator: LiveEstimator,
+    name: Option<&str>,
+    samples: &Receiver<(SampleLine, f64)>,
+    origin: Instant,
+    sink: &Mutex<Sink>,
+) -> anyhow::Result<Counters> {
+    let mut out = Output::default();
+    loop {
+        let now_s = origin.elapsed().as_secs_f64();
+        let wait = estimator.deadline_s().map_or(IDLE, |due_s| Duration::from_secs_f64((due_s - now_s).max(0.0)));
+        let sample = samples.recv_timeout(wait);
+        let at_s = match &sample {
+            Ok((_, at_s)) => *at_s,
+            Err(RecvTimeoutError::Timeout) => origin.elapsed().as_secs_f64(),
+            Err(RecvTimeoutError::Disconnected) => break,
+        };
+        while let Some(due_s) = estimator.deadline_s().filter(|due_s| *due_s <= at_s) {
+            estimator.poll(due_s, &mut out);
+        }
+        if let Ok((sample, _)) = sample {
+            if let Some(base) = sample.base {
+                estimator.pose(sample.t_s, base, at_s, &mut out)?;
+            }
+            if let Some(reading_n_m) = sample.reading_n_m {
+                estimator.reading(sample.t_s, reading_n_m, at_s, &mut out)?;
+            }
+        }
+        if !(out.answers.is_empty() && out.events.is_empty()) {
+            locked(sink).take(name, &mut out)?;
+        }
+    }
+    estimator.finish(&mut out);
+    locked(sink).take(name, &mut out)?;
+    Ok(*estimator.counters())
+}
+
 impl Session {
     /// Processes lines until their end or until `stop` is set.
     fn serve(&mut self, lines: &Receiver<Arrival>, stop: &AtomicBool) -> anyhow::Result<()> {
         while !stop.load(Ordering::Relaxed) {
-            let now_s = self.origin.elapsed().as_secs_f64();
-            let wait = self.due().map_or(NAP, |(due_s, _)| Duration::from_secs_f64((due_s - now_s).clamp(0.0, 1.0)));
-            match lines.recv_timeout(wait.min(NAP)) {
+            match lines.recv_timeout(NAP) {
                 Ok(arrival) => {
                     let at_s = arrival.at.duration_since(self.origin).as_secs_f64();
-                    self.poll_until(at_s)?;
                     self.line(arrival.line, at_s)?;
                 }
-                Err(RecvTimeoutError::Timeout) => self.poll_until(self.origin.elapsed().as_secs_f64())?,
+                Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
         Ok(())
     }
 
-    fn finish(mut self) -> anyhow::Result<ExitCode> {
-        for whisker in 0..self.whiskers.len() {
-            if let Some(estimator) = &mut self.whiskers[whisker].estimator {
-                estimator.finish(&mut self.out);
-                self.write(whisker)?;
+    /// Ends the threads of the whiskers. Returns names and counts.
+    ///
+    /// # Errors
+    /// The error of the first that failed.
+    fn end_workers(&mut self) -> anyhow::Result<Vec<(Option<String>, Counters)>> {
+        let mut ended = Vec::new();
+        for whisker in &mut self.whiskers {
+            if let Some(Worker { samples, thread }) = whisker.worker.take() {
+                drop(samples);
+                ended.push((whisker.name.clone(), thread.join().expect("the thread does not panic")));
             }
         }
-        let begun = self.whiskers.iter().filter_map(|of| Some((of.name.as_deref(), of.estimator.as_ref()?)));
-        Ok(self.sink.finish(begun))
-    }
-
-    /// The earliest time at which a whisker is to be polled, and its index.
-    fn due(&self) -> Option<(f64, usize)> {
-        let whiskers = self.whiskers.iter().enumerate();
-        first_due(whiskers.filter_map(|(whisker, of)| Some((whisker, of.estimator.as_ref()?))))
-    }
-
-    fn poll_until(&mut self, at_s: f64) -> anyhow::Result<()> {
-        while let Some((due_s, whisker)) = self.due().filter(|(due_s, _)| *due_s <= at_s) {
-            let estimator = self.whiskers[whisker].estimator.as_mut().expect("it is due");
-            estimator.poll(due_s, &mut self.out);
-            self.write(whisker)?;
-        }
-        Ok(())
-    }
-
-    fn write(&mut self, whisker: usize) -> anyhow::Result<()> {
-        self.sink.take(self.whiskers[whisker].name.as_deref(), &mut self.out)
+        ended.into_iter().map(|(name, counts)| Ok((name, counts?))).collect()
     }
 
     fn line(&mut self, line: io::Result<Vec<u8>>, at_s: f64) -> anyhow::Result<()> {
@@ -189,31 +224,27 @@ impl Session {
         };
         let taken = match parsed {
             Ok(Line::Prior(prior)) => return self.begin(&prior).with_context(|| format!("stdin: line {}", self.lines)),
-            Ok(Line::Sample(sample)) => self.sample(&sample, at_s)?,
+            Ok(Line::Sample(sample)) => self.sample(sample, at_s)?,
             Err(bad) => Err(bad),
         };
         let Err(bad) = taken else { return Ok(()) };
         let kind =
             if bad.is_not_finite { "lines with a value that is not finite" } else { "lines that are no messages" };
-        self.sink.refuse(kind, &format!("stdin: line {}, {bad}", self.lines))
+        locked(&self.sink).refuse(kind, &format!("stdin: line {}, {bad}", self.lines))
     }
 
-    /// Takes a reading, a pose or both.
-    fn sample(&mut self, sample: &SampleLine, at_s: f64) -> anyhow::Result<Result<(), BadLine>> {
+    /// Passes a reading, a pose or both to the thread of the whisker.
+    fn sample(&mut self, sample: SampleLine, at_s: f64) -> anyhow::Result<Result<(), BadLine>> {
         let bad = |reason: String| Ok(Err(BadLine { column: None, reason, is_not_finite: false }));
-        let Some(whisker) = self.place_of(sample.name.as_deref()) else {
+        let Some(place) = self.place_of(sample.name.as_deref()) else {
             return bad(self.unknown(sample.name.as_deref()));
         };
-        let Some(estimator) = &mut self.whiskers[whisker].estimator else {
+        let Some(worker) = &self.whiskers[place].worker else {
             return bad("found a reading or a pose, expected the whisker's first line before it (docs/LIVE.md)".into());
         };
-        if let Some(base) = sample.base {
-            estimator.pose(sample.t_s, base, at_s, &mut self.out)?;
+        if worker.samples.send((sample, at_s)).is_err() {
+            self.end_workers()?;
         }
-        if let Some(reading_n_m) = sample.reading_n_m {
-            estimator.reading(sample.t_s, reading_n_m, at_s, &mut self.out)?;
-        }
-        self.write(whisker)?;
         Ok(Ok(()))
     }
 
@@ -232,7 +263,7 @@ impl Session {
         let name = prior.name.as_deref();
         let Some(place) = self.place_of(name) else { bail!("name: {}", self.unknown(name)) };
         let whisker = &mut self.whiskers[place];
-        if whisker.estimator.is_some() {
+        if whisker.worker.is_some() {
             bail!("found a second first line of a whisker, expected one");
         }
         let knowledge = whisker.knowledge(prior, self.row)?;
@@ -243,7 +274,12 @@ impl Session {
             Ok(Estimator::new(Runner::new(method, of_build.clone(), seed), TouchConfig::default()))
         };
         let looks_back = row.class == MethodClass::Hindsight;
-        whisker.estimator = Some(LiveEstimator::new(Box::new(build), &knowledge, looks_back, self.timing)?);
+        let estimator = LiveEstimator::new(Box::new(build), &knowledge, looks_back, self.timing)?;
+        let (samples, received) = sync_channel(AHEAD);
+        let (name, origin, sink) = (whisker.name.clone(), self.origin, self.sink.clone());
+        let works = move || work(estimator, name.as_deref(), &received, origin, &sink);
+        let thread = thread::Builder::new().name("whisker".into()).spawn(works).context("thread of a whisker")?;
+        whisker.worker = Some(Worker { samples, thread });
         Ok(())
     }
 }
