@@ -48,6 +48,10 @@ batch:
 rig *arguments:
     @cargo xtask rig "$@"
 
+# Measure latency, losses and memory of live estimation with six whiskers: just live [--seconds N]
+live *arguments:
+    @cargo xtask live "$@"
+
 # Time the filters against other libraries: results/reference/peers.csv
 peers:
     @cargo xtask peers

@@ -41,6 +41,7 @@ DOCUMENTS = (
     "docs/REAL.md",
     "docs/ARM.md",
     "docs/HALL.md",
+    "docs/LIVE.md",
     "docs/PHYSICS.md",
     "docs/PERFORMANCE.md",
     "docs/PLATFORM.md",

@@ -42,7 +42,7 @@
 //! let dataset = Dataset::open(folder.path(), None)?;
 //! let models = Models::One { kind: "elastica".into(), config: serde_json::json!({}) };
 //! let front_end = FrontEndConfig::default();
-//! let settings = FitSettings { models, noise: 0.0, seed: 1, front_end, sensors: Vec::new() };
+//! let settings = FitSettings { models, noise: 0.01, seed: 1, front_end, sensors: Vec::new() };
 //! let calibrations = dataset.calibrations("white");
 //! fit(&dataset, &settings, &calibrations, &ProgressBar::hidden())?;
 //!
