@@ -38,6 +38,7 @@ REFERENCE = ROOT / "results" / "reference"
 DOCUMENTS = (
     "README.md",
     "docs/RESULTS.md",
+    "docs/CERTAINTY.md",
     "docs/REAL.md",
     "docs/ARM.md",
     "docs/HALL.md",
@@ -69,6 +70,7 @@ class Table:
 
 TABLES = {
     "claims": Table("claims.csv", ("id",), "measured"),
+    "certainty": Table("certainty/claims.csv", ("id",), "measured"),
     "physics": Table("physics/claims.csv", ("id",), "measured"),
     "measured": Table("measured.csv", ("id",), "measured"),
     "peers": Table("peers.csv", ("filter", "other")),
@@ -192,13 +194,35 @@ def unmet() -> list[dict[str, str]]:
 def unmet_claims() -> str:
     """Table of the claims that do not hold."""
     lines = ["", "| claim | measured | bound | unit |", "| --- | --- | --- | --- |"]
-    for row in unmet():
-        measured = in_style(float(row["measured"]), ".3g") if row["measured"] else "no value"
-        lines.append(f"| `{row['id']}` | {measured} | {row['relation']} {float(row['bound']):g} | {row['unit']} |")
+    lines += [f"| `{row['id']}` | {measured(row)} | {bound(row)} | {row['unit']} |" for row in unmet()]
     return "\n".join([*lines, ""])
 
 
-GENERATED: dict[str, Callable[[], str]] = {"unmet_claims": unmet_claims, "unmet_count": lambda: str(len(unmet()))}
+def certainty_claims() -> str:
+    """Table of the claims about certainty."""
+    lines = ["", "| | measured | bound | unit | holds |", "| --- | --- | --- | --- | --- |"]
+    with (REFERENCE / "certainty" / "claims.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            holds = "yes" if row["holds"] == "true" else "no"
+            lines.append(f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |")
+    return "\n".join([*lines, ""])
+
+
+def measured(row: dict[str, str]) -> str:
+    """Measured value of a claim."""
+    return in_style(float(row["measured"]), ".3g") if row["measured"] else "no value"
+
+
+def bound(row: dict[str, str]) -> str:
+    """Bound of a claim."""
+    return f"{row['relation']} {float(row['bound']):g}"
+
+
+GENERATED: dict[str, Callable[[], str]] = {
+    "certainty_claims": certainty_claims,
+    "unmet_claims": unmet_claims,
+    "unmet_count": lambda: str(len(unmet())),
+}
 """The registry of texts that are no single cell."""
 
 

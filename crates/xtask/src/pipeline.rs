@@ -59,6 +59,15 @@ pub(crate) struct Evaluations {
     force: bool,
 }
 
+/// Deviations from the calibration, one at a time.
+const MISCALIBRATIONS: &[&str] = &[
+    r#"{"gain": 0.01}"#,
+    r#"{"gain": 0.05}"#,
+    r#"{"mount_rad": 0.0087}"#,
+    r#"{"mount_y_m": 0.0003}"#,
+    r#"{"stiffness": 0.05}"#,
+];
+
 /// Option by which finished runs with other settings are replaced.
 pub(crate) const FORCE: &str = "--force";
 
@@ -104,6 +113,29 @@ impl Evaluations {
         let inputs = ["--traces", &traces, "--calibrations", &calibrations, "--front-end", front_end, "--name", name];
         let options = ["--estimators", estimators, "--noise", noise, "--seeds", "2"];
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &inputs[..], &options[..]].concat()))
+    }
+
+    /// The recommended estimator on a random suite with the noise and the miscalibration that each trace states: `results/<suite>/`.
+    pub(crate) fn as_stated(self, suite: &str) -> Outcome {
+        let options = ["--estimators", "recommended", "--noise", "1", "--noise-unit", "stated", "--seeds", "1"];
+        step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &options[..]].concat()))
+    }
+
+    /// The recommended estimator on a suite, with the calibration off by one deviation at a time: `results/miscalibrated/`.
+    pub(crate) fn miscalibrated(self, suite: &str) -> Outcome {
+        let file = suite_file(suite);
+        let mut arguments =
+            vec![file.as_str(), "--name", "miscalibrated", "--estimators", "recommended", "--seeds", "2"];
+        arguments.extend(MISCALIBRATIONS.iter().flat_map(|deviation| ["--miscalibrate", deviation]));
+        step("evaluate with calibrations that are off", || self.run(&arguments))
+    }
+
+    /// The recommended estimator on a suite with noise in proportion to the calibrated range: `results/range/`.
+    pub(crate) fn of_range(self, suite: &str) -> Outcome {
+        let file = suite_file(suite);
+        let inputs = [file.as_str(), "--name", "range", "--estimators", "recommended"];
+        let options = ["--noise", "0.01", "--noise-unit", "range"];
+        step("evaluate with noise of the calibrated range", || self.run(&[&inputs[..], &options[..]].concat()))
     }
 
     /// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, with a page: `results/<suite>_encoders/`.

@@ -49,16 +49,21 @@ def scale(whisker: Whisker) -> float:
 
 
 def calibration_scene(suite: str, whisker: str | WhiskerOverride, face: str, seed: int) -> Scene:
-    """Calibration of one face: that of the standard suite, scaled to the length of the whisker."""
+    """Calibration of one face: that of the standard suite, scaled to the length of the whisker.
+
+    A curved wire slips off its tip at a smaller depth than a straight one: the margin at the tip grows with the square of its turn.
+    """
     resolved = resolve_whisker(whisker)
     share = round(scale(resolved), 6)
+    tip_margin_m = 1e-3 + 2e-3 * float(resolved.rest_angle_rad(resolved.length_m)) ** 2
     grid = CalibrationGrid(
         lines=20,
         arc_min_m=round(0.018 * share, 6),
-        arc_max_m=round(0.076 * share, 6),
+        arc_max_m=round(min(0.076, _PRESET_LENGTH_M - tip_margin_m - 1e-3) * share, 6),
         depth_ratio=0.47,
         depth_max_m=round(0.024 * share, 6),
         speed_m_s=round(0.045 * share, 6),
+        tip_margin_m=round(tip_margin_m * share, 6),
     )
     name = f"{suite}_{resolved.name.removeprefix(f'{suite}_')}_{face}"
     return Scene(1, name, "calibration", "calibration", face, whisker, Pin(), grid, seed=seed)

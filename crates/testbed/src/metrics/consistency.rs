@@ -42,6 +42,17 @@ pub const COVERAGE: Metric = Metric {
     measure: |scored| mean(errors_squared(scored).map(|nees| f64::from(nees <= CHI2_95))),
 };
 
+/// Stated error.
+pub const STATED_RMSE: Metric = Metric {
+    name: "stated_rmse_m",
+    about: "RMS contact error after the first two seconds of contact that the stated covariances predict",
+    summary: Summary::Median,
+    measure: |scored| {
+        let variance_m2 = |contact: &Contact| Some(scored.estimates[contact.row].as_ref()?.covariance_m2?.trace());
+        mean(scored.steady().iter().filter_map(variance_m2)).map(f64::sqrt)
+    },
+};
+
 fn errors_squared(scored: &Scored<'_>) -> impl Iterator<Item = f64> {
     scored.contacts.iter().filter_map(|contact: &Contact| contact.nees)
 }

@@ -70,9 +70,12 @@ pub const NEVER_1MM: Metric = Metric {
 /// Share of the contact with an estimate.
 pub const ANSWERED: Metric = Metric {
     name: "answered",
-    about: "fraction of the instants of true contact, from the first touch on, at which the estimator states an estimate",
+    about: "fraction of the instants of true contact in the calibrated domain and before the tip, from the first touch on, at which the estimator states an estimate",
     summary: Summary::Mean,
-    measure: |scored| mean(scored.contacts.iter().map(|contact| f64::from(contact.error_m.is_some()))),
+    measure: |scored| {
+        let calibrated = scored.contacts.iter().filter(|contact| contact.is_calibrated);
+        mean(calibrated.map(|contact| f64::from(contact.error_m.is_some())))
+    },
 };
 
 /// Errors of the steady contact; empty if too many estimates are missing.
@@ -96,7 +99,14 @@ mod tests {
     use super::*;
 
     fn contacts(errors_m: &[Option<f64>]) -> Vec<Contact> {
-        let contact = |(row, &error_m)| Contact { row, t_contact_s: row as f64, error_m, nees: None, nis: None };
+        let contact = |(row, &error_m)| Contact {
+            row,
+            t_contact_s: row as f64,
+            is_calibrated: true,
+            error_m,
+            nees: None,
+            nis: None,
+        };
         errors_m.iter().enumerate().map(contact).collect()
     }
 

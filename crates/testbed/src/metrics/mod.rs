@@ -10,6 +10,7 @@ pub mod bound;
 pub mod consistency;
 pub mod contact_events;
 pub mod contour;
+pub mod doubt;
 pub mod error;
 pub mod radius;
 pub mod rows;
@@ -99,6 +100,9 @@ pub const METRICS: &[Metric] = &[
     consistency::NEES_SAMPLES,
     consistency::NIS,
     consistency::COVERAGE,
+    consistency::STATED_RMSE,
+    doubt::DOUBTED,
+    doubt::DOUBT_TIME,
     contact_events::LOST_PRECISION,
     contact_events::LOST_RECALL,
     contact_events::LOST_DELAY,

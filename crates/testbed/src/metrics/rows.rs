@@ -46,8 +46,14 @@ mod tests {
 
     #[test]
     fn verif_rows_are_counted_from_the_touch() {
-        let contact =
-            |row: usize, error_m: f64| Contact { row, t_contact_s: 0.0, error_m: Some(error_m), nees: None, nis: None };
+        let contact = |row: usize, error_m: f64| Contact {
+            row,
+            t_contact_s: 0.0,
+            is_calibrated: true,
+            error_m: Some(error_m),
+            nees: None,
+            nis: None,
+        };
         let contacts = [contact(7, 4e-3), contact(8, 2e-3), contact(9, 0.9e-3), contact(10, 3e-3)];
         assert_eq!(rows_to(&contacts, 1e-3), Some(2.0));
         assert_eq!(rows_to(&contacts[..2], 1e-3), None);

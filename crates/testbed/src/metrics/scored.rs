@@ -1,9 +1,10 @@
 //! Estimates of one estimator on one trial, together with the ground truth.
 
 use filters::Innovation;
-use trace::{Outline, Trace};
+use trace::{Outline, Trace, TruthInstant};
 use whisker::RestShape;
 use whisker::estimators::{Estimate, Knowledge};
+use whisker::frames::{Base, Point};
 
 use crate::bound::TraceBound;
 use crate::contact_events::Events;
@@ -13,7 +14,8 @@ use crate::replay::Replay;
 /// End of the start-up phase after the touch.
 pub const START_UP_S: f64 = 2.0;
 
-/// Largest fraction of missing estimates in the steady contact for which there are steady scores; more would bias them.
+/// Largest fraction of missing estimates in the steady contact in the calibrated domain for which there are steady scores;
+/// more would bias them.
 const MOST_MISSING: f64 = 0.1;
 
 /// Trial under one noise realisation: input of the estimators and ground truth.
@@ -39,6 +41,12 @@ impl Trial<'_> {
     /// Surface points of an estimator's replay, see [`surface_points`].
     pub fn surface_points(&self, replay: &Replay) -> Vec<SurfacePoint> {
         surface_points(&self.trace.recording, self.knowledge, self.readings_n_m, &replay.estimates)
+    }
+
+    /// Whether a true contact, which Base sees at `seen`, lies in the calibrated domain and not at the tip.
+    fn is_calibrated(&self, seen: Point<Base>, truth: &TruthInstant) -> bool {
+        let face = self.knowledge.face(self.trace.sidecar.face);
+        truth.tip != Some(true) && face.is_some_and(|face| face.domain.contains(face.along_and_away(seen)))
     }
 
     /// Outline of an estimator's replay with these surface points from the row `since` on, see [`Contour::found`].
@@ -100,6 +108,8 @@ pub struct Contact {
     pub row: usize,
     /// Time since the true first touch.
     pub t_contact_s: f64,
+    /// Whether the true contact lies in the calibrated domain and before the tip, so that an estimate can be expected.
+    pub is_calibrated: bool,
     /// Distance between estimated and true contact.
     pub error_m: Option<f64>,
     /// Normalised estimation error squared `e' P^-1 e`: chi-square with two degrees of freedom if the stated covariance
@@ -153,6 +163,7 @@ impl<'a> Scored<'a> {
             contacts.push(Contact {
                 row,
                 t_contact_s: known.t_s - touch_s,
+                is_calibrated: trial.is_calibrated(seen, truth),
                 error_m: estimate.map(|estimate| estimate.contact.distance(&seen)),
                 nees: estimate.and_then(|estimate| {
                     let error = estimate.contact.vector() - seen.vector();
@@ -191,13 +202,14 @@ impl<'a> Scored<'a> {
         &self.contacts[..end]
     }
 
-    /// Number of steady contacts without an estimate.
+    /// Number of steady contacts in the calibrated domain without an estimate.
     pub fn missing(&self) -> usize {
-        self.steady().iter().filter(|contact| contact.error_m.is_none()).count()
+        self.steady().iter().filter(|contact| contact.is_calibrated && contact.error_m.is_none()).count()
     }
 
-    /// Whether too many estimates of the steady contact are missing for steady scores.
+    /// Whether too many estimates of the steady contact in the calibrated domain are missing for steady scores.
     pub fn is_silent(&self) -> bool {
-        self.missing() as f64 > MOST_MISSING * self.steady().len() as f64
+        let calibrated = self.steady().iter().filter(|contact| contact.is_calibrated).count();
+        self.missing() as f64 > MOST_MISSING * calibrated as f64
     }
 }

@@ -40,6 +40,8 @@ pub struct EstimateRow {
     pub radius_sd_m: Option<f64>,
     /// Probabilities of the models that the estimator averages, the most probable first, as `sliding=0.970 ekf=0.030`.
     pub models: Option<String>,
+    /// Whether the readings contradict the models that the estimator averages.
+    pub model_doubtful: Option<bool>,
     /// True contact, x.
     pub truth_contact_x_m: Option<f64>,
     /// True contact, y.

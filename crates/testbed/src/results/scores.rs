@@ -46,7 +46,7 @@ pub struct TrialHead {
     pub touch_s: f64,
     /// Number of samples in contact after start-up.
     pub samples: usize,
-    /// Number of those samples without an estimate.
+    /// Number of those samples in the calibrated domain without an estimate.
     pub missing: usize,
     /// Mean probabilities over the contact of the models that the estimator averages, as `sliding=0.970 ekf=0.030`. `None` for other estimators.
     pub models: Option<String>,

@@ -3,6 +3,7 @@
 //! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
 
 mod arm;
+mod certainty;
 mod contact_events;
 mod contours;
 mod determinism;
@@ -18,7 +19,7 @@ mod sensor_model;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-pub(crate) use arm::RUN as ARM;
+use arm::RUN as ARM;
 
 use anyhow::bail;
 use files::write_atomically;
@@ -92,8 +93,8 @@ impl Claim {
     }
 }
 
-/// The registry of topics: each lists its claims.
-pub const TOPICS: &[fn() -> Vec<Claim>] = &[
+/// Topics of the standard set.
+const TOPICS: &[fn() -> Vec<Claim>] = &[
     sensor_model::claims,
     pins::claims,
     monte_carlo::claims,
@@ -108,15 +109,44 @@ pub const TOPICS: &[fn() -> Vec<Claim>] = &[
     determinism::claims,
 ];
 
+/// A set of claims that one command measures.
+pub struct ClaimSet {
+    /// Name.
+    pub name: &'static str,
+    /// Topics: each lists its claims.
+    topics: &'static [fn() -> Vec<Claim>],
+    /// Runs that the claims are measured on.
+    runs: &'static [&'static str],
+    /// Run and file of each figure that the documentation shows.
+    pub figures: &'static [(&'static str, &'static str)],
+}
+
+/// The registry of sets; the first is the default.
+pub const SETS: &[ClaimSet] = &[
+    ClaimSet {
+        name: "standard",
+        topics: TOPICS,
+        runs: RUNS,
+        figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
+    },
+    ClaimSet { name: "certainty", topics: &[certainty::claims], runs: certainty::RUNS, figures: &[] },
+];
+
+impl ClaimSet {
+    fn claims(&self) -> Vec<Claim> {
+        self.topics.iter().flat_map(|topic| topic()).collect()
+    }
+}
+
 /// Runs that claims are measured on, named after their suites; the run of the pins through a front end is named after the front end.
-pub(crate) const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN, arm::RUN];
+const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN, arm::RUN];
 
 /// Default run of a claim.
-pub(crate) const STANDARD: &str = "standard";
+const STANDARD: &str = "standard";
 
 /// Every claim.
 pub fn claims() -> Vec<Claim> {
-    TOPICS.iter().flat_map(|topic| topic()).collect()
+    SETS.iter().flat_map(ClaimSet::claims).collect()
 }
 
 /// A measured claim: a row of `claims.csv`.
@@ -141,7 +171,7 @@ pub struct MeasuredClaim {
 
 /// Data of the measurements: evaluated runs and the traces of the standard suite.
 pub struct Context {
-    /// The runs of [`RUNS`], by name.
+    /// The runs of the set, by name.
     runs: BTreeMap<&'static str, Evaluation>,
     /// Run of the recordings. `None` if they are missing.
     recordings: Option<Evaluation>,
@@ -163,13 +193,13 @@ struct Evaluation {
 }
 
 impl Context {
-    /// Opens the evaluated runs in the folder of results, and the standard suite.
+    /// Opens the evaluated runs of a set of claims in the folder of results, and the standard suite.
     ///
     /// # Errors
     /// If a file is missing or does not parse.
-    pub fn open(results: &Path) -> anyhow::Result<Self> {
+    pub fn open(set: &ClaimSet, results: &Path) -> anyhow::Result<Self> {
         let mut runs = BTreeMap::new();
-        for name in RUNS {
+        for name in set.runs {
             runs.insert(*name, Evaluation::open(&results.join(name))?);
         }
         let suite = Path::new("scenes/suites").join(STANDARD).with_extension("json");
@@ -189,7 +219,7 @@ impl Context {
         self.run(STANDARD)
     }
 
-    /// One of [`RUNS`].
+    /// One of the set's runs.
     fn run(&self, name: &str) -> &Evaluation {
         &self.runs[name]
     }
@@ -263,13 +293,18 @@ impl Evaluation {
     }
 }
 
-/// Measures every claim and writes the table.
+/// Measures every claim of a set and writes the table.
 ///
 /// # Errors
 /// If a measurement fails or the table cannot be written.
-pub fn measure(context: &Context, out: &Path, progress: &ProgressBar) -> anyhow::Result<Vec<MeasuredClaim>> {
+pub fn measure(
+    set: &ClaimSet,
+    context: &Context,
+    out: &Path,
+    progress: &ProgressBar,
+) -> anyhow::Result<Vec<MeasuredClaim>> {
     let mut measured = Vec::new();
-    let claims = claims();
+    let claims = set.claims();
     progress.set_length(claims.len() as u64);
     for claim in claims {
         let can_be_measured = !claim.needs_recordings || context.recordings.is_some();

@@ -12,14 +12,14 @@ use super::output::reserve;
 use super::print;
 use super::progress::Progress;
 use super::table::render;
-use crate::claims::{ARM, Context, STANDARD, measure};
-
-/// Run and file of each figure that the documentation shows.
-const README_FIGURES: &[(&str, &str)] = &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")];
+use crate::claims::{ClaimSet, Context, SETS, measure};
 
 /// Measure every claim of the documentation and write results/reference/
 #[derive(clap::Args)]
 pub(super) struct Arguments {
+    /// Set of claims
+    #[arg(long, value_parser = set_of, default_value = SETS[0].name)]
+    set: &'static ClaimSet,
     /// Folder of the evaluated runs
     #[arg(long, default_value = "results")]
     results: PathBuf,
@@ -28,17 +28,26 @@ pub(super) struct Arguments {
     out: PathBuf,
 }
 
+fn set_of(name: &str) -> Result<&'static ClaimSet, String> {
+    SETS.iter().find(|set| set.name == name).ok_or_else(|| {
+        let known: Vec<_> = SETS.iter().map(|set| set.name).collect();
+        format!("expected one of: {}", known.join(", "))
+    })
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let _lock = reserve(&arguments.out, &[])?;
-    let context = Context::open(&arguments.results)?;
+    let context = Context::open(arguments.set, &arguments.results)?;
     let table = arguments.out.join("claims.csv");
     let progress = Progress::of("measuring");
-    let claims = measure(&context, &table, &progress)?;
+    let claims = measure(arguments.set, &context, &table, &progress)?;
     drop(progress);
-    for run in context.runs() {
-        report(&arguments.results.join(run), &Progress::of("drawing"))?;
+    if !arguments.set.figures.is_empty() {
+        for run in context.runs() {
+            report(&arguments.results.join(run), &Progress::of("drawing"))?;
+        }
     }
-    for (run, name) in README_FIGURES {
+    for (run, name) in arguments.set.figures {
         let figure = arguments.results.join(run).join("figures").join(name);
         let picture = fs::read(&figure).with_context(|| figure.display().to_string())?;
         write_atomically(&arguments.out.join(name), &picture)?;

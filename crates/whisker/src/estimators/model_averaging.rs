@@ -6,6 +6,12 @@
 //! the priors decide. The estimate is the mean and covariance of the mixture, not of the most probable candidate, so
 //! that the disagreement of probable candidates counts as uncertainty.
 //!
+//! A *considered* candidate, for example one that doubts the calibration, does not move the mean unless it is more probable
+//! than the others together. Its belief is part of the covariance about the stated mean, so that a possible systematic
+//! error that the readings do not show counts as uncertainty and costs no accuracy. Its evidence against the others has a
+//! power of its own: innovations hardly depend on errors of the calibration, and models that are slightly wrong
+//! in the same way imitate them.
+//!
 //! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
 //! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
 //! readings that reject the others.
@@ -40,6 +46,15 @@ pub(super) struct Candidate {
     pub settings: Map<String, Value>,
     /// Prior probability, relative to the others.
     pub weight: f64,
+    /// Whether the candidate contributes to the covariance alone, unless it is more probable than the others together.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub considered: bool,
+}
+
+impl Candidate {
+    fn new(name: &str, weight: f64) -> Self {
+        Self { name: name.into(), settings: Map::new(), weight, considered: false }
+    }
 }
 
 /// Settings.
@@ -51,6 +66,14 @@ pub(super) struct Config {
     /// Gate, in standard deviations: a larger innovation counts as evidence as if it lay at the gate, which bounds the
     /// influence of an outlier.
     pub gate_sds: f64,
+    /// Power of the likelihoods by which candidates are weighted: below 1 if the errors of neighbouring readings depend on
+    /// one another, as those of a wrong model do.
+    pub evidence_power: f64,
+    /// Power of the likelihoods of the considered candidates together and of the others together, by which the two groups
+    /// are weighted.
+    pub considered_power: f64,
+    /// Factor of the covariance, for errors that no candidate has.
+    pub covariance_factor: f64,
     /// Mean time between changes of the right candidate.
     pub sojourn_s: f64,
     /// Probability of a candidate below which it does not count for the estimate.
@@ -62,12 +85,13 @@ pub(super) struct Config {
 
 impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
-    /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also allows for an inexact calibration. The
-    /// odds were chosen on random scenes of the training suite and on the standard suite.
+    /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration, with
+    /// an even chance nearly, and is considered. Odds, powers and factor were chosen on the training suite of random scenes
+    /// and on the standard suite.
     fn default() -> Self {
-        let candidates =
-            Self::among([("ukf", 10.0), ("round", 10.0), ("sliding", 3.0), ("outline", 2.0), ("installed", 0.5)]);
-        Self { ignored_share: 0.02, ..candidates }
+        let mut average = Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0)]);
+        average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
+        Self { ignored_share: 0.02, evidence_power: 0.5, considered_power: 0.01, covariance_factor: 1.5, ..average }
     }
 }
 
@@ -79,8 +103,17 @@ impl Config {
     }
 
     fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
-        let candidates = candidates.map(|(name, weight)| Candidate { name: name.into(), settings: Map::new(), weight });
-        Self { candidates: candidates.into(), gate_sds: 5.0, sojourn_s: 1000.0, ignored_share: 0.0, farthest_m: 2e-3 }
+        let candidates = candidates.map(|(name, weight)| Candidate::new(name, weight));
+        Self {
+            candidates: candidates.into(),
+            gate_sds: 5.0,
+            evidence_power: 1.0,
+            considered_power: 1.0,
+            covariance_factor: 1.0,
+            sojourn_s: 1000.0,
+            ignored_share: 0.0,
+            farthest_m: 2e-3,
+        }
     }
 }
 
@@ -94,6 +127,9 @@ impl Settings for Config {
             }
         }
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
+        within("considered_power", self.considered_power, 1e-6..=1.0)?;
+        within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
         within("farthest_m", self.farthest_m, 0.0..=1.0)
@@ -160,9 +196,13 @@ impl Method for ModelAveraging {
         let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
         Box::new(AveragingTracker {
             gate_sds: self.config.gate_sds,
+            evidence_power: self.config.evidence_power,
+            considered_power: self.config.considered_power,
+            covariance_factor: self.config.covariance_factor,
             sojourn_s: self.config.sojourn_s,
             ignored_share: self.config.ignored_share,
             farthest_m: self.config.farthest_m,
+            considered: self.config.candidates.iter().map(|candidate| candidate.considered).collect(),
             face: touch.face.clone(),
             methods: self.methods.clone(),
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
@@ -222,12 +262,24 @@ impl Doubtful {
     }
 }
 
+/// A candidate's estimate in the mixture.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    estimate: &'a Estimate,
+    share: f64,
+    considered: bool,
+}
+
 /// The candidates on one contact.
 struct AveragingTracker {
     gate_sds: f64,
+    evidence_power: f64,
+    considered_power: f64,
+    covariance_factor: f64,
     sojourn_s: f64,
     ignored_share: f64,
     farthest_m: f64,
+    considered: Vec<bool>,
     face: Arc<CalibratedFace>,
     weights: Vec<f64>,
     methods: Methods,
@@ -247,6 +299,28 @@ impl AveragingTracker {
         innovation.log_likelihood() + 0.5 * (innovation.nis - self.gate_sds.powi(2)).max(0.0)
     }
 
+    /// The evidence with its powers: within the group of a candidate, considered or not, and that of the group as a whole.
+    fn tempered(&self, evidence: &[f64]) -> Vec<f64> {
+        let largest = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        // Logarithm of the mean likelihood of a group with a power.
+        let of_group = |considered: bool, power: f64| {
+            let members = || self.considered.iter().zip(self.right.probabilities().iter().zip(evidence));
+            let (mut share, mut likelihood) = (0.0, 0.0);
+            for (_, (probability, log)) in members().filter(|(is_considered, _)| **is_considered == considered) {
+                share += probability;
+                likelihood += probability * (power * (log - largest)).exp();
+            }
+            if likelihood > 0.0 { (likelihood / share).ln() } else { 0.0 }
+        };
+        let of_groups = [false, true].map(|considered| {
+            self.considered_power * of_group(considered, 1.0) - of_group(considered, self.evidence_power)
+        });
+        let of_candidate = |(log, considered): (&f64, &bool)| {
+            self.evidence_power * (log - largest) + of_groups[usize::from(*considered)]
+        };
+        evidence.iter().zip(&self.considered).map(of_candidate).collect()
+    }
+
     /// Updates the candidates' probabilities and returns the innovation of the mixture.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
         let sojourns_s = vec![self.sojourn_s; self.methods.len()];
@@ -257,8 +331,9 @@ impl AveragingTracker {
         let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
         // A candidate without a prediction gets the smallest likelihood of the others.
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-        let evidence: Vec<_> = evidence.iter().map(|found| Some(found.unwrap_or(least))).collect();
-        self.right.reweight(&evidence)?;
+        let evidence: Vec<_> = evidence.iter().map(|found| found.unwrap_or(least)).collect();
+        let tempered: Vec<_> = self.tempered(&evidence).into_iter().map(Some).collect();
+        self.right.reweight(&tempered)?;
         Some(innovation)
     }
 
@@ -271,32 +346,40 @@ impl AveragingTracker {
     }
 
     /// Estimate of the mixture. `None` if no candidate has an estimate.
-    fn together(&self, estimates: &[Option<Estimate>], innovation: Option<Innovation<1>>) -> Option<Estimate> {
+    fn together<'a>(&self, estimates: &'a [Option<Estimate>], innovation: Option<Innovation<1>>) -> Option<Estimate> {
         let shares = self.right.probabilities();
-        let parts: Vec<(&Estimate, f64)> =
-            estimates.iter().zip(shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share))).collect();
-        let most = parts.iter().map(|(_, share)| *share).fold(0.0, f64::max);
-        let parts: Vec<_> = parts.into_iter().filter(|(_, share)| *share >= self.ignored_share * most).collect();
-        let (leading, _) = *parts.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let known: f64 = parts.iter().map(|(_, share)| share).sum();
+        let stated = estimates.iter().zip(shares).zip(&self.considered);
+        let part = |((estimate, share), considered): ((&'a Option<Estimate>, &f64), &bool)| {
+            Some(Part { estimate: estimate.as_ref()?, share: *share, considered: *considered })
+        };
+        let parts: Vec<Part<'_>> = stated.filter_map(part).collect();
+        let most = parts.iter().map(|part| part.share).fold(0.0, f64::max);
+        let parts: Vec<_> = parts.into_iter().filter(|part| part.share >= self.ignored_share * most).collect();
+        let known: f64 = parts.iter().map(|part| part.share).sum();
         // The more probable candidates may have none because the contact is at the tip.
         if known < LEAST_KNOWN {
             return None;
         }
+        let considered: f64 = parts.iter().filter(|part| part.considered).map(|part| part.share).sum();
+        let moving: Vec<_> = parts.iter().filter(|part| !part.considered || 2.0 * considered > known).collect();
+        let leading = moving.iter().max_by(|a, b| a.share.total_cmp(&b.share))?.estimate;
+        let moved: f64 = moving.iter().map(|part| part.share).sum();
         // Relative to the leading candidate's contact, so that no digits are lost to rounding if its probability is nearly
         // one.
-        let offset = |estimate: &Estimate| estimate.contact.vector() - leading.contact.vector();
-        let shift = parts.iter().map(|(estimate, share)| offset(estimate) * (share / known)).sum::<Vector2<f64>>();
-        let place = |(estimate, share): &(&Estimate, f64)| {
-            Some((Gaussian::new(offset(estimate), estimate.covariance_m2?), *share))
-        };
-        let size = |(estimate, share): &(&Estimate, f64)| {
-            let Radius { radius_m, sd_m } = estimate.radius?;
-            Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), *share))
+        let offset = |part: &Part<'_>| part.estimate.contact.vector() - leading.contact.vector();
+        let shift = moving.iter().map(|part| offset(part) * (part.share / moved)).sum::<Vector2<f64>>();
+        let place = |part: &Part<'_>| Some((Gaussian::new(offset(part), part.estimate.covariance_m2?), part.share));
+        let size = |part: &&Part<'_>| {
+            let Radius { radius_m, sd_m } = part.estimate.radius?;
+            Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), part.share))
         };
         let places: Option<Vec<_>> = parts.iter().map(place).collect();
-        let size = Gaussian::of_mixture(parts.iter().filter_map(size)).filter(|_| leading.radius.is_some());
-        let covariance_m2 = places.and_then(Gaussian::of_mixture).map(|places| places.covariance);
+        let size = Gaussian::of_mixture(moving.iter().filter_map(size)).filter(|_| leading.radius.is_some());
+        let about_shift = |places: Gaussian<2>| {
+            let apart = places.mean - shift;
+            (places.covariance + apart * apart.transpose()) * self.covariance_factor
+        };
+        let covariance_m2 = places.and_then(Gaussian::of_mixture).map(about_shift);
         Some(Estimate {
             contact: leading.contact.shifted(shift),
             covariance_m2,
@@ -370,6 +453,55 @@ mod tests {
             doubtful.advance(&[(&estimates[0], shares[0]), (&estimates[1], shares[1])], innovation(nis(i)));
             doubtful.is_raised()
         })
+    }
+
+    /// A tracker of two candidates, of which the second is considered, with these probabilities.
+    fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
+        AveragingTracker {
+            gate_sds: 5.0,
+            evidence_power: 0.5,
+            considered_power: 1e-6,
+            covariance_factor: 2.0,
+            sojourn_s: 1000.0,
+            ignored_share: 0.0,
+            farthest_m: 2e-3,
+            considered: vec![false, true],
+            face: face.clone(),
+            weights: shares.to_vec(),
+            methods: Arc::new([]),
+            trackers: Vec::new(),
+            right: Modes::new(shares),
+            doubtful: Doubtful::default(),
+        }
+    }
+
+    #[test]
+    fn verif_a_considered_candidate_widens_the_covariance_and_moves_the_mean_only_if_it_leads() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let at = |x_m: f64| Some(side.estimate_at(Point::new(x_m, 0.0), true, Matrix2::identity() * 1e-8, None));
+        let estimates = [at(0.05), at(0.051)];
+        let stated = |shares| tracker(shares, &knowledge.faces[0]).together(&estimates, None).unwrap();
+        let led = stated([0.6, 0.4]);
+        assert_eq!(led.contact, Point::new(0.05, 0.0));
+        let covariance_m2 = led.covariance_m2.unwrap();
+        assert!((covariance_m2[(0, 0)] - 2.0 * (1e-8 + 0.4 * 1e-6)).abs() < 1e-14, "{covariance_m2}");
+        assert!((covariance_m2[(1, 1)] - 2e-8).abs() < 1e-14, "{covariance_m2}");
+        let moved = stated([0.4, 0.6]);
+        assert!((moved.contact.x() - 0.0506).abs() < 1e-12, "{moved:?}");
+    }
+
+    #[test]
+    fn verif_evidence_has_its_power_within_a_group_and_another_between_them() {
+        let knowledge = knowledge();
+        let mut tracker = tracker([0.6, 0.4], &knowledge.faces[0]);
+        tracker.considered = vec![false, false, true];
+        tracker.right = Modes::new([0.3, 0.3, 0.4]);
+        let tempered = tracker.tempered(&[0.0, -2.0, 5.0]);
+        tracker.right.reweight(&tempered.into_iter().map(Some).collect::<Vec<_>>());
+        let shares = tracker.right.probabilities();
+        assert!((shares[2] - 0.4).abs() < 1e-5, "{shares:?}");
+        assert!((shares[0] / shares[1] - 1.0_f64.exp()).abs() < 1e-9, "{shares:?}");
     }
 
     #[test]

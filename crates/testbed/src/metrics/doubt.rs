@@ -1,0 +1,28 @@
+//! The signal that an estimator's models contradict the readings ([`whisker::estimators::Estimate::model_doubtful`]).
+
+use super::{Metric, Scored, Summary};
+use crate::statistics::mean;
+
+/// Share of the estimates with the signal.
+pub const DOUBTED: Metric = Metric {
+    name: "doubted",
+    about: "fraction of the estimates at which the readings contradict the models that the estimator averages",
+    summary: Summary::Mean,
+    measure: |scored| mean(signals(scored).map(|(_, is_doubtful)| f64::from(is_doubtful))),
+};
+
+/// Time until the signal.
+pub const DOUBT_TIME: Metric = Metric {
+    name: "doubt_time_s",
+    about: "time from the touch until the readings first contradict the models that the estimator averages; mean over the trials in which they do",
+    summary: Summary::Mean,
+    measure: |scored| signals(scored).find(|(_, is_doubtful)| *is_doubtful).map(|(t_contact_s, _)| t_contact_s),
+};
+
+/// Times since the touch of the estimates by averaged models, and whether they are in doubt.
+fn signals(scored: &Scored<'_>) -> impl Iterator<Item = (f64, bool)> {
+    scored.contacts.iter().filter_map(|contact| {
+        let estimate = scored.estimates[contact.row].as_ref()?;
+        estimate.models.map(|_| (contact.t_contact_s, estimate.model_doubtful))
+    })
+}

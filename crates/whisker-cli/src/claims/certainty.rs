@@ -1,0 +1,342 @@
+//! Certainty on scenes that no setting was chosen on: the random suite, and pins with a calibration that is off.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use testbed::metrics::{Metric, bound, consistency, contour, doubt, error};
+use testbed::results::TrialRow;
+use testbed::statistics::{mean, median, quantile};
+use trace::Sidecar;
+
+use super::{Claim, Context, Evaluation, RECOMMENDED};
+
+/// Run of the random suite, and the folder of its traces.
+const RANDOM: &str = "random";
+const TRACES: &str = "datasets/random";
+
+/// Run of the standard suite's pins with miscalibrations.
+const MISCALIBRATED: &str = "miscalibrated";
+
+pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED];
+
+/// Shapes with corners; a plate is met at its edge.
+const POLYGONS: [&str; 4] = ["rectangle", "regular_polygon", "convex_polygon", "plate"];
+
+/// Steady error above which a trial counts as failed.
+const FAILED_M: f64 = 0.5e-3;
+
+/// Largest radius of a small circle.
+const SMALL_RADIUS_M: f64 = 6e-3;
+
+/// Mean distance of an accurate outline.
+const OUTLINE_M: f64 = 0.05e-3;
+
+/// Coverage below which a set is overconfident, and below which the signal of doubt has to find it.
+const LEAST_COVERAGE: f64 = 0.8;
+const MISSED_COVERAGE: f64 = 0.6;
+
+/// Time within which it has to find it.
+const DOUBT_WITHIN_S: f64 = 2.0;
+
+pub(super) fn claims() -> Vec<Claim> {
+    let parts = [coverage(), errors(), outlines(), small_circles(), lift_offs(), doubts(), miscalibrations()];
+    parts.into_iter().flatten().collect()
+}
+
+/// A set of the random suite: the trials of `recommended` on one object.
+struct Set<'a> {
+    trials: Vec<&'a TrialRow>,
+}
+
+impl Set<'_> {
+    fn object(&self) -> &str {
+        &self.trials[0].head.object
+    }
+
+    fn is_polygon(&self) -> bool {
+        POLYGONS.contains(&self.object())
+    }
+
+    fn mean(&self, metric: &Metric) -> Option<f64> {
+        mean(self.trials.iter().filter_map(|trial| trial.get(metric)))
+    }
+
+    fn coverage(&self) -> Option<f64> {
+        self.mean(&consistency::COVERAGE)
+    }
+
+    /// Scene of the first trace.
+    fn sidecar(&self) -> anyhow::Result<Sidecar> {
+        Ok(Sidecar::read(&Path::new(TRACES).join(format!("{}.csv", self.trials[0].head.trace)))?)
+    }
+}
+
+/// The sets of the random suite.
+fn sets(context: &Context) -> Vec<Set<'_>> {
+    let Evaluation { trials, .. } = context.run(RANDOM);
+    let mut by_group: BTreeMap<&str, Vec<&TrialRow>> = BTreeMap::new();
+    for trial in trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED) {
+        by_group.entry(&trial.head.group).or_default().push(trial);
+    }
+    by_group.into_values().map(|trials| Set { trials }).collect()
+}
+
+/// Share (%) of values that meet a condition. `None` if there are none.
+fn share<T>(values: impl IntoIterator<Item = T>, condition: impl Fn(&T) -> bool) -> Option<f64> {
+    mean(values.into_iter().map(|value| f64::from(condition(&value)))).map(|share| 100.0 * share)
+}
+
+fn about(what: &str) -> String {
+    format!("random suite, {RECOMMENDED}: {what}")
+}
+
+fn coverage() -> Vec<Claim> {
+    let all =
+        |context: &Context| Ok(mean(sets(context).iter().filter_map(Set::coverage)).map(|coverage| 100.0 * coverage));
+    let ellipses = about("stated 95 % ellipses that hold the truth, mean over sets");
+    vec![
+        Claim::at_least("random_coverage_low".into(), ellipses.clone(), 88.0, "%", all),
+        Claim::at_most("random_coverage_high".into(), ellipses, 99.0, "%", all),
+        Claim::at_most(
+            "random_overconfident".into(),
+            about("sets in which fewer than 80 % of the ellipses hold the truth"),
+            3.0,
+            "%",
+            |context| Ok(share(sets(context).iter().filter_map(Set::coverage), |coverage| *coverage < LEAST_COVERAGE)),
+        ),
+        Claim::at_least(
+            "random_answered".into(),
+            about("instants of contact in the calibrated domain with an estimate, mean over sets"),
+            90.0,
+            "%",
+            |context| {
+                Ok(mean(sets(context).iter().filter_map(|set| set.mean(&error::ANSWERED))).map(|share| 100.0 * share))
+            },
+        ),
+    ]
+}
+
+/// Trials of the smooth objects, or of the polygons.
+fn trials(context: &Context, polygons: bool) -> Vec<&TrialRow> {
+    sets(context).into_iter().filter(|set| set.is_polygon() == polygons).flat_map(|set| set.trials).collect()
+}
+
+fn errors() -> Vec<Claim> {
+    let above = |polygons: bool, metric: Metric| {
+        move |context: &Context| {
+            Ok(share(trials(context, polygons), |trial| trial.get(&metric).is_none_or(|error_m| error_m > FAILED_M)))
+        }
+    };
+    let known = |polygons: bool| {
+        move |context: &Context| {
+            let bounds = trials(context, polygons).into_iter().filter_map(|trial| trial.get(&bound::RMSE));
+            Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
+        }
+    };
+    let failed = "trials with a steady RMSE above 0.5 mm";
+    let bounded = "trials whose Cramer-Rao bound, with known shape and calibration, exceeds 0.5 mm";
+    vec![
+        Claim::at_most(
+            "random_smooth_failed".into(),
+            about(&format!("smooth objects: {failed}")),
+            3.0,
+            "%",
+            above(false, error::RMSE),
+        ),
+        Claim::at_most(
+            "random_polygon_failed".into(),
+            about(&format!("polygons: {failed}")),
+            6.0,
+            "%",
+            above(true, error::RMSE),
+        ),
+        Claim::at_least(
+            "random_smooth_bound".into(),
+            format!("random suite, smooth objects: {bounded}"),
+            0.0,
+            "%",
+            known(false),
+        ),
+        Claim::at_least(
+            "random_polygon_bound".into(),
+            format!("random suite, polygons: {bounded}"),
+            0.0,
+            "%",
+            known(true),
+        ),
+        Claim::at_most(
+            "random_smooth_p90".into(),
+            about("smooth objects: 90th percentile over trials of the steady RMSE"),
+            0.25,
+            "mm",
+            |context| {
+                let errors: Vec<f64> = trials(context, false)
+                    .into_iter()
+                    .map(|trial| trial.get(&error::RMSE).unwrap_or(f64::INFINITY))
+                    .collect();
+                Ok(quantile(&errors, 0.9).map(|error_m| 1e3 * error_m))
+            },
+        ),
+    ]
+}
+
+fn outlines() -> Vec<Claim> {
+    let band = |context: &Context| {
+        let of_sets = sets(context);
+        Ok(mean(of_sets.iter().filter_map(|set| set.mean(&contour::BAND_COVERAGE))).map(|share| 100.0 * share))
+    };
+    let held = about("outline: true points in the stated 95 % band, mean over sets");
+    vec![
+        Claim::at_least(
+            "random_outline".into(),
+            about("sets whose outline is off by at most 0.05 mm in the mean"),
+            90.0,
+            "%",
+            |context| {
+                let is_accurate = |set: &Set<'_>| set.mean(&contour::MEAN).is_some_and(|mean_m| mean_m <= OUTLINE_M);
+                Ok(share(sets(context), is_accurate))
+            },
+        ),
+        Claim::at_least("random_band_low".into(), held.clone(), 88.0, "%", band),
+        Claim::at_most("random_band_high".into(), held, 99.0, "%", band),
+    ]
+}
+
+/// Sets of circles of at most 6 mm.
+fn small(context: &Context) -> anyhow::Result<Vec<Set<'_>>> {
+    let mut found = Vec::new();
+    for set in sets(context).into_iter().filter(|set| set.object() == "circle") {
+        let radius_m = set.sidecar()?.scene["object"]["radius_m"].as_f64();
+        if radius_m.is_some_and(|radius_m| radius_m <= SMALL_RADIUS_M) {
+            found.push(set);
+        }
+    }
+    Ok(found)
+}
+
+fn small_circles() -> Vec<Claim> {
+    vec![
+        Claim::at_most(
+            "random_small_circle_rmse".into(),
+            about("circles of 1 to 6 mm: steady RMSE, median over trials"),
+            0.2,
+            "mm",
+            |context| {
+                let errors =
+                    small(context)?.into_iter().flat_map(|set| set.trials).filter_map(|trial| trial.get(&error::RMSE));
+                Ok(median(errors).map(|error_m| 1e3 * error_m))
+            },
+        ),
+        Claim::at_least(
+            "random_small_circle_coverage".into(),
+            about("circles of 1 to 6 mm: stated 95 % ellipses that hold the truth"),
+            88.0,
+            "%",
+            |context| Ok(mean(small(context)?.iter().filter_map(Set::coverage)).map(|coverage| 100.0 * coverage)),
+        ),
+    ]
+}
+
+fn lift_offs() -> Vec<Claim> {
+    vec![Claim::at_most(
+        "random_later_touches".into(),
+        about("lift-offs: contact error from the second stroke on over that of the whole contact, median over trials"),
+        1.2,
+        "times",
+        |context| {
+            let mut ratios = Vec::new();
+            for set in sets(context) {
+                if set.sidecar()?.scene["motion"]["kind"] != "lift_offs" {
+                    continue;
+                }
+                let ratio = |trial: &&TrialRow| {
+                    Some(trial.get(&contour::LATER_CONTACT_RMSE)? / trial.get(&contour::CONTACT_RMSE)?)
+                };
+                ratios.extend(set.trials.iter().filter_map(ratio));
+            }
+            Ok(median(ratios))
+        },
+    )]
+}
+
+fn doubts() -> Vec<Claim> {
+    vec![
+        Claim::at_least(
+            "random_doubt_found".into(),
+            about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s"),
+            90.0,
+            "%",
+            |context| {
+                let missed = sets(context)
+                    .into_iter()
+                    .filter(|set| set.coverage().is_some_and(|coverage| coverage < MISSED_COVERAGE));
+                let is_found =
+                    |trial: &&TrialRow| trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S);
+                Ok(share(missed.flat_map(|set| set.trials), is_found))
+            },
+        ),
+        Claim::at_most(
+            "random_doubt_false".into(),
+            about("trials in doubt per minute of contact, in sets with a coverage of at least 80 %"),
+            0.02,
+            "per minute",
+            |context| {
+                let (mut alarms, mut minutes) = (0.0, 0.0);
+                let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= LEAST_COVERAGE);
+                for set in sets(context).into_iter().filter(is_good) {
+                    let rate_hz = set.sidecar()?.rate_hz;
+                    for trial in set.trials {
+                        alarms += f64::from(trial.get(&doubt::DOUBT_TIME).is_some());
+                        minutes += trial.head.samples as f64 / rate_hz / 60.0;
+                    }
+                }
+                Ok((minutes > 0.0).then_some(alarms / minutes))
+            },
+        ),
+    ]
+}
+
+/// Miscalibrations of the pins, by their labels in the groups' names.
+const MISCALIBRATIONS: [(&str, &str); 5] = [
+    ("gain_1", "gain 1e-2"),
+    ("gain_5", "gain 5e-2"),
+    ("mount_angle", "mount rad 8.7e-3"),
+    ("mount_place", "mount y m 3e-4"),
+    ("stiffness_5", "stiffness 5e-2"),
+];
+
+fn miscalibrations() -> Vec<Claim> {
+    let of_case = |(id, label): (&'static str, &'static str)| {
+        let rows = move |context: &Context| -> Vec<TrialRow> {
+            let Evaluation { trials, .. } = context.run(MISCALIBRATED);
+            let is_case =
+                |trial: &&TrialRow| trial.head.estimator == RECOMMENDED && trial.head.group == format!("pin, {label}");
+            trials.iter().filter(is_case).cloned().collect()
+        };
+        let about = format!("pins of the standard suite, {label}, {RECOMMENDED}");
+        [
+            Claim::at_least(
+                format!("miscalibrated_{id}_coverage"),
+                format!("{about}: stated 95 % ellipses that hold the truth"),
+                85.0,
+                "%",
+                move |context| {
+                    let coverages = rows(context).into_iter().filter_map(|trial| trial.get(&consistency::COVERAGE));
+                    Ok(mean(coverages).map(|coverage| 100.0 * coverage))
+                },
+            ),
+            Claim::at_most(
+                format!("miscalibrated_{id}_stated"),
+                format!("{about}: stated RMS error over the true one, median over trials"),
+                2.0,
+                "times",
+                move |context| {
+                    let ratio =
+                        |trial: TrialRow| Some(trial.get(&consistency::STATED_RMSE)? / trial.get(&error::RMSE)?);
+                    Ok(median(rows(context).into_iter().filter_map(ratio)))
+                },
+            ),
+        ]
+    };
+    MISCALIBRATIONS.into_iter().flat_map(of_case).collect()
+}

@@ -1,0 +1,41 @@
+//! Certainty on random scenes, which no setting was chosen on.
+
+use super::docs;
+use crate::failure::{Failure, Outcome};
+use crate::kept;
+use crate::parts::step;
+use crate::pipeline::{self, Evaluations, FORCE};
+use crate::tools::{run as run_command, whisker};
+
+/// Suite for reports; settings were chosen on `random_training`.
+const RANDOM: &str = "random";
+
+/// Suite whose pins are evaluated with miscalibrations, and with noise of the calibrated range.
+const STANDARD: &str = "standard";
+
+/// Set of claims, and the folder of their table.
+const CLAIMS: &str = "certainty";
+const OUT: &str = "results/reference/certainty";
+
+pub(crate) fn run(arguments: &[String]) -> Outcome {
+    let evaluations = match arguments {
+        [] => Evaluations::new(false),
+        [option] if option == FORCE => Evaluations::new(true),
+        [surplus, ..] => {
+            return Err(Failure::new(format!("random: found `{surplus}`, expected {FORCE} or nothing")));
+        }
+    };
+    pipeline::prepare()?;
+    pipeline::simulate(STANDARD)?;
+    pipeline::fit(STANDARD)?;
+    evaluations.miscalibrated(STANDARD)?;
+    evaluations.of_range(STANDARD)?;
+    kept::keep("range", &["run.json", "summary.csv"])?;
+    pipeline::simulate(RANDOM)?;
+    pipeline::fit(RANDOM)?;
+    evaluations.as_stated(RANDOM)?;
+    // The documentation is written even if a claim does not hold.
+    let outcome = step("measure", || run_command(whisker(&["reproduce", "--set", CLAIMS, "--out", OUT])));
+    step("documentation", docs::run)?;
+    outcome
+}
