@@ -1,4 +1,5 @@
-//! Identities of the code that computes calibrations and evaluations: hashes of declared sources and of the locked packages that they depend on.
+//! Identities of the code that computes calibrations and evaluations: hashes of declared sources and of the locked
+//! packages that they depend on.
 //!
 //! `build.rs` and the test of these declarations include this file. The sources of a declared folder count as a whole,
 //! unit tests and comments included; tests in `tests/`, benches and examples do not.

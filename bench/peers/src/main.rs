@@ -1,7 +1,7 @@
 //! Comparison of this project's filters with those of the crate `smelly` on one problem.
 //!
-//! `peers TRACE CALIBRATION SEEDS OUT` writes the problem to the file OUT, for filters in other languages, and prints the estimates of every filter
-//! and the time of one step as JSON.
+//! `peers TRACE CALIBRATION SEEDS OUT` writes the problem to the file OUT, for filters in other languages, and prints
+//! the estimates of every filter and the time of one step as JSON.
 
 mod filter;
 mod ours;

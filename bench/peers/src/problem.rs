@@ -1,7 +1,8 @@
 //! Localisation of the contact between a whisker and a pin.
 //!
-//! The state is the contact in Base (m). It rests in World, so it moves in Base by the inverse of the base's motion, with a small random walk as process
-//! noise. The reading is a polynomial of degree 5 in the contact's coordinates, with noise (Lin et al. 2022).
+//! The state is the contact in Base (m). It rests in World, so it moves in Base by the inverse of the base's motion,
+//! with a small random walk as process noise. The reading is a polynomial of degree 5 in the contact's coordinates,
+//! with noise (Lin et al. 2022).
 
 use std::path::Path;
 use std::sync::Arc;

@@ -104,7 +104,8 @@ fn lz4<'b>(frame: &'b mut &[u8]) -> io::Result<Box<dyn Read + 'b>> {
     Ok(Box::new(FrameDecoder::new(frame)))
 }
 
-/// Decompresses frame after frame, up to `length` bytes: memory grows with the bytes that come out, not with the length that is claimed.
+/// Decompresses frame after frame, up to `length` bytes: memory grows with the bytes that come out, not with the length
+/// that is claimed.
 fn decompressed(mut frames: &[u8], length: u64, decoder: Decoder) -> Result<Vec<u8>, McapError> {
     let mut bytes = Vec::new();
     let mut append = || -> io::Result<()> {

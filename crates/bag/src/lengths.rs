@@ -2,7 +2,8 @@
 
 use mcap::records::op;
 
-/// `None` if a length in a record reaches beyond its end. The crate `mcap` would allocate the stated length before checking that as many bytes follow.
+/// `None` if a length in a record reaches beyond its end. The crate `mcap` would allocate the stated length before
+/// checking that as many bytes follow.
 pub(crate) fn fit(opcode: u8, body: &[u8]) -> Option<()> {
     match opcode {
         op::SCHEMA => {

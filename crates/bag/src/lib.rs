@@ -1,13 +1,15 @@
 //! ROS 2 messages and rosbag2 recordings, without ROS.
 //!
-//! [`messages`] defines the ROS 2 messages in which the data of a whisker are recorded. [`Writer`] records them into a rosbag2 folder: a `metadata.yaml` beside
-//! an MCAP file. [`Reader`] reads such folders, and single MCAP files of any writer, with uncompressed, zstd and LZ4 chunks. [`Publisher`] is the common
-//! interface of a recording and a live node. [`topics`] defines the names of topics and frames, and [`cdr`] encodes values. The crate depends on no other crate
-//! of the project; the command `whisker bag` (`whisker_cli::ros`) converts traces and logs with it.
+//! [`messages`] defines the ROS 2 messages in which the data of a whisker are recorded. [`Writer`] records them into a
+//! rosbag2 folder: a `metadata.yaml` beside an MCAP file. [`Reader`] reads such folders, and single MCAP files of any
+//! writer, with uncompressed, zstd and LZ4 chunks. [`Publisher`] is the common interface of a recording and a live
+//! node. [`topics`] defines the names of topics and frames, and [`cdr`] encodes values. The crate depends on no other
+//! crate of the project; the command `whisker bag` (`whisker_cli::ros`) converts traces and logs with it.
 //!
 //! # Example: rate of change of a recorded field
 //!
-//! A magnetometer's field is recorded twice, 1.5 s apart, and the change of its x component per second is computed from the recording.
+//! A magnetometer's field is recorded twice, 1.5 s apart, and the change of its x component per second is computed from
+//! the recording.
 //!
 //! ```
 //! use bag::messages::{Header, MagneticField, Time, Vector3};

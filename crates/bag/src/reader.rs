@@ -50,7 +50,8 @@ pub struct Attachment {
 }
 
 impl Reader {
-    /// Opens a recording: a folder, its `metadata.yaml` or an MCAP file. The folder of an interrupted recording, without metadata, must have one MCAP file.
+    /// Opens a recording: a folder, its `metadata.yaml` or an MCAP file. The folder of an interrupted recording,
+    /// without metadata, must have one MCAP file.
     ///
     /// # Errors
     /// [`Error`] names the file and the invalid content.

@@ -17,8 +17,8 @@ const CHUNK_BYTES: u64 = 1 << 18;
 
 /// Writer of a recording.
 ///
-/// It writes into a folder whose name ends in `.part` and renames it when it is finished: a folder without `.part` is complete. An interrupted recording
-/// remains readable under the name with `.part`, up to its last complete chunk.
+/// It writes into a folder whose name ends in `.part` and renames it when it is finished: a folder without `.part` is
+/// complete. An interrupted recording remains readable under the name with `.part`, up to its last complete chunk.
 pub struct Writer {
     folder: PathBuf,
     part: PathBuf,

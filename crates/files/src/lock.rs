@@ -10,8 +10,9 @@ use crate::atomic::remove_unfinished;
 
 /// Exclusive access to a file or folder that is to be written, until it is dropped.
 ///
-/// A lock of the operating system on the hidden file `.<name>.lock` beside the output. The operating system releases it when the process ends, even by a kill. On a file
-/// system without locks, or in a folder that may not be written, there is no exclusion.
+/// A lock of the operating system on the hidden file `.<name>.lock` beside the output. The operating system releases it
+/// when the process ends, even by a kill. On a file system without locks, or in a folder that may not be written, there
+/// is no exclusion.
 #[derive(Debug)]
 pub struct OutputLock {
     /// The locked file and its path. `None` without exclusion.
@@ -19,8 +20,8 @@ pub struct OutputLock {
 }
 
 impl OutputLock {
-    /// Waits for exclusive access to an output, and removes the temporary files that killed processes left of it. If another process has the access, `on_wait` is called
-    /// with the description of that process before the wait.
+    /// Waits for exclusive access to an output, and removes the temporary files that killed processes left of it. If
+    /// another process has the access, `on_wait` is called with the description of that process before the wait.
     ///
     /// # Errors
     /// [`Error::Io`] with the path of the output.

@@ -1,7 +1,8 @@
-//! Gaussian-sum filter: a bank of weighted hypotheses, each filtered on its own and weighted by the marginal likelihood of the readings (Alspach and
-//! Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", IEEE Transactions on Automatic Control 17(4), 1972). Improbable
-//! hypotheses are pruned; similar ones are merged in the order of the least Kullback-Leibler loss (Runnalls, "Kullback-Leibler approach to Gaussian mixture
-//! reduction", IEEE Transactions on Aerospace and Electronic Systems 43(3), 2007).
+//! Gaussian-sum filter: a bank of weighted hypotheses, each filtered on its own and weighted by the marginal likelihood
+//! of the readings (Alspach and Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", IEEE
+//! Transactions on Automatic Control 17(4), 1972). Improbable hypotheses are pruned; similar ones are merged in the
+//! order of the least Kullback-Leibler loss (Runnalls, "Kullback-Leibler approach to Gaussian mixture reduction", IEEE
+//! Transactions on Aerospace and Electronic Systems 43(3), 2007).
 
 use crate::gaussian::{Mixture, log_determinant};
 use crate::{Gaussian, Innovation, Update, UpdateError};
@@ -84,8 +85,9 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         }
     }
 
-    /// Conditions every hypothesis on a reading by a filter's `update` and multiplies its weight by the marginal likelihood `N(y; 0, S)`. The returned
-    /// innovation is that of the mixture. A hypothesis that cannot be updated is dropped if at least one other can.
+    /// Conditions every hypothesis on a reading by a filter's `update` and multiplies its weight by the marginal
+    /// likelihood `N(y; 0, S)`. The returned innovation is that of the mixture. A hypothesis that cannot be updated is
+    /// dropped if at least one other can.
     ///
     /// # Errors
     /// [`UpdateError`] if no hypothesis could be updated; the bank is unchanged.
@@ -131,8 +133,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         }
     }
 
-    /// Merges pairs of hypotheses in the order of least loss while the loss is below `most_loss`. The loss is an upper bound of the Kullback-Leibler
-    /// divergence between the mixtures before and after (Runnalls 2007, equation 21).
+    /// Merges pairs of hypotheses in the order of least loss while the loss is below `most_loss`. The loss is an upper
+    /// bound of the Kullback-Leibler divergence between the mixtures before and after (Runnalls 2007, equation 21).
     pub fn merge(&mut self, most_loss: f64) {
         while let Some((i, j)) = self.closest(most_loss) {
             let other = self.hypotheses.swap_remove(j);
@@ -203,9 +205,10 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     }
 }
 
-/// Lower bound of the loss of merging two weighted Gaussians, cheaper than the loss: with the weighted mean `P` of the covariances, the difference `d`
-/// of the means and the shares `u` and `v` of the weights, the merged covariance is `P + u v d d'`. Its determinant is `det P (1 + u v d' P^-1 d)`, of
-/// which `d' P^-1 d >= d_i^2 / P_ii` for every `i`, and `ln det P` is at least the weighted mean of those of the parts.
+/// Lower bound of the loss of merging two weighted Gaussians, cheaper than the loss: with the weighted mean `P` of the
+/// covariances, the difference `d` of the means and the shares `u` and `v` of the weights, the merged covariance is
+/// `P + u v d d'`. Its determinant is `det P (1 + u v d' P^-1 d)`, of which `d' P^-1 d >= d_i^2 / P_ii` for every `i`,
+/// and `ln det P` is at least the weighted mean of those of the parts.
 fn least_loss<const N: usize>((weight, one): (f64, &Gaussian<N>), (other_weight, other): (f64, &Gaussian<N>)) -> f64 {
     let total = weight + other_weight;
     let (share, other_share) = (weight / total, other_weight / total);

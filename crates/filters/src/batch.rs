@@ -1,6 +1,7 @@
-//! Maximum a posteriori trajectory given all readings, by the Gauss-Newton method over all states at once. The normal equations are block tridiagonal; a
-//! Kalman filter and a smoother, linearised along the current trajectory, solve them exactly (Bell, "The iterated Kalman smoother as a Gauss-Newton
-//! method", SIAM Journal on Optimization 4(3), 1994). Each step is shortened by a backtracking line search until the posterior density increases.
+//! Maximum a posteriori trajectory given all readings, by the Gauss-Newton method over all states at once. The normal
+//! equations are block tridiagonal; a Kalman filter and a smoother, linearised along the current trajectory, solve them
+//! exactly (Bell, "The iterated Kalman smoother as a Gauss-Newton method", SIAM Journal on Optimization 4(3), 1994).
+//! Each step is shortened by a backtracking line search until the posterior density increases.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -23,8 +24,8 @@ pub struct Instant<Motion, Model, const M: usize> {
     pub reading: SVector<f64, M>,
 }
 
-/// Maximum a posteriori trajectory with the covariance of each state, from a prior and an initial trajectory `guess`, one state per instant.
-/// [`Search::tolerance_sds`] is in standard deviations of the linearised posterior.
+/// Maximum a posteriori trajectory with the covariance of each state, from a prior and an initial trajectory `guess`,
+/// one state per instant. [`Search::tolerance_sds`] is in standard deviations of the linearised posterior.
 ///
 /// # Errors
 /// [`UpdateError`] if the measurement model is undefined along the trajectory or a covariance is not positive definite.

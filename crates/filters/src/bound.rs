@@ -1,13 +1,14 @@
 //! Posterior Cramer-Rao bound: a lower bound on the error covariance of any estimator.
 //!
-//! The error covariance is at least `J^-1`, where `J` is the information of the prior and of all readings so far. Tichavsky, Muravchik and Nehorai
-//! ("Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE Transactions on Signal Processing 46(5), 1998) compute it recursively. For
-//! additive Gaussian noise their recursion (equations 21 and 34 to 36) is, by the matrix inversion lemma,
+//! The error covariance is at least `J^-1`, where `J` is the information of the prior and of all readings so far.
+//! Tichavsky, Muravchik and Nehorai ("Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE
+//! Transactions on Signal Processing 46(5), 1998) compute it recursively. For additive Gaussian noise their recursion
+//! (equations 21 and 34 to 36) is, by the matrix inversion lemma,
 //!
 //! `J' = (Q + F J^-1 F')^-1 + H' R^-1 H`,
 //!
-//! which also holds for a singular `Q`. The expectation over trajectories is omitted: the Jacobians are those at the true states, so this is the bound *along
-//! one trajectory*, which shows how observable the state is under its motion.
+//! which also holds for a singular `Q`. The expectation over trajectories is omitted: the Jacobians are those at the
+//! true states, so this is the bound *along one trajectory*, which shows how observable the state is under its motion.
 //!
 //! On a linear model the bound equals the covariance of the Kalman filter:
 //!
@@ -51,7 +52,8 @@ use nalgebra::{SMatrix, SVector};
 use crate::gaussian::symmetrised;
 use crate::{Measurement, Process};
 
-/// Fisher information `H' R^-1 H` of one reading at the true state `x`. `None` if the model is undefined there or `R` is not positive definite.
+/// Fisher information `H' R^-1 H` of one reading at the true state `x`. `None` if the model is undefined there or `R`
+/// is not positive definite.
 pub fn information<const N: usize, const M: usize>(
     measurement: &impl Measurement<N, M>,
     x: &SVector<f64, N>,
@@ -73,8 +75,8 @@ impl<const N: usize> Bound<N> {
         Some(Self { information: symmetrised(prior.cholesky()?.inverse()) })
     }
 
-    /// Propagates the information through the process, from the true state `x` before the step. Information that is numerically singular is
-    /// unchanged, which is an upper bound of the propagated information.
+    /// Propagates the information through the process, from the true state `x` before the step. Information that is
+    /// numerically singular is unchanged, which is an upper bound of the propagated information.
     pub fn predict(&mut self, process: &impl Process<N>, x: &SVector<f64, N>) {
         let f = process.jacobian(x);
         let spread = |covariance| symmetrised(f * covariance * f.transpose() + process.noise(x));

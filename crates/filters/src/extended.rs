@@ -12,8 +12,9 @@ pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<
     belief.covariance = symmetrised(congruence(&jacobian, &belief.covariance) + noise);
 }
 
-/// Conditions the belief on a reading: `S = H P H' + R`, `K = P H' S^-1`, `x <- x + K (z - h(x))`. The gain is computed by a Cholesky solve and
-/// the covariance in Joseph form, `P <- (I - K H) P (I - K H)' + K R K'`, which stays positive definite (Bucy and Joseph 1968).
+/// Conditions the belief on a reading: `S = H P H' + R`, `K = P H' S^-1`, `x <- x + K (z - h(x))`. The gain is computed
+/// by a Cholesky solve and the covariance in Joseph form, `P <- (I - K H) P (I - K H)' + K R K'`, which stays positive
+/// definite (Bucy and Joseph 1968).
 ///
 /// # Errors
 /// [`UpdateError`] if the model is undefined at the mean or `S` is not positive definite; the belief is unchanged.

@@ -19,8 +19,8 @@ impl<const N: usize> Gaussian<N> {
         Self { mean, covariance }
     }
 
-    /// Gaussian with the mean and covariance of a Gaussian mixture (moment matching). The weights need not be normalised. `None` if no weight is
-    /// positive.
+    /// Gaussian with the mean and covariance of a Gaussian mixture (moment matching). The weights need not be
+    /// normalised. `None` if no weight is positive.
     pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
         let mut mixture = Mixture::empty();
         parts.into_iter().for_each(|(part, weight)| mixture.add(&part, weight));
@@ -32,8 +32,8 @@ impl<const N: usize> Gaussian<N> {
         self.mean.iter().chain(self.covariance.iter()).all(|value| value.is_finite())
     }
 
-    /// Fading memory: scales the covariance by `alpha >= 1`, once per step, which discounts old readings with a time constant of about
-    /// `1 / (alpha - 1)` steps (Simon, *Optimal State Estimation*, 2006, section 7.4).
+    /// Fading memory: scales the covariance by `alpha >= 1`, once per step, which discounts old readings with a time
+    /// constant of about `1 / (alpha - 1)` steps (Simon, *Optimal State Estimation*, 2006, section 7.4).
     pub fn fade(&mut self, alpha: f64) {
         self.covariance *= alpha;
     }
@@ -42,7 +42,8 @@ impl<const N: usize> Gaussian<N> {
 /// Running sums of a Gaussian mixture's moments.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Mixture<const N: usize> {
-    /// Mean of the first component. The others are taken relative to it, which avoids cancellation if all lie close together and far from zero.
+    /// Mean of the first component. The others are taken relative to it, which avoids cancellation if all lie close
+    /// together and far from zero.
     origin: Option<SVector<f64, N>>,
     weight: f64,
     shift: SVector<f64, N>,
@@ -80,13 +81,14 @@ pub struct Innovation<const M: usize> {
     pub residual: SVector<f64, M>,
     /// Covariance `S` of the residual.
     pub covariance: SMatrix<f64, M, M>,
-    /// Normalised innovation squared (NIS), `y' S^-1 y`: chi-square distributed with `M` degrees of freedom if the filter is consistent.
+    /// Normalised innovation squared (NIS), `y' S^-1 y`: chi-square distributed with `M` degrees of freedom if the
+    /// filter is consistent.
     pub nis: f64,
 }
 
 impl<const M: usize> Innovation<M> {
-    /// Moment-matched innovation of a mixture. The weights need not be normalised. `None` if no weight is positive or the covariance is not positive
-    /// definite.
+    /// Moment-matched innovation of a mixture. The weights need not be normalised. `None` if no weight is positive or
+    /// the covariance is not positive definite.
     pub fn of_mixture(parts: impl IntoIterator<Item = (Self, f64)>) -> Option<Self> {
         let together = Gaussian::of_mixture(parts.into_iter().map(|(part, weight)| (part.gaussian(), weight)))?;
         Self::of(together.mean, together.covariance)
@@ -134,7 +136,8 @@ pub(crate) fn log_determinant<const N: usize>(p: &SMatrix<f64, N, N>) -> f64 {
     Factor::of(p).map_or(f64::NEG_INFINITY, |factor| 2.0 * factor.lower().diagonal().map(f64::ln).sum())
 }
 
-/// Lower Cholesky factor of a small covariance. The unrolled loops are several times faster than nalgebra's factorisation for any size.
+/// Lower Cholesky factor of a small covariance. The unrolled loops are several times faster than nalgebra's
+/// factorisation for any size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Factor<const N: usize>(SMatrix<f64, N, N>);
 

@@ -1,13 +1,15 @@
 //! Jump Markov systems: one of several modes is active at a time and may switch at any step.
 //!
-//! [`Imm`] is the interacting-multiple-model estimator (Blom and Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian
-//! switching coefficients", IEEE Transactions on Automatic Control 33(8), 1988; Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking
-//! and Navigation*, 2001, section 11.6.6). The active mode is a Markov chain: mode `i` is followed by mode `j` with probability `p_ij`
-//! ([`Transition`]). Each mode has its own belief; with the mode probabilities `mu_i`, a cycle is
+//! [`Imm`] is the interacting-multiple-model estimator (Blom and Bar-Shalom, "The interacting multiple model algorithm
+//! for systems with Markovian switching coefficients", IEEE Transactions on Automatic Control 33(8), 1988; Bar-Shalom,
+//! Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 11.6.6). The active
+//! mode is a Markov chain: mode `i` is followed by mode `j` with probability `p_ij` ([`Transition`]). Each mode has its
+//! own belief; with the mode probabilities `mu_i`, a cycle is
 //!
-//! 1. *mix*: `c_j = sum_i p_ij mu_i`; mode `j` starts from the mixture of all beliefs with the weights `p_ij mu_i / c_j`, approximated by a Gaussian of
-//!    the same mean and covariance;
-//! 2. *predict* and *update*: each mode by its own process and measurement model, with the marginal likelihood `L_j` of the reading;
+//! 1. *mix*: `c_j = sum_i p_ij mu_i`; mode `j` starts from the mixture of all beliefs with the weights
+//!    `p_ij mu_i / c_j`, approximated by a Gaussian of the same mean and covariance;
+//! 2. *predict* and *update*: each mode by its own process and measurement model, with the marginal likelihood `L_j` of
+//!    the reading;
 //! 3. *reweight*: `mu_j` is proportional to `L_j c_j`.
 //!
 //! [`Modes`] holds the probabilities alone, for estimators whose states differ and therefore cannot be mixed.
@@ -41,8 +43,8 @@ impl Transition {
         Self { matrix }
     }
 
-    /// Transition over a step of `dt_s` for modes with the mean sojourn times `sojourn_s`. The next mode is drawn from the others in proportion to
-    /// `weights`. The time until a switch is exponentially distributed.
+    /// Transition over a step of `dt_s` for modes with the mean sojourn times `sojourn_s`. The next mode is drawn from
+    /// the others in proportion to `weights`. The time until a switch is exponentially distributed.
     ///
     /// # Panics
     /// As [`Self::new`], or if the numbers of weights and modes differ.
@@ -93,8 +95,9 @@ impl Modes {
         self.probabilities = (0..before.len()).map(after).collect();
     }
 
-    /// Multiplies the probabilities by the marginal likelihoods of a reading, given as logarithms, and returns the logarithm of the total marginal
-    /// likelihood. A mode with `None` gets probability zero. If all are `None`, the probabilities are unchanged and `None` is returned.
+    /// Multiplies the probabilities by the marginal likelihoods of a reading, given as logarithms, and returns the
+    /// logarithm of the total marginal likelihood. A mode with `None` gets probability zero. If all are `None`, the
+    /// probabilities are unchanged and `None` is returned.
     pub fn reweight(&mut self, log_evidence: &[Option<f64>]) -> Option<f64> {
         let logs = self.probabilities.iter().zip(log_evidence).map(|(p, evidence)| evidence.map(|e| p.ln() + e));
         let logs: Vec<f64> = logs.map(|log| log.unwrap_or(f64::NEG_INFINITY)).collect();
@@ -140,8 +143,8 @@ impl<const N: usize> Imm<N> {
         self.beliefs.iter_mut().for_each(change);
     }
 
-    /// Mixes the beliefs according to the transition probabilities. A belief that passes to another mode is converted by `enter(from, to, belief)`, which
-    /// sets the components that only the new mode uses.
+    /// Mixes the beliefs according to the transition probabilities. A belief that passes to another mode is converted
+    /// by `enter(from, to, belief)`, which sets the components that only the new mode uses.
     pub fn mix(&mut self, transition: &Transition, enter: impl Fn(usize, usize, &Gaussian<N>) -> Gaussian<N>) {
         let before = self.modes.probabilities.clone();
         self.modes.predict(transition);
@@ -168,8 +171,9 @@ impl<const N: usize> Imm<N> {
         self.beliefs.iter_mut().enumerate().try_for_each(|(mode, belief)| predict(mode, belief))
     }
 
-    /// Conditions the belief of each mode on a reading by its measurement model, `update(mode, belief)`, and reweights the modes. The returned innovation
-    /// and marginal likelihood are those of the mixture. A mode that cannot be updated gets probability zero if at least one other can.
+    /// Conditions the belief of each mode on a reading by its measurement model, `update(mode, belief)`, and reweights
+    /// the modes. The returned innovation and marginal likelihood are those of the mixture. A mode that cannot be
+    /// updated gets probability zero if at least one other can.
     ///
     /// # Errors
     /// [`UpdateError`] if no mode could be updated; the estimator is unchanged.

@@ -1,6 +1,7 @@
-//! Iterated extended Kalman filter: the update is repeated with the measurement linearised at its own result. This is the Gauss-Newton method for the
-//! maximum a posteriori state (Bell and Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE Transactions on Automatic Control
-//! 38(2), 1993), here with a backtracking line search on the posterior density.
+//! Iterated extended Kalman filter: the update is repeated with the measurement linearised at its own result. This is
+//! the Gauss-Newton method for the maximum a posteriori state (Bell and Cathey, "The iterated Kalman filter update as a
+//! Gauss-Newton method", IEEE Transactions on Automatic Control 38(2), 1993), here with a backtracking line search on
+//! the posterior density.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 

@@ -1,19 +1,20 @@
 //! Nonlinear least squares by the Levenberg-Marquardt or the Gauss-Newton method, with any number of unknowns.
 //!
-//! The cost of a state `x` is half the sum of the squared residuals, `c(x) = r' W r / 2`. About `x` it is approximated by
-//! `c + g' d + d' H d / 2` with the gradient `g = J' W r`, the Gauss-Newton curvature `H = J' W J` and the Jacobian `J = dr/dx`. A Levenberg-Marquardt
-//! step solves
+//! The cost of a state `x` is half the sum of the squared residuals, `c(x) = r' W r / 2`. About `x` it is approximated
+//! by `c + g' d + d' H d / 2` with the gradient `g = J' W r`, the Gauss-Newton curvature `H = J' W J` and the Jacobian
+//! `J = dr/dx`. A Levenberg-Marquardt step solves
 //!
 //! ```text
 //! (H + lambda diag H) d = -g
 //! ```
 //!
-//! with the damping `lambda`; it is taken only if the cost itself decreases (Marquardt, "An algorithm for least-squares estimation of nonlinear
-//! parameters", SIAM Journal on Applied Mathematics 11(2), 1963; Nocedal and Wright, *Numerical Optimization*, 2006, section 10.3). A Gauss-Newton
-//! step is the same with `lambda = 0` and is always taken.
+//! with the damping `lambda`; it is taken only if the cost itself decreases (Marquardt, "An algorithm for least-squares
+//! estimation of nonlinear parameters", SIAM Journal on Applied Mathematics 11(2), 1963; Nocedal and Wright, *Numerical
+//! Optimization*, 2006, section 10.3). A Gauss-Newton step is the same with `lambda = 0` and is always taken.
 //!
-//! A [`Problem`] supplies the cost and its approximation. Costs that grow more slowly than squares enter `H` by the square that touches them from
-//! above at the state (iteratively reweighted least squares). A problem given by its residuals implements [`Residuals`] instead:
+//! A [`Problem`] supplies the cost and its approximation. Costs that grow more slowly than squares enter `H` by the
+//! square that touches them from above at the state (iteratively reweighted least squares). A problem given by its
+//! residuals implements [`Residuals`] instead:
 //!
 //! ```
 //! use filters::least_squares::{Evaluated, Residuals, Settings, central_jacobian, minimise};
@@ -49,14 +50,15 @@ pub struct Quadratic {
 }
 
 impl Quadratic {
-    /// Covariance `H^-1` of the unknowns at a minimum, for residuals of unit variance or weighted by their inverse variance. `None` unless `H` is
-    /// positive definite.
+    /// Covariance `H^-1` of the unknowns at a minimum, for residuals of unit variance or weighted by their inverse
+    /// variance. `None` unless `H` is positive definite.
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
         Some(self.curvature.clone().cholesky()?.inverse())
     }
 
-    /// Step `d` of `(H + lambda D) d = -g` by a Cholesky factorisation, where `D` is the diagonal of `H` with its zeros replaced by ones (Moré, "The
-    /// Levenberg-Marquardt algorithm: implementation and theory", 1978). `None` unless the matrix is positive definite.
+    /// Step `d` of `(H + lambda D) d = -g` by a Cholesky factorisation, where `D` is the diagonal of `H` with its zeros
+    /// replaced by ones (Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978). `None` unless the
+    /// matrix is positive definite.
     pub fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {
         let mut damped = self.curvature.clone();
         for i in 0..damped.nrows() {
@@ -75,8 +77,8 @@ pub trait Problem {
     /// Quadratic approximation of the cost about a state. `None` if the model is undefined there.
     fn approximate(&self, state: &Self::State) -> Option<Quadratic>;
 
-    /// Cost of `state` with the weights that [`Self::approximate`] uses at `current`, by which a step between the two is accepted or rejected. `None` if
-    /// the model is undefined at `state`.
+    /// Cost of `state` with the weights that [`Self::approximate`] uses at `current`, by which a step between the two
+    /// is accepted or rejected. `None` if the model is undefined at `state`.
     fn cost(&self, state: &Self::State, current: &Self::State) -> Option<f64>;
 
     /// The state after a step. `None` if the model is undefined there.
@@ -183,8 +185,8 @@ pub struct Solution<State> {
     pub outcome: Outcome,
 }
 
-/// Local minimum of a problem's cost, starting from a state. `None` if the model is undefined or its cost not finite at the start, or if an iterate has no
-/// approximation.
+/// Local minimum of a problem's cost, starting from a state. `None` if the model is undefined or its cost not finite at
+/// the start, or if an iterate has no approximation.
 pub fn minimise<P: Problem>(problem: &P, start: P::State, settings: &Settings) -> Option<Solution<P::State>> {
     let mut state = start;
     let mut approximation = problem.approximate(&state).filter(|here| here.cost.is_finite())?;

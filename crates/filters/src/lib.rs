@@ -1,8 +1,9 @@
 //! Bayesian filters, smoothers and nonlinear least squares over abstract process and measurement models.
 //!
-//! A filter has two operations on a belief: *predict* propagates it through a [`Process`] model; *update* conditions it on a reading through a
-//! [`Measurement`] model and returns the [`Innovation`]. Models are generic in the number of states `N` and of readings `M`, and the same model serves
-//! every filter. Jacobians default to central differences. The models of whiskers are in the crate `whisker`, which depends on this one.
+//! A filter has two operations on a belief: *predict* propagates it through a [`Process`] model; *update* conditions it
+//! on a reading through a [`Measurement`] model and returns the [`Innovation`]. Models are generic in the number of
+//! states `N` and of readings `M`, and the same model serves every filter. Jacobians default to central differences.
+//! The models of whiskers are in the crate `whisker`, which depends on this one.
 //!
 //! | module | algorithm |
 //! | --- | --- |
@@ -32,8 +33,9 @@
 //!
 //! # Example
 //!
-//! A cart moves along a line at unknown, nearly constant velocity. A sensor 2 m beside the line measures its distance `sqrt(p^2 + 4)` ten times per second
-//! with a standard deviation of 0.05 m. The extended Kalman filter estimates position `p` (m) and velocity `v` (m/s) from 50 readings.
+//! A cart moves along a line at unknown, nearly constant velocity. A sensor 2 m beside the line measures its distance
+//! `sqrt(p^2 + 4)` ten times per second with a standard deviation of 0.05 m. The extended Kalman filter estimates
+//! position `p` (m) and velocity `v` (m/s) from 50 readings.
 //!
 //! ```
 //! use filters::{Gaussian, Measurement, Process, extended};

@@ -1,4 +1,5 @@
-//! Products of small matrices. The unrolled loops are several times faster than nalgebra's products for any size, and a filter step takes dozens of them.
+//! Products of small matrices. The unrolled loops are several times faster than nalgebra's products for any size, and a
+//! filter step takes dozens of them.
 
 use nalgebra::SMatrix;
 

@@ -4,8 +4,8 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::StateArray;
 
-/// Step of the central differences, relative to the larger of 1 and the component's magnitude: the cube root of the machine epsilon balances
-/// truncation against rounding error (Press et al., *Numerical Recipes*, 2007, section 5.7).
+/// Step of the central differences, relative to the larger of 1 and the component's magnitude: the cube root of the
+/// machine epsilon balances truncation against rounding error (Press et al., *Numerical Recipes*, 2007, section 5.7).
 const RELATIVE_STEP: f64 = 6.055e-6;
 
 /// Process model `x' = f(x) + w`, `w ~ N(0, Q)`: the transition of the state from one instant to the next.
@@ -76,8 +76,8 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some((expected, jacobian, self.noise(x)))
     }
 
-    /// Writes the predicted reading of every state to `expected`, NaN where the model is undefined; by default one by one. Override it with a
-    /// vectorised loop.
+    /// Writes the predicted reading of every state to `expected`, NaN where the model is undefined; by default one by
+    /// one. Override it with a vectorised loop.
     fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         for (index, state) in states.iter().enumerate() {
             expected.set(index, &self.predict(&state).unwrap_or_else(|| SVector::repeat(f64::NAN)));

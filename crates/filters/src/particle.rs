@@ -1,6 +1,6 @@
-//! Particle filter: sequential importance resampling (Gordon, Salmond and Smith 1993) with systematic resampling when the effective sample size falls
-//! (Kitagawa 1996; Liu and Chen 1998) and kernel smoothing with shrinkage, which restores diversity without inflating the covariance (Liu and West
-//! 2001).
+//! Particle filter: sequential importance resampling (Gordon, Salmond and Smith 1993) with systematic resampling when
+//! the effective sample size falls (Kitagawa 1996; Liu and Chen 1998) and kernel smoothing with shrinkage, which
+//! restores diversity without inflating the covariance (Liu and West 2001).
 //!
 //! Readings are scalar. Buffers are reused: only the first step of each kind allocates.
 
@@ -99,7 +99,8 @@ impl<const N: usize> ParticleSet<N> {
         }
     }
 
-    /// Propagates every particle through the process and adds process noise. As in the Gaussian filters, the noise covariance is that at the mean.
+    /// Propagates every particle through the process and adds process noise. As in the Gaussian filters, the noise
+    /// covariance is that at the mean.
     pub fn predict(&mut self, process: &impl Process<N>, rng: &mut impl Rng) {
         let noise = process.constant_noise().unwrap_or_else(|| process.noise(&self.mean()));
         process.predict_each(&mut self.particles);
@@ -122,12 +123,14 @@ impl<const N: usize> ParticleSet<N> {
         Ok(innovation)
     }
 
-    /// Updates the weights as [`Self::update`] does, with the influence of the reading bounded as in [`crate::robust`]. If the effective sample size
-    /// would fall below [`Renewal::share`], the particles are drawn anew from a proposal that uses the reading.
+    /// Updates the weights as [`Self::update`] does, with the influence of the reading bounded as in [`crate::robust`].
+    /// If the effective sample size would fall below [`Renewal::share`], the particles are drawn anew from a proposal
+    /// that uses the reading.
     ///
-    /// Each particle is the centre of a Gaussian kernel of `bandwidth` standard deviations of the particle set, shrunk towards the mean so that mean and
-    /// covariance are preserved (Liu and West 2001). Kernels are selected by their marginal likelihood of the reading and conditioned on it by an extended
-    /// Kalman update, from which the new particle is drawn (auxiliary particle filter of Pitt and Shephard 1999, with the linearised optimal proposal of
+    /// Each particle is the centre of a Gaussian kernel of `bandwidth` standard deviations of the particle set, shrunk
+    /// towards the mean so that mean and covariance are preserved (Liu and West 2001). Kernels are selected by their
+    /// marginal likelihood of the reading and conditioned on it by an extended Kalman update, from which the new
+    /// particle is drawn (auxiliary particle filter of Pitt and Shephard 1999, with the linearised optimal proposal of
     /// Doucet, Godsill and Andrieu 2000). Importance weights correct for the linearisation.
     ///
     /// # Errors
@@ -153,7 +156,8 @@ impl<const N: usize> ParticleSet<N> {
         Ok(innovation)
     }
 
-    /// Writes the logarithms of the updated weights to the scratch buffer and returns the innovation relative to the mean predicted reading.
+    /// Writes the logarithms of the updated weights to the scratch buffer and returns the innovation relative to the
+    /// mean predicted reading.
     fn evaluate(
         &mut self,
         measurement: &impl Measurement<N, 1>,
@@ -247,9 +251,9 @@ impl<const N: usize> ParticleSet<N> {
         vectorised!(systematic_sources(&self.weights, &mut self.scratch.sources, rng.random::<f64>()));
     }
 
-    /// Systematic resampling with one random number (Kitagawa 1996), followed by a Gaussian kernel of `bandwidth` standard deviations of the particle set. The
-    /// particles are shrunk towards the mean by `sqrt(1 - bandwidth^2)`, which preserves mean and covariance (Liu and West 2001). A bandwidth of zero adds
-    /// no noise.
+    /// Systematic resampling with one random number (Kitagawa 1996), followed by a Gaussian kernel of `bandwidth`
+    /// standard deviations of the particle set. The particles are shrunk towards the mean by `sqrt(1 - bandwidth^2)`,
+    /// which preserves mean and covariance (Liu and West 2001). A bandwidth of zero adds no noise.
     pub fn resample(&mut self, bandwidth: f64, rng: &mut impl Rng) {
         let moments = self.moments();
         self.draw_sources(rng);
@@ -325,8 +329,9 @@ struct Drawn<'a, const N: usize> {
 }
 
 impl<const N: usize> Drawn<'_, N> {
-    /// Logarithm of the importance weight: likelihood times prior density under the kernel, whose factor is `spread`, divided by the proposal density and the
-    /// marginal likelihood by which the kernel was selected. Minus infinity if the model is undefined at the particle.
+    /// Logarithm of the importance weight: likelihood times prior density under the kernel, whose factor is `spread`,
+    /// divided by the proposal density and the marginal likelihood by which the kernel was selected. Minus infinity if
+    /// the model is undefined at the particle.
     fn log_weight(
         &self,
         measurement: &impl Measurement<N, 1>,
@@ -352,8 +357,8 @@ fn is_positive(variance: f64) -> bool {
     variance > 0.0
 }
 
-/// Shifts and scales standard normal draws to exactly zero mean and identity covariance (moment matching), which reduces the Monte-Carlo error of a small
-/// particle set. Draws whose covariance is singular are unchanged.
+/// Shifts and scales standard normal draws to exactly zero mean and identity covariance (moment matching), which
+/// reduces the Monte-Carlo error of a small particle set. Draws whose covariance is singular are unchanged.
 fn standardise<const N: usize>(draws: &mut StateArray<N>) {
     let count = draws.len() as f64;
     let mean = draws.iter().sum::<SVector<f64, N>>() / count;
@@ -489,7 +494,8 @@ fn normalise(weights: &mut [f64], logs: &mut [f64]) {
     weights.iter_mut().for_each(|weight| *weight *= share);
 }
 
-/// Writes the index of the particle into whose interval of the cumulative weights each of the evenly spaced pointers `(i + start) / count` falls.
+/// Writes the index of the particle into whose interval of the cumulative weights each of the evenly spaced pointers
+/// `(i + start) / count` falls.
 #[inline(always)]
 fn systematic_sources(weights: &[f64], sources: &mut [usize], start: f64) {
     let count = weights.len();

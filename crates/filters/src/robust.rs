@@ -1,8 +1,9 @@
 //! Robust updates, in which an outlier has bounded influence.
 //!
-//! If the residual of a reading exceeds `gate_sds` of its standard deviations, the measurement noise is inflated until the residual lies at the gate. The
-//! influence of an outlier then decreases with its distance. Unlike a gate that rejects readings, an inconsistent belief still converges to
-//! the readings, since each has some weight. With an infinite gate this is the plain update.
+//! If the residual of a reading exceeds `gate_sds` of its standard deviations, the measurement noise is inflated until
+//! the residual lies at the gate. The influence of an outlier then decreases with its distance. Unlike a gate that
+//! rejects readings, an inconsistent belief still converges to the readings, since each has some weight. With an
+//! infinite gate this is the plain update.
 
 use nalgebra::{SMatrix, SVector, Vector1};
 

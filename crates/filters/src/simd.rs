@@ -25,14 +25,16 @@ pub(crate) fn column(count: usize, value: f64) -> Column {
 /// Number of partial sums.
 const LANES: usize = 16;
 
-/// `1.5 * 2^52`: adding it to a number of modest size and subtracting it again rounds to the nearest integer, which is in the lowest bits of the sum.
+/// `1.5 * 2^52`: adding it to a number of modest size and subtracting it again rounds to the nearest integer, which is
+/// in the lowest bits of the sum.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
 /// `ln 2` as a sum of two parts, of which the first has so few bits that its product with an exponent is exact (Cody and Waite).
 const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
 
-/// Calls a function compiled for the widest instruction set that the processor supports: `vectorised!(scale(&mut values, 2.0))`. The function and its callees
-/// must be `#[inline(always)]`; a function that is not inlined is compiled for the baseline instruction set.
+/// Calls a function compiled for the widest instruction set that the processor supports:
+/// `vectorised!(scale(&mut values, 2.0))`. The function and its callees must be `#[inline(always)]`; a function that is
+/// not inlined is compiled for the baseline instruction set.
 #[macro_export]
 macro_rules! vectorised {
     ($call:expr) => {
@@ -104,8 +106,8 @@ fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
-/// `e^x` for `x <= 0` with a relative error below 3e-12. Zero for `x < -300`, which keeps squares of weights out of the subnormal range, where arithmetic is
-/// about a hundred times slower.
+/// `e^x` for `x <= 0` with a relative error below 3e-12. Zero for `x < -300`, which keeps squares of weights out of the
+/// subnormal range, where arithmetic is about a hundred times slower.
 #[inline(always)]
 pub(crate) fn exp(x: f64) -> f64 {
     const LEAST: f64 = -300.0;
@@ -161,11 +163,12 @@ fn polynomial([a, b, c, d, e, f, g, h]: &[f64; 8], x: f64) -> f64 {
     ((a + b * x) + (c + d * x) * squared) + ((e + f * x) + (g + h * x) * squared) * (squared * squared)
 }
 
-/// Fills an array with independent standard normal draws: pairs by the Box-Muller transform (1958) of the output of a SplitMix64 generator (Steele, Lea and
-/// Flood 2014) seeded by `rng`.
+/// Fills an array with independent standard normal draws: pairs by the Box-Muller transform (1958) of the output of a
+/// SplitMix64 generator (Steele, Lea and Flood 2014) seeded by `rng`.
 ///
-/// The computation is in `f32`, of which a register holds twice as many as of `f64`: probabilities are accurate to 4e-7, and no draw exceeds 6.7 in
-/// magnitude. The ziggurat method needs fewer operations, but its branches and the sequential generator prevent vectorisation.
+/// The computation is in `f32`, of which a register holds twice as many as of `f64`: probabilities are accurate to
+/// 4e-7, and no draw exceeds 6.7 in magnitude. The ziggurat method needs fewer operations, but its branches and the
+/// sequential generator prevent vectorisation.
 pub(crate) fn fill_normal(values: &mut [f64], rng: &mut impl Rng) {
     let start = rng.next_u64();
     vectorised!(fill_normal_from(values, start));
@@ -222,7 +225,8 @@ fn mixed(state: u64) -> u64 {
 #[inline(always)]
 fn normal_pair(radius_bits: u32, angle_bits: u32) -> (f32, f32) {
     let radius = radius(radius_bits);
-    // Two bits of the angle select the half-plane and whether the pair is mirrored at the diagonal; the others give the angle within a quarter turn.
+    // Two bits of the angle select the half-plane and whether the pair is mirrored at the diagonal; the others give the
+    // angle within a quarter turn.
     let place = ((angle_bits & !3) | 2) as i32;
     let (sine, cosine) = sin_cos(place as f32 * (FRAC_PI_4 / TWO_TO_31));
     let (a, b) = ((radius * sine).to_bits(), (radius * cosine).to_bits());
@@ -285,7 +289,8 @@ mod tests {
 
     #[test]
     fn val_normal_draws_are_standard_normal() {
-        // For a million draws the standard error of the k-th moment is the standard deviation of x^k over 1000; the bounds are four standard errors.
+        // For a million draws the standard error of the k-th moment is the standard deviation of x^k over 1000; the
+        // bounds are four standard errors.
         let mut numbers = vec![0.0; 1_000_001];
         fill_normal(&mut numbers, &mut Pcg64::seed_from_u64(1));
         let moment = |power: i32| numbers.iter().map(|x| x.powi(power)).sum::<f64>() / numbers.len() as f64;
@@ -304,7 +309,8 @@ mod tests {
 
     #[test]
     fn val_single_precision_draws_have_accurate_probabilities() {
-        // A pair lies within r with probability 1 - exp(-r^2 / 2), whose derivative by r^2 is at most 1/2; its direction is uniform.
+        // A pair lies within r with probability 1 - exp(-r^2 / 2), whose derivative by r^2 is at most 1/2; its
+        // direction is uniform.
         for bits in (0..1 << 22).map(|i: u32| i << 10).chain(0..1 << 12).chain((0..1 << 12).map(|i| u32::MAX - i)) {
             let u = (f64::from(bits >> 1) + 0.5) / 2_f64.powi(31);
             let (found, expected) = (f64::from(radius(bits)).powi(2), -2.0 * u.ln());

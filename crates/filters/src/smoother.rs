@@ -1,5 +1,6 @@
-//! Rauch-Tung-Striebel fixed-interval smoother: the posterior of each state given all readings, past and future ("Maximum likelihood estimates of
-//! linear dynamic systems", AIAA Journal 3(8), 1965). `F` is the Jacobian at which the filter linearised the process.
+//! Rauch-Tung-Striebel fixed-interval smoother: the posterior of each state given all readings, past and future
+//! ("Maximum likelihood estimates of linear dynamic systems", AIAA Journal 3(8), 1965). `F` is the Jacobian at which
+//! the filter linearised the process.
 
 use nalgebra::SMatrix;
 
@@ -17,9 +18,9 @@ pub struct Step<const N: usize> {
     pub filtered: Gaussian<N>,
 }
 
-/// Smoothed beliefs `(x_s, P_s)` of a filter's steps, in the order of the steps: backwards from the last, with the primed quantities those of the next
-/// step, `C = P F' P'^-1`, `x_s = x + C (x'_s - x')`, `P_s = P + C (P'_s - P') C'`. If a predicted covariance is singular, the filtered belief
-/// is kept.
+/// Smoothed beliefs `(x_s, P_s)` of a filter's steps, in the order of the steps: backwards from the last, with the
+/// primed quantities those of the next step, `C = P F' P'^-1`, `x_s = x + C (x'_s - x')`, `P_s = P + C (P'_s - P') C'`.
+/// If a predicted covariance is singular, the filtered belief is kept.
 pub fn smooth<const N: usize>(steps: &[Step<N>]) -> Vec<Gaussian<N>> {
     let mut smoothed: Vec<Gaussian<N>> = steps.iter().map(|step| step.filtered).collect();
     for k in (1..steps.len()).rev() {

@@ -4,8 +4,8 @@ use nalgebra::SVector;
 
 use crate::simd::{self, Column};
 
-/// States of `N` components as a structure of arrays: the first components of all states, then the second ones. A loop over one component of all states
-/// reads contiguous memory.
+/// States of `N` components as a structure of arrays: the first components of all states, then the second ones. A loop
+/// over one component of all states reads contiguous memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateArray<const N: usize> {
     values: Column,

@@ -1,5 +1,6 @@
-//! Unscented Kalman filter: models evaluated at sigma points (Julier and Uhlmann, "Unscented filtering and nonlinear estimation", Proceedings of the IEEE
-//! 92(3), 2004), in the scaled form of Wan and van der Merwe ("The unscented Kalman filter for nonlinear estimation", 2000).
+//! Unscented Kalman filter: models evaluated at sigma points (Julier and Uhlmann, "Unscented filtering and nonlinear
+//! estimation", Proceedings of the IEEE 92(3), 2004), in the scaled form of Wan and van der Merwe ("The unscented
+//! Kalman filter for nonlinear estimation", 2000).
 
 use nalgebra::{SMatrix, SVector};
 
@@ -8,8 +9,9 @@ use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, congruence,
 
 /// Spread and weights of the scaled sigma points.
 ///
-/// With `lambda = alpha^2 (N + kappa) - N`, the points lie `sqrt(N + lambda)` standard deviations from the mean. The central point has the weight
-/// `lambda / (N + lambda)` in the mean and `1 - alpha^2 + beta` more in the covariance; each other point has `1 / (2 (N + lambda))` in both.
+/// With `lambda = alpha^2 (N + kappa) - N`, the points lie `sqrt(N + lambda)` standard deviations from the mean. The
+/// central point has the weight `lambda / (N + lambda)` in the mean and `1 - alpha^2 + beta` more in the covariance;
+/// each other point has `1 / (2 (N + lambda))` in both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Scale of the spread, usually between 1e-3 and 1.

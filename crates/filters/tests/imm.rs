@@ -127,8 +127,8 @@ impl Measurement<2, 1> for Target {
     }
 }
 
-/// Constant velocity with a manoeuvre of ten steps. The probability of the manoeuvre mode must rise and fall with it, and the error must be below that of
-/// either filter alone.
+/// Constant velocity with a manoeuvre of ten steps. The probability of the manoeuvre mode must rise and fall with it,
+/// and the error must be below that of either filter alone.
 #[test]
 fn val_a_manoeuvre_is_detected_and_tracked() {
     let modes = [Target { acceleration_variance: 1e-4 }, Target { acceleration_variance: 4.0 }];

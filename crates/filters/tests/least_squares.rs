@@ -106,7 +106,8 @@ fn line(x: &DVector<f64>) -> DVector<f64> {
     DVector::from_fn(4, |i, _| x[0] + x[1] * i as f64 - [1.0, 2.2, 2.8, 3.8][i])
 }
 
-/// Rosenbrock's function as two residuals (Moré, Garbow and Hillstrom, "Testing unconstrained optimization software", 1981, problem 1).
+/// Rosenbrock's function as two residuals (Moré, Garbow and Hillstrom, "Testing unconstrained optimization software",
+/// 1981, problem 1).
 fn rosenbrock(x: &DVector<f64>) -> DVector<f64> {
     dvector![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]
 }
@@ -114,7 +115,8 @@ fn rosenbrock(x: &DVector<f64>) -> DVector<f64> {
 /// Scale of the second unknown of Misra1a, by which it is of order one.
 const MISRA_SCALE: f64 = 1e3;
 
-/// Misra1a of the NIST Statistical Reference Datasets: `y = b1 (1 - exp(-b2 x))`, with the certified parameters and residual sum of squares.
+/// Misra1a of the NIST Statistical Reference Datasets: `y = b1 (1 - exp(-b2 x))`, with the certified parameters and
+/// residual sum of squares.
 fn misra(b: &DVector<f64>) -> DVector<f64> {
     const DATA: [(f64, f64); 14] = [
         (10.07, 77.6),

@@ -2,9 +2,9 @@
 //!
 //! `csv` and `bag` read the recordings of any laboratory by a mapping file that names columns, units and frames. Other
 //! importers read the layout in which a group publishes its data. All return [`Trace`]s with their units, frames and
-//! provenance, so that estimators run on them as on simulated traces. If the position of the whisker on the rig is not documented, it
-//! is estimated from the calibration (registration). To add a format, add one file with an import function and one row
-//! in [`IMPORTERS`].
+//! provenance, so that estimators run on them as on simulated traces. If the position of the whisker on the rig is not
+//! documented, it is estimated from the calibration (registration). To add a format, add one file with an import
+//! function and one row in [`IMPORTERS`].
 //!
 //! # Example: root moment of a pressed whisker from raw counts
 //!

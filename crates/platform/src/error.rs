@@ -114,7 +114,8 @@ pub enum Error {
     },
     /// A push above the largest that the whisker withstands.
     #[error(
-        "total_x_distance: found {:.1} mm, expected at most {:.1} mm, the largest push at {:.0} mm from the root, {reason}; choose a smaller push, or allow the overload by name (--allow-overload)",
+        "total_x_distance: found {:.1} mm, expected at most {:.1} mm, the largest push at {:.0} mm from the root, \
+        {reason}; choose a smaller push, or allow the overload by name (--allow-overload)",
         1e3 * push_m, 1e3 * most_m, 1e3 * distance_m
     )]
     Overload {

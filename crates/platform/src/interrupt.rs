@@ -10,13 +10,14 @@ use signal_hook::flag;
 
 use crate::Error;
 
-/// Signals within this time count as one request: shells and wrappers forward a signal repeatedly, and the printer must still be stopped.
+/// Signals within this time count as one request: shells and wrappers forward a signal repeatedly, and the printer must
+/// still be stopped.
 const GRACE: Duration = Duration::from_secs(1);
 /// Polling interval for the first signal.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Flag that the first signal sets: SIGINT, SIGTERM or, unless the program was started to ignore it (`nohup`), SIGHUP. A second signal after one second
-/// terminates the program immediately.
+/// Flag that the first signal sets: SIGINT, SIGTERM or, unless the program was started to ignore it (`nohup`), SIGHUP.
+/// A second signal after one second terminates the program immediately.
 ///
 /// A write beyond the limit of a file's size returns an error from now on instead of ending the program (SIGXFSZ).
 ///

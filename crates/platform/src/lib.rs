@@ -1,20 +1,24 @@
-//! The calibration platform: a 3D printer pushes a ruler against a whisker at known places while a magnetometer at the whisker's root is recorded. A
-//! regression fitted to these presses estimates the radial distance of later contacts, live.
+//! The calibration platform: a 3D printer pushes a ruler against a whisker at known places while a magnetometer at the
+//! whisker's root is recorded. A regression fitted to these presses estimates the radial distance of later contacts,
+//! live.
 //!
-//! The crate is independent of the estimators of the crate `whisker`: its calibration maps the slope of the magnetometer's counts to a distance, not a contact
-//! to a bending moment.
+//! The crate is independent of the estimators of the crate `whisker`: its calibration maps the slope of the
+//! magnetometer's counts to a distance, not a contact to a bending moment.
 //!
-//! [`sensor`] reads the magnetometer, [`printer`] drives the printer, [`routine`] is the sequence of pushes, and [`session`] runs a routine and passes its
-//! data to the recordings ([`record`], [`streams`]). [`emulate`] offers both devices on pseudo-terminals, without hardware. [`calibration`] fits and applies
-//! the regression; [`inference`] applies it to a live stream and measures its latency.
+//! [`sensor`] reads the magnetometer, [`printer`] drives the printer, [`routine`] is the sequence of pushes, and
+//! [`session`] runs a routine and passes its data to the recordings ([`record`], [`streams`]). [`emulate`] offers both
+//! devices on pseudo-terminals, without hardware. [`calibration`] fits and applies the regression; [`inference`]
+//! applies it to a live stream and measures its latency.
 //!
-//! The rig is that of the OpenWhisker platform ("3D Printer Based Open Source Calibration Platform for Whisker Sensors", TAROS 2024).
+//! The rig is that of the OpenWhisker platform ("3D Printer Based Open Source Calibration Platform for Whisker
+//! Sensors", TAROS 2024).
 //!
 //! # Example: from presses to a distance with its interval
 //!
-//! The steepest slopes of sixteen presses at known distances are those of a conical beam on a gel hinge at a constant speed of the ruler, with 1 % of
-//! scatter. The regression `beam` is fitted to them. The distance of a new press, with the slope of a contact at 100 mm, is then estimated, with the interval
-//! that contains the true distance with a probability of about 90 %. For a press outside the calibrated domain there is no estimate.
+//! The steepest slopes of sixteen presses at known distances are those of a conical beam on a gel hinge at a constant
+//! speed of the ruler, with 1 % of scatter. The regression `beam` is fitted to them. The distance of a new press, with
+//! the slope of a contact at 100 mm, is then estimated, with the interval that contains the true distance with a
+//! probability of about 90 %. For a press outside the calibrated domain there is no estimate.
 //!
 //! ```
 //! use files::Watermark;

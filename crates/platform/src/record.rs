@@ -21,7 +21,8 @@ pub enum Ending {
     Interrupted,
 }
 
-/// Sink of the data of sensor and printer, each in the order of time. Data of the two with the same time may arrive some tenths of a second apart.
+/// Sink of the data of sensor and printer, each in the order of time. Data of the two with the same time may arrive
+/// some tenths of a second apart.
 pub trait Sink: Send {
     /// Takes samples of the sensor.
     ///
@@ -91,8 +92,8 @@ impl LogSidecar {
 /// File that reserves space on the disk for the end of a log, and its size in bytes: the sidecar and the rows of half a minute.
 const RESERVE: (&str, usize) = ("reserve.part", 1 << 20);
 
-/// The project's log: samples (`log.csv`), sidecar (`log.json`) and positions of the head (`head.csv`). A file that is being written ends in `.part`; one of an
-/// interrupted session has `interrupted` in its name.
+/// The project's log: samples (`log.csv`), sidecar (`log.json`) and positions of the head (`head.csv`). A file that is
+/// being written ends in `.part`; one of an interrupted session has `interrupted` in its name.
 ///
 /// The space for its end is reserved from the beginning, so that no sample is lost if the disk fills up, which ends the session.
 #[derive(Debug)]
@@ -169,7 +170,8 @@ impl Sink for Log {
         let files = [name("head", "csv"), name("log", "json"), name("log", "csv")];
         let Self { reserve, heads, sidecar, samples, .. } = *self;
         let released = fs::remove_file(&reserve).map_err(Error::file(&reserve));
-        // An error of one file does not keep the others from being written. The table is renamed last: if it exists, the log is complete.
+        // An error of one file does not keep the others from being written. The table is renamed last: if it exists,
+        // the log is complete.
         let heads = heads.finish(&files[0]);
         let sidecar = write_json(&files[1], &sidecar).map_err(Error::from);
         let samples = samples.finish(&files[2]);

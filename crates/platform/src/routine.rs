@@ -19,8 +19,8 @@ const MOST_PAUSE: Duration = Duration::from_secs(60);
 /// Rest before a push: the ringing of the last one decays, and the recording contains the rest level.
 const REST: Duration = Duration::from_secs(1);
 
-/// The routine `increments_beam_test` of the OpenWhisker platform. The documented call is `{6, 100, 0, 15, 0}`: 16 places from 5 to 105 mm from the
-/// tip, at each a push of 6 mm.
+/// The routine `increments_beam_test` of the OpenWhisker platform. The documented call is `{6, 100, 0, 15, 0}`: 16
+/// places from 5 to 105 mm from the tip, at each a push of 6 mm.
 ///
 /// Errors of the published controller are corrected: with `increments_x` stops the last push is `total_x_m`, as
 /// documented, not one step more; a push is measured from first contact of the ruler, not of the nozzle, 3 mm apart;
@@ -163,7 +163,8 @@ impl Plan<'_> {
         &self.pushes_m
     }
 
-    /// Homes the printer and performs the routine. Times are counted from `origin`. If `ends` is set, the routine ends before the next push, without an error.
+    /// Homes the printer and performs the routine. Times are counted from `origin`. If `ends` is set, the routine ends
+    /// before the next push, without an error.
     ///
     /// # Errors
     /// If the printer fails.
@@ -270,8 +271,9 @@ mod tests {
         let deep = IncrementsBeamTest { total_x_m: 0.100, ..Default::default() };
         assert_eq!(
             refused(&deep),
-            "total_x_distance: found 100.0 mm, expected at most 18.4 mm, the largest push at 45 mm from the root, where the whisker is strained \
-             by 2.5 %; choose a smaller push, or allow the overload by name (--allow-overload)"
+            "total_x_distance: found 100.0 mm, expected at most 18.4 mm, the largest push at 45 mm from the root, \
+            where the whisker is strained by 2.5 %; choose a smaller push, or allow the overload by name \
+            (--allow-overload)"
         );
         let at_the_tip = refused(&IncrementsBeamTest { total_y_m: 0.0, ..deep });
         assert!(at_the_tip.contains("at most 26.5 mm, the largest push at 145 mm"), "{at_the_tip}");

@@ -1,4 +1,5 @@
-//! A session: the routine runs while the data of sensor and printer are recorded and, with a calibration, contacts are estimated live.
+//! A session: the routine runs while the data of sensor and printer are recorded and, with a calibration, contacts are
+//! estimated live.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,7 +1,7 @@
 //! Data of sensor and printer as ROS 2 messages, for a recording or a live node.
 //!
-//! Topics, types and frames are those of OpenWhisker: the magnetic field holds the sensor's raw counts, and the whisker lies along +y of its
-//! frame. Lengths are in metres, as in ROS.
+//! Topics, types and frames are those of OpenWhisker: the magnetic field holds the sensor's raw counts, and the whisker
+//! lies along +y of its frame. Lengths are in metres, as in ROS.
 
 use std::path::{Path, PathBuf};
 
@@ -39,8 +39,8 @@ pub struct Streams<P> {
 }
 
 impl<P: Publisher> Streams<P> {
-    /// Streams to a publisher. `epoch_ns` is time zero of the samples in the publisher's time (ns). The samples of one message span less than `batch_s`; at 0
-    /// each sample is one message.
+    /// Streams to a publisher. `epoch_ns` is time zero of the samples in the publisher's time (ns). The samples of one
+    /// message span less than `batch_s`; at 0 each sample is one message.
     pub fn new(publisher: P, epoch_ns: u64, batch_s: f64) -> Self {
         Self { publisher, epoch_ns, batch_s, batch: Vec::new(), begin_s: 0.0, frames_sent: false }
     }

@@ -28,8 +28,8 @@ fn counts_per_m(distance_m: f64) -> f64 {
     6e4 / (distance_m + 5.0 * distance_m * distance_m)
 }
 
-/// Synthetic recording: at each distance the edge moves 6 mm at 2000 mm/min, rests, and moves back. The stage shakes the whisker before each push. The
-/// counts of the y axis wrap around.
+/// Synthetic recording: at each distance the edge moves 6 mm at 2000 mm/min, rests, and moves back. The stage shakes
+/// the whisker before each push. The counts of the y axis wrap around.
 fn record(distances_m: &[f64], seed: u64) -> (Vec<Sample>, Vec<(f64, f64, f64)>) {
     record_pushes(distances_m, seed, 2.0 / 60.0, |_| 6e-3)
 }
@@ -149,7 +149,8 @@ fn presses_of(samples: &[Sample], calibration: &Calibration) -> usize {
 
 #[test]
 fn verif_the_published_feature_leaks_the_truth() {
-    // Slopes that are independent of the distance: without the true distance no error can be smaller than the spread of the distances.
+    // Slopes that are independent of the distance: without the true distance no error can be smaller than the spread of
+    // the distances.
     let mut generator = Pcg64Mcg::seed_from_u64(7);
     let mut presses = scattered(45, 0.0, 8);
     for press in &mut presses {
@@ -189,7 +190,8 @@ fn val_the_prediction_interval_has_its_nominal_coverage() {
     }
 }
 
-/// Presses at new places vary as the labelled ones do: the speed of the push differs by 2 % from place to place and by 0.5 % from press to press.
+/// Presses at new places vary as the labelled ones do: the speed of the push differs by 2 % from place to place and by
+/// 0.5 % from press to press.
 #[test]
 fn val_the_interval_of_held_out_places_covers_new_places() {
     let row = regression("robust").unwrap();

@@ -42,8 +42,8 @@ fn hex_reference(bytes: &[u8]) -> Vec<[u16; 3]> {
     bytes[..ended].split(|byte| *byte == b'\n').filter_map(line).collect()
 }
 
-/// A damaged line: invalid bytes overwritten or inserted; in the format `hex`, also a piece lost, doubled or cut off. In decimal formats a lost digit gives
-/// another valid number.
+/// A damaged line: invalid bytes overwritten or inserted; in the format `hex`, also a piece lost, doubled or cut off.
+/// In decimal formats a lost digit gives another valid number.
 fn damage(line: &[u8], counts_characters: bool, rng: &mut Pcg64) -> Vec<u8> {
     let mut damaged = line.to_vec();
     let at = rng.random_range(0..line.len() - 1);
@@ -58,7 +58,8 @@ fn damage(line: &[u8], counts_characters: bool, rng: &mut Pcg64) -> Vec<u8> {
     damaged
 }
 
-/// Decodes consecutive readings of which every fourth is damaged. All others must be decoded, and a damaged one gives its own reading or none.
+/// Decodes consecutive readings of which every fourth is damaged. All others must be decoded, and a damaged one gives
+/// its own reading or none.
 fn count_through_damage(row: &FormatRow, lines: u64, seed: u64) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let (printer, mut decoder, mut bytes) = ((row.build)(), Decoder::new(row), Vec::new());

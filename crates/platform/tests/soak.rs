@@ -77,8 +77,9 @@ fn processor_s(without: &str) -> f64 {
     1e-9 * nanoseconds.sum::<f64>()
 }
 
-/// 800 readings per second for `WHISKER_SOAK_S` seconds (default 60), through a pseudo-terminal into a recording, with live inference. Each must arrive
-/// once and in order, no press may be missed, and the bounds of processor load and latency must be met.
+/// 800 readings per second for `WHISKER_SOAK_S` seconds (default 60), through a pseudo-terminal into a recording, with
+/// live inference. Each must arrive once and in order, no press may be missed, and the bounds of processor load and
+/// latency must be met.
 #[test]
 #[ignore = "takes WHISKER_SOAK_S seconds; run it by name"]
 fn verif_no_sample_is_lost_and_none_is_late() {

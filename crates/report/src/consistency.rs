@@ -43,19 +43,22 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
     Some(html! {
         p {
             @if let Some(set) = sets.first() { "Group " b { (plain(&set.group)) } ". " }
-            "NEES: squared contact error normalised by the stated covariance, with expectation 2 for a consistent estimator; NIS: "
-            "squared innovation normalised by its expected variance, with expectation 1. Average over the whole contact, with its 95 % interval in brackets, "
-            "from the chi-square distribution (Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2) with the number of independent samples "
-            "estimated from the scatter of the trials' averages and, for the NEES, from its autocorrelation. The verdict beside the NEES is on the errors: an "
-            "estimator is overconfident if its NEES lies above the interval or its 95 % ellipses contain the contact too rarely. "
-            "Times inside: share of the times at which the average over trials lies in the interval for one time."
+            "NEES: squared contact error normalised by the stated covariance, with expectation 2 for a consistent "
+            "estimator; NIS: squared innovation normalised by its expected variance, with expectation 1. Average over "
+            "the whole contact, with its 95 % interval in brackets, from the chi-square distribution (Bar-Shalom, Li "
+            "and Kirubarajan 2001, section 5.4.2) with the number of independent samples estimated from the scatter of "
+            "the trials' averages and, for the NEES, from its autocorrelation. The verdict beside the NEES is on the "
+            "errors: an estimator is overconfident if its NEES lies above the interval or its 95 % ellipses contain "
+            "the contact too rarely. Times inside: share of the times at which the average over trials lies in the "
+            "interval for one time."
         }
         (table)
         @if let Some(models) = models {
             h3 { "Model probabilities and verdicts by set" }
             p {
-                "Probabilities of the models that an estimator averages over, mean over contact and trials. The verdict is on the errors, by "
-                "NEES and coverage. The verdict on the innovations (NIS) requires no truth; it does not detect errors that the readings do not show, such as those of gain and mount."
+                "Probabilities of the models that an estimator averages over, mean over contact and trials. The "
+                "verdict is on the errors, by NEES and coverage. The verdict on the innovations (NIS) requires no "
+                "truth; it does not detect errors that the readings do not show, such as those of gain and mount."
             }
             (models)
         }
@@ -116,7 +119,12 @@ fn models(data: &RunData, estimators: &[&RunEstimator]) -> Option<Markup> {
         html! {
             div.scroll tabindex="0" aria-label="Table: models and verdicts" {
                 table.blocks {
-                    thead { tr { th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" } th { "by innovations" } } }
+                    thead {
+                        tr {
+                            th { "group" } th { "whisker" } th { "estimator" } th { "models" } th { "verdict" }
+                            th { "by innovations" }
+                        }
+                    }
                     tbody {
                         @for (set, label, models, head) in &rows {
                             tr {

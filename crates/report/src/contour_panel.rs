@@ -58,8 +58,8 @@ impl Found {
     }
 }
 
-/// The envelope of the vertices' 95 % ellipses: their outermost points, half of the last ellipse, their innermost points and half of the first. `None` without
-/// covariances.
+/// The envelope of the vertices' 95 % ellipses: their outermost points, half of the last ellipse, their innermost
+/// points and half of the first. `None` without covariances.
 pub(crate) fn band(vertices: &[VertexRow]) -> Option<Points> {
     let farthest = |row: &VertexRow, turn_rad: f64| {
         let (sin, cos) = (row.normal_rad + turn_rad).sin_cos();

@@ -19,10 +19,12 @@ pub(crate) fn section(data: &RunData) -> Option<Markup> {
     let table = with_all_methods(data, |estimators| score_table(data, estimators))?;
     Some(html! {
         p {
-            "Outline estimated by the method, or merged from the surface points of all contacts and strokes, with a 95 % band. Contact: RMS "
-            "error after the first second. Mean and 95 %: mean and 95th percentile of the distance of the estimated outline from the true one. Hausdorff: the "
-            "largest of these distances and of those of the touched part of the true outline from the estimated one. In the band: share of the outline "
-            "whose 95 % ellipses contain the true one. Medians over trials (the share: mean), without alignment. As data: "
+            "Outline estimated by the method, or merged from the surface points of all contacts and strokes, with a 95 "
+            "% band. Contact: RMS error after the first second. Mean and 95 %: mean and 95th percentile of the "
+            "distance of the estimated outline from the true one. Hausdorff: the largest of these distances and of "
+            "those of the touched part of the true outline from the estimated one. In the band: share of the outline "
+            "whose 95 % ellipses contain the true one. Medians over trials (the share: mean), without alignment. As "
+            "data: "
             a href="contours.csv" { "contours.csv" } " " a href="contour_trials.csv" { "contour_trials.csv" }
         }
         (table)

@@ -10,8 +10,8 @@
 //! | `figures/<name>.svg`, `.png` | one figure, with a few methods if the run has many |
 //! | `figures/all/<name>_<number>.svg`, `.png` | the same with all methods, in groups |
 //!
-//! No other files are read. A report can therefore be drawn again at any time, and the same results give the same bytes. PNG files are
-//! rasterised from the SVG with two image pixels per CSS pixel and the embedded typeface.
+//! No other files are read. A report can therefore be drawn again at any time, and the same results give the same
+//! bytes. PNG files are rasterised from the SVG with two image pixels per CSS pixel and the embedded typeface.
 //!
 //! # Example
 //! The report of an evaluation of the filter `ekf` on one sweep, made as on the front page of the crate `testbed`:

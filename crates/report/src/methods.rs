@@ -121,7 +121,8 @@ pub(crate) fn with_all_methods(data: &RunData, table: impl Fn(&[&RunEstimator]) 
     })
 }
 
-/// The look of an estimator among the leading ones, for pictures with a selection of their own; the last look if it is none of them.
+/// The look of an estimator among the leading ones, for pictures with a selection of their own; the last look if it is
+/// none of them.
 pub(crate) fn look_of(data: &RunData, name: &str) -> Look {
     Look::of(leading(data).iter().position(|estimator| estimator.name == name).unwrap_or(LOOKS))
 }

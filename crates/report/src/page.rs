@@ -62,7 +62,8 @@ const COLUMNS: [Column; 13] = [
     Column {
         heading: "above 0.5 mm",
         unit: "%",
-        meaning: "share of the trials whose root mean square contact error after the first 2 s of contact exceeds 0.5 mm, or which have none",
+        meaning: "share of the trials whose root mean square contact error after the first 2 s of contact exceeds 0.5 \
+            mm, or which have none",
         value: |row| Some(100.0 * row.head.above_0p5mm),
         decimals: 0,
     },
@@ -248,7 +249,11 @@ pub(crate) fn figure_content(figure: &Drawn) -> Result<Markup> {
 /// Links to the files of a picture.
 fn files(folder: &str, name: &str) -> Markup {
     html! {
-        span.files { @for (kind, label) in [("svg", "SVG"), ("png", "PNG")] { a href={ (folder) "/" (name) "." (kind) } { (label) } " " } }
+        span.files {
+            @for (kind, label) in [("svg", "SVG"), ("png", "PNG")] {
+                a href={ (folder) "/" (name) "." (kind) } { (label) } " "
+            }
+        }
     }
 }
 
@@ -256,9 +261,9 @@ fn files(folder: &str, name: &str) -> Markup {
 fn sweeps(animations: &[Animation]) -> Markup {
     html! {
         p {
-            "One trial of each set in plan view, as simulated: the base (black) moves the whisker along the object (grey). "
-            "Ring: contact; arrow: force of the object on the whisker; dots: earlier contacts. Each picture shows the instant of the "
-            "largest reading and links to the animation in real time."
+            "One trial of each set in plan view, as simulated: the base (black) moves the whisker along the object "
+            "(grey). Ring: contact; arrow: force of the object on the whisker; dots: earlier contacts. Each picture "
+            "shows the instant of the largest reading and links to the animation in real time."
         }
         div.sweeps {
             @for animation in animations {
@@ -295,14 +300,18 @@ fn comparison(data: &RunData) -> Option<Markup> {
                         thead {
                             tr {
                                 th { "estimator" }
-                                @for set in &sets { @for phase in Phase::ALL { th.number { (set.whisker) " whisker" br; (phase.words()) } } }
+                                @for set in &sets {
+                                    @for phase in Phase::ALL { th.number { (set.whisker) " whisker" br; (phase.words()) } }
+                                }
                             }
                         }
                         tbody {
                             @for filter in &filters {
                                 tr {
                                     td { (filter.label()) }
-                                    @for set in 0..sets.len() { @for phase in Phase::ALL { td.number { (cell(filter, set, phase)) } } }
+                                    @for set in 0..sets.len() {
+                                        @for phase in Phase::ALL { td.number { (cell(filter, set, phase)) } }
+                                    }
                                 }
                             }
                         }
@@ -328,8 +337,8 @@ fn summary(data: &RunData) -> Markup {
             b.best { "marked" }
             ". "
             @if summary_blocks(data, &data.run.estimators.iter().collect::<Vec<_>>()).iter().flatten().any(|line| line.silent_share > 0.0) {
-                "An estimator that gives no estimate during part of a trial's steady state is scored on the rest and not ranked; if that "
-                "part exceeds a tenth, it has no score. "
+                "An estimator that gives no estimate during part of a trial's steady state is scored on the rest and "
+                "not ranked; if that part exceeds a tenth, it has no score. "
             }
             @if data.run.estimators.iter().any(|estimator| estimator.class == MethodClass::Hindsight) {
                 "Methods with hindsight use all readings of a contact, later ones included, and are not ranked. "

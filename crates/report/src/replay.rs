@@ -71,8 +71,8 @@ pub(crate) fn section(data: &RunData) -> Result<Option<Markup>> {
     let json = serde_json::to_string(&trials).context("replays")?.replace('<', "\\u003c");
     Ok(Some(html! {
         p {
-            "One trial of each set: that with the median error. Left: the whisker (black) on its base (square), deflected according to the "
-            "quasi-static elastica, and the object. Right: detail around the true contact. "
+            "One trial of each set: that with the median error. Left: the whisker (black) on its base (square), "
+            "deflected according to the quasi-static elastica, and the object. Right: detail around the true contact. "
             span.key.truth {} " true contact, "
             span.key.estimate {} " estimated contact with its 95 % ellipse, "
             span.key.found {} " estimated outline so far. "
@@ -131,8 +131,8 @@ fn trial(data: &RunData, set: &RunSet) -> Result<Option<Trial>> {
     }))
 }
 
-/// The estimators in the replay of a set: the recommended one first, the most accurate filter, the most accurate with hindsight and of the baselines, and the
-/// programs given by `--exec`.
+/// The estimators in the replay of a set: the recommended one first, the most accurate filter, the most accurate with
+/// hindsight and of the baselines, and the programs given by `--exec`.
 fn leading<'a>(data: &'a RunData, set: &RunSet) -> Vec<&'a RunEstimator> {
     let all = &data.run.estimators;
     let best = |class: MethodClass| {
@@ -166,8 +166,8 @@ impl Wire {
         Ok(Self { elastica, length_m: whisker.length_m })
     }
 
-    /// The whisker through the true contact, or through the estimated one if that is unknown; undeflected while it is free. `None` if the contact is
-    /// out of its reach, as in a contact of the tip.
+    /// The whisker through the true contact, or through the estimated one if that is unknown; undeflected while it is
+    /// free. `None` if the contact is out of its reach, as in a contact of the tip.
     fn spots(&self, row: &EstimateRow) -> Option<Vec<Spot>> {
         let base: Pose<Base, World> = Pose::new(row.base_x_m, row.base_y_m, row.base_yaw_rad);
         let truth = row.truth_contact_x_m.zip(row.truth_contact_y_m);

@@ -153,7 +153,8 @@ impl RunData {
         self.bands.iter().filter(matches).collect()
     }
 
-    /// Consistency of an estimator on a set over the time since the touch, at the times at which at least half of the trials have an estimate.
+    /// Consistency of an estimator on a set over the time since the touch, at the times at which at least half of the
+    /// trials have an estimate.
     pub(crate) fn consistency_of(&self, set: &RunSet, estimator: &str) -> Vec<&ConsistencyRow> {
         let trials = self.summary_of(set, estimator).map_or(0, |row| row.head.trials);
         let matches = |row: &&ConsistencyRow| {
@@ -196,8 +197,8 @@ impl RunData {
         smallest(estimators, |name| sets.iter().map(|set| self.summary_of(set, name)?.get(&error::MEDIAN)).sum())
     }
 
-    /// The results of `make` for each of the [`Self::leading_sets`] with the recommended filter or else that of the smallest median error. Empty without a
-    /// filter.
+    /// The results of `make` for each of the [`Self::leading_sets`] with the recommended filter or else that of the
+    /// smallest median error. Empty without a filter.
     pub(crate) fn of_leading_sets<T>(
         &self,
         make: impl Fn(&Self, &RunSet, &str) -> Result<Option<T>>,

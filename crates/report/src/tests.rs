@@ -228,7 +228,8 @@ fn write_maps(folder: &Path) {
     write_table(&name("grid"), &(0..6).map(cell).collect::<Vec<_>>());
 }
 
-/// Writes the outlines estimated by the first estimator. `objects` lists group, name, and mean distance from the true outline (m), `None` if that is unknown.
+/// Writes the outlines estimated by the first estimator. `objects` lists group, name, and mean distance from the true
+/// outline (m), `None` if that is unknown.
 fn write_contours(folder: &Path, objects: &[(&str, &str, Option<f64>)]) {
     let (mut scores, mut trials) = (Vec::new(), Vec::new());
     for &(group, object, mean_m) in objects {

@@ -1,7 +1,8 @@
 //! A live feed for Foxglove, over a WebSocket, and the services of the platform on it.
 //!
-//! Topics, types and bytes are those of the recordings. Messages of a topic without a subscriber are dropped, and so are the oldest ones of a slow subscriber.
-//! Connections pass the [`gate`]; the routine runs only for calls with the [`Token`].
+//! Topics, types and bytes are those of the recordings. Messages of a topic without a subscriber are dropped, and so
+//! are the oldest ones of a slow subscriber. Connections pass the [`gate`]; the routine runs only for calls with the
+//! [`Token`].
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -37,9 +38,11 @@ const APPLICATION: &str = "https://app.foxglove.dev";
 #[derive(clap::Args)]
 pub(crate) struct Foxglove {
     /// Feed Foxglove over a WebSocket instead of ROS 2 [default address: 127.0.0.1:8765]
-    #[arg(long = "foxglove", value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
+    #[arg(long = "foxglove", value_name = "ADDRESS", num_args = 0..=1, require_equals = true)]
+    #[arg(default_missing_value = "127.0.0.1:8765")]
     pub(crate) address: Option<SocketAddr>,
-    /// Allow web pages of this origin to connect, such as http://localhost:8080; may be repeated [default: https://app.foxglove.dev]
+    /// Allow web pages of this origin to connect, such as http://localhost:8080; may be repeated [default:
+    /// https://app.foxglove.dev]
     #[arg(long, value_name = "ORIGIN", requires = "address")]
     allow_origin: Vec<String>,
     /// Allow an address that other machines reach
@@ -65,7 +68,8 @@ impl Foxglove {
         self.open(address, Vec::new())
     }
 
-    /// Publishes on an address, offers the services of the platform, and prints the address and the token. A call of the service that stops sets `stop`.
+    /// Publishes on an address, offers the services of the platform, and prints the address and the token. A call of
+    /// the service that stops sets `stop`.
     pub(crate) fn platform(&self, address: SocketAddr, stop: Arc<AtomicBool>) -> anyhow::Result<(Feed, Calls)> {
         let (token, (sender, calls)) = (Token::random()?, sync_channel(MOST_WAITING));
         let shown = format!("token {}", token.text());

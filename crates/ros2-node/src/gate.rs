@@ -1,10 +1,11 @@
 //! Gate in front of the WebSocket server: the check of a connection's origin.
 //!
-//! A browser lets every web page open a WebSocket to this machine and states the page's origin in the handshake (RFC 6455, 10.2). The gate reads the head of
-//! the handshake, refuses origins that are not in its list, and forwards all other connections, byte for byte, to the server. Programs other than browsers
-//! state no origin and are forwarded.
+//! A browser lets every web page open a WebSocket to this machine and states the page's origin in the handshake (RFC
+//! 6455, 10.2). The gate reads the head of the handshake, refuses origins that are not in its list, and forwards all
+//! other connections, byte for byte, to the server. Programs other than browsers state no origin and are forwarded.
 //!
-//! The server listens on a loopback address that is chosen at random for each run, on Linux out of 127.0.0.0/8, so that no web page finds it by trying.
+//! The server listens on a loopback address that is chosen at random for each run, on Linux out of 127.0.0.0/8, so that
+//! no web page finds it by trying.
 
 use std::collections::HashSet;
 use std::io::{self, Read, Write};
@@ -47,7 +48,8 @@ pub(crate) fn hidden_address() -> anyhow::Result<Ipv4Addr> {
     Ok(Ipv4Addr::new(127, a, b, c.clamp(1, 254)))
 }
 
-/// Listens on an address and forwards connections of these origins, and without an origin, to the server. Returns the address with the port.
+/// Listens on an address and forwards connections of these origins, and without an origin, to the server. Returns the
+/// address with the port.
 pub(crate) fn open(address: SocketAddr, origins: Vec<String>, server: SocketAddr) -> anyhow::Result<SocketAddr> {
     let listener = TcpListener::bind(address).with_context(|| address.to_string())?;
     let at = listener.local_addr()?;

@@ -1,7 +1,8 @@
 //! The calibration platform as a ROS 2 node, without a ROS installation.
 //!
-//! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` publishes a recording at its
-//! original pace. Topics, types and frames are those of recordings ([`bag::topics`]). With the feature `foxglove`, both can publish to Foxglove instead.
+//! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer;
+//! `ros2-node play` publishes a recording at its original pace. Topics, types and frames are those of recordings
+//! ([`bag::topics`]). With the feature `foxglove`, both can publish to Foxglove instead.
 
 #[cfg(feature = "foxglove")]
 mod feed;

@@ -78,15 +78,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let service = Service::new(&mut node, arguments.middleware)?;
     let stops = Stops::new(&mut node, arguments.middleware)?;
     eprintln!(
-        "warning: {}: everyone who reaches it reads the sensor and moves the printer with {}; confine it with --localhost-only, --interface, \
-         ROS_DOMAIN_ID or a firewall",
+        "warning: {}: everyone who reaches it reads the sensor and moves the printer with {}; confine it with \
+        --localhost-only, --interface, ROS_DOMAIN_ID or a firewall",
         arguments.network,
         topics::BEAM_TEST
     );
     serve(arguments, node, &service, || stops.serve(&stop), &stop)
 }
 
-/// Streams to an outlet and runs the routine for each call, one after the other, until `stop` is set: by an interrupt, or by `stops`, which runs meanwhile.
+/// Streams to an outlet and runs the routine for each call, one after the other, until `stop` is set: by an interrupt,
+/// or by `stops`, which runs meanwhile.
 fn serve(
     arguments: &Arguments,
     mut outlet: impl Outlet,

@@ -18,7 +18,8 @@ const REAL: f64 = 100.0 * f64::EPSILON;
 
 /// The band does not fit the sampling rate.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("band of {low_hz} to {high_hz} Hz: expected edges in ascending order above 0 and below {}, half the sampling rate", 0.5 * .rate_hz)]
+#[error("band of {low_hz} to {high_hz} Hz: expected edges in ascending order above 0 and below {}, half the sampling \
+    rate", 0.5 * .rate_hz)]
 pub struct NoSuchBand {
     low_hz: f64,
     high_hz: f64,

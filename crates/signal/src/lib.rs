@@ -5,8 +5,8 @@
 //! # Example
 //!
 //! The noise of a force sensor above 5 Hz is removed; the sampling rate is 250 Hz. The filter is initialised in the
-//! steady state of a constant input, so that the constant itself causes no transient. The noise gain is the standard deviation of the
-//! output if the input is white noise of unit standard deviation.
+//! steady state of a constant input, so that the constant itself causes no transient. The noise gain is the standard
+//! deviation of the output if the input is white noise of unit standard deviation.
 //!
 //! ```
 //! use signal::{Cascade, low_pass};

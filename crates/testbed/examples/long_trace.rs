@@ -1,4 +1,5 @@
-//! Writes a trace of any length by repeating the rows of a short one with continued time stamps, to measure time and memory of long traces.
+//! Writes a trace of any length by repeating the rows of a short one with continued time stamps, to measure time and
+//! memory of long traces.
 //!
 //! `cargo run --release --example long_trace -- TRACE ROWS FOLDER`
 

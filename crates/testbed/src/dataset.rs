@@ -29,7 +29,8 @@ pub struct Dataset {
 }
 
 impl Dataset {
-    /// Opens the traces of a suite or of a folder. A suite is a JSON file; its traces lie in `folder`, by default `datasets/<suite>`.
+    /// Opens the traces of a suite or of a folder. A suite is a JSON file; its traces lie in `folder`, by default
+    /// `datasets/<suite>`.
     ///
     /// # Errors
     /// If the suite does not parse, a trace is missing, or a scene has changed since its trace was simulated.
@@ -175,7 +176,8 @@ impl Dataset {
             let own = front_end.default_noise(&sidecar);
             if *noise.get_or_insert(own) != own {
                 bail!(
-                    "{}: found recordings and simulated traces together, expected one kind, since noise is added to simulated traces alone; give the noise for all by --noise",
+                    "{}: found recordings and simulated traces together, expected one kind, since noise is added to \
+                    simulated traces alone; give the noise for all by --noise",
                     path.display()
                 );
             }

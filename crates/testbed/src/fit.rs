@@ -367,8 +367,8 @@ fn contacts(trace: &Trace, readings_n_m: &[f64]) -> Vec<Sample> {
         .collect()
 }
 
-/// Sum of the radii of the pin and of the wire: mean distance of the known single contacts on the side of the whisker from the centre of the pin.
-/// 0 if the outline is unknown or not round.
+/// Sum of the radii of the pin and of the wire: mean distance of the known single contacts on the side of the whisker
+/// from the centre of the pin. 0 if the outline is unknown or not round.
 fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> anyhow::Result<f64> {
     let mut distances_m = Vec::new();
     for trace in traces {

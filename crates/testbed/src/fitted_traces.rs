@@ -8,8 +8,8 @@ use trace::{CalibrationFile, Role, Sidecar, data_sha256};
 
 use crate::dataset::{CALIBRATIONS, Dataset};
 
-/// Checks that the traces a calibration was fitted to have not changed since. They lie in the folder that contains `calibrations`. A calibration without any of its traces,
-/// for example a copy, is accepted.
+/// Checks that the traces a calibration was fitted to have not changed since. They lie in the folder that contains
+/// `calibrations`. A calibration without any of its traces, for example a copy, is accepted.
 ///
 /// # Errors
 /// If a trace is missing, damaged, or other than at the fit. `path` is the path of the calibration.
@@ -31,7 +31,8 @@ pub fn check_fitted_traces(path: &Path, calibration: &CalibrationFile) -> anyhow
     }
     if data_sha256(&sidecars) != calibration.data_sha256 {
         bail!(
-            "{}: data_sha256: found a fit to other data than those of its traces in {} now: they have changed, or another version of whisker made the fit; {remedy}",
+            "{}: data_sha256: found a fit to other data than those of its traces in {} now: they have changed, or \
+            another version of whisker made the fit; {remedy}",
             path.display(),
             folder.display()
         );

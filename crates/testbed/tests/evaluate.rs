@@ -215,7 +215,8 @@ fn scores_of(results: &Path, trace: &str) -> Vec<Scores> {
     rows.into_iter().filter(|row| row.head.trace == trace).map(|row| row.scores).collect()
 }
 
-/// Trials with a miscalibration stand beside the exact one, whose scores stay the same; a deviation that the trace states is applied without the option.
+/// Trials with a miscalibration stand beside the exact one, whose scores stay the same; a deviation that the trace
+/// states is applied without the option.
 #[test]
 fn verif_miscalibrations_are_trials_of_their_own() {
     let [traces, alone, with] = [(); 3].map(|()| tempfile::tempdir().unwrap());

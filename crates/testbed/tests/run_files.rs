@@ -1,4 +1,5 @@
-//! The list of a run's files in FORMAT.md is that of the registry. `UPDATE_DOCS=1 cargo test -p testbed --test run_files` writes it.
+//! The list of a run's files in FORMAT.md is that of the registry.
+//! `UPDATE_DOCS=1 cargo test -p testbed --test run_files` writes it.
 
 use std::path::Path;
 use std::{env, fs};

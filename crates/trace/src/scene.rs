@@ -1,7 +1,8 @@
 //! Comparison of scene files with the scenes that traces were simulated from.
 //!
-//! A sidecar contains its scene with every default filled in. The defaults are those of the generator's schema, `data/scene.schema.json`
-//! (`whisker-sim schema`), so that a key that is absent from a scene file is compared with its default.
+//! A sidecar contains its scene with every default filled in. The defaults are those of the generator's schema,
+//! `data/scene.schema.json` (`whisker-sim schema`), so that a key that is absent from a scene file is compared with its
+//! default.
 
 use std::sync::LazyLock;
 
@@ -29,8 +30,8 @@ pub struct SceneDifference {
     pub in_trace: String,
 }
 
-/// Compares a scene file with the scene of a trace, by value: `10` equals `10.0`, and an absent key equals its default. `None` if they
-/// are equal.
+/// Compares a scene file with the scene of a trace, by value: `10` equals `10.0`, and an absent key equals its default.
+/// `None` if they are equal.
 pub fn scene_difference(in_file: &Value, in_trace: &Value) -> Option<SceneDifference> {
     difference(Some(&SCHEMA), String::new(), Some(in_file), Some(in_trace))
 }

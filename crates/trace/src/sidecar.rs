@@ -144,8 +144,8 @@ impl Sidecar {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)
     }
 
-    /// Hash of everything that a result from the trace may depend on: the sidecar, which contains the hashes of its files, without scene, certificate
-    /// and provenance.
+    /// Hash of everything that a result from the trace may depend on: the sidecar, which contains the hashes of its
+    /// files, without scene, certificate and provenance.
     pub fn data_sha256(&self) -> String {
         let mut value = serde_json::to_value(self).expect("numbers and names serialise");
         for key in ["scene", "generator", "inputs_sha256", "certificate"] {

@@ -1,4 +1,5 @@
-//! Benchmarks of the stages of the command `whisker` on a small set: readings through each registered front end, a whole evaluation, and its report.
+//! Benchmarks of the stages of the command `whisker` on a small set: readings through each registered front end, a
+//! whole evaluation, and its report.
 
 use std::path::Path;
 use std::slice;

@@ -1,7 +1,8 @@
 //! Conversion of traces and logs of the platform to ROS 2 recordings, and back.
 //!
-//! A trace becomes standard messages, one for each quantity and instant; an unknown quantity has no message. Time counts from the
-//! beginning of the trace. Sidecar and outline are attachments, so that the trace is restored byte for byte. `docs/ROS.md` has the table.
+//! A trace becomes standard messages, one for each quantity and instant; an unknown quantity has no message. Time
+//! counts from the beginning of the trace. Sidecar and outline are attachments, so that the trace is restored byte for
+//! byte. `docs/ROS.md` has the table.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -106,7 +107,8 @@ fn digests(folder: &Path) -> anyhow::Result<BTreeMap<OsString, String>> {
         .collect()
 }
 
-/// Hidden folder beside a recording, in which it is written. An export that is repeated after a kill removes the incomplete recording.
+/// Hidden folder beside a recording, in which it is written. An export that is repeated after a kill removes the
+/// incomplete recording.
 struct Staging<'a> {
     folder: PathBuf,
     /// The recording in the hidden folder, under its own name.
@@ -149,7 +151,8 @@ impl<'a> Staging<'a> {
     }
 }
 
-/// Converts a recording to a trace, if it contains one, else to a log of the platform with the magnetometer's readings. Returns the files written.
+/// Converts a recording to a trace, if it contains one, else to a log of the platform with the magnetometer's readings.
+/// Returns the files written.
 ///
 /// With `salvage` an interrupted recording is converted up to its end.
 ///
@@ -384,8 +387,8 @@ fn point(message: &PointStamped) -> Point<World> {
     Point::new(message.point.x, message.point.y)
 }
 
-/// Writes the readings of a magnetometer as a log. Without the sidecar of a log, as in foreign recordings, time counts from the first
-/// reading, and pushes are unknown.
+/// Writes the readings of a magnetometer as a log. Without the sidecar of a log, as in foreign recordings, time counts
+/// from the first reading, and pushes are unknown.
 fn import_readings(
     path: &Path,
     reader: &Reader,

@@ -35,7 +35,8 @@ fn damaged(file: &str, change: impl FnOnce(String) -> String) -> tempfile::TempD
     folder
 }
 
-/// Asserts that `whisker check` fails on a golden trace with one changed file, with a single line that contains every one of `words`.
+/// Asserts that `whisker check` fails on a golden trace with one changed file, with a single line that contains every
+/// one of `words`.
 fn check_fails(file: &str, change: impl FnOnce(String) -> String, words: &[&str]) {
     let folder = damaged(file, change);
     fails(&["check", folder.path().join("golden_pin.csv").to_str().unwrap()], words);

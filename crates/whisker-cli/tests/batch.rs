@@ -1,4 +1,5 @@
-//! Interrupted, shared and failing batches: finished items are kept and not repeated, and the bytes equal those of one uninterrupted run.
+//! Interrupted, shared and failing batches: finished items are kept and not repeated, and the bytes equal those of one
+//! uninterrupted run.
 #![cfg(unix)]
 
 use std::collections::BTreeMap;

@@ -84,7 +84,8 @@ impl Bench {
         assert!(output.status.success(), "{command_line}: {}", String::from_utf8_lossy(&output.stderr));
     }
 
-    /// Contents of every finished file by its path in the folder, without hidden (unfinished) files and files with wall-clock times.
+    /// Contents of every finished file by its path in the folder, without hidden (unfinished) files and files with
+    /// wall-clock times.
     fn files(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut files = BTreeMap::new();
         let mut folders = vec![self.folder.path().to_path_buf()];

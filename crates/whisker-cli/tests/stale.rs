@@ -18,7 +18,8 @@ const FIT: &str = "fit scenes/suite.json --model elastica";
 const EVALUATE: &str = "evaluate scenes/suite.json --estimators ekf --seeds 2";
 const REPLAY: &str = "replay datasets/mine/golden_pin.csv --estimator ekf --out estimates.csv";
 
-/// Working folder with a suite of golden scenes, one of them run with two seeds as calibration, and their traces in `datasets/mine`.
+/// Working folder with a suite of golden scenes, one of them run with two seeds as calibration, and their traces in
+/// `datasets/mine`.
 struct Bench(TempDir);
 
 impl Bench {
@@ -153,7 +154,8 @@ fn robust_an_edited_scene_is_refused_with_its_key_both_values_and_the_remedy() {
         fs::write(bench.path(file), kept).unwrap();
     }
     assert!(bench.good(FIT).contains("(up to date)") && bench.good(EVALUATE).contains("(up to date)"));
-    // Defaults may be stated or left out, and the settings of the simulation may be replaced by `simulate --simulation` in another folder.
+    // Defaults may be stated or left out, and the settings of the simulation may be replaced by `simulate --simulation`
+    // in another folder.
     bench.edit("scenes/pin.json", |scene| {
         let keys = scene.as_object_mut().unwrap();
         ["vibration", "seed", "rate_hz", "simulation"].iter().for_each(|key| _ = keys.shift_remove(*key));

@@ -1,8 +1,9 @@
 //! Taylor series in the arc length, and the wire as stretches of constant pre-curvature.
 //!
-//! An equilibrium is integrated by series of high order, whose coefficients follow from recurrences (Jorba and Zou, "A software
-//! package for the numerical integration of ODEs by means of high-order Taylor methods", Experimental Mathematics 14, 2005). One step
-//! covers a third of a radian or more to machine precision, without tabulated coefficients or trial steps.
+//! An equilibrium is integrated by series of high order, whose coefficients follow from recurrences (Jorba and Zou, "A
+//! software package for the numerical integration of ODEs by means of high-order Taylor methods", Experimental
+//! Mathematics 14, 2005). One step covers a third of a radian or more to machine precision, without tabulated
+//! coefficients or trial steps.
 
 use crate::Whisker;
 

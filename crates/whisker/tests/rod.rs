@@ -132,10 +132,11 @@ fn under_fixed_force(rod: &Rod, arc_m: f64, force: Vector3<f64>) -> SpatialDefle
     deflect(along_directors)
 }
 
-/// Bend of 45 degrees, radius 100 in, of a square inch of a material with E = 10 Mpsi and no lateral contraction, under a vertical
-/// force at its tip: positions of the tip (in), to half a percent of its displacement. Bathe and Bolourchi, "Large displacement analysis of three-dimensional beam
-/// structures", Int. J. Numer. Methods Eng. 14 (1979); Simo and Vu-Quoc, Comput. Methods Appl. Mech. Eng. 58 (1986), whose rod has the
-/// same stiffness in twist as in bending, as the round wire here.
+/// Bend of 45 degrees, radius 100 in, of a square inch of a material with E = 10 Mpsi and no lateral contraction, under
+/// a vertical force at its tip: positions of the tip (in), to half a percent of its displacement. Bathe and Bolourchi,
+/// "Large displacement analysis of three-dimensional beam structures", Int. J. Numer. Methods Eng. 14 (1979); Simo and
+/// Vu-Quoc, Comput. Methods Appl. Mech. Eng. 58 (1986), whose rod has the same stiffness in twist as in bending, as the
+/// round wire here.
 #[test]
 fn val_bend_of_bathe_and_bolourchi() {
     let (radius, length) = (100.0, 100.0 * FRAC_PI_4);

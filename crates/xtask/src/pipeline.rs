@@ -89,7 +89,8 @@ impl Evaluations {
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &chosen[..]].concat()))
     }
 
-    /// Every estimator on traces that were simulated for another suite, with the calibrations of a third, for a number of seeds of the measurement noise.
+    /// Every estimator on traces that were simulated for another suite, with the calibrations of a third, for a number
+    /// of seeds of the measurement noise.
     pub(crate) fn on(self, suite: &str, traces: &str, calibrated: &str, seeds: u32) -> Outcome {
         let (traces, seeds) = (format!("datasets/{traces}"), seeds.to_string());
         let calibrations = format!("datasets/{calibrated}/calibrations");
@@ -115,7 +116,8 @@ impl Evaluations {
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &inputs[..], &options[..]].concat()))
     }
 
-    /// The recommended estimator on a random suite with the noise and the miscalibration that each trace states: `results/<suite>/`.
+    /// The recommended estimator on a random suite with the noise and the miscalibration that each trace states:
+    /// `results/<suite>/`.
     pub(crate) fn as_stated(self, suite: &str) -> Outcome {
         let options = ["--estimators", "recommended", "--noise", "1", "--noise-unit", "stated", "--seeds", "1"];
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &options[..]].concat()))
@@ -138,7 +140,8 @@ impl Evaluations {
         step("evaluate with noise of the calibrated range", || self.run(&[&inputs[..], &options[..]].concat()))
     }
 
-    /// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, with a page: `results/<suite>_encoders/`.
+    /// The recommended estimator on a suite with an arm whose joint encoders are noisy, at several levels, with a page:
+    /// `results/<suite>_encoders/`.
     pub(crate) fn with_encoders(self, suite: &str, noise_rad: &[&str]) -> Outcome {
         let name = format!("{suite}_encoders");
         let levels: Vec<String> = noise_rad.iter().map(|noise_rad| format!("{{\"noise_rad\": {noise_rad}}}")).collect();

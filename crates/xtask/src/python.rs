@@ -89,7 +89,8 @@ fn wait_for_turn() -> Result<File, Failure> {
         .map_err(|error| Failure::new(format!(".venv.lock: cannot be locked: {error}")))
 }
 
-/// The lock file whose packages the environment holds; `None` if the environment is missing or incomplete, or its interpreter does not start.
+/// The lock file whose packages the environment holds; `None` if the environment is missing or incomplete, or its
+/// interpreter does not start.
 fn installed_lock() -> Option<String> {
     let lock = fs::read_to_string(stamp()).ok()?;
     let works = Command::new(interpreter()).args(["-c", ""]).stderr(Stdio::null()).status().ok()?.success();

@@ -136,7 +136,8 @@ impl Conversion {
             let found =
                 format!("none, and {} of {known} contacts of the calibration within reach of the whisker", pairs.len());
             let expected = format!(
-                "contacts that determine a monotone characteristic of degree {degree}; compare units, `base` and `face` of the mapping, or state a smaller `degree` or the characteristic"
+                "contacts that determine a monotone characteristic of degree {degree}; compare units, `base` and \
+                `face` of the mapping, or state a smaller `degree` or the characteristic"
             );
             Error::value(path, "reading.characteristic", found, expected)
         })?;

@@ -118,8 +118,8 @@ fn number_of<'a>(logs: &mut Vec<&'a str>, press: &'a LabelledPress) -> usize {
     })
 }
 
-/// Index of the place of each press, from zero, in the order of the distances. Presses whose distances follow each other within [`SAME_PLACE_M`] are at one
-/// place.
+/// Index of the place of each press, from zero, in the order of the distances. Presses whose distances follow each
+/// other within [`SAME_PLACE_M`] are at one place.
 fn places(presses: &[LabelledPress]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..presses.len()).collect();
     order.sort_by(|&a, &b| presses[a].distance_m.total_cmp(&presses[b].distance_m));

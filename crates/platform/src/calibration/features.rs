@@ -6,14 +6,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Features {
-    /// Steepest slope of the low-passed main axis (counts/s), positive in the direction of the press. At a constant speed of the edge it is proportional to the
-    /// change of the reading per metre of push, which decreases with the distance of the contact.
+    /// Steepest slope of the low-passed main axis (counts/s), positive in the direction of the press. At a constant
+    /// speed of the edge it is proportional to the change of the reading per metre of push, which decreases with the
+    /// distance of the contact.
     pub slope_counts_per_s: f64,
-    /// Peak of the low-passed main axis above its level at rest (counts), in the direction of the press. It increases with the depth of the push too.
+    /// Peak of the low-passed main axis above its level at rest (counts), in the direction of the press. It increases
+    /// with the depth of the push too.
     pub peak_counts: Option<f64>,
     /// Ratio of the second axis's slope to the main axis's, at the latter's steepest point: the direction of bending.
     pub slope_ratio: Option<f64>,
-    /// Slope of the main axis without its loss in the low-pass (counts/s), from slope and peak. `None` if the push was too short for the low-pass.
+    /// Slope of the main axis without its loss in the low-pass (counts/s), from slope and peak. `None` if the push was
+    /// too short for the low-pass.
     #[serde(default)]
     pub ramp_counts_per_s: Option<f64>,
 }

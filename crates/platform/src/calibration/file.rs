@@ -1,18 +1,22 @@
 //! The calibration: labelled presses, the regression fitted to them, and the prediction interval.
 //!
-//! A file contains the presses and the fitted coefficients: the presses make the fit reproducible, the coefficients make reading fast. A file without
-//! coefficients, written by an earlier version, is fitted again when it is read, with bit-identical results.
+//! A file contains the presses and the fitted coefficients: the presses make the fit reproducible, the coefficients
+//! make reading fast. A file without coefficients, written by an earlier version, is fitted again when it is read, with
+//! bit-identical results.
 //!
-//! The prediction interval is that of the jackknife+ (Barber, Candes, Ramdas and Tibshirani, "Predictive inference with the jackknife+",
-//! *Annals of Statistics* 49, 2021). It contains the distance of a new press with a probability of about `coverage`, and of at least `2 coverage - 1` for
-//! any distribution, if new presses are exchangeable with the labelled ones. If whole logs are held out, it is the CV+ interval of that paper with the logs as
-//! folds, and its coverage requires that new logs are exchangeable with the labelled ones.
+//! The prediction interval is that of the jackknife+ (Barber, Candes, Ramdas and Tibshirani, "Predictive inference with
+//! the jackknife+", *Annals of Statistics* 49, 2021). It contains the distance of a new press with a probability of
+//! about `coverage`, and of at least `2 coverage - 1` for any distribution, if new presses are exchangeable with the
+//! labelled ones. If whole logs are held out, it is the CV+ interval of that paper with the logs as folds, and its
+//! coverage requires that new logs are exchangeable with the labelled ones.
 //!
-//! If whole places are held out, the interval is one for a press at a new place: `x +- t s`, with the mean square `s^2` of the errors at the inner places, each
-//! estimated without it, and the quantile `t` of Student's distribution with as many degrees of freedom as there are inner places. It contains the scatter
-//! between places, such as that of the speed of the push, which the presses of one place share and which a press held out alone does not show. The outermost
-//! places do not count, since the regression without them extrapolates, which no estimate does by more than the margin of the calibrated domain. The fit without
-//! a place is interpolated over twice the distance, so that the interval is rather too wide than too narrow.
+//! If whole places are held out, the interval is one for a press at a new place: `x +- t s`, with the mean square `s^2`
+//! of the errors at the inner places, each estimated without it, and the quantile `t` of Student's distribution with as
+//! many degrees of freedom as there are inner places. It contains the scatter between places, such as that of the speed
+//! of the push, which the presses of one place share and which a press held out alone does not show. The outermost
+//! places do not count, since the regression without them extrapolates, which no estimate does by more than the margin
+//! of the calibrated domain. The fit without a place is interpolated over twice the distance, so that the interval is
+//! rather too wide than too narrow.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -109,12 +113,12 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Fits a regression to labelled presses. `chain` detected them in samples; a calibration from a table of presses has none and cannot be applied to
-    /// samples.
+    /// Fits a regression to labelled presses. `chain` detected them in samples; a calibration from a table of presses
+    /// has none and cannot be applied to samples.
     ///
     /// # Errors
-    /// If the regression leaks, there are too few presses, a feature is missing, the presses do not determine the regression, or `coverage` is not from
-    /// 0.5 to 0.999.
+    /// If the regression leaks, there are too few presses, a feature is missing, the presses do not determine the
+    /// regression, or `coverage` is not from 0.5 to 0.999.
     pub fn fit(
         row: &RegressionRow,
         presses: Vec<LabelledPress>,
@@ -251,8 +255,8 @@ impl Calibration {
         &self.file.scores
     }
 
-    /// Estimated distance of a press with these features. `None` if its slope is outside the calibrated domain, or a feature is missing that the regression
-    /// uses.
+    /// Estimated distance of a press with these features. `None` if its slope is outside the calibrated domain, or a
+    /// feature is missing that the regression uses.
     pub fn estimate(&self, features: &Features) -> Option<Estimate> {
         let [low, high] = self.log_slopes;
         let margin = MARGIN * (high - low);
@@ -287,8 +291,8 @@ impl Calibration {
 /// Fewest inner places that determine an interval.
 const FEWEST_INNER: usize = 3;
 
-/// Half of the interval at a new place (m): Student's quantile times the root mean square over the inner places of the root mean square error at each. `None` if
-/// there are too few, or an error is not finite.
+/// Half of the interval at a new place (m): Student's quantile times the root mean square over the inner places of the
+/// root mean square error at each. `None` if there are too few, or an error is not finite.
 fn half_m(presses: &[LabelledPress], places: &[usize], residuals_m: &[f64], coverage: f64) -> Option<f64> {
     let inner = inner(presses);
     let mut squares: BTreeMap<usize, (f64, f64)> = BTreeMap::new();

@@ -55,9 +55,10 @@ impl Settings {
 
 /// Estimates the chain from recordings, each with its name.
 ///
-/// The noise of the slope is estimated from its median absolute value, since the whisker rests, or is held still, most of the time. Movements come in
-/// bursts. If the strengths of the bursts form two groups with a wide gap, the weaker group are shakes, such as those of a starting stage, and the threshold
-/// is above them; otherwise it is above the noise.
+/// The noise of the slope is estimated from its median absolute value, since the whisker rests, or is held still, most
+/// of the time. Movements come in bursts. If the strengths of the bursts form two groups with a wide gap, the weaker
+/// group are shakes, such as those of a starting stage, and the threshold is above them; otherwise it is above the
+/// noise.
 ///
 /// # Errors
 /// If a setting is out of range, or the recordings are too short or differ in rate.

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 /// Smallest singular value, relative to the largest, at which the coefficients are determined.
 const DETERMINED: f64 = 1e-9;
 
-/// Coefficients `c` that minimise the sum of `weights * (rows c - values)^2`, by the singular value decomposition. `None` if they are not determined.
+/// Coefficients `c` that minimise the sum of `weights * (rows c - values)^2`, by the singular value decomposition.
+/// `None` if they are not determined.
 ///
 /// Shapes: `rows` n x p, `values` and `weights` n, the coefficients p.
 pub(super) fn solve(rows: &DMatrix<f64>, values: &DVector<f64>, weights: &DVector<f64>) -> Option<DVector<f64>> {

@@ -1,8 +1,9 @@
 //! Estimation of the radial distance of a contact from the samples of a magnetometer.
 //!
-//! Samples are unwrapped, low-passed and segmented into [`Press`]es ([`Chain`]), each with its [`Features`]. A [`regression`] estimates the distance from
-//! the features. Fit and live inference run the same code, sample by sample. The filter is causal in both, so its delay and damping are part of the
-//! calibration; only the onset of a contact is corrected by the filter's delay. The published pipeline, with a zero-phase filter, is in [`published`].
+//! Samples are unwrapped, low-passed and segmented into [`Press`]es ([`Chain`]), each with its [`Features`]. A
+//! [`regression`] estimates the distance from the features. Fit and live inference run the same code, sample by sample.
+//! The filter is causal in both, so its delay and damping are part of the calibration; only the onset of a contact is
+//! corrected by the filter's delay. The published pipeline, with a zero-phase filter, is in [`published`].
 //!
 //! A fit reads [`logs`] and returns a [`Calibration`], which is applied live. `docs/PLATFORM.md` states its accuracy.
 

@@ -1,9 +1,9 @@
 //! Detection of presses: an edge moves against the whisker, rests, and releases it.
 //!
-//! A press begins when the main axis's slope exceeds the [`Chain`]'s threshold; the sign of the slope is its direction. It is reported when the slope has
-//! decreased again, and once more, with updated features, if the edge moves on. It ends when the level has decreased to
-//! half its peak and the whisker has then been quiet, without ringing, for a while. The whisker must be free at the
-//! beginning of a recording and after a gap.
+//! A press begins when the main axis's slope exceeds the [`Chain`]'s threshold; the sign of the slope is its direction.
+//! It is reported when the slope has decreased again, and once more, with updated features, if the edge moves on. It
+//! ends when the level has decreased to half its peak and the whisker has then been quiet, without ringing, for a
+//! while. The whisker must be free at the beginning of a recording and after a gap.
 
 use super::front::{Front, Motion, Moved};
 use super::ramp::Ramps;

@@ -1,8 +1,9 @@
 //! Press detection of the published pipeline (OpenWhisker, TAROS 2024), kept as the reference for its figures.
 //!
-//! Samples are unwrapped and low-passed forwards and backwards (Butterworth, second order, 5 Hz). An episode begins where the slope falls below
-//! -10 counts per sample and ends where it rises above +10; its slope is that at its 120th sample. The fixed thresholds and the fixed sample suit one rig, one
-//! speed and one rate, and a zero-phase filter needs the whole recording, so the pipeline cannot run live.
+//! Samples are unwrapped and low-passed forwards and backwards (Butterworth, second order, 5 Hz). An episode begins
+//! where the slope falls below -10 counts per sample and ends where it rises above +10; its slope is that at its 120th
+//! sample. The fixed thresholds and the fixed sample suit one rig, one speed and one rate, and a zero-phase filter
+//! needs the whole recording, so the pipeline cannot run live.
 
 use super::front::filter;
 use super::{Error, Unwrapped};
@@ -15,8 +16,9 @@ const SLOPE_AT_SAMPLE: usize = 120;
 
 /// Zero-phase low-pass: a Butterworth filter of this order and edge, forwards and backwards over the whole signal.
 ///
-/// Both ends are extended by their point reflection over three times the number of filter coefficients, with the filter in its steady state there,
-/// as in `scipy.signal.sosfiltfilt`. A shorter signal is extended over its own length less one sample.
+/// Both ends are extended by their point reflection over three times the number of filter coefficients, with the filter
+/// in its steady state there, as in `scipy.signal.sosfiltfilt`. A shorter signal is extended over its own length less
+/// one sample.
 ///
 /// # Errors
 /// [`Error::Setting`] if the edge is not between zero and half the rate.

@@ -1,9 +1,10 @@
 //! Speed of a push that is short for the low-pass.
 //!
-//! An edge that moves at a constant speed changes the reading along a ramp of the duration `T`. The step response `h` of the low-pass turns a ramp of unit height
-//! into one whose slope is `(h(t) - h(t - T)) / T`: a ramp that is shorter than the rise time of the low-pass becomes less steep, the shorter the less. The
-//! ratio of the peak to the steepest slope increases with `T`, so it determines `T`, and with it the slope of the ramp itself. Long ramps keep their slope, apart
-//! from the overshoot of the step response.
+//! An edge that moves at a constant speed changes the reading along a ramp of the duration `T`. The step response `h`
+//! of the low-pass turns a ramp of unit height into one whose slope is `(h(t) - h(t - T)) / T`: a ramp that is shorter
+//! than the rise time of the low-pass becomes less steep, the shorter the less. The ratio of the peak to the steepest
+//! slope increases with `T`, so it determines `T`, and with it the slope of the ramp itself. Long ramps keep their
+//! slope, apart from the overshoot of the step response.
 
 use signal::Cascade;
 

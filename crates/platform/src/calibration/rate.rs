@@ -2,7 +2,8 @@
 
 use signal::LONGEST_GAP_S;
 
-/// Largest relative difference of two equal rates. Slopes are proportional to the rate, and the relative error of a distance is about that of its slope.
+/// Largest relative difference of two equal rates. Slopes are proportional to the rate, and the relative error of a
+/// distance is about that of its slope.
 const SHARE: f64 = 0.05;
 
 /// Estimator of the sampling rate, without gaps.
@@ -35,8 +36,8 @@ const JUDGED: u32 = 100;
 /// Smallest ratio of two rates that is due to another unit of the times rather than to another sensor.
 const OTHER_UNIT: f64 = 30.0;
 
-/// Mean interval between the first samples of a stream, by which times in milliseconds are recognised: with an interval longer than the longest gap no
-/// sample follows another, and no press is ever detected.
+/// Mean interval between the first samples of a stream, by which times in milliseconds are recognised: with an interval
+/// longer than the longest gap no sample follows another, and no press is ever detected.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Intervals {
     last_s: Option<f64>,

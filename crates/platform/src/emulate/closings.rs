@@ -1,4 +1,5 @@
-//! Detection of a closed port, even if it was reopened at once. Polling alone would detect only whether the port is open at present.
+//! Detection of a closed port, even if it was reopened at once. Polling alone would detect only whether the port is
+//! open at present.
 
 #[cfg(target_os = "linux")]
 mod watched {

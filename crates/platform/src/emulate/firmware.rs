@@ -1,7 +1,8 @@
 //! Emulated firmware of a printer: the part of Marlin that the rig uses.
 //!
-//! Lines are checked when they arrive and executed in order. Each is acknowledged by `ok` when it is done: a move when it is planned,
-//! `M400` and `G28` when the head stands still; meanwhile the firmware reports that it is busy. `M112` is executed when it arrives.
+//! Lines are checked when they arrive and executed in order. Each is acknowledged by `ok` when it is done: a move when
+//! it is planned, `M400` and `G28` when the head stands still; meanwhile the firmware reports that it is busy. `M112`
+//! is executed when it arrives.
 
 use std::collections::VecDeque;
 

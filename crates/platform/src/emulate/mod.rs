@@ -1,7 +1,7 @@
 //! Emulation of the rig: a printer and a magnetometer on two pseudo-terminals.
 //!
-//! The printer simulates the motion of the head. The sensor computes the deflection of the whisker by the ruler from it and prints readings at the
-//! magnetometer's rate.
+//! The printer simulates the motion of the head. The sensor computes the deflection of the whisker by the ruler from it
+//! and prints readings at the magnetometer's rate.
 
 mod closings;
 mod firmware;

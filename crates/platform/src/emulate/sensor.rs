@@ -14,7 +14,8 @@ use super::whisker::Whisker;
 use super::{Emulated, Shared};
 use crate::Error;
 
-/// Capacity of the output buffer in bytes: further readings are dropped, as on a real port; short delays of the reader are tolerated.
+/// Capacity of the output buffer in bytes: further readings are dropped, as on a real port; short delays of the reader
+/// are tolerated.
 const MOST_WAITING: usize = 1 << 16;
 
 /// Prints readings until the emulation ends.

@@ -1,8 +1,8 @@
 //! Dynamics of the emulated whisker under the ruler.
 //!
-//! In contact the whisker is quasi-static, since its inertia is negligible at the speeds of a printer. After a release or a slip it rings: from the
-//! rotation `q0` and rate `v0` of that instant, a damped oscillation `exp(-t / decay) (q0 cos(w t) + (v0 + q0 / decay) / w sin(w t))`, until the next
-//! contact.
+//! In contact the whisker is quasi-static, since its inertia is negligible at the speeds of a printer. After a release
+//! or a slip it rings: from the rotation `q0` and rate `v0` of that instant, a damped oscillation
+//! `exp(-t / decay) (q0 cos(w t) + (v0 + q0 / decay) / w sin(w t))`, until the next contact.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;

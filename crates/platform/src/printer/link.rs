@@ -1,7 +1,8 @@
 //! Link to a printer: each command is acknowledged before the next.
 //!
-//! Every line has a number and a checksum (Marlin's protocol). The printer accepts only the successor of the last accepted line and otherwise requests
-//! it again, so that a line is sent again, without being executed twice, if the line or its `ok` was damaged.
+//! Every line has a number and a checksum (Marlin's protocol). The printer accepts only the successor of the last
+//! accepted line and otherwise requests it again, so that a line is sent again, without being executed twice, if the
+//! line or its `ok` was damaged.
 
 use std::collections::VecDeque;
 use std::io;

@@ -53,8 +53,9 @@ pub struct Printer {
 }
 
 impl Printer {
-    /// Opens a port and waits for the printer to answer, which takes some seconds if opening restarts it. The head does not leave `bed`. Times are counted from
-    /// `origin`. Once `stop` is set, the printer is stopped at once, and every call returns [`Error::Interrupted`].
+    /// Opens a port and waits for the printer to answer, which takes some seconds if opening restarts it. The head does
+    /// not leave `bed`. Times are counted from `origin`. Once `stop` is set, the printer is stopped at once, and every
+    /// call returns [`Error::Interrupted`].
     ///
     /// # Errors
     /// If the port cannot be opened, or no printer answers.
@@ -80,7 +81,8 @@ impl Printer {
     /// Moves the head in a straight line and waits for the end of the move. `watch` receives positions meanwhile.
     ///
     /// # Errors
-    /// If the printer was not homed, the target is out of its bed, the speed is out of range, or the head does not end at the target.
+    /// If the printer was not homed, the target is out of its bed, the speed is out of range, or the head does not end
+    /// at the target.
     pub fn move_to(&mut self, goal_m: [f64; 2], speed_m_s: f64, watch: &mut Watch<'_>) -> Result<(), Error> {
         range::check_length("x of the head", goal_m[0], self.bed.x_m)?;
         range::check_length("y of the head", goal_m[1], self.bed.y_m)?;

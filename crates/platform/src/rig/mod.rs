@@ -1,7 +1,8 @@
 //! Geometry of a rig: the whisker on the printer's bed and the ruler on its head, read from a JSON file.
 //!
-//! Coordinates are those of the printer: x to the right, y away from the front. The whisker lies along y, its tip to the front. The ruler hangs on the
-//! head; its end touches the whisker, and its right side pushes from the whisker's left. `datasets/FORMAT.md` specifies the file.
+//! Coordinates are those of the printer: x to the right, y away from the front. The whisker lies along y, its tip to
+//! the front. The ruler hangs on the head; its end touches the whisker, and its right side pushes from the whisker's
+//! left. `datasets/FORMAT.md` specifies the file.
 
 mod shaft;
 

@@ -1,19 +1,22 @@
 //! The whisker's shaft and the largest push that it withstands.
 //!
-//! A round, conical shaft of the diameter `D (1 - t s)` at the arc length `s` from the root is clamped at the root and bent by the frictionless edge of the
-//! ruler, whose force is normal to the shaft at the arc length `a` of the contact. Beyond the contact the shaft is straight. The equation of the exact elastica
-//! (Frisch-Fay, *Flexible Bars*, 1962) is an initial-value problem from the contact to the root: with the contact as origin, the tangent there along x and the
+//! A round, conical shaft of the diameter `D (1 - t s)` at the arc length `s` from the root is clamped at the root and
+//! bent by the frictionless edge of the ruler, whose force is normal to the shaft at the arc length `a` of the contact.
+//! Beyond the contact the shaft is straight. The equation of the exact elastica (Frisch-Fay, *Flexible Bars*, 1962) is
+//! an initial-value problem from the contact to the root: with the contact as origin, the tangent there along x and the
 //! force along y,
 //!
 //! ```text
 //! dx/ds = cos(angle),  dy/ds = sin(angle),  d(angle)/ds = -q x / (1 - t s)^4
 //! ```
 //!
-//! with the ratio `q` of force and bending stiffness at the root. The strain of the surface is half the diameter times the curvature. For small deflections the
-//! strain of a cylinder at a push `y` at the distance `d` is `3 D y / (2 d^2)` (Gere and Timoshenko, *Mechanics of Materials*).
+//! with the ratio `q` of force and bending stiffness at the root. The strain of the surface is half the diameter times
+//! the curvature. For small deflections the strain of a cylinder at a push `y` at the distance `d` is `3 D y / (2 d^2)`
+//! (Gere and Timoshenko, *Mechanics of Materials*).
 //!
-//! The largest push is that at which the strain reaches its limit, the shaft is turned by [`MOST_TURN_RAD`] at the ruler and slips along it, or the ruler reaches
-//! the tip. A soft root takes a part of the push, so that a shaft on it withstands a larger push.
+//! The largest push is that at which the strain reaches its limit, the shaft is turned by [`MOST_TURN_RAD`] at the
+//! ruler and slips along it, or the ruler reaches the tip. A soft root takes a part of the push, so that a shaft on it
+//! withstands a larger push.
 
 use serde::{Deserialize, Serialize};
 
@@ -194,7 +197,8 @@ mod tests {
 
     #[test]
     fn val_large_deflections_against_the_published_elastica_of_a_point_contact() {
-        // Moment at the root times distance over stiffness, for a clamped cylinder pushed to the polar angle th: 3.0063 th - 0.0341 th^2 - 0.6683 th^3.
+        // Moment at the root times distance over stiffness, for a clamped cylinder pushed to the polar angle th: 3.0063
+        // th - 0.0341 th^2 - 0.6683 th^3.
         let shaft = rod(0.1);
         for force in [20.0, 60.0, 120.0] {
             let bent = shaft.bent(0.1, force);

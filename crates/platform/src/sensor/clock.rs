@@ -1,15 +1,16 @@
 //! Time stamps of samples from their arrival times.
 //!
-//! A sensor samples at equal intervals; USB and the scheduler delay the arrivals by a varying time and deliver several samples at once. A
-//! delay-locked loop of second order filters the arrivals: F. Adriaensen, "Using a DLL to filter time" (Linux Audio Conference 2005). With `e`
-//! the arrival minus the predicted time, `w = 2 pi BANDWIDTH_HZ T` and `T` the period,
+//! A sensor samples at equal intervals; USB and the scheduler delay the arrivals by a varying time and deliver several
+//! samples at once. A delay-locked loop of second order filters the arrivals: F. Adriaensen, "Using a DLL to filter
+//! time" (Linux Audio Conference 2005). With `e` the arrival minus the predicted time, `w = 2 pi BANDWIDTH_HZ T` and
+//! `T` the period,
 //!
 //! ```text
 //! next = t + T + sqrt(2) w e        T <- T + w^2 e
 //! ```
 //!
-//! It starts at the nominal period and converges to the true one, for example 888 Hz instead of 800 Hz. The mean delay of the arrivals is
-//! unobservable and remains in the times.
+//! It starts at the nominal period and converges to the true one, for example 888 Hz instead of 800 Hz. The mean delay
+//! of the arrivals is unobservable and remains in the times.
 
 use std::f64::consts::{SQRT_2, TAU};
 

@@ -1,7 +1,7 @@
 //! Two decimal digits, then x, y and z as four lower-case hexadecimal digits each; anything else on the line is ignored.
 //!
-//! The format has no checksum. A valid reading is a word of exactly 14 digits between spaces or the ends of the line, so a line that lost
-//! or gained a character gives no reading, nor do two joined lines.
+//! The format has no checksum. A valid reading is a word of exactly 14 digits between spaces or the ends of the line,
+//! so a line that lost or gained a character gives no reading, nor do two joined lines.
 
 use super::{LineFormat, Meaning};
 

@@ -1,6 +1,7 @@
 //! Three lines per reading, `>X: ...`, `>Y: ...`, `>Z: ...`, in decimal microtesla.
 //!
-//! A reading is three successive lines in this order. Any other line in between discards it, so axes of two readings are never mixed.
+//! A reading is three successive lines in this order. Any other line in between discards it, so axes of two readings
+//! are never mixed.
 
 use super::{LineFormat, Meaning, microtesla};
 

@@ -70,7 +70,8 @@ impl std::fmt::Display for Report {
         let Tally { samples, garbage_lines, partial_lines, .. } = self.tally;
         write!(
             f,
-            "{samples} samples at {:.1} Hz, {} overwritten, {} pauses, {garbage_lines} lines of garbage, {partial_lines} partial lines",
+            "{samples} samples at {:.1} Hz, {} overwritten, {} pauses, {garbage_lines} lines of garbage, \
+            {partial_lines} partial lines",
             self.rate_hz, self.overwritten, self.pauses
         )
     }
@@ -100,8 +101,8 @@ impl Reader {
         Ok(Self { ring, ends, thread: Some(thread.map_err(Error::system("thread of the sensor"))?) })
     }
 
-    /// Moves the pending samples into `arrivals`, waiting up to `patience` for the first one. `false` after the end of the stream, whose
-    /// reason [`Reader::finish`] returns.
+    /// Moves the pending samples into `arrivals`, waiting up to `patience` for the first one. `false` after the end of
+    /// the stream, whose reason [`Reader::finish`] returns.
     pub fn take(&self, arrivals: &mut Vec<Arrival>, patience: Duration) -> bool {
         self.ring.take(arrivals, patience)
     }

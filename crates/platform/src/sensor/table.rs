@@ -1,4 +1,5 @@
-//! One line per reading: x, y and z in decimal microtesla and the sensor's rate, two tabulators apart, after a line `Code starting`.
+//! One line per reading: x, y and z in decimal microtesla and the sensor's rate, two tabulators apart, after a line
+//! `Code starting`.
 
 use super::{LineFormat, Meaning, microtesla};
 

@@ -30,7 +30,8 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
     Ok(picture(panels).map(|picture| picture.noted(note)))
 }
 
-/// Estimators to show, the same on every set: the recommended filter or else the first, and the most accurate with hindsight and as published.
+/// Estimators to show, the same on every set: the recommended filter or else the first, and the most accurate with
+/// hindsight and as published.
 fn leading(data: &RunData) -> Vec<(&RunEstimator, Look)> {
     let recommended = data.filters().find(|name| *name == RECOMMENDED).or(data.filters().next());
     let best = |class| methods::best_of(data, class).or(data.of_class(class).next());

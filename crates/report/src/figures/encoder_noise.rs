@@ -23,7 +23,8 @@ struct Curve {
     perfect_mm: Option<f64>,
 }
 
-/// Mean of the values. `None` if one is missing: an estimator that fails where noise is largest would otherwise have the smaller mean.
+/// Mean of the values. `None` if one is missing: an estimator that fails where noise is largest would otherwise have
+/// the smaller mean.
 fn mean_of_all(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     mean(values.collect::<Option<Vec<f64>>>()?)
 }
@@ -98,7 +99,8 @@ fn picture(data: &RunData, methods: Vec<Method>) -> Result<Option<Picture>> {
     Ok(Some(Picture::new(1200, 470, paint)))
 }
 
-/// The recordings under each error of an encoder's angle: noise and the rounding to steps (a step over the root of 12), from the smallest on.
+/// The recordings under each error of an encoder's angle: noise and the rounding to steps (a step over the root of 12),
+/// from the smallest on.
 fn levels(data: &RunData) -> Vec<(f64, Vec<&RunRecording>)> {
     let mut levels: Vec<(f64, Vec<&RunRecording>)> = Vec::new();
     for recording in &data.run.recordings {

@@ -16,8 +16,9 @@ const START_S: f64 = 3.0;
 /// Distance between the markers on a curve.
 const MARKER_SPACING_PX: f64 = 90.0;
 
-/// Values of one filter on one whisker in the plots of Lin et al. (2022, pin experiments), read off the printed figure. On the straight whisker EKF and UKF both pass
-/// 1 mm between 0.6 and 0.7 s; here one has either end, so that the markers do not coincide.
+/// Values of one filter on one whisker in the plots of Lin et al. (2022, pin experiments), read off the printed figure.
+/// On the straight whisker EKF and UKF both pass 1 mm between 0.6 and 0.7 s; here one has either end, so that the
+/// markers do not coincide.
 struct Published {
     whisker: &'static str,
     /// The estimator that is configured as the published one.

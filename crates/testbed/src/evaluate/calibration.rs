@@ -28,7 +28,8 @@ impl Calibration {
     fn read(path: &Path) -> anyhow::Result<Self> {
         if !path.is_file() {
             bail!(
-                "{}: no such calibration; make it by `whisker fit`, with the same --front-end, or name the folder of others by --calibrations",
+                "{}: no such calibration; make it by `whisker fit`, with the same --front-end, or name the folder of \
+                others by --calibrations",
                 path.display()
             );
         }

@@ -1,7 +1,7 @@
 //! Bound of the memory of concurrent replays.
 //!
-//! A replay holds its whole trace, its samples and its estimates, about a kilobyte per row. Traces of usual length are replayed on all threads at once; of very long traces
-//! only as many as the bound allows, and always at least one.
+//! A replay holds its whole trace, its samples and its estimates, about a kilobyte per row. Traces of usual length are
+//! replayed on all threads at once; of very long traces only as many as the bound allows, and always at least one.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 

@@ -58,11 +58,13 @@ pub use starts::Starts;
 pub use tables::estimate_row;
 pub use workload::Workload;
 
-/// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted resumes if its inputs are the same. A finished run with
-/// the same settings is replaced, when its traces, its calibrations or the code have changed; one with other settings only if the settings say so.
+/// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted
+/// resumes if its inputs are the same. A finished run with the same settings is replaced, when its traces, its
+/// calibrations or the code have changed; one with other settings only if the settings say so.
 ///
 /// # Errors
-/// If inputs cannot be read or contradict one another, a finished run has other settings, no trial can be scored, or results cannot be written.
+/// If inputs cannot be read or contradict one another, a finished run has other settings, no trial can be scored, or
+/// results cannot be written.
 pub fn evaluate(
     datasets: &[Dataset],
     settings: &EvaluateSettings,

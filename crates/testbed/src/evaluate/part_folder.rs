@@ -29,7 +29,8 @@ fn beside(folder: &Path, what: &str) -> PathBuf {
 }
 
 impl<'a> PartFolder<'a> {
-    /// Opens the folder beside `folder` for a run from inputs with this hash. Several processes may open it at once; nothing is removed.
+    /// Opens the folder beside `folder` for a run from inputs with this hash. Several processes may open it at once;
+    /// nothing is removed.
     ///
     /// # Errors
     /// If the folder cannot be created.

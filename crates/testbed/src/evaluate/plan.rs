@@ -9,7 +9,8 @@ use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// Number of replays of an item by one estimator: few, so that little is lost with an interrupted item, but enough to justify one read of the scene.
+/// Number of replays of an item by one estimator: few, so that little is lost with an interrupted item, but enough to
+/// justify one read of the scene.
 const REPLAYS: usize = 10;
 
 /// A unit of work.

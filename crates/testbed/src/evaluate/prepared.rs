@@ -264,7 +264,8 @@ impl TrialSpec {
         }
     }
 
-    /// The trial with each of some miscalibrations, under a name and in a group of its own unless there is none. Without `given` the trial with those that its trace states.
+    /// The trial with each of some miscalibrations, under a name and in a group of its own unless there is none.
+    /// Without `given` the trial with those that its trace states.
     ///
     /// # Errors
     /// If a miscalibration is given for a whisker of an arm, whose encoders measure the poses.

@@ -17,7 +17,8 @@ const CODE: &str = "files_sha256";
 /// Number of names that a difference shows.
 const SHOWN: usize = 4;
 
-/// Checks that a run may replace the finished run in a folder: the settings are the same, and only traces, calibrations or code have changed.
+/// Checks that a run may replace the finished run in a folder: the settings are the same, and only traces, calibrations
+/// or code have changed.
 ///
 /// # Errors
 /// If the settings differ, or the finished run cannot be read.

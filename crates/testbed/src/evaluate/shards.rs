@@ -43,7 +43,8 @@ pub(super) struct EstimatorResult {
     pub(super) steps: usize,
 }
 
-/// Folder of the shards. A shard begins with the hash of its remaining bytes, so that a truncated or damaged one does not count as finished work.
+/// Folder of the shards. A shard begins with the hash of its remaining bytes, so that a truncated or damaged one does
+/// not count as finished work.
 pub(super) struct Shards(PathBuf);
 
 impl Shards {

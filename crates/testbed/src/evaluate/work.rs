@@ -147,7 +147,8 @@ impl<'a> Batch<'a> {
         self.plan.scenes[scene].iter().map(|&trial| self.prepared.trials[trial].sidecar.rows).sum()
     }
 
-    /// Runs the trial of a scene with this index under the seed with this index. A panic or an unreadable scene is a failure of the trial.
+    /// Runs the trial of a scene with this index under the seed with this index. A panic or an unreadable scene is a
+    /// failure of the trial.
     fn run_trial(&self, item: &Item, scene: &Scene<'_>, member: usize, seed: usize) -> anyhow::Result<TrialOutput> {
         let is_first = item.level == 0 && seed == 0;
         let seed = self.settings.seeds[seed];

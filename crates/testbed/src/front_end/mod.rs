@@ -47,7 +47,8 @@ pub const FRONT_ENDS: &[FrontEndRow] = &[
     },
     FrontEndRow {
         name: "hall",
-        about: "magnet at the root above a Hall sensor, with a reference sensor that compensates the earth's field (Lin et al. 2022)",
+        about: "magnet at the root above a Hall sensor, with a reference sensor that compensates the earth's field \
+            (Lin et al. 2022)",
         noise: 0.0,
         defaults: hall::defaults,
         build: hall::build,
@@ -171,7 +172,11 @@ impl FrontEnd {
         let sensor = file.sensor(&mounting.array, &mounting.sensor).with_context(|| {
             let known: Vec<_> = file.sensors.iter().map(|sensor| format!("{}/{}", sensor.array, sensor.name)).collect();
             let wanted = format!("{}/{}", mounting.array, mounting.sensor);
-            format!("{path}: front_end.sensors: found {}, expected {wanted} among them; run `whisker fit --sensors {wanted}` to add it", known.join(", "))
+            format!(
+                "{path}: front_end.sensors: found {}, expected {wanted} among them; run `whisker fit --sensors \
+                {wanted}` to add it",
+                known.join(", ")
+            )
         })?;
         Ok(Some(sensor))
     }

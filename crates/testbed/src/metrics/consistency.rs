@@ -13,7 +13,8 @@ const EXPECTED_NEES: f64 = 2.0;
 /// Normalised estimation error squared.
 pub const NEES: Metric = Metric {
     name: "nees",
-    about: "normalised contact error squared, mean over the contact; 2 if the stated covariances are correct, larger if they are too small",
+    about: "normalised contact error squared, mean over the contact; 2 if the stated covariances are correct, larger \
+        if they are too small",
     summary: Summary::Mean,
     measure: |scored| mean(errors_squared(scored)),
 };
@@ -29,7 +30,8 @@ pub const NEES_SAMPLES: Metric = Metric {
 /// Normalised innovation squared.
 pub const NIS: Metric = Metric {
     name: "nis",
-    about: "normalised innovation squared, mean over the contact; 1 if the stated innovation variances are correct, larger if they are too small",
+    about: "normalised innovation squared, mean over the contact; 1 if the stated innovation variances are correct, \
+        larger if they are too small",
     summary: Summary::Mean,
     measure: |scored| mean(scored.contacts.iter().filter_map(|contact| contact.nis)),
 };

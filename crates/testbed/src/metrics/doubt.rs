@@ -14,7 +14,8 @@ pub const DOUBTED: Metric = Metric {
 /// Time until the signal.
 pub const DOUBT_TIME: Metric = Metric {
     name: "doubt_time_s",
-    about: "time from the touch until the readings first contradict the models that the estimator averages; mean over the trials in which they do",
+    about: "time from the touch until the readings first contradict the models that the estimator averages; mean over \
+        the trials in which they do",
     summary: Summary::Mean,
     measure: |scored| signals(scored).find(|(_, is_doubtful)| *is_doubtful).map(|(t_contact_s, _)| t_contact_s),
 };

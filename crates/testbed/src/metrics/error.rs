@@ -70,7 +70,8 @@ pub const NEVER_1MM: Metric = Metric {
 /// Share of the contact with an estimate.
 pub const ANSWERED: Metric = Metric {
     name: "answered",
-    about: "fraction of the instants of true contact in the calibrated domain and before the tip, from the first touch on, at which the estimator states an estimate",
+    about: "fraction of the instants of true contact in the calibrated domain and before the tip, from the first touch \
+        on, at which the estimator states an estimate",
     summary: Summary::Mean,
     measure: |scored| {
         let calibrated = scored.contacts.iter().filter(|contact| contact.is_calibrated);

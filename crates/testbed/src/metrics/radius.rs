@@ -21,7 +21,8 @@ pub const ERROR: Metric = Metric {
 /// Coverage of the radius' interval.
 pub const COVERED: Metric = Metric {
     name: "radius_covered_95",
-    about: "1 if the final 95 % interval of the radius contains the true one, 0 if not or if a radius was stated earlier but not at the end; over trials, the fraction",
+    about: "1 if the final 95 % interval of the radius contains the true one, 0 if not or if a radius was stated \
+        earlier but not at the end; over trials, the fraction",
     summary: Summary::Mean,
     measure: |scored| is_covered(true_m(scored)?, &stated(scored)).map(f64::from),
 };

@@ -1,7 +1,8 @@
 //! Processes that an external program started and left behind.
 //!
-//! A process that calls `setsid` leaves the process group of its program. Every process inherits the environment of its program, which is marked, and an orphan becomes a
-//! child of this process, its subreaper (`prctl(2)`): the descendants of this process with the mark are those of the program.
+//! A process that calls `setsid` leaves the process group of its program. Every process inherits the environment of its
+//! program, which is marked, and an orphan becomes a child of this process, its subreaper (`prctl(2)`): the descendants
+//! of this process with the mark are those of the program.
 
 use std::collections::BTreeSet;
 use std::fs;

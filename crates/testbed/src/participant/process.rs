@@ -34,7 +34,8 @@ pub(super) enum NoLine {
     Closed,
 }
 
-/// Running process. It is killed with its process group when dropped, on Linux with every process that it started, so that none outlives the trial.
+/// Running process. It is killed with its process group when dropped, on Linux with every process that it started, so
+/// that none outlives the trial.
 ///
 /// Separate threads write stdin and read stdout, so that a process that does not read or does not answer cannot block.
 pub(super) struct Process {

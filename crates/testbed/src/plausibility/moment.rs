@@ -87,7 +87,8 @@ pub(super) fn strength(subject: &Subject<'_>) -> Vec<Finding> {
         place: "moment_z_n_m",
         found: format!("up to {:.3e} N m", subject.largest_n_m),
         expected: format!(
-            "at most {most_n_m:.3e} N m: more turns the root by a right angle ({by_rotation_n_m:.3e} N m) or strains the wire by {:.0} % ({by_strain_n_m:.3e} N m)",
+            "at most {most_n_m:.3e} N m: more turns the root by a right angle ({by_rotation_n_m:.3e} N m) or strains \
+            the wire by {:.0} % ({by_strain_n_m:.3e} N m)",
             100.0 * MOST_STRAIN
         ),
         looks_like,

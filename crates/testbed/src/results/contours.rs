@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Outlines found on the trials of one set by one estimator at one noise level, compared with the true ones. Errors are medians over trials, in which a trial
-/// without a value counts as worse than any other. A field is `None` if the median is not defined or the truth is unknown.
+/// Outlines found on the trials of one set by one estimator at one noise level, compared with the true ones. Errors are
+/// medians over trials, in which a trial without a value counts as worse than any other. A field is `None` if the
+/// median is not defined or the truth is unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContourScoreRow {
@@ -49,7 +50,8 @@ pub struct VertexRow {
     pub touched: bool,
 }
 
-/// Outline found by an estimator in one trial: its distance from the true outline if that is known, and the circle through it if the object is round.
+/// Outline found by an estimator in one trial: its distance from the true outline if that is known, and the circle
+/// through it if the object is round.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContourTrialRow {

@@ -1,4 +1,5 @@
-//! Table of the files of a run. FORMAT.md's list, the report's downloads, `whisker check` and the up-to-date test are derived from it.
+//! Table of the files of a run. FORMAT.md's list, the report's downloads, `whisker check` and the up-to-date test are
+//! derived from it.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

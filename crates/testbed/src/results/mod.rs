@@ -1,7 +1,7 @@
 //! Files of a run under `results/<run>/`, from which alone the report is drawn.
 //!
-//! [`RUN_FILES`] lists them. The columns of a table are the fields of its row type; trials and summary have one further column for each of
-//! [`METRICS`](crate::metrics::METRICS) ([`ScoreRow`]).
+//! [`RUN_FILES`] lists them. The columns of a table are the fields of its row type; trials and summary have one further
+//! column for each of [`METRICS`](crate::metrics::METRICS) ([`ScoreRow`]).
 //!
 //! To add a table: a row type in the file of its topic, and one row in [`RUN_FILES`].
 

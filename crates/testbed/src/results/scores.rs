@@ -48,7 +48,8 @@ pub struct TrialHead {
     pub samples: usize,
     /// Number of those samples in the calibrated domain without an estimate.
     pub missing: usize,
-    /// Mean probabilities over the contact of the models that the estimator averages, as `sliding=0.970 ekf=0.030`. `None` for other estimators.
+    /// Mean probabilities over the contact of the models that the estimator averages, as `sliding=0.970 ekf=0.030`.
+    /// `None` for other estimators.
     pub models: Option<String>,
 }
 

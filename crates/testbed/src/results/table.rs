@@ -128,7 +128,8 @@ pub(super) fn read_table<T>(
     Ok(rows)
 }
 
-/// Line of the first quoted field with characters after its closing quote. The CSV parser would append them to the field and read `"1"5` as 15.
+/// Line of the first quoted field with characters after its closing quote. The CSV parser would append them to the
+/// field and read `"1"5` as 15.
 fn stray_quote(bytes: &[u8]) -> Option<u64> {
     let mut line = 1;
     let mut is_quoted = false;

@@ -123,7 +123,10 @@ pub(super) fn claims() -> Vec<Claim> {
     ));
     claims.push(Claim::at_most(
         "arm_over_stage".into(),
-        format!("arm, perfect encoders, {RECOMMENDED}: relative difference of the contact error on the cylinders from that on a stage"),
+        format!(
+            "arm, perfect encoders, {RECOMMENDED}: relative difference of the contact error on the cylinders from \
+            that on a stage"
+        ),
         10.0,
         "%",
         |context| Ok(arm_over_stage(context)?.map(|ratio| 100.0 * (ratio - 1.0).abs())),
@@ -232,8 +235,8 @@ struct Window {
     touch: usize,
 }
 
-/// RMS contact error over all whiskers and seeds on the arm, over that on the stage, in the same rows. `None` if the contact of a whisker is too short,
-/// the stage has no contact, or estimates are missing.
+/// RMS contact error over all whiskers and seeds on the arm, over that on the stage, in the same rows. `None` if the
+/// contact of a whisker is too short, the stage has no contact, or estimates are missing.
 fn arm_over_stage(context: &Context) -> anyhow::Result<Option<f64>> {
     let dataset = dataset()?;
     let array = recording(&dataset, STILL)?;
@@ -282,8 +285,8 @@ fn rows_in(time_s: f64, sidecar: &Sidecar) -> usize {
 }
 
 impl Window {
-    /// The longest contact with an object, with up to a second of free motion before it. Interruptions shorter than [`CHATTER_S`] are bridged. `None` if no
-    /// contact is longer than the part that is not scored.
+    /// The longest contact with an object, with up to a second of free motion before it. Interruptions shorter than
+    /// [`CHATTER_S`] are bridged. `None` if no contact is longer than the part that is not scored.
     fn longest(trace: &Trace, outline: &Outline) -> Option<Self> {
         let truths = &trace.truth.instants;
         let is_on = |row: usize| truths[row].surface.is_some_and(|surface| outline.distance_m(surface) <= ON_M);

@@ -138,7 +138,8 @@ impl ClaimSet {
     }
 }
 
-/// Runs that claims are measured on, named after their suites; the run of the pins through a front end is named after the front end.
+/// Runs that claims are measured on, named after their suites; the run of the pins through a front end is named after
+/// the front end.
 const RUNS: &[&str] = &[STANDARD, contours::RUN, monte_carlo::RUN, contact_events::RUN, hall::RUN, arm::RUN];
 
 /// Default run of a claim.

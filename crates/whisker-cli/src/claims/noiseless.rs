@@ -28,7 +28,8 @@ use super::{Claim, Context, WHISKERS, filters};
 /// Number of seeds of a particle filter per trace.
 const SEEDS: u64 = 8;
 
-/// Largest mean offset over the seeds relative to their scatter that is compatible with no bias: four standard deviations of the mean.
+/// Largest mean offset over the seeds relative to their scatter that is compatible with no bias: four standard
+/// deviations of the mean.
 const MOST_OFFSET: f64 = 1.4;
 
 /// Least number of traces on which the contact stays within the calibrated domain.
@@ -116,8 +117,9 @@ fn final_offsets(
         .collect()
 }
 
-/// The base motion of the trace past a static contact at the true contact in the middle of the touch, with readings of the model while that contact lies in the
-/// calibrated domain and zero before. `None` if the contact leaves the domain later.
+/// The base motion of the trace past a static contact at the true contact in the middle of the touch, with readings of
+/// the model while that contact lies in the calibrated domain and zero before. `None` if the contact leaves the domain
+/// later.
 fn ideal(trace: &Trace, face: &CalibratedFace) -> Option<(Point<World>, Vec<Sample>)> {
     let contacts: Vec<Point<World>> = trace.truth.instants.iter().filter_map(|truth| truth.contact).collect();
     let contact = *contacts.get(contacts.len() / 2)?;

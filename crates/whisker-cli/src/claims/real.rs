@@ -114,7 +114,8 @@ fn sweeps(context: &Context, estimator: &str) -> Vec<ContourTrialRow> {
     run.contours.iter().filter(|row| row.estimator == estimator).filter(is_round).cloned().collect()
 }
 
-/// Largest gap between the radius intervals of two sweeps over one object (m), negative if all overlap. `None` if a sweep has no radius.
+/// Largest gap between the radius intervals of two sweeps over one object (m), negative if all overlap. `None` if a
+/// sweep has no radius.
 fn largest_gap_m(sweeps: &[ContourTrialRow]) -> Option<f64> {
     let mut ends: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     for row in sweeps {

@@ -18,8 +18,9 @@ use crate::claims::MeasuredClaim;
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
 ///
-/// A trace is also tested for errors of unit, sign, frame and rate: twist against poses, rate_hz against times, face and size of the moment against whisker, calibration and true contact.
-/// A suite is compared with its traces in datasets/<suite>, if they have been simulated.
+/// A trace is also tested for errors of unit, sign, frame and rate: twist against poses, rate_hz against times, face
+/// and size of the moment against whisker, calibration and true contact. A suite is compared with its traces in
+/// datasets/<suite>, if they have been simulated.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Files, or folders of traces

@@ -94,13 +94,15 @@ pub(super) struct Arguments {
     /// Folder of the traces of the suites [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
-    /// Folder of the calibrations [default: calibrations/ beside the traces, calibrations/<front end>/ for a front end other than the default]
+    /// Folder of the calibrations [default: calibrations/ beside the traces, calibrations/<front end>/ for a front end
+    /// other than the default]
     #[arg(long)]
     calibrations: Option<PathBuf>,
     /// Estimators, separated by commas (`whisker list estimators`) [default: all]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
-    /// External estimator, a program that reads samples and writes estimates as JSON lines (docs/your-estimator.md); may be repeated
+    /// External estimator, a program that reads samples and writes estimates as JSON lines (docs/your-estimator.md);
+    /// may be repeated
     #[arg(long, value_name = "[NAME=]COMMAND")]
     exec: Vec<String>,
     /// Longest wait for one answer of an external estimator
@@ -112,15 +114,16 @@ pub(super) struct Arguments {
     config: Option<PathBuf>,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Noise levels to add in the unit of --noise-unit, separated by commas [default: 0.01; 0 for a front end with its own noise and for
-    /// recordings; 1, that is the stated noise, for traces that state theirs]
+    /// Noise levels to add in the unit of --noise-unit, separated by commas [default: 0.01; 0 for a front end with its
+    /// own noise and for recordings; 1, that is the stated noise, for traces that state theirs]
     #[arg(long, value_delimiter = ',', value_parser = noise_fraction)]
     noise: Option<Vec<f64>>,
     /// Unit of the noise levels [default: set, or stated for traces that state their noise]
     #[arg(long, value_enum, requires = "noise")]
     noise_unit: Option<Unit>,
-    /// Deviations of sensor, whisker and mounting from the calibration: '{"gain": 0.01, "mount_rad": 0.008}', or '{}' for none; keys are gain,
-    /// offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s; may be repeated [default: those that each trace states]
+    /// Deviations of sensor, whisker and mounting from the calibration: '{"gain": 0.01, "mount_rad": 0.008}', or '{}'
+    /// for none; keys are gain, offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s; may be
+    /// repeated [default: those that each trace states]
     #[arg(long, value_name = "JSON", value_parser = miscalibration)]
     miscalibrate: Vec<Miscalibration>,
     /// Number of noise seeds per trial, at most a million [default: 5; 1 if neither readings nor encoders are noisy]
@@ -129,8 +132,8 @@ pub(super) struct Arguments {
     /// Prior information on the first contact
     #[arg(long, value_enum, default_value_t)]
     starts: Starts,
-    /// Joint encoders of an arm: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', or '{}' for perfect ones; may be repeated; applies to recordings
-    /// with an arm [default: perfect]
+    /// Joint encoders of an arm: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', or '{}' for perfect ones; may be
+    /// repeated; applies to recordings with an arm [default: perfect]
     #[arg(long, value_name = "JSON", value_parser = encoders)]
     encoders: Vec<Encoders>,
     /// Name of the run [default: name of the suite or folder; several are joined by +]
@@ -142,8 +145,8 @@ pub(super) struct Arguments {
     /// Replace a finished run of the same name that has other settings
     #[arg(long)]
     force: bool,
-    /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or on machines with the same
-    /// file system, and the command without --share then merges the run
+    /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or
+    /// on machines with the same file system, and the command without --share then merges the run
     #[arg(long, value_name = "K/N")]
     share: Option<Share>,
     /// Number of threads [default: number of cores]

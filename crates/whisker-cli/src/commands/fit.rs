@@ -28,10 +28,12 @@ pub(super) struct Arguments {
     /// Folder of the suite's traces [default: datasets/<suite>]
     #[arg(long)]
     traces: Option<PathBuf>,
-    /// Folder for the calibrations [default: calibrations/ beside the traces, calibrations/<front end>/ for a front end other than the default]
+    /// Folder for the calibrations [default: calibrations/ beside the traces, calibrations/<front end>/ for a front end
+    /// other than the default]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Sensor model (`whisker list sensor-models`); `auto` fits all of them and selects the one with the smallest error on held-out traces
+    /// Sensor model (`whisker list sensor-models`); `auto` fits all of them and selects the one with the smallest error
+    /// on held-out traces
     #[arg(long, default_value = AUTO)]
     model: String,
     /// Settings of the model as JSON, for example '{"degree": 7}'

@@ -18,7 +18,8 @@ use super::{FINISHED_WITH_FAILURES, print, table};
 
 /// Convert recordings of real sensors into traces
 ///
-/// `csv` and `bag` read the recordings of any laboratory by a mapping file, which names columns, units and frames (docs/own-data.md).
+/// `csv` and `bag` read the recordings of any laboratory by a mapping file, which names columns, units and frames
+/// (docs/own-data.md).
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Format of the recordings (--list)

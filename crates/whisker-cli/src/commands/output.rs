@@ -9,7 +9,8 @@ use files::{OutputLock, read_json, resolved};
 use serde_json::Value;
 use trace::Sidecar;
 
-/// Exclusive access to an output that is none of the inputs and lies in none of them. Waits, with a note on stderr, while another process writes it.
+/// Exclusive access to an output that is none of the inputs and lies in none of them. Waits, with a note on stderr,
+/// while another process writes it.
 ///
 /// # Errors
 /// If the output is an input or lies in one, is a device, or the system refuses access.

@@ -26,7 +26,8 @@ pub(super) struct Arguments {
     pub(super) method: MethodArguments,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 for a front end with its own noise and for a recording]
+    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 for a front end with
+    /// its own noise and for a recording]
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
     /// Seed of the measurement noise and of the front end
@@ -168,7 +169,8 @@ fn check_trace(path: &Path) -> anyhow::Result<()> {
     for file in ["csv", "json"].map(|extension| path.with_extension(extension)) {
         if !file.is_file() {
             bail!(
-                "{}: no such file, expected a trace: a .csv with its .json beside it, as `whisker simulate ... --out DIR` writes them into DIR",
+                "{}: no such file, expected a trace: a .csv with its .json beside it, as `whisker simulate ... --out \
+                DIR` writes them into DIR",
                 file.display()
             );
         }

@@ -12,8 +12,8 @@ const SCRIPT: &str = "whisker-sim";
 
 /// The generator with these arguments.
 ///
-/// The interpreter is `WHISKER_PYTHON`; else that of `.venv` in the repository's root, which `cargo xtask setup` makes; else the installed script
-/// `whisker-sim`.
+/// The interpreter is `WHISKER_PYTHON`; else that of `.venv` in the repository's root, which `cargo xtask setup` makes;
+/// else the installed script `whisker-sim`.
 ///
 /// # Errors
 /// If none of the three exists.
@@ -34,7 +34,10 @@ pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>)
             command
         }
         None => Command::new(installed().with_context(|| {
-            format!("the generator is not installed: run `pip install ./sim`, which provides `{SCRIPT}`, or `cargo xtask setup` in the repository")
+            format!(
+                "the generator is not installed: run `pip install ./sim`, which provides `{SCRIPT}`, or `cargo \
+                xtask setup` in the repository"
+            )
         })?),
     };
     command.args(arguments);
@@ -47,7 +50,8 @@ fn installed() -> Option<PathBuf> {
     env::split_paths(&folders).map(|folder| folder.join(SCRIPT)).find(|script| script.is_file())
 }
 
-/// Runs the generator and returns its exit code. On Unix it takes the place of this process, so that a signal to the command reaches it.
+/// Runs the generator and returns its exit code. On Unix it takes the place of this process, so that a signal to the
+/// command reaches it.
 ///
 /// # Errors
 /// If it does not start or was killed.

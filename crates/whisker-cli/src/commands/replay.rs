@@ -25,8 +25,8 @@ pub(super) struct Arguments {
     trace: PathBuf,
     #[command(flatten)]
     played: played::Arguments,
-    /// Calibration of the whisker
-    /// [default: calibrations/<whisker>.json beside the trace, calibrations/<front end>/<whisker>.json for a front end other than the default]
+    /// Calibration of the whisker [default: calibrations/<whisker>.json beside the trace, calibrations/<front
+    /// end>/<whisker>.json for a front end other than the default]
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// File to write [default: stdout]
@@ -127,7 +127,8 @@ impl Tally {
             notes.push(format!("no estimates: {}", self.reason(knowledge, &calibration.to_string())));
         } else if self.calibrated == 0 {
             notes.push(format!(
-                "no calibrated estimates: all {} lie outside the contacts of {calibration}; calibrate where the whisker is touched, or compare frames and units by `whisker check`",
+                "no calibrated estimates: all {} lie outside the contacts of {calibration}; calibrate where the \
+                whisker is touched, or compare frames and units by `whisker check`",
                 self.estimates
             ));
         }
@@ -142,7 +143,8 @@ impl Tally {
         if touched == 0 {
             let Signals { watched_n_m, threshold_n_m, .. } = self.nearest;
             return format!(
-                "no touch was detected in {} rows: the detector's signal reached {:.2e} N m, its threshold is {threshold_n_m:.2e} N m",
+                "no touch was detected in {} rows: the detector's signal reached {:.2e} N m, its threshold is \
+                {threshold_n_m:.2e} N m",
                 self.rows,
                 watched_n_m.abs()
             );
@@ -152,7 +154,8 @@ impl Tally {
             if count > 0 && lacks(&face) {
                 let face = face.name();
                 return format!(
-                    "{count} rows touch with the face `{face}`, which {calibration} does not calibrate; calibrate it, or correct the sign of the moment"
+                    "{count} rows touch with the face `{face}`, which {calibration} does not calibrate; calibrate it, \
+                    or correct the sign of the moment"
                 );
             }
         }

@@ -1,8 +1,8 @@
 //! The integration: Taylor series of the equilibrium, summed from the contact back to the root.
 //!
-//! All derivatives at a point follow from recurrences, since the curvature `q = kappa0 + C m` is a product of series and
-//! `(cos t)' = -q sin t`, `(sin t)' = q cos t` ([`crate::taylor`]). Derivatives with respect to the load are those of the recurrences
-//! themselves.
+//! All derivatives at a point follow from recurrences, since the curvature `q = kappa0 + C m` is a product of series
+//! and `(cos t)' = -q sin t`, `(sin t)' = q cos t` ([`crate::taylor`]). Derivatives with respect to the load are those
+//! of the recurrences themselves.
 
 use super::Load;
 use crate::taylor::{ORDER, Series, Stretch, horner, product};

@@ -539,7 +539,8 @@ pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, Settings
 pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
-        about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any convex outline) and `installed` (inexact calibration)",
+        about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \
+            convex outline) and `installed` (inexact calibration)",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,

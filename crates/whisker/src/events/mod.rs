@@ -5,8 +5,9 @@
 //! methods are the rows of [`DETECTORS`].
 //!
 //! Filters require readings at equal intervals: those of the recording's nominal rate. Missing samples are interpolated
-//! linearly; after a gap of more than [`LONGEST_GAP_S`] detection restarts. Readings beyond the [`ReadingGate`] count as
-//! missing. A recording without a clock has the nominal rate that it is given; if that is too low for the whisker's first mode, detectors use the reading itself.
+//! linearly; after a gap of more than [`LONGEST_GAP_S`] detection restarts. Readings beyond the [`ReadingGate`] count
+//! as missing. A recording without a clock has the nominal rate that it is given; if that is too low for the whisker's
+//! first mode, detectors use the reading itself.
 //!
 //! Contact at the tip follows from an estimate of the contact, not from the reading: see
 //! [`Estimate::at_tip`](crate::estimators::Estimate::at_tip).

@@ -13,17 +13,17 @@
 //! | `EI(s)`, `GJ(s)` | stiffness in bending, `E pi d^4 / 64`, and in twist, `EI / (1 + nu)` for a round wire with the Poisson ratio `nu` |
 //!
 //! # Equilibrium
-//! The whisker is free of load beyond the contact, and the contact transmits no moment. Hence (Love, "A Treatise on the Mathematical
-//! Theory of Elasticity", chapters 18 and 19; Antman, "Nonlinear Problems of Elasticity", chapter 8)
+//! The whisker is free of load beyond the contact, and the contact transmits no moment. Hence (Love, "A Treatise on the
+//! Mathematical Theory of Elasticity", chapters 18 and 19; Antman, "Nonlinear Problems of Elasticity", chapter 8)
 //!
 //! ```text
 //! dp/ds = d1    d di/ds = kappa x di    m = f x p
 //! kappa = (m . d1) / GJ d1 + (m . d2) / EI d2 + (kappa0 + (m . d3) / EI) d3
 //! ```
 //!
-//! with `p = 0` at `s = a`. As in the plane ([`crate::elastica`]), integration from the contact back to the root is an initial-value
-//! problem for any load, and the rotation of the root follows from the moment there ([`Suspension`]). A load in the plane of the
-//! whisker gives the planar equilibrium.
+//! with `p = 0` at `s = a`. As in the plane ([`crate::elastica`]), integration from the contact back to the root is an
+//! initial-value problem for any load, and the rotation of the root follows from the moment there ([`Suspension`]). A
+//! load in the plane of the whisker gives the planar equilibrium.
 //!
 //! # Limitations
 //! Those of [`crate::elastica`]: shear, extension, weight, several simultaneous contacts and self-contact are neglected.

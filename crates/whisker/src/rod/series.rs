@@ -189,9 +189,9 @@ impl Expansion {
 
 /// Section at the root under a force at the arc length `arc_m`, and its derivatives by `parameters`.
 ///
-/// The frame of the contact has its origin at the contact, +x along the tangent, and the directors as axes. `force` is in that
-/// frame (N). `twist` is the ratio of the flexibility in twist to that in bending, `EI / GJ`. The last stretch has no end. `None` if
-/// the load is unreasonably large.
+/// The frame of the contact has its origin at the contact, +x along the tangent, and the directors as axes. `force` is
+/// in that frame (N). `twist` is the ratio of the flexibility in twist to that in bending, `EI / GJ`. The last stretch
+/// has no end. `None` if the load is unreasonably large.
 pub(super) fn root<const N: usize>(
     stretches: &[Stretch],
     compliance_coefficient: f64,
@@ -203,8 +203,8 @@ pub(super) fn root<const N: usize>(
     let mut s_m = arc_m;
     let first = stretches.partition_point(|stretch| stretch.start_m < s_m).max(1);
     let mut section = Section { position: Vector3::zeros(), directors: Matrix3::identity() };
-    // At the contact the moment is zero. If the contact moves along the wire, the section at a fixed arc length moves in the opposite
-    // direction.
+    // At the contact the moment is zero. If the contact moves along the wire, the section at a fixed arc length moves
+    // in the opposite direction.
     let opposite = SectionRate {
         position: -Vector3::x(),
         rotation: Vector3::new(0.0, 0.0, -stretches[first - 1].curvature_per_m),

@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Stiffness of the suspension at the root, in N m/rad.
 ///
-/// The root turns by a yaw about Base's +z, then by a pitch about the turned +y, then by a twist about the wire, each against its own
-/// spring: `R = Rz(yaw) Ry(pitch) Rx(twist)`.
+/// The root turns by a yaw about Base's +z, then by a pitch about the turned +y, then by a twist about the wire, each
+/// against its own spring: `R = Rz(yaw) Ry(pitch) Rx(twist)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Suspension {
     /// Stiffness in yaw, the bending in the plane of the whisker.

@@ -57,7 +57,8 @@ const NAMES: [&str; COUNT] = [
 /// Number of leading parameters that are positive and fitted by their logarithms.
 const POSITIVE: usize = 3;
 
-/// Levenberg-Marquardt method, until the negative logarithm of the posterior density decreases by less than 0.005: a tenth of a standard deviation.
+/// Levenberg-Marquardt method, until the negative logarithm of the posterior density decreases by less than 0.005: a
+/// tenth of a standard deviation.
 const SETTINGS: Settings = Settings {
     method: Method::LevenbergMarquardt(Damping { restart: 1e-3, highest: 1e5, ..Damping::MARQUARDT }),
     iterations: 60,
@@ -271,7 +272,8 @@ impl SensorModel for ElasticaModel {
         let informed = self.stated.iter().filter(|parameter| parameter.informed_by_data).count();
         let response = if self.response > 1 { "cubic" } else { "linear" };
         format!(
-            "exact quasi-static whisker with a {response} response, {informed} of its {COUNT} parameters determined by the calibration"
+            "exact quasi-static whisker with a {response} response, {informed} of its {COUNT} parameters determined by \
+            the calibration"
         )
     }
 

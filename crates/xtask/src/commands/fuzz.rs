@@ -1,4 +1,5 @@
-//! Fuzzing of every parser, one target after another or several at a time. New inputs are kept in `fuzz/found/`, crashes in `fuzz/artifacts/`.
+//! Fuzzing of every parser, one target after another or several at a time. New inputs are kept in `fuzz/found/`,
+//! crashes in `fuzz/artifacts/`.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};

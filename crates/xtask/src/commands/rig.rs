@@ -1,5 +1,6 @@
-//! `cargo xtask rig`: the calibration platform on the emulated rig, from the first session to live inference, against its bounds. `--runs N` repeats it with other
-//! seeds and writes the distribution of its errors, the source of the figures in `docs/PLATFORM.md`.
+//! `cargo xtask rig`: the calibration platform on the emulated rig, from the first session to live inference, against
+//! its bounds. `--runs N` repeats it with other seeds and writes the distribution of its errors, the source of the
+//! figures in `docs/PLATFORM.md`.
 
 use std::fs;
 use std::path::Path;

@@ -34,7 +34,8 @@ fn parts(text: &str, separator: char) -> Option<[&str; 3]> {
     text.split(separator).collect::<Vec<_>>().try_into().ok()
 }
 
-/// Days since 1970-01-01 in the Gregorian calendar, computed with years that begin in March, so that a leap day is the last of its year.
+/// Days since 1970-01-01 in the Gregorian calendar, computed with years that begin in March, so that a leap day is the
+/// last of its year.
 fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
     let of_year = (153 * month + 2) / 5 + day - 1;

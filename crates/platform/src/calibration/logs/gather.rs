@@ -92,8 +92,8 @@ struct Recording {
     labels: Labels,
 }
 
-/// Reads logs, estimates the chain from those with samples, and detects their presses: by the published pipeline for the published regression.
-/// `table_rate_hz` converts the slopes of a table from counts/sample to counts/s.
+/// Reads logs, estimates the chain from those with samples, and detects their presses: by the published pipeline for
+/// the published regression. `table_rate_hz` converts the slopes of a table from counts/sample to counts/s.
 ///
 /// # Errors
 /// If a file is invalid or the recordings do not determine a chain.

@@ -1,6 +1,7 @@
 //! Recorded logs: samples and labels of presses.
 //!
-//! The first line of a file determines its layout, not its name. To add a layout of samples: one file with its [`Layout`] and one row in [`LAYOUTS`].
+//! The first line of a file determines its layout, not its name. To add a layout of samples: one file with its
+//! [`Layout`] and one row in [`LAYOUTS`].
 
 mod deflections;
 mod gather;
@@ -30,7 +31,8 @@ pub struct Layout {
     pub headers: &'static [&'static str],
     /// Names of its columns.
     pub columns: &'static [&'static str],
-    /// Parses a line's fields, as many as there are columns. The error is the index of the wrong field, from 0, and the expected content.
+    /// Parses a line's fields, as many as there are columns. The error is the index of the wrong field, from 0, and the
+    /// expected content.
     pub parse: Parse,
 }
 

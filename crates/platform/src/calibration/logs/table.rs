@@ -26,7 +26,8 @@ pub(super) fn is_header(line: &str) -> bool {
     DISTANCES.iter().any(|(name, _)| columns.contains(name)) && SLOPES.iter().any(|(name, _)| columns.contains(name))
 }
 
-/// Reads a table whose header [`is_header`]. The sign of a slope, the direction of the press, is ignored. An empty or `NaN` distance is unknown.
+/// Reads a table whose header [`is_header`]. The sign of a slope, the direction of the press, is ignored. An empty or
+/// `NaN` distance is unknown.
 pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error> {
     let mut lines = text.lines();
     let columns: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

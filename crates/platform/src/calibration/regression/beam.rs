@@ -1,12 +1,14 @@
 //! Physical model: a conical beam on a gel hinge.
 //!
-//! An edge at distance `d` displaces the shaft by `p`. Its force `F` turns the hinge of stiffness `k` by `F d / k` and bends the shaft by `F c` at the
-//! edge, where for a cone with its virtual tip at `t` and the stiffness `E I` at its root `c = d^3 / (3 E I (1 - d / t))` (Castigliano: the integral over
-//! `s` of `(d - s)^2 / (E I (1 - s / t)^4)`). The hinge therefore turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at a constant speed of
-//! the edge the slope is that with a gain `g` instead of `p`. `g`, `l` and `t` are fitted to the distances by Levenberg-Marquardt.
+//! An edge at distance `d` displaces the shaft by `p`. Its force `F` turns the hinge of stiffness `k` by `F d / k` and
+//! bends the shaft by `F c` at the edge, where for a cone with its virtual tip at `t` and the stiffness `E I` at its
+//! root `c = d^3 / (3 E I (1 - d / t))` (Castigliano: the integral over `s` of `(d - s)^2 / (E I (1 - s / t)^4)`). The
+//! hinge therefore turns by `p / (d + l d^2 / (1 - d / t))` with `l = k / (3 E I)`, and at a constant speed of the edge
+//! the slope is that with a gain `g` instead of `p`. `g`, `l` and `t` are fitted to the distances by
+//! Levenberg-Marquardt.
 //!
-//! The low-pass decreases the slope of a push that is shorter than its rise time, the more the shorter it is. [`RAMP`] is fitted to the slope before the low-pass
-//! instead, so that the depth of a push does not matter.
+//! The low-pass decreases the slope of a push that is shorter than its rise time, the more the shorter it is. [`RAMP`]
+//! is fitted to the slope before the low-pass instead, so that the depth of a push does not matter.
 //!
 //! Not modelled: the finite angle of the twist, the non-linear field of the magnet, a speed of the edge that depends on the depth.
 
@@ -54,7 +56,8 @@ struct Beam {
 }
 
 impl Beam {
-    /// Beam of the unconstrained parameters `ln g`, `ln (l r)` and `ln (t / r - 1)`, with the reach `r` (m): any value of them is physical.
+    /// Beam of the unconstrained parameters `ln g`, `ln (l r)` and `ln (t / r - 1)`, with the reach `r` (m): any value
+    /// of them is physical.
     fn new(parameters: &DVector<f64>, reach_m: f64, measured: LogSlope) -> Self {
         Self {
             measured,

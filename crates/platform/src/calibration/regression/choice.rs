@@ -12,8 +12,8 @@ pub struct Candidate {
     pub rmse_m: Result<f64, Error>,
 }
 
-/// Every live regression with its error at held-out inner places, the smallest error first. The nearest and the farthest place, at which the regression
-/// without them would extrapolate, do not count unless there are no others.
+/// Every live regression with its error at held-out inner places, the smallest error first. The nearest and the
+/// farthest place, at which the regression without them would extrapolate, do not count unless there are no others.
 pub fn by_places(presses: &[LabelledPress], progress: &mut Progress<'_>) -> Vec<Candidate> {
     let inner = inner(presses);
     let rmse_m = |row, progress: &mut Progress<'_>| {

@@ -1,6 +1,7 @@
 //! Regressions: the radial distance of a contact from the features of its press.
 //!
-//! To add a regression: one file with its [`LiveFit`] and one row in [`REGRESSIONS`]. A fit must not depend on the order of the presses.
+//! To add a regression: one file with its [`LiveFit`] and one row in [`REGRESSIONS`]. A fit must not depend on the
+//! order of the presses.
 
 mod beam;
 mod choice;
@@ -61,7 +62,8 @@ pub const REGRESSIONS: &[RegressionRow] = &[
     },
     RegressionRow {
         name: published::NAME,
-        about: "as published: third order in slope times true distance; cross-validated only, as the true distance is unknown at run time",
+        about: "as published: third order in slope times true distance; cross-validated only, as the true distance is \
+            unknown at run time",
         fewest: 5,
         fit: Fit::Leaking(published::fit),
     },

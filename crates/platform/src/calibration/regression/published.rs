@@ -1,7 +1,7 @@
 //! The regression of the published pipeline: a polynomial of third order in *slope times true distance*.
 //!
-//! The true distance is the quantity to be estimated, so the regression cannot run live, and its cross-validated error is not that of an estimate from the
-//! slope alone. It is kept as the reference for the published figures.
+//! The true distance is the quantity to be estimated, so the regression cannot run live, and its cross-validated error
+//! is not that of an estimate from the slope alone. It is kept as the reference for the published figures.
 
 use nalgebra::{DMatrix, DVector};
 

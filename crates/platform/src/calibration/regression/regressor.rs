@@ -4,7 +4,8 @@ use std::fmt::Debug;
 
 use crate::calibration::{Error, Features, LabelledPress};
 
-/// A fitted regression. It extrapolates; a [`Calibration`](crate::calibration::Calibration) evaluates it only near the features it was fitted to.
+/// A fitted regression. It extrapolates; a [`Calibration`](crate::calibration::Calibration) evaluates it only near the
+/// features it was fitted to.
 pub trait Regressor: Debug + Send + Sync {
     /// Radial distance of the contact from the whisker's root (m); not a number if a feature is missing that the regression uses.
     fn distance_m(&self, features: &Features) -> f64;
@@ -22,8 +23,8 @@ pub trait LeakingRegressor: Debug + Send + Sync {
 /// Fits a regression to labelled presses.
 pub type Fitter<R> = fn(&[LabelledPress]) -> Result<Box<R>, Error>;
 
-/// Restores a fitted regression from its coefficients, which are finite and as many as their names. The error is the index of a coefficient
-/// out of range, and the range.
+/// Restores a fitted regression from its coefficients, which are finite and as many as their names. The error is the
+/// index of a coefficient out of range, and the range.
 pub type Restorer = fn(&[f64]) -> Result<Box<dyn Regressor>, (usize, &'static str)>;
 
 /// Fit of a regression that needs only features available at run time.
@@ -79,7 +80,8 @@ pub(super) fn with_ramps(regression: &'static str, presses: &[LabelledPress]) ->
     }
 }
 
-/// Natural logarithm of the slope before the low-pass in counts/s; not a number if the push was too short, and so is the distance then.
+/// Natural logarithm of the slope before the low-pass in counts/s; not a number if the push was too short, and so is
+/// the distance then.
 pub(super) fn log_ramp(features: &Features) -> f64 {
     features.ramp_counts_per_s.map_or(f64::NAN, f64::ln)
 }

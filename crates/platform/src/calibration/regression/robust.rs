@@ -1,8 +1,8 @@
-//! Polynomial of third order in the logarithm of the slope by Tukey's biweight, in iteratively reweighted least squares (Huber and Ronchetti,
-//! *Robust Statistics*, 2009, 7.8).
+//! Polynomial of third order in the logarithm of the slope by Tukey's biweight, in iteratively reweighted least squares
+//! (Huber and Ronchetti, *Robust Statistics*, 2009, 7.8).
 //!
-//! The distance of a whisker's contact is a nearly straight function of that logarithm. A press whose residual exceeds [`TUKEY`] robust standard deviations,
-//! such as a mislabelled one, has zero weight.
+//! The distance of a whisker's contact is a nearly straight function of that logarithm. A press whose residual exceeds
+//! [`TUKEY`] robust standard deviations, such as a mislabelled one, has zero weight.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -203,7 +203,8 @@ impl Chain for Hall {
         let pairs = swept.concat();
         let characteristic = Characteristic::fit(DEGREE, &pairs).with_context(|| {
             format!(
-                "sensor `{sensor}`: its counts saturate or are not monotone within the calibration, so that they do not determine the moment"
+                "sensor `{sensor}`: its counts saturate or are not monotone within the calibration, so that they do \
+                not determine the moment"
             )
         })?;
         let others = board.iter().enumerate().filter(|(whisker, _)| *whisker != own);

@@ -64,7 +64,8 @@ pub(super) struct Arguments {
     /// Rosbag2 folder to record the session into as well
     #[arg(long)]
     bag: Option<PathBuf>,
-    /// Calibration, written by `whisker platform fit`, with which contacts are estimated and printed live, and their errors at the end
+    /// Calibration, written by `whisker platform fit`, with which contacts are estimated and printed live, and their
+    /// errors at the end
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// Format of the printed contacts

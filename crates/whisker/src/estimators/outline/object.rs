@@ -27,8 +27,8 @@ const NEAR_STEPS: usize = 10;
 const FAR_STEPS: usize = 6;
 const LAST_STEPS: usize = 40;
 
-/// Levenberg-Marquardt method, whose damping begins with next to none: where a prior ties many unknowns to one another, the diagonal of the curvature
-/// is far larger than the curvature for all of them together.
+/// Levenberg-Marquardt method, whose damping begins with next to none: where a prior ties many unknowns to one another,
+/// the diagonal of the curvature is far larger than the curvature for all of them together.
 const SETTINGS: Settings = Settings {
     method: Method::LevenbergMarquardt(Damping {
         first: 1e-9,

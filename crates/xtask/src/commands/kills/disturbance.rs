@@ -37,8 +37,8 @@ impl Disturbance {
         }
     }
 
-    /// Runs the command of a case and disturbs it: by a signal after `moment`, or by a disk that has space for `share` of the files. Returns whether the command was
-    /// disturbed before its end.
+    /// Runs the command of a case and disturbs it: by a signal after `moment`, or by a disk that has space for `share`
+    /// of the files. Returns whether the command was disturbed before its end.
     ///
     /// # Errors
     /// If the command does not start, or does not end after the signal.
