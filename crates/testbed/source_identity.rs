@@ -46,6 +46,7 @@ pub(crate) const CALIBRATION: Code = Code {
         "crates/whisker/src/rest.rs",
         "crates/whisker/src/sensor",
         "crates/whisker/src/settings.rs",
+        "crates/whisker/src/taylor.rs",
         "crates/whisker/src/wire.rs",
     ],
 };

@@ -63,9 +63,9 @@ fn verif_published_filters_rest_by_default() {
 fn verif_a_contact_at_rest_is_most_probably_static() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
-    // `round` contains thin objects as well.
+    // `round` and `installed` contain thin objects as well.
     let winners: [(&str, &[&str]); 3] =
-        [("recommended", &["ukf", "round"]), ("imm", &["static"]), ("batch-recommended", &["batch"])];
+        [("recommended", &["ukf", "round", "installed"]), ("imm", &["static"]), ("batch-recommended", &["batch"])];
     for (name, winners) in winners {
         let row = estimators::estimator(name).unwrap();
         let estimates = run(estimator(row, &knowledge, 1), &samples);
@@ -83,7 +83,7 @@ fn verif_the_average_of_one_candidate_is_that_candidate() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 2.0, |_| true);
     let [average, ekf] = ["recommended", "ekf"].map(|name| estimators::estimator(name).unwrap());
-    let alone = json!({"candidates": [{"name": "ekf", "weight": 1.0}]});
+    let alone = json!({"candidates": [{"name": "ekf", "weight": 1.0}], "covariance_factor": 1.0});
     let chosen = run(configured(average, &alone, &knowledge, 1), &samples);
     for (chosen, own) in chosen.iter().zip(run(estimator(ekf, &knowledge, 1), &samples)) {
         assert_eq!(chosen.map(|estimate| Estimate { models: None, ..estimate }), own);
