@@ -106,9 +106,9 @@
 //! let error_m = estimate.contact.distance(&truth.deflection.point);
 //! let covariance_m2 = estimate.covariance_m2.expect("the estimator gives a covariance");
 //! let sd_m = covariance_m2.trace().sqrt();
-//! // error 0.05 mm, standard deviation 0.08 mm
+//! // error 0.06 mm, standard deviation 0.45 mm, which allows for errors of the calibration
 //! println!("error {:.2} mm, standard deviation {:.2} mm", 1e3 * error_m, 1e3 * sd_m);
-//! assert!(error_m < 0.2e-3 && sd_m < 0.2e-3);
+//! assert!(error_m < 0.2e-3 && sd_m < 0.6e-3);
 //! assert!(error_m < 4.0 * sd_m);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
