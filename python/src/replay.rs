@@ -149,7 +149,7 @@ impl Replay {
     }
 
     /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius and
-    /// truth. NaN, empty text, and -1 for the flags `calibrated` and `at_tip`, where there is no value.
+    /// truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip` and `model_doubtful`, where there is no value.
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rows = self.rows();
@@ -174,6 +174,7 @@ impl Replay {
             ("radius_m", numbers(|row| row.radius_m)),
             ("radius_sd_m", numbers(|row| row.radius_sd_m)),
             ("models", texts(py, rows.iter().map(|row| row.models.as_deref().unwrap_or("")))?),
+            ("model_doubtful", flags(|row| row.model_doubtful)),
             ("truth_contact_x_m", numbers(|row| row.truth_contact_x_m)),
             ("truth_contact_y_m", numbers(|row| row.truth_contact_y_m)),
             ("truth_surface_x_m", numbers(|row| row.truth_surface_x_m)),

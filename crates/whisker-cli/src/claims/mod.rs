@@ -1,6 +1,6 @@
 //! Claims of the documentation and their measurement.
 //!
-//! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in [`TOPICS`].
+//! To add a claim: one entry in the file of its topic; to add a topic: one file, and one row in `TOPICS`.
 
 mod arm;
 mod certainty;
