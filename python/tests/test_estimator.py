@@ -61,7 +61,8 @@ def test_val_the_recommended_estimator_finds_a_pin(trial):
     assert last.calibrated
     assert not last.at_tip
     assert np.hypot(*(replay.contact_world[-1] - np.array(true.tolist()))) < 0.2e-3
-    assert np.sqrt(np.trace(last.covariance_m2)) < 0.2e-3
+    # The covariance allows for errors of the calibration.
+    assert np.sqrt(np.trace(last.covariance_m2)) < 0.5e-3
     assert sum(last.models.values()) == pytest.approx(1.0)
     assert np.hypot(*(last.surface - last.contact)) == pytest.approx(0.125e-3)
     assert last.innovation_variance_n2_m2 > trial.noise_sd_n_m**2

@@ -26,7 +26,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::read_table;
-use files::table::{number, reader};
+use files::table::{cell_error, number, reader};
 use files::{Digest, Error, FORMAT, sha256};
 use trace::{Contour, Instant, ObjectClass, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
 use whisker::Whisker;
@@ -299,6 +299,9 @@ struct Row {
     counts: f64,
 }
 
+/// Largest position of a stage, far beyond any travel and within the bounds of a trace (mm).
+const FARTHEST_MM: f64 = 1e5;
+
 /// Contents of a file.
 struct Table {
     path: PathBuf,
@@ -313,7 +316,14 @@ impl Table {
         for row in reader(path, &bytes, &COLUMNS)? {
             let (line, record) = row?;
             let cell = |i| number(path, line, &record, &COLUMNS, i);
-            let stage_m = [cell(1)? * M_PER_MM, cell(2)? * M_PER_MM, cell(3)? * M_PER_MM];
+            let stage = |i| match cell(i)? {
+                place_mm if place_mm.abs() <= FARTHEST_MM => Ok(place_mm * M_PER_MM),
+                _ => {
+                    let expected = format!("a stage position of at most {FARTHEST_MM} mm");
+                    Err(cell_error(path, line, &record, &COLUMNS, i, &expected))
+                }
+            };
+            let stage_m = [stage(1)?, stage(2)?, stage(3)?];
             // The other two axes are unused, but a row in which they are damaged is rejected.
             cell(4)?;
             cell(6)?;
