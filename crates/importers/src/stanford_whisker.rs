@@ -28,7 +28,9 @@ use std::path::{Path, PathBuf};
 use files::read_table;
 use files::table::{cell_error, number, reader};
 use files::{Digest, Error, FORMAT, sha256};
-use trace::{Contour, Instant, ObjectClass, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
+use trace::{
+    Contour, FARTHEST_M, Instant, ObjectClass, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant,
+};
 use whisker::Whisker;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
@@ -299,8 +301,8 @@ struct Row {
     counts: f64,
 }
 
-/// Largest position of a stage, far beyond any travel and within the bounds of a trace (mm).
-const FARTHEST_MM: f64 = 1e5;
+/// Largest position of a stage (mm): a tenth of that of a trace, which the registration of the wire shifts.
+const FARTHEST_MM: f64 = 0.1 * FARTHEST_M / M_PER_MM;
 
 /// Contents of a file.
 struct Table {

@@ -17,7 +17,7 @@ use crate::timing::Timing;
 /// Builds the estimator at the start and after a jump of a clock.
 pub type Build = Box<dyn Fn() -> anyhow::Result<Estimator> + Send>;
 
-/// What happened to a reading.
+/// Fate of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
     /// It was given to the estimator.
@@ -60,7 +60,7 @@ pub struct Answer {
     pub arrived_s: f64,
     /// The reading.
     pub reading_n_m: f64,
-    /// What happened to it.
+    /// Its fate.
     pub status: Status,
     /// Pose of the base at its time. `None` unless it was used or gated.
     pub base: Option<Pose<Base, World>>,

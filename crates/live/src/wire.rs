@@ -98,12 +98,12 @@ struct Keys {
     touched: Option<Value>,
 }
 
-/// Line that is no message: the column, what was found and what was expected.
+/// Error of a line that is no message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BadLine {
     /// Column, from 1 on. `None` if the problem has no single place.
     pub column: Option<usize>,
-    /// What was found and what was expected.
+    /// The text found and the text expected, in one sentence.
     pub reason: String,
     /// Whether a number is not finite.
     pub is_not_finite: bool,

@@ -65,5 +65,5 @@ pub use rows::TraceRows;
 pub use scene::{SceneDifference, scene_difference};
 pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, data_sha256, is_plain_name};
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
-pub use table::{COLUMNS, Instant, Recording, Trace, Truth, TruthInstant};
+pub use table::{COLUMNS, FARTHEST_M, Instant, Recording, Trace, Truth, TruthInstant};
 pub use writer::TraceWriter;

@@ -32,7 +32,7 @@ pub const COLUMNS: [(&str, usize); 19] = [
 ];
 
 /// Largest magnitude of a position coordinate. Larger values are errors of the file.
-pub(crate) const FARTHEST_M: f64 = 1e3;
+pub const FARTHEST_M: f64 = 1e3;
 
 /// Upper bound of the preallocated rows: the row count of a sidecar is untrusted.
 const MOST_ROWS_AT_FIRST: usize = 1 << 16;

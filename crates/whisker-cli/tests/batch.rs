@@ -2,6 +2,8 @@
 //! uninterrupted run.
 #![cfg(unix)]
 
+mod golden;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,29 +11,18 @@ use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use files::sha256;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use testbed::results::{SummaryRow, read_scores, score_bytes};
-use trace::{Role, Trace};
+
+use golden::write_dataset;
 
 /// Number of seeds, which gives a dozen items per trace.
 const SEEDS: &str = "120";
 
 /// Writes two golden traces as trials and as calibration traces, and fits their whisker.
 fn dataset(folder: &Path) {
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
-    for (of, name, role) in [
-        ("golden_pin", "pin", Role::Trial),
-        ("golden_circle", "round", Role::Trial),
-        ("golden_pin", "grid_0", Role::Calibration),
-        ("golden_circle", "grid_1", Role::Calibration),
-    ] {
-        let mut trace = Trace::read(&golden.join(format!("{of}.csv"))).unwrap();
-        (trace.sidecar.name, trace.sidecar.role, trace.sidecar.contour) = (name.into(), role, None);
-        trace.sidecar.csv_sha256 = sha256(trace.to_csv());
-        trace.write(folder).unwrap();
-    }
+    write_dataset(folder);
     let model = ["--model", "polynomial", "--config", r#"{"degree": 5}"#];
     let output = whisker(&[&["fit", folder.to_str().unwrap()], &model[..]].concat()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

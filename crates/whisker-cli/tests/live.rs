@@ -1,16 +1,19 @@
 //! `whisker live`: recordings and JSON lines against `whisker replay`, bad lines and signals.
 #![cfg(unix)]
 
+mod golden;
+
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
-use files::sha256;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use testbed::results::{EstimateRow, read_rows};
-use trace::{Role, Trace};
+use trace::Trace;
+
+use golden::write_dataset;
 
 /// Estimators of every class, for one whisker each.
 const ESTIMATORS: [&str; 3] = ["ekf", "outline", "smoother"];
@@ -37,18 +40,7 @@ struct Bench(TempDir);
 impl Bench {
     fn new() -> Self {
         let bench = Self(tempfile::tempdir().unwrap());
-        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
-        for (of, name, role) in [
-            ("golden_pin", "pin", Role::Trial),
-            ("golden_circle", "round", Role::Trial),
-            ("golden_pin", "grid_0", Role::Calibration),
-            ("golden_circle", "grid_1", Role::Calibration),
-        ] {
-            let mut trace = Trace::read(&golden.join(format!("{of}.csv"))).unwrap();
-            (trace.sidecar.name, trace.sidecar.role, trace.sidecar.contour) = (name.into(), role, None);
-            trace.sidecar.csv_sha256 = sha256(trace.to_csv());
-            trace.write(bench.0.path()).unwrap();
-        }
+        write_dataset(bench.0.path());
         good(&["fit", bench.0.path().to_str().unwrap(), "--model", "elastica"]);
         bench
     }

@@ -7,7 +7,7 @@ use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use signal::LONGEST_GAP_S;
-use trace::{ObjectClass, Role, is_plain_name};
+use trace::{FARTHEST_M, ObjectClass, Role, is_plain_name};
 use whisker::Whisker;
 use whisker::frames::Pose;
 use whisker::sensor::Face;
@@ -18,8 +18,7 @@ use super::units::{Angle, Length, Reading, Time, Unit};
 const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 const MOST_GAP_S: f64 = 60.0;
 
-/// Largest magnitude of a length and of an angle.
-const MOST_M: f64 = 1e3;
+/// Largest magnitude of an angle.
 const MOST_RAD: f64 = 1e6;
 
 /// Largest degree of a fitted characteristic, which has three coefficients in a sidecar.
@@ -305,10 +304,10 @@ impl RecordingEntry {
             }
         }
         if let Some(contact) = &self.contact {
-            contact.x.validate(path, &format!("{key}.contact.x"), MOST_M)?;
-            contact.y.validate(path, &format!("{key}.contact.y"), MOST_M)?;
+            contact.x.validate(path, &format!("{key}.contact.x"), FARTHEST_M)?;
+            contact.y.validate(path, &format!("{key}.contact.y"), FARTHEST_M)?;
             if let Some(radius) = &contact.radius {
-                radius.validate_constant(path, &format!("{key}.contact.radius"), MOST_M)?;
+                radius.validate_constant(path, &format!("{key}.contact.radius"), FARTHEST_M)?;
                 if contact.radius_m().is_none_or(|radius_m| radius_m <= 0.0) {
                     let place = format!("{key}.contact.radius");
                     return Err(Error::value(path, place, "no positive number", "a positive radius"));
@@ -400,11 +399,11 @@ impl Mapping {
         if self.delimiter.is_some_and(|delimiter| !delimiter.is_ascii()) {
             return Err(Error::value(path, "delimiter", format!("{:?}", self.delimiter), "an ASCII character"));
         }
-        self.pose.x.validate(path, "pose.x", MOST_M)?;
-        self.pose.y.validate(path, "pose.y", MOST_M)?;
+        self.pose.x.validate(path, "pose.x", FARTHEST_M)?;
+        self.pose.y.validate(path, "pose.y", FARTHEST_M)?;
         self.pose.yaw.validate(path, "pose.yaw", MOST_RAD)?;
-        self.base.x.validate_constant(path, "base.x", MOST_M)?;
-        self.base.y.validate_constant(path, "base.y", MOST_M)?;
+        self.base.x.validate_constant(path, "base.x", FARTHEST_M)?;
+        self.base.y.validate_constant(path, "base.y", FARTHEST_M)?;
         self.base.yaw.validate_constant(path, "base.yaw", MOST_RAD)?;
         self.reading.validate(path)?;
         if self.recordings.is_empty() {

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use files::{Digest, Error, FORMAT, sha256};
 use nalgebra::Vector2;
-use trace::{Contour, Instant, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
+use trace::{Contour, FARTHEST_M, Instant, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
 use whisker::Whisker;
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
@@ -30,8 +30,7 @@ use self::units::Unit;
 use crate::provenance::generator;
 use crate::{Imported, Progress};
 
-/// Largest coordinate and largest other quantity of a trace.
-const MOST_M: f64 = 1e3;
+/// Largest quantity of a trace other than a coordinate.
 const MOST: f64 = 1e6;
 
 /// Vertices of the outline of a pin.
@@ -353,7 +352,7 @@ fn placed(mapping: &Mapping, x_m: f64, y_m: f64, yaw_rad: f64) -> Pose<Base, Wor
 fn check_poses(path: &Path, base: &[Pose<Base, World>]) -> Result<(), Error> {
     let is_far = |pose: &&Pose<Base, World>| {
         let origin = pose.origin();
-        !(origin.x().abs() <= MOST_M && origin.y().abs() <= MOST_M && pose.yaw_rad().abs() <= MOST)
+        !(origin.x().abs() <= FARTHEST_M && origin.y().abs() <= FARTHEST_M && pose.yaw_rad().abs() <= MOST)
     };
     let Some(far) = base.iter().find(is_far) else { return Ok(()) };
     let found = format!("{} m, {} m, {} rad", far.origin().x(), far.origin().y(), far.yaw_rad());
@@ -361,15 +360,15 @@ fn check_poses(path: &Path, base: &[Pose<Base, World>]) -> Result<(), Error> {
         path,
         "pose",
         found,
-        format!("at most {MOST_M} m and {MOST} rad; compare the units of the mapping"),
+        format!("at most {FARTHEST_M} m and {MOST} rad; compare the units of the mapping"),
     ))
 }
 
 fn check_places(path: &Path, places: &[Option<Point<World>>]) -> Result<(), Error> {
-    let is_far = |place: &&Point<World>| !(place.x().abs() <= MOST_M && place.y().abs() <= MOST_M);
+    let is_far = |place: &&Point<World>| !(place.x().abs() <= FARTHEST_M && place.y().abs() <= FARTHEST_M);
     let Some(far) = places.iter().flatten().find(is_far) else { return Ok(()) };
     let found = format!("{} m, {} m", far.x(), far.y());
-    Err(Error::value(path, "contact", found, format!("at most {MOST_M} m; compare the units of the mapping")))
+    Err(Error::value(path, "contact", found, format!("at most {FARTHEST_M} m; compare the units of the mapping")))
 }
 
 /// Contact of a whisker with a pin.

@@ -273,7 +273,7 @@ pub struct AnswerLine {
     /// Time of the reading.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub t_s: Option<f64>,
-    /// What happened to the reading.
+    /// Fate of the reading.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub status: Option<String>,
     /// Pose of the base at the time of the reading: position, x.

@@ -208,10 +208,7 @@ impl Elastica {
         for (what, found) in [("arc_m", load.arc_m), ("along_n", load.along_n), ("left_n", load.left_n)] {
             finite(what, found)?;
         }
-        if load.arc_m > 0.0 && load.arc_m <= self.length_m {
-            return Ok(());
-        }
-        Err(Failure::OffTheWhisker { arc_m: load.arc_m, length_m: self.length_m })
+        on_the_whisker(load.arc_m, self.length_m)
     }
 
     /// The equilibrium and its derivatives. The contact may lie beyond the tip, on the whisker's continuation.
@@ -263,8 +260,13 @@ fn turned(v: Vector2<f64>, to: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(to.x * v.x - to.y * v.y, to.y * v.x + to.x * v.y)
 }
 
-fn finite(what: &'static str, found: f64) -> Result<(), Failure> {
+pub(crate) fn finite(what: &'static str, found: f64) -> Result<(), Failure> {
     if found.is_finite() { Ok(()) } else { Err(Failure::NotFinite { what, found }) }
+}
+
+/// Checks that a contact lies on the whisker.
+pub(crate) fn on_the_whisker(arc_m: f64, length_m: f64) -> Result<(), Failure> {
+    if arc_m > 0.0 && arc_m <= length_m { Ok(()) } else { Err(Failure::OffTheWhisker { arc_m, length_m }) }
 }
 
 /// +1 if the object lies on the left of the whisker, -1 if it lies on the right.

@@ -2,6 +2,8 @@
 
 use nalgebra::{Const, DimMin, SMatrix, SVector};
 
+use super::Failure;
+
 /// Residual, relative to the whisker's length, below which one more step is the last: it squares the residual.
 const NEARLY: f64 = 1e-9;
 
@@ -10,6 +12,25 @@ const MOST_ITERATIONS: usize = 12;
 
 /// Smallest step of the continuation, as a share.
 const SHORTEST: f64 = 1.0 / 4096.0;
+
+/// Largest distance by which an iteration may pass the tip, in lengths of the whisker.
+const BEYOND: f64 = 1.5;
+
+/// Whether an iteration may go on with this arc length of the contact.
+pub(crate) fn may_continue(arc_m: f64, length_m: f64) -> bool {
+    arc_m > 0.0 && arc_m < BEYOND * length_m
+}
+
+/// Reason for which a continuation ended at the share `reached` of its way with a contact at `arc_m`.
+pub(crate) fn lost(reached: f64, arc_m: f64, length_m: f64) -> Failure {
+    if arc_m > 0.999 * length_m { Failure::SlippedOff { reached } } else { Failure::Buckled { reached } }
+}
+
+/// The arc length of a contact that was found, on the whisker: one at the tip may lie beyond it by rounding.
+pub(crate) fn up_to_the_tip(arc_m: f64, length_m: f64) -> Result<f64, Failure> {
+    let is_on = arc_m <= length_m * (1.0 + 1e-12);
+    if is_on { Ok(arc_m.min(length_m)) } else { Err(Failure::SlippedOff { reached: 1.0 }) }
+}
 
 /// Residual (in metres) and its derivatives by the unknowns.
 pub(crate) struct Equations<const N: usize> {

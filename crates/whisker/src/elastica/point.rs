@@ -7,9 +7,6 @@ use super::{Deflection, Elastica, Failure, Load, Parameter, Rate, finite};
 use crate::frames::{Base, Point};
 use crate::rest::direction;
 
-/// Largest distance by which an iteration may pass the tip, in lengths of the whisker.
-const BEYOND: f64 = 1.5;
-
 /// A frictionless contact on the side of the whisker, and its derivatives by its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointContact {
@@ -84,10 +81,7 @@ impl Elastica {
             }
         };
         let unknowns = newton::follow(Vector2::new(arc_m, 0.0), |share, guess| self.pass_through(way(share), guess));
-        let lost = |reached, arc_m| {
-            if arc_m > 0.999 * self.length_m { Failure::SlippedOff { reached } } else { Failure::Buckled { reached } }
-        };
-        unknowns.map_err(|(reached, last)| lost(reached, last.x))
+        unknowns.map_err(|(reached, last)| newton::lost(reached, last.x, self.length_m))
     }
 
     /// As [`Self::at_point`], starting from a nearby contact, such as that of the last sample, which selects the
@@ -113,19 +107,14 @@ impl Elastica {
 
     fn press(&self, unknowns: Vector2<f64>) -> Option<(Deflection, [Rate; 2])> {
         let arc_m = unknowns.x;
-        if !(arc_m > 0.0 && arc_m < BEYOND * self.length_m) {
+        if !newton::may_continue(arc_m, self.length_m) {
             return None;
         }
         self.respond(Load { arc_m, along_n: 0.0, left_n: unknowns.y }, [Parameter::Arc, Parameter::LEFT])
     }
 
     fn point_contact(&self, unknowns: Vector2<f64>) -> Result<PointContact, Failure> {
-        // A contact at the tip may lie beyond it by rounding.
-        let arc_m =
-            if unknowns.x <= self.length_m * (1.0 + 1e-12) { unknowns.x.min(self.length_m) } else { unknowns.x };
-        if arc_m > self.length_m {
-            return Err(Failure::SlippedOff { reached: 1.0 });
-        }
+        let arc_m = newton::up_to_the_tip(unknowns.x, self.length_m)?;
         self.contact_of(Vector2::new(arc_m, unknowns.y)).ok_or(Failure::Buckled { reached: 1.0 })
     }
 

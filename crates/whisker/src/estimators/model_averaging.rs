@@ -180,14 +180,14 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    Ok(Box::new(ModelAveraging { config, methods }))
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods }))
 }
 
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
 struct ModelAveraging {
-    config: Config,
+    config: Arc<Config>,
     methods: Methods,
 }
 
@@ -195,13 +195,7 @@ impl Method for ModelAveraging {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
         Box::new(AveragingTracker {
-            gate_sds: self.config.gate_sds,
-            evidence_power: self.config.evidence_power,
-            considered_power: self.config.considered_power,
-            covariance_factor: self.config.covariance_factor,
-            sojourn_s: self.config.sojourn_s,
-            ignored_share: self.config.ignored_share,
-            farthest_m: self.config.farthest_m,
+            config: self.config.clone(),
             considered: self.config.candidates.iter().map(|candidate| candidate.considered).collect(),
             face: touch.face.clone(),
             methods: self.methods.clone(),
@@ -272,13 +266,7 @@ struct Part<'a> {
 
 /// The candidates on one contact.
 struct AveragingTracker {
-    gate_sds: f64,
-    evidence_power: f64,
-    considered_power: f64,
-    covariance_factor: f64,
-    sojourn_s: f64,
-    ignored_share: f64,
-    farthest_m: f64,
+    config: Arc<Config>,
     considered: Vec<bool>,
     face: Arc<CalibratedFace>,
     weights: Vec<f64>,
@@ -296,7 +284,7 @@ impl AveragingTracker {
 
     /// Logarithm of the likelihood of a candidate's innovation, bounded by the gate.
     fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
-        innovation.log_likelihood() + 0.5 * (innovation.nis - self.gate_sds.powi(2)).max(0.0)
+        innovation.log_likelihood() + 0.5 * (innovation.nis - self.config.gate_sds.powi(2)).max(0.0)
     }
 
     /// The evidence with its powers: within the group of a candidate, considered or not, and that of the group as a whole.
@@ -313,17 +301,17 @@ impl AveragingTracker {
             if likelihood > 0.0 { (likelihood / share).ln() } else { 0.0 }
         };
         let of_groups = [false, true].map(|considered| {
-            self.considered_power * of_group(considered, 1.0) - of_group(considered, self.evidence_power)
+            self.config.considered_power * of_group(considered, 1.0) - of_group(considered, self.config.evidence_power)
         });
         let of_candidate = |(log, considered): (&f64, &bool)| {
-            self.evidence_power * (log - largest) + of_groups[usize::from(*considered)]
+            self.config.evidence_power * (log - largest) + of_groups[usize::from(*considered)]
         };
         evidence.iter().zip(&self.considered).map(of_candidate).collect()
     }
 
     /// Updates the candidates' probabilities and returns the innovation of the mixture.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
-        let sojourns_s = vec![self.sojourn_s; self.methods.len()];
+        let sojourns_s = vec![self.config.sojourn_s; self.methods.len()];
         self.right.predict(&Transition::from_sojourns(sample.dt_s, &sojourns_s, &self.weights));
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
         let known = innovations.iter().zip(self.right.probabilities());
@@ -342,7 +330,7 @@ impl AveragingTracker {
         let outside_m = self.face.nearest_calibrated(estimate.contact).distance(&estimate.contact);
         let added_m2 = Matrix2::identity() * outside_m.powi(2);
         let covariance_m2 = estimate.covariance_m2.map(|covariance| covariance + added_m2);
-        (outside_m <= self.farthest_m).then_some(Estimate { covariance_m2, ..estimate })
+        (outside_m <= self.config.farthest_m).then_some(Estimate { covariance_m2, ..estimate })
     }
 
     /// Estimate of the mixture. `None` if no candidate has an estimate.
@@ -354,7 +342,7 @@ impl AveragingTracker {
         };
         let parts: Vec<Part<'_>> = stated.filter_map(part).collect();
         let most = parts.iter().map(|part| part.share).fold(0.0, f64::max);
-        let parts: Vec<_> = parts.into_iter().filter(|part| part.share >= self.ignored_share * most).collect();
+        let parts: Vec<_> = parts.into_iter().filter(|part| part.share >= self.config.ignored_share * most).collect();
         let known: f64 = parts.iter().map(|part| part.share).sum();
         // The more probable candidates may have none because the contact is at the tip.
         if known < LEAST_KNOWN {
@@ -377,7 +365,7 @@ impl AveragingTracker {
         let size = Gaussian::of_mixture(moving.iter().filter_map(size)).filter(|_| leading.radius.is_some());
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
-            (places.covariance + apart * apart.transpose()) * self.covariance_factor
+            (places.covariance + apart * apart.transpose()) * self.config.covariance_factor
         };
         let covariance_m2 = places.and_then(Gaussian::of_mixture).map(about_shift);
         Some(Estimate {
@@ -457,14 +445,10 @@ mod tests {
 
     /// A tracker of two candidates, of which the second is considered, with these probabilities.
     fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
+        let config =
+            Config { evidence_power: 0.5, considered_power: 1e-6, covariance_factor: 2.0, ..Config::among([]) };
         AveragingTracker {
-            gate_sds: 5.0,
-            evidence_power: 0.5,
-            considered_power: 1e-6,
-            covariance_factor: 2.0,
-            sojourn_s: 1000.0,
-            ignored_share: 0.0,
-            farthest_m: 2e-3,
+            config: Arc::new(config),
             considered: vec![false, true],
             face: face.clone(),
             weights: shares.to_vec(),

@@ -53,7 +53,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::elastica::Failure;
+use crate::elastica::{Failure, finite, on_the_whisker};
 use crate::taylor::Stretch;
 use crate::{Invalid, RestShape, Whisker};
 use series::Parameter;
@@ -156,13 +156,9 @@ impl Rod {
         for (what, found) in
             [("arc_m", arc_m), ("force_n.x", force_n.x), ("force_n.y", force_n.y), ("force_n.z", force_n.z)]
         {
-            if !found.is_finite() {
-                return Err(Failure::NotFinite { what, found });
-            }
+            finite(what, found)?;
         }
-        if !(arc_m > 0.0 && arc_m <= self.length_m) {
-            return Err(Failure::OffTheWhisker { arc_m, length_m: self.length_m });
-        }
+        on_the_whisker(arc_m, self.length_m)?;
         let (deflection, []) = self.respond(load, []).ok_or(Failure::TooStrong { force_n: force_n.norm(), arc_m })?;
         Ok(deflection)
     }

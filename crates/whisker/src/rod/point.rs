@@ -4,10 +4,7 @@ use nalgebra::{Matrix2x3, Matrix3, Rotation3, Unit, Vector3};
 
 use super::series::Parameter;
 use super::{Rate, Rod, SpatialDeflection, SpatialLoad};
-use crate::elastica::{Failure, newton};
-
-/// Largest distance by which an iteration may pass the tip, in lengths of the whisker.
-const BEYOND: f64 = 1.5;
+use crate::elastica::{Failure, finite, newton};
 
 /// A frictionless contact on the side of the whisker, and its derivatives by its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,9 +30,7 @@ impl Rod {
     /// [`Failure::NotFinite`].
     pub fn at_point(&self, point: Vector3<f64>) -> Result<SpatialContact, Failure> {
         for (what, found) in [("point.x", point.x), ("point.y", point.y), ("point.z", point.z)] {
-            if !found.is_finite() {
-                return Err(Failure::NotFinite { what, found });
-            }
+            finite(what, found)?;
         }
         let radius_m = point.norm();
         let arc_m = self.rest.arc_at_radius(radius_m);
@@ -52,16 +47,9 @@ impl Rod {
         };
         let unloaded = Vector3::new(arc_m, 0.0, 0.0);
         let found = newton::follow(unloaded, |share, guess| self.pass_through(way(share), guess));
-        let unknowns = found.map_err(|(reached, last)| match last.x > 0.999 * self.length_m {
-            true => Failure::SlippedOff { reached },
-            false => Failure::Buckled { reached },
-        })?;
-        // A contact at the tip may lie beyond it by rounding.
-        if unknowns.x > self.length_m * (1.0 + 1e-12) {
-            return Err(Failure::SlippedOff { reached: 1.0 });
-        }
-        let unknowns = Vector3::new(unknowns.x.min(self.length_m), unknowns.y, unknowns.z);
-        self.contact_of(unknowns).ok_or(Failure::Buckled { reached: 1.0 })
+        let unknowns = found.map_err(|(reached, last)| newton::lost(reached, last.x, self.length_m))?;
+        let arc_m = newton::up_to_the_tip(unknowns.x, self.length_m)?;
+        self.contact_of(Vector3::new(arc_m, unknowns.y, unknowns.z)).ok_or(Failure::Buckled { reached: 1.0 })
     }
 
     /// Arc length and force, left and up, of a contact at `goal`.
@@ -73,7 +61,7 @@ impl Rod {
     }
 
     fn press(&self, unknowns: Vector3<f64>) -> Option<(SpatialDeflection, [Rate; 3])> {
-        if !(unknowns.x > 0.0 && unknowns.x < BEYOND * self.length_m) {
+        if !newton::may_continue(unknowns.x, self.length_m) {
             return None;
         }
         let by = [Parameter::Arc, Parameter::Force(Vector3::y()), Parameter::Force(Vector3::z())];

@@ -45,8 +45,8 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     let mut build = program("build");
     build.arg("parser");
     run_command(build)?;
-    let ways = targets.into_iter().filter(|target| chosen.target.as_ref().is_none_or(|chosen| chosen == target));
-    let waiting = Mutex::new(ways);
+    let selected = targets.into_iter().filter(|target| chosen.target.as_ref().is_none_or(|chosen| chosen == target));
+    let waiting = Mutex::new(selected);
     let work = || {
         let mut failed = Vec::new();
         loop {
