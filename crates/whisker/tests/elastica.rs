@@ -472,7 +472,7 @@ fn robust_no_contact_is_none() {
 #[test]
 fn robust_a_missing_equilibrium_is_an_error() {
     let elastica = solver(&straight());
-    assert!(matches!(elastica.at_point(Point::new(0.09, 0.01)), Err(Failure::SlippedOff { .. })));
+    assert!(matches!(elastica.at_point(Point::new(0.09, 0.01)), Err(Failure::OutOfReach { .. })));
     let base = Pose::new(0.0, 0.0, 0.0);
     let deep = Circle { center: Point::new(0.079, -0.04), radius_m: 0.0 };
     assert!(matches!(elastica.against(&deep, &base, Face::Left), Err(Failure::SlippedOff { .. })));

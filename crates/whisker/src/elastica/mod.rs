@@ -141,7 +141,15 @@ pub enum Failure {
         /// Arc length of the contact.
         arc_m: f64,
     },
-    /// The point is out of the whisker's reach, or the tip slips off the object.
+    /// The point is farther from the root than the whisker is long.
+    #[error("point {distance_m} m from the root: out of reach of the whisker, which is {length_m} m long")]
+    OutOfReach {
+        /// Distance of the point from the root.
+        distance_m: f64,
+        /// Length of the whisker.
+        length_m: f64,
+    },
+    /// The tip slips off the object before the whisker reaches the deflection.
     #[error("the whisker slips off: no equilibrium beyond {:.1} % of the deflection", 100.0 * reached)]
     SlippedOff {
         /// Share of the way from the undeflected whisker that has an equilibrium.

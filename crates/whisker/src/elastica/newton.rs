@@ -14,11 +14,22 @@ const MOST_ITERATIONS: usize = 12;
 const SHORTEST: f64 = 1.0 / 4096.0;
 
 /// Largest distance by which an iteration may pass the tip, in lengths of the whisker.
-const BEYOND: f64 = 1.5;
+pub(crate) const BEYOND: f64 = 1.5;
+
+/// Relative rounding error of a contact at the tip.
+const ROUNDING: f64 = 1e-12;
 
 /// Whether an iteration may go on with this arc length of the contact.
 pub(crate) fn may_continue(arc_m: f64, length_m: f64) -> bool {
     arc_m > 0.0 && arc_m < BEYOND * length_m
+}
+
+/// Rejects a point that no shape of the whisker reaches, before small steps of a continuation are spent on it.
+///
+/// # Errors
+/// [`Failure::OutOfReach`] if the point is farther from the root than the whisker is long, up to rounding.
+pub(crate) fn within_reach(distance_m: f64, length_m: f64) -> Result<(), Failure> {
+    if distance_m <= length_m * (1.0 + ROUNDING) { Ok(()) } else { Err(Failure::OutOfReach { distance_m, length_m }) }
 }
 
 /// Reason for which a continuation ended at the share `reached` of its way with a contact at `arc_m`.
@@ -28,7 +39,7 @@ pub(crate) fn lost(reached: f64, arc_m: f64, length_m: f64) -> Failure {
 
 /// The arc length of a contact that was found, on the whisker: one at the tip may lie beyond it by rounding.
 pub(crate) fn up_to_the_tip(arc_m: f64, length_m: f64) -> Result<f64, Failure> {
-    let is_on = arc_m <= length_m * (1.0 + 1e-12);
+    let is_on = arc_m <= length_m * (1.0 + ROUNDING);
     if is_on { Ok(arc_m.min(length_m)) } else { Err(Failure::SlippedOff { reached: 1.0 }) }
 }
 

@@ -36,11 +36,12 @@ impl Elastica {
     /// place, which for a whisker much stiffer than its root is the rotation of the root.
     ///
     /// # Errors
-    /// [`Failure::SlippedOff`] if the point is out of the whisker's reach, [`Failure::Buckled`] if the whisker snaps
-    /// before, [`Failure::NotFinite`].
+    /// [`Failure::OutOfReach`] or [`Failure::SlippedOff`] if the whisker does not reach the point, [`Failure::Buckled`] if
+    /// it snaps before, [`Failure::NotFinite`].
     pub fn at_point(&self, point: Point<Base>) -> Result<PointContact, Failure> {
         finite("point.x", point.x())?;
         finite("point.y", point.y())?;
+        newton::within_reach(point.vector().norm(), self.length_m)?;
         self.point_contact(self.follow_to(point.vector())?)
     }
 
@@ -49,7 +50,10 @@ impl Elastica {
         let goal = point.vector();
         let unknowns = match near {
             Some(near) => self.pass_through(goal, Vector2::new(near.arc_m, near.left_n)),
-            None => self.follow_to(goal).ok(),
+            None => {
+                newton::within_reach(goal.norm(), newton::BEYOND * self.length_m).ok()?;
+                self.follow_to(goal).ok()
+            }
         };
         self.contact_of(unknowns?)
     }

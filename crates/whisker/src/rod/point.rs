@@ -26,13 +26,14 @@ impl Rod {
     /// shortest way.
     ///
     /// # Errors
-    /// [`Failure::SlippedOff`] if the point is out of the whisker's reach, [`Failure::Buckled`] if the whisker snaps before,
-    /// [`Failure::NotFinite`].
+    /// [`Failure::OutOfReach`] or [`Failure::SlippedOff`] if the whisker does not reach the point, [`Failure::Buckled`] if it
+    /// snaps before, [`Failure::NotFinite`].
     pub fn at_point(&self, point: Vector3<f64>) -> Result<SpatialContact, Failure> {
         for (what, found) in [("point.x", point.x), ("point.y", point.y), ("point.z", point.z)] {
             finite(what, found)?;
         }
         let radius_m = point.norm();
+        newton::within_reach(radius_m, self.length_m)?;
         let arc_m = self.rest.arc_at_radius(radius_m);
         let start = self.rest.point(arc_m).vector().push(0.0);
         let from_m = start.norm();
