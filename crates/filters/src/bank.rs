@@ -48,8 +48,55 @@ impl<Part> Hypothesis<Part> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bank<const N: usize, Part = Gaussian<N>> {
     hypotheses: Vec<Hypothesis<Part>>,
-    /// Weight, moments and weighted log-determinant of each hypothesis; a buffer, so that merging does not allocate.
-    shapes: Vec<(f64, Gaussian<N>, f64)>,
+    /// Shapes of the hypotheses and merging losses of all pairs; buffers, so that merging does not allocate.
+    shapes: Vec<Shape<N>>,
+    losses: Vec<Loss>,
+}
+
+/// What is known of the loss of merging two hypotheses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Loss {
+    Unknown,
+    /// A lower bound.
+    AtLeast(f64),
+    /// The loss.
+    Of(f64),
+}
+
+/// Weight, moments and weighted log-determinant of a hypothesis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Shape<const N: usize> {
+    weight: f64,
+    belief: Gaussian<N>,
+    width: f64,
+}
+
+impl<const N: usize> Shape<N> {
+    fn of<Part: Belief<N>>(hypothesis: &Hypothesis<Part>) -> Self {
+        let (weight, belief) = (hypothesis.weight(), hypothesis.belief.moments());
+        Self { weight, belief, width: weight * log_determinant(&belief.covariance) }
+    }
+
+    /// Loss of merging two weighted Gaussians.
+    fn loss(&self, other: &Self) -> f64 {
+        let together = self.belief.merged(self.weight, &other.belief, other.weight);
+        let joint = (self.weight + other.weight) * log_determinant(&together.covariance);
+        0.5 * (joint - self.width - other.width)
+    }
+
+    /// Lower bound of the loss, cheaper than the loss: with the weighted mean `P` of the covariances, the difference `d`
+    /// of the means and the shares `u` and `v` of the weights, the merged covariance is `P + u v d d'`. Its determinant is
+    /// `det P (1 + u v d' P^-1 d)`, of which `d' P^-1 d >= d_i^2 / P_ii` for every `i`, and `ln det P` is at least the
+    /// weighted mean of those of the parts.
+    fn least_loss(&self, other: &Self) -> f64 {
+        let total = self.weight + other.weight;
+        let (share, other_share) = (self.weight / total, other.weight / total);
+        let apart = (0..N).map(|i| {
+            let variance = share * self.belief.covariance[(i, i)] + other_share * other.belief.covariance[(i, i)];
+            (self.belief.mean[i] - other.belief.mean[i]).powi(2) / variance
+        });
+        0.5 * total * (share * other_share * apart.fold(0.0, f64::max)).ln_1p()
+    }
 }
 
 impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
@@ -59,7 +106,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
         let hypotheses: Vec<_> = parts.map(hypothesis).collect();
         let shapes = Vec::with_capacity(hypotheses.len());
-        let mut bank = Self { hypotheses, shapes };
+        let losses = Vec::with_capacity(hypotheses.len().pow(2));
+        let mut bank = Self { hypotheses, shapes, losses };
         bank.normalise();
         bank
     }
@@ -136,38 +184,53 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// Merges pairs of hypotheses in the order of least loss while the loss is below `most_loss`. The loss is an upper
     /// bound of the Kullback-Leibler divergence between the mixtures before and after (Runnalls 2007, equation 21).
     pub fn merge(&mut self, most_loss: f64) {
+        self.shapes.clear();
+        self.shapes.extend(self.hypotheses.iter().map(Shape::of));
+        let count = self.shapes.len();
+        self.losses.clear();
+        self.losses.resize(count * count, Loss::Unknown);
         while let Some((i, j)) = self.closest(most_loss) {
             let other = self.hypotheses.swap_remove(j);
             let one = &mut self.hypotheses[i];
             let weight = one.weight() + other.weight();
             one.belief = one.belief.merged(one.weight(), &other.belief, other.weight());
             one.log_weight = weight.ln();
+            // The last hypothesis takes the place of the removed one; of the losses, those of the two changed places are
+            // unknown again.
+            self.shapes.swap_remove(j);
+            self.shapes[i] = Shape::of(&self.hypotheses[i]);
+            for changed in [i, j] {
+                for k in 0..count {
+                    self.losses[changed * count + k] = Loss::Unknown;
+                    self.losses[k * count + changed] = Loss::Unknown;
+                }
+            }
         }
     }
 
     /// Pair `i < j` with the least merging loss. `None` unless that is below `most_loss`.
     fn closest(&mut self, most_loss: f64) -> Option<(usize, usize)> {
-        let mut best = (most_loss, None);
-        self.shapes.clear();
-        self.shapes.extend(self.hypotheses.iter().map(|one| {
-            let belief = one.belief.moments();
-            (one.weight(), belief, one.weight() * log_determinant(&belief.covariance))
-        }));
-        let parts = &self.shapes;
-        for (i, (weight, one, width)) in parts.iter().enumerate() {
-            for (j, (other_weight, other, other_width)) in parts.iter().enumerate().skip(i + 1) {
-                if least_loss((*weight, one), (*other_weight, other)) >= best.0 {
-                    continue;
+        let (mut least, mut pair) = (most_loss, None);
+        let stride = self.losses.len().isqrt();
+        for (i, one) in self.shapes.iter().enumerate() {
+            for (j, other) in self.shapes.iter().enumerate().skip(i + 1) {
+                let known = &mut self.losses[i * stride + j];
+                if *known == Loss::Unknown {
+                    *known = Loss::AtLeast(one.least_loss(other));
                 }
-                let together = one.merged(*weight, other, *other_weight);
-                let joint = (weight + other_weight) * log_determinant(&together.covariance);
-                let loss = 0.5 * (joint - width - other_width);
-                if loss < best.0 {
-                    best = (loss, Some((i, j)));
+                if let Loss::AtLeast(bound) = *known
+                    && bound < least
+                {
+                    *known = Loss::Of(one.loss(other));
+                }
+                if let Loss::Of(loss) = *known
+                    && loss < least
+                {
+                    (least, pair) = (loss, Some((i, j)));
                 }
             }
         }
-        best.1
+        pair
     }
 
     /// Mean and covariance of the mixture. `None` if it is empty.
@@ -205,20 +268,6 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     }
 }
 
-/// Lower bound of the loss of merging two weighted Gaussians, cheaper than the loss: with the weighted mean `P` of the
-/// covariances, the difference `d` of the means and the shares `u` and `v` of the weights, the merged covariance is
-/// `P + u v d d'`. Its determinant is `det P (1 + u v d' P^-1 d)`, of which `d' P^-1 d >= d_i^2 / P_ii` for every `i`,
-/// and `ln det P` is at least the weighted mean of those of the parts.
-fn least_loss<const N: usize>((weight, one): (f64, &Gaussian<N>), (other_weight, other): (f64, &Gaussian<N>)) -> f64 {
-    let total = weight + other_weight;
-    let (share, other_share) = (weight / total, other_weight / total);
-    let apart = (0..N).map(|i| {
-        let variance = share * one.covariance[(i, i)] + other_share * other.covariance[(i, i)];
-        (one.mean[i] - other.mean[i]).powi(2) / variance
-    });
-    0.5 * total * (share * other_share * apart.fold(0.0, f64::max)).ln_1p()
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::{matrix, vector};
@@ -231,11 +280,13 @@ mod tests {
         for (i, apart) in [0.0, 0.1, 1.0, 10.0, 1e3].into_iter().enumerate() {
             let other = Gaussian::new(vector![apart, 1.0 - 0.4 * apart], matrix![0.4, -0.1; -0.1, 0.1 + i as f64]);
             let (weight, other_weight) = (0.3, 0.1);
-            let together = one.merged(weight, &other, other_weight);
-            let width = |belief: &Gaussian<2>| log_determinant(&belief.covariance);
-            let widths = weight * width(&one) + other_weight * width(&other);
-            let loss = 0.5 * ((weight + other_weight) * width(&together) - widths);
-            let least = least_loss((weight, &one), (other_weight, &other));
+            let shape = |weight: f64, belief: Gaussian<2>| Shape {
+                weight,
+                belief,
+                width: weight * log_determinant(&belief.covariance),
+            };
+            let (one, other) = (shape(weight, one), shape(other_weight, other));
+            let (least, loss) = (one.least_loss(&other), one.loss(&other));
             assert!(least <= loss + 1e-12, "{apart}: {least} {loss}");
         }
     }

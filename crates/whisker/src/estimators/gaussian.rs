@@ -13,7 +13,7 @@ use super::doubt::{Doubt, Search};
 use super::inertia::Inertia;
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
-use super::start::{EarlierReading, Start, earlier};
+use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -39,12 +39,19 @@ pub(super) trait GaussianFilter:
     ) -> Result<Innovation<1>, UpdateError>;
 }
 
+/// Way of the base over which the methods of `recommended` average the readings before a touch: a reading hardly deviates
+/// from a linear function over such a way.
+pub(super) const ONSET_WAY_M: f64 = 0.3e-3;
+
 /// Settings of a filter with Gaussian hypotheses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, bound = "Filter: GaussianFilter")]
 pub(super) struct Config<Filter> {
     /// Initial hypotheses: one Gaussian, or several along the whisker.
     pub start: Start,
+    /// Way of the base over which the readings before a touch are averaged, which shortens the first step of a touch;
+    /// with 0 each reading counts by itself.
+    pub onset_way_m: f64,
     /// Model of the contact's motion.
     pub motion: MotionSettings,
     /// Fading memory: factor of the prior covariance at each step.
@@ -74,6 +81,7 @@ impl<Filter: GaussianFilter> Default for Config<Filter> {
     fn default() -> Self {
         Self {
             start: Start::Hypotheses { count: 16 },
+            onset_way_m: 0.0,
             motion: MotionSettings::Round(Round::default()),
             fading: 1.0,
             gate_sds: 5.0,
@@ -98,6 +106,7 @@ impl<Filter: GaussianFilter> Config<Filter> {
     pub(super) fn round() -> Self {
         let motion = MotionSettings::Round(Round::of_any_scale());
         Self {
+            onset_way_m: ONSET_WAY_M,
             motion,
             ignored_share: 1e-3,
             search: Search::default(),
@@ -112,6 +121,7 @@ impl<Filter: GaussianFilter> Settings for Config<Filter> {
     fn validate(&self) -> Result<(), SettingsError> {
         self.start.validate()?;
         self.motion.validate()?;
+        within("onset_way_m", self.onset_way_m, 0.0..=1e-2)?;
         within("fading", self.fading, 1.0..=2.0)?;
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
         within("prune_share", self.prune_share, 0.0..=0.5)?;
@@ -199,9 +209,14 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     /// The bank at the touch: the initial hypotheses, conditioned on the readings before the touch.
     fn begin(&self, touch: &Sample) -> Bank<N> {
         let mut bank = Bank::new(self.anywhere(touch, self.contact_prior));
-        for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
+        let way_m = self.config.onset_way_m;
+        for Earlier { sample, count, .. } in earlier(&self.history, touch, self.noise_sd_n_m, way_m) {
             let back = self.motion.step(&self.side, &sample);
-            let reading = EarlierReading { back, reading: self.reading() };
+            // A reading of a free whisker is equally probable under every hypothesis.
+            if way_m > 0.0 && bank.hypotheses().iter().all(|one| is_free(&back, &one.belief)) {
+                continue;
+            }
+            let reading = EarlierReading { back, reading: self.reading().of_mean(count) };
             // A reading without a valid update leaves the bank as it is.
             let _ = self.condition(&mut bank, &reading, sample.reading_n_m);
         }

@@ -19,7 +19,7 @@ use serde_json::Value;
 use super::motion::{Motion, Round};
 use super::shares::ModelShares;
 use super::side::{ContactReading, Side};
-use super::start::{EarlierReading, Start, earlier};
+use super::start::{Earlier, EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::settings::{Settings, SettingsError, parse, within};
 
@@ -156,7 +156,7 @@ impl Follower {
             })
         });
         let mut bank = Bank::new(hypotheses);
-        for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
+        for Earlier { sample, .. } in earlier(&self.history, touch, self.noise_sd_n_m, 0.0) {
             // A reading without a valid update leaves the bank as it is.
             let _ = self.condition(&mut bank, sample.reading_n_m, |mode| EarlierReading {
                 back: self.process(mode, &sample),

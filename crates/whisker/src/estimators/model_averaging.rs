@@ -24,6 +24,7 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::gaussian::ONSET_WAY_M;
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
@@ -87,9 +88,14 @@ impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
     /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration, with
     /// an even chance nearly, and is considered. Odds, powers and factor were chosen on the training suite of random scenes
-    /// and on the standard suite.
+    /// and on the standard suite. Readings before a touch are averaged, so that its first step is short.
     fn default() -> Self {
         let mut average = Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0)]);
+        for candidate in
+            average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
+        {
+            candidate.settings.insert("onset_way_m".into(), ONSET_WAY_M.into());
+        }
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
         Self { ignored_share: 0.02, evidence_power: 0.5, considered_power: 0.01, covariance_factor: 1.5, ..average }
     }

@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
-use super::start::{EarlierReading, Start, earlier};
+use super::start::{Earlier, EarlierReading, Start, earlier};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::settings::{Settings, SettingsError, parse, within};
 
@@ -139,7 +139,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         }
         let mut set = ParticleSet::new(particles.into_iter().collect());
         let renewal = self.config.renewal();
-        for sample in earlier(&self.history, touch, self.noise_sd_n_m) {
+        for Earlier { sample, .. } in earlier(&self.history, touch, self.noise_sd_n_m, 0.0) {
             let back = self.motion.step(&self.side, &sample);
             let reading = EarlierReading { back, reading: ContactReading::new(&self.side, Model::INDICES) };
             // A reading without a valid update leaves the particles as they are.

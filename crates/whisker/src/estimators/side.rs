@@ -245,6 +245,8 @@ pub(super) struct ContactReading<'a> {
     indices: StateIndices,
     /// Variance of a further error of the reading.
     added_n2_m2: f64,
+    /// Number of readings of which this is the mean.
+    count: f64,
 }
 
 /// Indices in the state of the errors of a reading.
@@ -259,12 +261,17 @@ pub(super) struct StateIndices {
 impl<'a> ContactReading<'a> {
     /// The measurement model for a state with errors of the reading at `indices`.
     pub(super) fn new(side: &'a Side, indices: StateIndices) -> Self {
-        Self { side, indices, added_n2_m2: 0.0 }
+        Self { side, indices, added_n2_m2: 0.0, count: 1.0 }
     }
 
     /// The same with a further error of this standard deviation.
     pub(super) fn with_error(self, sd_n_m: f64) -> Self {
         Self { added_n2_m2: sd_n_m.powi(2), ..self }
+    }
+
+    /// The same for the mean of `count` readings.
+    pub(super) fn of_mean(self, count: f64) -> Self {
+        Self { count, ..self }
     }
 
     /// Factor of the expected reading.
@@ -308,7 +315,7 @@ impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
     /// Includes the sensor model's error even if the state has it: part of it may change from one sample to the next,
     /// such as the effect of friction, and the calibration does not determine how much.
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
-        Matrix1::new(self.side.variance_n2_m2(AlongAway::of_state(x)) + self.added_n2_m2)
+        Matrix1::new(self.side.variance_of_mean_n2_m2(AlongAway::of_state(x), self.count) + self.added_n2_m2)
     }
 }
 

@@ -88,17 +88,50 @@ fn pushed(side: &Side, arc_m: f64, sd_m: f64, reading_n_m: f64) -> Gaussian<2> {
     Gaussian::new(vector![arc_m, away_m], covariance)
 }
 
-/// The samples before a touch that belong to its onset, the latest first, each with the motion from now back to it.
+/// Largest rotation of the base among the samples before a touch that are averaged.
+const MOST_TURN_RAD: f64 = 5e-3;
+
+/// Mean of consecutive samples before a touch, between which the base hardly moved.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Earlier {
+    /// Mean reading, with the mean motion from now back to it.
+    pub(super) sample: Sample,
+    /// Number of samples.
+    pub(super) count: f64,
+    /// Motion from now back to the latest of them.
+    latest: Pose<Base, Base>,
+}
+
+impl Earlier {
+    /// Includes a sample before these, unless the base moved by `way_m` or more in between. Returns whether it was
+    /// included.
+    fn joins(&mut self, before: &Sample, way_m: f64) -> bool {
+        let moved_m = before.motion.origin().distance(&self.latest.origin());
+        let turn_rad = (before.motion.yaw_rad() - self.latest.yaw_rad()).abs();
+        if moved_m >= way_m || turn_rad > MOST_TURN_RAD {
+            return false;
+        }
+        let (mean, share) = (&mut self.sample, 1.0 / (self.count + 1.0));
+        let origin = mean.motion.origin().vector().lerp(&before.motion.origin().vector(), share);
+        let yaw_rad = mean.motion.yaw_rad() + share * (before.motion.yaw_rad() - mean.motion.yaw_rad());
+        mean.motion = Pose::new(origin.x, origin.y, yaw_rad);
+        mean.reading_n_m += share * (before.reading_n_m - mean.reading_n_m);
+        self.count += 1.0;
+        true
+    }
+}
+
+/// The samples before a touch that belong to its onset, averaged over ways of the base below `way_m`, the latest first.
 ///
 /// `history` holds the samples since the whisker was last known to be free, in the order of time; `touch` is the first
 /// of the touch. A reading of the opposite sign, or a larger one, belongs to an oscillating whisker; it and the samples
 /// before it are left out.
-pub(super) fn earlier(history: &[Sample], touch: &Sample, noise_sd_n_m: f64) -> Vec<Sample> {
+pub(super) fn earlier(history: &[Sample], touch: &Sample, noise_sd_n_m: f64, way_m: f64) -> Vec<Earlier> {
     const SWING_SDS: f64 = 4.0;
     let sign = touch.reading_n_m.signum();
     let mut back: Pose<Base, Base> = touch.motion.inverse();
     let mut least_n_m = sign * touch.reading_n_m;
-    let mut found = Vec::with_capacity(history.len());
+    let mut found: Vec<Earlier> = Vec::new();
     for sample in history.iter().rev() {
         let reading_n_m = sign * sample.reading_n_m;
         let allowed_n_m = SWING_SDS * noise_sd_n_m;
@@ -106,10 +139,24 @@ pub(super) fn earlier(history: &[Sample], touch: &Sample, noise_sd_n_m: f64) -> 
             break;
         }
         least_n_m = least_n_m.min(reading_n_m);
-        found.push(Sample { motion: back, dt_s: 0.0, reading_n_m: sample.reading_n_m });
+        let before = Sample { motion: back, dt_s: 0.0, reading_n_m: sample.reading_n_m };
+        if !found.last_mut().is_some_and(|last| last.joins(&before, way_m)) {
+            found.push(Earlier { sample: before, count: 1.0, latest: back });
+        }
         back = back.then(&sample.motion.inverse());
     }
     found
+}
+
+/// Standard deviations of the distance from the whisker beyond which a contact is certain not to touch.
+const FREE_SDS: f64 = 5.0;
+
+/// Whether the whisker was certainly free at the instant back to which a process leads.
+pub(super) fn is_free<const N: usize>(back: &impl Process<N>, belief: &Gaussian<N>) -> bool {
+    let (then, jacobian, _) = back.linearised(&belief.mean);
+    let slope = jacobian.row(1);
+    let variance_m2 = (slope * belief.covariance * slope.transpose())[0];
+    then[1] < -FREE_SDS * variance_m2.max(0.0).sqrt()
 }
 
 /// A reading taken before the present instant, of a whisker that may not have touched yet; without contact it reads

@@ -21,8 +21,8 @@ use crate::sensor::AlongAway;
 /// Maximum number of steps of the search along the curve.
 const STEPS: usize = 60;
 
-/// Change of `tau`, or width of the bracket, below which the search ends.
-const SETTLED_M: f64 = 1e-9;
+/// Change of `tau`, or width of the bracket, below which the search ends: a thousandth of the accuracy of a contact.
+const SETTLED_M: f64 = 1e-7;
 
 /// Largest step before the root is bracketed.
 const STRIDE_M: f64 = 20.0 * PITCH_M;
@@ -58,9 +58,9 @@ struct Mismatch {
     at: AlongAway,
 }
 
-fn mismatch(side: &Side, base: &Pose<Base, Start>, curve: &Curve, tau_m: f64) -> Mismatch {
+fn mismatch(side: &Side, base: &Pose<Base, Start>, to_base: &Pose<Start, Base>, curve: &Curve, tau_m: f64) -> Mismatch {
     let place = curve.at(tau_m);
-    let point = base.inverse().apply(Point::from_vector(place.knot.point));
+    let point = to_base.apply(Point::from_vector(place.knot.point));
     let at = side.face.along_and_away(point);
     let (tangent_rad, by_place) = side.tangent_rad(at);
     let tangent_by_point = base.rotation() * in_base(side, at, by_place);
@@ -84,8 +84,9 @@ pub(super) fn contact(side: &Side, base: &Pose<Base, Start>, curve: &Curve, near
     let (mut low_m, mut high_m) = (first_m - REACH_M, last_m + REACH_M);
     let mut is_bracketed = (false, false);
     let mut tau_m = near_m.clamp(low_m, high_m);
+    let to_base = base.inverse();
     for _ in 0..=STEPS {
-        let found = mismatch(side, base, curve, tau_m);
+        let found = mismatch(side, base, &to_base, curve, tau_m);
         if found.angle_rad > 0.0 {
             (low_m, is_bracketed.0) = (tau_m, true);
         } else {

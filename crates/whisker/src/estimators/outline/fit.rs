@@ -1,5 +1,7 @@
 //! Fit of a curve to readings.
 
+use std::cell::Cell;
+
 use filters::least_squares::{Problem, Quadratic};
 use nalgebra::{DMatrix, DVector};
 
@@ -14,12 +16,13 @@ use crate::sensor::AlongAway;
 const FREE_SDS: f64 = 4.0;
 
 /// Readings and the cost function of curves.
-#[derive(Clone, Copy)]
 pub(super) struct Evidence<'a> {
-    pub(super) side: &'a Side,
-    pub(super) readings: &'a [Reading],
-    pub(super) prior: Prior,
-    pub(super) gate_sds: f64,
+    side: &'a Side,
+    readings: &'a [Reading],
+    prior: Prior,
+    gate_sds: f64,
+    /// `tau` of each reading's contact with the curve that was computed last: successive curves differ little.
+    near_m: Vec<Cell<f64>>,
 }
 
 /// Difference between a reading and its prediction.
@@ -66,16 +69,28 @@ struct Linear<'a> {
     slope: &'a [f64],
 }
 
-impl Evidence<'_> {
-    fn contact(&self, reading: &Reading, curve: &Curve) -> Option<Contact> {
-        contact(self.side, &reading.base, curve, reading.near_m)
+impl<'a> Evidence<'a> {
+    /// The cost function under a prior, with residuals gated at `gate_sds` standard deviations.
+    pub(super) fn new(side: &'a Side, readings: &'a [Reading], prior: Prior, gate_sds: f64) -> Self {
+        let near_m = readings.iter().map(|reading| Cell::new(reading.near_m)).collect();
+        Self { side, readings, prior, gate_sds, near_m }
+    }
+
+    /// Readings with their contacts with a curve.
+    fn contacts(&self, curve: &Curve) -> impl Iterator<Item = (&Reading, Option<Contact>)> {
+        self.readings.iter().zip(&self.near_m).map(|(reading, near_m)| {
+            let contact = contact(self.side, &reading.base, curve, near_m.get());
+            if let Some(contact) = &contact {
+                near_m.set(contact.place.tau_m);
+            }
+            (reading, contact)
+        })
     }
 
     /// Linearises every reading of a contact about a curve, and returns the cost of all readings.
     fn linearise(&self, curve: &Curve, mut take: impl FnMut(&Linear<'_>)) -> f64 {
         let mut slope = vec![0.0; curve.size()];
-        let costs = self.readings.iter().map(|reading| {
-            let contact = self.contact(reading, curve);
+        let costs = self.contacts(curve).map(|(reading, contact)| {
             let (residual, touches) = Residual::of(self.side, reading, contact.as_ref());
             let (cost, weight) = residual.robust(self.gate_sds);
             if let Some(contact) = contact.filter(|_| touches) {
@@ -104,10 +119,9 @@ impl Problem for Evidence<'_> {
     type State = Curve;
 
     fn cost(&self, curve: &Curve, _: &Curve) -> Option<f64> {
-        let costs = self.readings.iter().map(|reading| {
-            let contact = self.contact(reading, curve);
-            Residual::of(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0
-        });
+        let costs = self
+            .contacts(curve)
+            .map(|(reading, contact)| Residual::of(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0);
         Some(self.prior.cost(curve) + costs.sum::<f64>())
     }
 

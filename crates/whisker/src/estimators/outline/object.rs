@@ -179,7 +179,7 @@ impl Object {
     }
 
     fn evidence<'a>(&'a self, side: &'a Side, prior: Prior) -> Evidence<'a> {
-        Evidence { side, readings: &self.readings, prior, gate_sds: self.config.gate_sds }
+        Evidence::new(side, &self.readings, prior, self.config.gate_sds)
     }
 
     /// Extends or trims the curve to the range of all readings.
