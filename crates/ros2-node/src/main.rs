@@ -1,8 +1,9 @@
 //! The calibration platform and the estimators as ROS 2 nodes, without a ROS installation.
 //!
-//! `ros2-node contact` estimates contacts from the messages of sensors and arms ([`live_ros`]); `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer;
-//! `ros2-node play` publishes a recording at its original pace. Topics, types and frames are those of recordings
-//! ([`bag::topics`]). With the feature `foxglove`, both can publish to Foxglove instead.
+//! `ros2-node contact` estimates contacts from the messages of sensors and arms ([`live_ros`]); `ros2-node run` streams
+//! the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` publishes a recording
+//! at its original pace. Topics, types and frames are those of recordings ([`bag::topics`]). With the feature
+//! `foxglove`, all can publish to Foxglove, `contact` beside ROS 2 and the others instead.
 
 mod both;
 mod contact;
