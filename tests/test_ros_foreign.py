@@ -1,12 +1,13 @@
 """Recordings, live node and Foxglove feed with third-party programs.
 
-These are `rosbags`, `mcap-ros2-support`, `rosless`, `cyclonedds` and `robo-ws-bridge`.
+These are `rosbags`, `mcap-ros2-support`, `rosless`, `cyclonedds`, `robo-ws-bridge` and `foxglove-schemas-protobuf`.
 
 They are installed only if `WHISKER_FOREIGN=1`, into a virtual environment of their own. The node runs in a network namespace with
 only a loopback interface, which isolates it from other nodes; the feed is bound to the loopback interface.
 """
 
 import csv
+import json
 import math
 import os
 import shutil
@@ -25,6 +26,7 @@ FOREIGN = ROOT / "tests/foreign"
 VENV = ROOT / "target/foreign/ros"
 PYTHON = VENV / "bin/python"
 PACKAGES = ["rosbags==0.11.9", "mcap-ros2-support==0.6.0", "rosless==0.5.0", "cyclonedds==11.0.1", "robo-ws-bridge==0.11.0"]
+PACKAGES += ["foxglove-schemas-protobuf==0.4.0"]
 TRACE = ROOT / "datasets/golden/golden_circle.csv"
 
 COLUMNS = {
@@ -196,3 +198,79 @@ def test_a_third_party_listener_runs_the_routine(python: Path, whisker: Path, no
             pushed = output(python, FOREIGN / "call_foxglove.py", url, token, "6", "20", "0", "2", "0")
         rig.send_signal(signal.SIGINT)
     assert pushed.split() == ["0.1450", "0.1350", "0.1250"]
+
+
+MAPPING = {"format": 1, "kind": "contact_mapping", "estimator": "ekf", "seed": 1}
+SAME_M = 1e-12
+"""Largest distance between contacts of the node and of a replay."""
+
+
+@pytest.fixture(scope="module")
+def calibration(whisker: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration fitted to the golden traces themselves, which suffices for a comparison of two paths."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    for name in ("golden_pin", "golden_circle"):
+        shutil.copy(TRACE.with_name(f"{name}.csv"), folder)
+        sidecar = json.loads(TRACE.with_name(f"{name}.json").read_text())
+        (folder / f"{name}.json").write_text(json.dumps(sidecar | {"role": "calibration", "contour": None}))
+    output(whisker, "fit", folder)
+    [made] = (folder / "calibrations").glob("*.json")
+    return made
+
+
+Contacts = dict[int, tuple[float, float]]
+"""Contact in World (m) by time (ns)."""
+
+
+def replayed(whisker: Path, calibration: Path) -> Contacts:
+    """Contacts of `whisker replay`, without noise."""
+    options = ["--calibration", calibration, "--estimator", MAPPING["estimator"], "--noise", "0"]
+    rows = csv.DictReader(output(whisker, "replay", TRACE, *options).splitlines())
+    return {
+        round(1e9 * float(row["t_s"])): (float(row["contact_x_m"]), float(row["contact_y_m"])) for row in rows if row["contact_x_m"]
+    }
+
+
+def received(table: Path) -> Contacts:
+    """Contacts that a listener wrote."""
+    return {int(row["time_ns"]): (float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(table.open())}
+
+
+@in_a_namespace
+def test_third_party_listeners_receive_the_contacts_of_a_replay(
+    python: Path, whisker: Path, node: Path, calibration: Path, tmp_path: Path
+) -> None:
+    """A third-party client plays a recording by DDS; others listen by DDS and by the Foxglove protocol."""
+    name, folder, mapping = TRACE.stem, tmp_path / "recording", tmp_path / "mapping.json"
+    output(whisker, "bag", "export", TRACE, "--out", folder)
+    entry = {"name": name, "calibration": str(calibration), "rate_hz": 250, "noise_sd_n_m": 0, "moment": "/moment"}
+    mapping.write_text(json.dumps(MAPPING | {"whiskers": [entry]}))
+    by_dds, by_foxglove, seen, notes = (tmp_path / file for file in ("dds.csv", "foxglove.csv", "seen.json", "notes"))
+    script = f"""
+        {LOOPBACK}
+        export CYCLONEDDS_URI='{CYCLONE}'
+        {node} contact {mapping} --foxglove=127.0.0.1:0 >{tmp_path / "lines"} 2>{notes} & node=$!
+        until grep --quiet ready {tmp_path / "lines"}; do sleep 0.1; done
+        {python} {FOREIGN / "contact_foxglove.py"} $(head -n 1 {tmp_path / "lines"}) {by_foxglove} >{seen} & listener=$!
+        sleep 2
+        {python} {FOREIGN / "contact.py"} {folder} {name} {by_dds} && wait $listener
+        done=$?
+        kill -INT $node; wait $node
+        exit $done
+    """
+    summary = json.loads(output("unshare", "--net", "bash", "-c", script))
+    expected = replayed(whisker, calibration)
+    assert len(expected) > 100
+    for found in (received(by_dds), received(by_foxglove)):
+        assert found.keys() == expected.keys()
+        off_m = max(math.dist(found[time_ns], contact) for time_ns, contact in expected.items())
+        print(f"largest distance from the replay: {off_m:.1e} m")
+        assert off_m <= SAME_M
+    assert summary["maps"] > 0
+    assert (summary["frame"], f"{name}/whisker" in summary["markers"]) == ("world", True)
+    values = summary["diagnostics"][f"whisker {name}"]
+    assert [int(values[key]) for key in ("readings", "late", "stale")] == [summary["moments"], 0, 0]
+    scene = json.loads(seen.read_text())
+    assert {"/whiskers/scene", "/whiskers/markers", "/whiskers/map", "/diagnostics"} <= scene["counts"].keys()
+    assert {f"{name}/whisker/0", f"{name}/contact/0"} <= set(scene["entities"])
+    assert "everyone who reaches it reads the contacts" in notes.read_text()

@@ -22,6 +22,7 @@ class Feed:
         self.client.on_message(self._take)
         self._received: list[tuple[dict, bytes]] = []
         self._last_s = time.monotonic()
+        self._last_of: dict[str, float] = {}
 
     async def __aenter__(self) -> Self:
         """Connects as soon as the feed exists."""
@@ -37,12 +38,25 @@ class Feed:
 
     def _take(self, channel: dict, _time_ns: int, payload: bytes) -> None:
         self._received.append((channel, payload))
-        self._last_s = time.monotonic()
+        self._last_s = self._last_of[channel["topic"]] = time.monotonic()
 
     async def silence(self, first_s: float, silence_s: float) -> None:
         """Waits until no message has arrived for `silence_s`; the first message may take `first_s`."""
         while time.monotonic() < self._last_s + (silence_s if self._received else first_s):
             await asyncio.sleep(0.1)
+
+    async def silence_of(self, ending: str, first_s: float, silence_s: float) -> None:
+        """Waits as `silence`, for the topics with this ending alone."""
+        begun_s = time.monotonic()
+        while True:
+            last_s = [at_s for topic, at_s in self._last_of.items() if topic.endswith(ending)]
+            if time.monotonic() > (max(last_s) + silence_s if last_s else begun_s + first_s):
+                return
+            await asyncio.sleep(0.1)
+
+    def received(self) -> list[tuple[dict, bytes]]:
+        """Channel and content of each received message."""
+        return list(self._received)
 
     def messages(self) -> list[tuple[str, object]]:
         """Topic and content of each received message."""

@@ -61,7 +61,12 @@ macro_rules! primitives {
     };
 }
 
-primitives!(bool => "bool", i32 => "int32", u32 => "uint32", f64 => "float64", String => "string", [f64; 9] => "float64[9]");
+primitives!(
+    bool => "bool", i8 => "int8", u8 => "uint8", i32 => "int32", u32 => "uint32", f32 => "float32", f64 => "float64",
+    String => "string", [f64; 9] => "float64[9]",
+    // Rows of a matrix follow one another, as the elements of a list do.
+    [[f64; 6]; 6] => "float64[36]",
+);
 
 impl<T: Field> Field for Vec<T> {
     fn name() -> String {
@@ -91,7 +96,7 @@ macro_rules! messages {
                     if parts.iter().any(|(name, _)| *name == Self::name()) {
                         return;
                     }
-                    let fields = [$(format!("{} {}\n", <$of>::name(), stringify!($field))),*].concat();
+                    let fields = [$(format!("{} {}\n", <$of>::name(), stringify!($field).trim_start_matches("r#"))),*].concat();
                     parts.push((Self::name(), fields));
                     $(<$of>::collect(parts);)*
                 }
@@ -284,6 +289,22 @@ messages! {
         twist: Twist,
     }
 
+    /// A pose and its covariance.
+    PoseWithCovariance = "geometry_msgs/msg/PoseWithCovariance" {
+        /// The pose.
+        pose: Pose,
+        /// Covariance of x, y, z and of the rotations about these axes \[m2, rad2\].
+        covariance: [[f64; 6]; 6],
+    }
+
+    /// A pose with its covariance in a frame.
+    PoseWithCovarianceStamped = "geometry_msgs/msg/PoseWithCovarianceStamped" {
+        /// Time and frame.
+        header: Header,
+        /// The pose.
+        pose: PoseWithCovariance,
+    }
+
     /// Angles, speeds and moments of joints; an unknown list is empty.
     JointState = "sensor_msgs/msg/JointState" {
         /// Time.
@@ -308,11 +329,193 @@ messages! {
         magnetic_field_covariance: [f64; 9],
     }
 
+    /// A duration.
+    Duration = "builtin_interfaces/msg/Duration" {
+        /// Whole seconds.
+        sec: i32,
+        /// Additional nanoseconds.
+        nanosec: u32,
+    }
+
+    /// A colour; components from 0 to 1.
+    Color = "std_msgs/msg/ColorRGBA" {
+        /// Red.
+        r: f32,
+        /// Green.
+        g: f32,
+        /// Blue.
+        b: f32,
+        /// Opacity.
+        a: f32,
+    }
+
+    /// A compressed image.
+    CompressedImage = "sensor_msgs/msg/CompressedImage" {
+        /// Time and frame.
+        header: Header,
+        /// Name of the encoding.
+        format: String,
+        /// Encoded image.
+        data: Vec<u8>,
+    }
+
+    /// Place in a texture.
+    UvCoordinate = "visualization_msgs/msg/UVCoordinate" {
+        /// Along the image.
+        u: f32,
+        /// Down the image.
+        v: f32,
+    }
+
+    /// File with a mesh.
+    MeshFile = "visualization_msgs/msg/MeshFile" {
+        /// Name.
+        filename: String,
+        /// Contents.
+        data: Vec<u8>,
+    }
+
+    /// A drawn object, with the fields of ROS 2 Humble and later. [`marker`] has the values of `type` and `action`.
+    Marker = "visualization_msgs/msg/Marker" {
+        /// Time and frame.
+        header: Header,
+        /// Namespace.
+        ns: String,
+        /// Number within the namespace.
+        id: i32,
+        /// Kind of the object.
+        r#type: i32,
+        /// Action.
+        action: i32,
+        /// Pose in the frame of the header.
+        pose: Pose,
+        /// Dimensions \[m\].
+        scale: Vector3,
+        /// Colour.
+        color: Color,
+        /// Time until it is removed; zero for never.
+        lifetime: Duration,
+        /// Whether it moves with its frame after its time.
+        frame_locked: bool,
+        /// Points, for the kinds that have some.
+        points: Vec<Point>,
+        /// Colours of the points; empty for one colour.
+        colors: Vec<Color>,
+        /// Name of a texture.
+        texture_resource: String,
+        /// Texture.
+        texture: CompressedImage,
+        /// Places of the points in the texture.
+        uv_coordinates: Vec<UvCoordinate>,
+        /// Text, for the kind that has one.
+        text: String,
+        /// Name of a mesh.
+        mesh_resource: String,
+        /// Mesh.
+        mesh_file: MeshFile,
+        /// Whether the mesh brings its own materials.
+        mesh_use_embedded_materials: bool,
+    }
+
+    /// Drawn objects.
+    MarkerArray = "visualization_msgs/msg/MarkerArray" {
+        /// The objects.
+        markers: Vec<Marker>,
+    }
+
+    /// Place and size of a map.
+    MapMetaData = "nav_msgs/msg/MapMetaData" {
+        /// Time of the map.
+        map_load_time: Time,
+        /// Side of a cell \[m\].
+        resolution: f32,
+        /// Number of cells along x.
+        width: u32,
+        /// Number of cells along y.
+        height: u32,
+        /// Pose of the outer corner of the first cell.
+        origin: Pose,
+    }
+
+    /// Probability of occupation of the cells of a plane.
+    OccupancyGrid = "nav_msgs/msg/OccupancyGrid" {
+        /// Time and frame.
+        header: Header,
+        /// Place and size.
+        info: MapMetaData,
+        /// Probability in per cent, -1 if unknown, row by row along x.
+        data: Vec<i8>,
+    }
+
+    /// A value with its name.
+    KeyValue = "diagnostic_msgs/msg/KeyValue" {
+        /// Name.
+        key: String,
+        /// Value.
+        value: String,
+    }
+
+    /// State of a component.
+    DiagnosticStatus = "diagnostic_msgs/msg/DiagnosticStatus" {
+        /// Level.
+        level: Level,
+        /// Name of the component.
+        name: String,
+        /// Description.
+        message: String,
+        /// Name of the device.
+        hardware_id: String,
+        /// Values.
+        values: Vec<KeyValue>,
+    }
+
+    /// States of components.
+    DiagnosticArray = "diagnostic_msgs/msg/DiagnosticArray" {
+        /// Time.
+        header: Header,
+        /// The states.
+        status: Vec<DiagnosticStatus>,
+    }
+
     /// Readings since the last message of this topic.
     MagneticFieldArray = "whisker_interfaces/msg/MagneticFieldArray" {
         /// Readings in the order of time.
         magnetic_field_array: Vec<MagneticField>,
     }
+}
+
+/// Level of a [`DiagnosticStatus`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Level(pub u8);
+
+impl Level {
+    /// Everything is in order.
+    pub const OK: Self = Self(0);
+    /// Restricted operation.
+    pub const WARN: Self = Self(1);
+    /// Failure.
+    pub const ERROR: Self = Self(2);
+    /// No recent data.
+    pub const STALE: Self = Self(3);
+}
+
+impl Field for Level {
+    fn name() -> String {
+        "byte".into()
+    }
+}
+
+/// Constants of [`Marker`].
+pub mod marker {
+    /// Kind: ellipsoid with the dimensions `scale`.
+    pub const SPHERE: i32 = 2;
+    /// Kind: line through the points, `scale.x` wide.
+    pub const LINE_STRIP: i32 = 4;
+    /// Kind: triangles, three points each.
+    pub const TRIANGLE_LIST: i32 = 11;
+    /// Action: adds or replaces the object.
+    pub const ADD: i32 = 0;
 }
 
 const NANOSECONDS: u64 = 1_000_000_000;

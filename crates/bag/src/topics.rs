@@ -29,3 +29,20 @@ pub const WHISKER: &str = "whisker_base_link";
 pub const PRINTER: &str = "printer_base_link";
 /// Frame of the printer's head.
 pub const PRINTER_HEAD: &str = "printer_head_link";
+
+/// Estimated contact of a live whisker, after `<prefix>/<name>`:
+/// [`PoseWithCovarianceStamped`](crate::messages::PoseWithCovarianceStamped).
+pub const CONTACT: &str = "contact";
+/// Whiskers, contacts and outlines as drawn objects, after the prefix: [`MarkerArray`](crate::messages::MarkerArray).
+pub const MARKERS: &str = "markers";
+/// Whiskers, contacts and outlines as a scene of Foxglove, after the prefix.
+pub const SCENE: &str = "scene";
+/// Map of the touched and of the free space, after the prefix: [`OccupancyGrid`](crate::messages::OccupancyGrid).
+pub const MAP: &str = "map";
+/// Whether the last message of a topic is kept for later subscribers: static frames and maps.
+pub fn is_kept(topic: &str) -> bool {
+    topic == TF_STATIC || topic.rsplit('/').next() == Some(MAP)
+}
+
+/// States of live whiskers: [`DiagnosticArray`](crate::messages::DiagnosticArray).
+pub const DIAGNOSTICS: &str = "/diagnostics";

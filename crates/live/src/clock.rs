@@ -25,7 +25,7 @@ impl fmt::Display for Jump {
 
 /// Place of a message in the order of time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Order {
+pub enum Order {
     /// After all messages so far.
     Next,
     /// Not after all messages so far.
@@ -36,7 +36,7 @@ pub(crate) enum Order {
 
 /// Newest message of a stream.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Clock {
+pub struct Clock {
     /// Its time and its arrival.
     newest: Option<(f64, f64)>,
     /// Number of consecutive messages far behind it.
@@ -46,7 +46,7 @@ pub(crate) struct Clock {
 impl Clock {
     /// Checks the time of a message that arrives at `now_s`. A clock jumps ahead if the time of a message increases by `jump_s`
     /// more than its arrival, and back if [`MOST_BEHIND`] messages in a row lie more than `jump_s` behind the newest one.
-    pub(crate) fn check(&mut self, t_s: f64, now_s: f64, jump_s: f64) -> Order {
+    pub fn check(&mut self, t_s: f64, now_s: f64, jump_s: f64) -> Order {
         let Some((from_s, arrived_s)) = self.newest else {
             self.newest = Some((t_s, now_s));
             return Order::Next;

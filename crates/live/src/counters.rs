@@ -25,12 +25,39 @@ pub struct Counters {
     pub stale: u64,
     /// Intervals without poses in time.
     pub stale_intervals: u64,
+    /// Readings whose pose lies outside the plane.
+    pub off_plane: u64,
     /// Readings beyond the largest plausible one.
     pub gated: u64,
     /// Readings and poses with a value that is not finite.
     pub not_finite: u64,
     /// Jumps of a clock, each with a restart of the estimator.
     pub jumps: u64,
+}
+
+impl Counters {
+    /// Names and values.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> + use<> {
+        let Self { readings, poses, matched, estimates, missing, overtaken, late, repeated, stale, .. } = *self;
+        let Self { stale_intervals, off_plane, gated, not_finite, jumps, .. } = *self;
+        [
+            ("readings", readings),
+            ("poses", poses),
+            ("matched", matched),
+            ("estimates", estimates),
+            ("missing", missing),
+            ("overtaken", overtaken),
+            ("late", late),
+            ("repeated", repeated),
+            ("stale", stale),
+            ("stale_intervals", stale_intervals),
+            ("off_plane", off_plane),
+            ("gated", gated),
+            ("not_finite", not_finite),
+            ("jumps", jumps),
+        ]
+        .into_iter()
+    }
 }
 
 impl fmt::Display for Counters {
@@ -43,6 +70,7 @@ impl fmt::Display for Counters {
             (self.late, "late"),
             (self.repeated, "repeated"),
             (self.stale, "without a pose in time"),
+            (self.off_plane, "with a pose off the plane"),
             (self.gated, "gated"),
             (self.not_finite, "not finite"),
             (self.jumps, "jumps of a clock"),

@@ -12,6 +12,8 @@ use crate::clock::Jump;
 use crate::counters::Counters;
 use crate::event::{Event, Stream};
 use crate::matching::{Admitted, Arrived, Matching};
+use crate::motion::{Motion, Place};
+use crate::poses::Poses;
 use crate::timing::Timing;
 
 /// Builds the estimator at the start and after a jump of a clock.
@@ -26,6 +28,8 @@ pub enum Status {
     Gated,
     /// Its pose did not arrive in time.
     Stale,
+    /// Its pose lies outside the plane of the estimator.
+    OffPlane,
     /// It arrived after a later reading had been used, or it lies farther behind the newest pose than the smallest jump of a clock.
     Late,
     /// Its time had arrived before.
@@ -43,6 +47,7 @@ impl Status {
             Self::Used => "used",
             Self::Gated => "gated",
             Self::Stale => "stale",
+            Self::OffPlane => "off plane",
             Self::Late => "late",
             Self::Repeated => "repeated",
             Self::NotFinite => "not finite",
@@ -83,21 +88,24 @@ pub struct Output {
 /// reading and its pose are given to the estimator in the order of the readings' times, as by [`testbed::replay`]: if none is
 /// late, the estimates equal those of a replay to the bit. A reading that is left out is bridged by the motion and the duration
 /// of the next one.
-pub struct LiveEstimator {
+///
+/// Poses are those of the messages, or those of another [`Motion`].
+pub struct LiveEstimator<M = Poses> {
     build: Build,
-    timing: Timing,
-    rate_hz: f64,
     gate: ReadingGate,
     /// Whether the estimates of a contact are revised at its end.
     looks_back: bool,
     estimator: Estimator,
     steps: Steps,
-    matching: Matching,
+    matching: Matching<M>,
+    /// Pose of the base at the first sample of the estimator.
+    start: Option<Pose<Base, World>>,
     /// Answers that may be revised, and the estimates of those with a pose.
     held: Vec<Answer>,
     estimates: Vec<Option<Estimate>>,
     counters: Counters,
-    is_stale: bool,
+    /// Status of the last reading, if it had no pose.
+    blocked: Option<Status>,
 }
 
 impl LiveEstimator {
@@ -107,20 +115,35 @@ impl LiveEstimator {
     /// # Errors
     /// If the timing is invalid, or the estimator cannot be built.
     pub fn new(build: Build, knowledge: &Arc<Knowledge>, looks_back: bool, timing: Timing) -> anyhow::Result<Self> {
+        Self::with_motion(build, knowledge, looks_back, timing, Poses::default())
+    }
+}
+
+impl<M: Motion> LiveEstimator<M> {
+    /// As [`LiveEstimator::new`], with the poses of this motion.
+    ///
+    /// # Errors
+    /// As [`LiveEstimator::new`].
+    pub fn with_motion(
+        build: Build,
+        knowledge: &Arc<Knowledge>,
+        looks_back: bool,
+        timing: Timing,
+        motion: M,
+    ) -> anyhow::Result<Self> {
         timing.validate()?;
         Ok(Self {
             estimator: build()?,
             build,
-            timing,
-            rate_hz: knowledge.rate_hz,
             gate: knowledge.gate(),
             looks_back,
             steps: Steps::default(),
-            matching: Matching::new(timing, knowledge.rate_hz),
+            matching: Matching::new(timing, knowledge.rate_hz, motion),
+            start: None,
             held: Vec::new(),
             estimates: Vec::new(),
             counters: Counters::default(),
-            is_stale: false,
+            blocked: None,
         })
     }
 
@@ -152,21 +175,23 @@ impl LiveEstimator {
         Ok(())
     }
 
-    /// Takes a pose of the base that arrives at `now_s`. World may be any frame at rest.
+    /// Takes a measurement of the motion, such as a pose of the base, that arrives at `now_s`. World may be any frame at rest.
     ///
     /// # Errors
     /// If the estimator cannot be built again after a jump of a clock.
-    pub fn pose(&mut self, t_s: f64, pose: Pose<Base, World>, now_s: f64, out: &mut Output) -> anyhow::Result<()> {
-        self.counters.poses += 1;
-        let at = pose.origin();
-        if ![t_s, at.x(), at.y(), pose.yaw_rad()].into_iter().all(f64::is_finite) {
+    pub fn pose(&mut self, t_s: f64, measured: M::Measured, now_s: f64, out: &mut Output) -> anyhow::Result<()>
+    where
+        M::Measured: Clone,
+    {
+        if !(t_s.is_finite() && self.matching.motion().is_finite(&measured)) {
+            self.counters.poses += 1;
             self.counters.not_finite += 1;
             out.events.push(Event::NotFinite { stream: Stream::Poses, t_s });
             return Ok(());
         }
-        if let Err(jump) = self.matching.pose(t_s, pose, now_s, &mut self.counters) {
+        if let Err(jump) = self.matching.moved(t_s, measured.clone(), now_s, &mut self.counters) {
             self.restart(Stream::Poses, jump, out)?;
-            self.matching.pose(t_s, pose, now_s, &mut self.counters).expect("the first pose of a clock");
+            self.matching.moved(t_s, measured, now_s, &mut self.counters).expect("the first pose of a clock");
         }
         self.poll(now_s, out);
         Ok(())
@@ -174,8 +199,8 @@ impl LiveEstimator {
 
     /// Answers the readings that need not wait any longer at `now_s`.
     pub fn poll(&mut self, now_s: f64, out: &mut Output) {
-        while let Some((arrived, pose)) = self.matching.settled(now_s, &mut self.counters) {
-            self.step(&arrived, pose, out);
+        while let Some((arrived, place)) = self.matching.settled(now_s, &mut self.counters) {
+            self.step(&arrived, place, out);
         }
     }
 
@@ -186,11 +211,16 @@ impl LiveEstimator {
 
     /// Answers all readings at the end of the streams.
     pub fn finish(&mut self, out: &mut Output) {
-        while let Some((arrived, pose)) = self.matching.last(&mut self.counters) {
-            self.step(&arrived, pose, out);
+        while let Some((arrived, place)) = self.matching.last(&mut self.counters) {
+            self.step(&arrived, place, out);
         }
         self.estimator.end(&mut self.estimates);
         self.release(out);
+    }
+
+    /// Motion of the base, with the measurements that are still required.
+    pub fn motion(&self) -> &M {
+        self.matching.motion()
     }
 
     /// Counts so far.
@@ -198,26 +228,36 @@ impl LiveEstimator {
         &self.counters
     }
 
+    /// Pose of the base at the first sample of the estimator, the frame of [`Self::outline`]. `None` before it.
+    pub fn start(&self) -> Option<Pose<Base, World>> {
+        self.start
+    }
+
     /// Outline of the object that is touched, or was touched last; see [`Estimator::outline`].
     pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
         self.estimator.outline()
     }
 
-    fn step(&mut self, arrived: &Arrived, pose: Option<Pose<Base, World>>, out: &mut Output) {
+    fn step(&mut self, arrived: &Arrived, place: Place, out: &mut Output) {
         let Arrived { t_s, reading_n_m, .. } = *arrived;
-        let Some(base) = pose else {
-            self.counters.stale += 1;
-            if !self.is_stale {
-                self.counters.stale_intervals += 1;
-                out.events.push(Event::Stale { t_s, newest_pose_s: self.matching.newest_pose_s() });
+        let base = match place {
+            Place::At(base) => base,
+            Place::OffPlane(deviation) => {
+                self.counters.off_plane += 1;
+                let event = Event::OffPlane { t_s, deviation };
+                return self.block(arrived, Status::OffPlane, event, out);
             }
-            self.is_stale = true;
-            self.held.push(answer(arrived, Status::Stale));
-            return self.release_unless_held(out);
+            Place::Pending | Place::Unknown => {
+                self.counters.stale += 1;
+                self.counters.stale_intervals += u64::from(self.blocked != Some(Status::Stale));
+                let event = Event::Stale { t_s, newest_pose_s: self.matching.newest_pose_s() };
+                return self.block(arrived, Status::Stale, event, out);
+            }
         };
-        if std::mem::take(&mut self.is_stale) {
+        if self.blocked.take().is_some() {
             out.events.push(Event::Recovered { t_s });
         }
+        self.start.get_or_insert(base);
         self.counters.matched += 1;
         let is_gated = !self.gate.admits(reading_n_m);
         self.counters.gated += u64::from(is_gated);
@@ -225,6 +265,15 @@ impl LiveEstimator {
         self.estimator.push(&self.steps.sample(&now, reading_n_m), &mut self.estimates);
         let status = if is_gated { Status::Gated } else { Status::Used };
         self.held.push(Answer { base: Some(base), ..answer(arrived, status) });
+        self.release_unless_held(out);
+    }
+
+    /// Answers a reading without a pose; the event is that of the first one.
+    fn block(&mut self, arrived: &Arrived, status: Status, event: Event, out: &mut Output) {
+        if self.blocked.replace(status) != Some(status) {
+            out.events.push(event);
+        }
+        self.held.push(answer(arrived, status));
         self.release_unless_held(out);
     }
 
@@ -249,13 +298,13 @@ impl LiveEstimator {
         self.counters.jumps += 1;
         self.estimator.end(&mut self.estimates);
         self.release(out);
-        let dropped = self.matching.drain();
+        let dropped = self.matching.restart();
         out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
         out.events.push(Event::Jumped { stream, jump });
         self.estimator = (self.build)()?;
         self.steps = Steps::default();
-        self.matching = Matching::new(self.timing, self.rate_hz);
-        self.is_stale = false;
+        self.start = None;
+        self.blocked = None;
         Ok(())
     }
 }

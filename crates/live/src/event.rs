@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::clock::Jump;
+use crate::motion::Deviation;
 
 /// Kind of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +33,14 @@ pub enum Event {
         /// Time of the newest pose.
         newest_pose_s: Option<f64>,
     },
-    /// Poses arrive in time again.
+    /// The poses of the base lie outside the plane of the estimator; there are no estimates until [`Self::Recovered`].
+    OffPlane {
+        /// Time of the first such reading.
+        t_s: f64,
+        /// Its deviation.
+        deviation: Deviation,
+    },
+    /// Poses arrive in time again, in the plane.
     Recovered {
         /// Time of the first reading with a pose.
         t_s: f64,
@@ -63,6 +71,11 @@ impl fmt::Display for Event {
                 }
                 f.write_str("; there are no estimates until poses arrive again")
             }
+            Self::OffPlane { t_s, deviation: Deviation { tilt_rad, height_m } } => write!(
+                f,
+                "pose off the plane: found a tilt of {tilt_rad:.4} rad and a distance of {height_m:.4} m at {t_s} s, beyond \
+                 the tolerance; there are no estimates until it returns"
+            ),
             Self::Recovered { t_s } => write!(f, "poses arrive again, from {t_s} s on"),
             Self::Jumped { stream, jump } => {
                 write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")

@@ -10,6 +10,7 @@
 //! | item | contents |
 //! | --- | --- |
 //! | [`LiveEstimator`] | estimator of one whisker on its streams |
+//! | [`Motion`], [`Poses`] | motion of the base between its measurements |
 //! | [`Timing`] | longest waits and gaps, smallest jump of a clock |
 //! | [`Counters`], [`Event`], [`Status`] | what happened to the messages |
 //! | [`play()`], [`Disturbance`] | recordings as streams, with lost, delayed and swapped messages |
@@ -82,15 +83,18 @@ mod disturbance;
 mod estimator;
 mod event;
 mod matching;
+mod motion;
 mod play;
 mod poses;
 mod timing;
 pub mod wire;
 
-pub use clock::Jump;
+pub use clock::{Clock, Jump, Order};
 pub use counters::Counters;
 pub use disturbance::Disturbance;
 pub use estimator::{Answer, Build, LiveEstimator, Output, Status};
 pub use event::{Event, Stream};
+pub use motion::{Deviation, Motion, Place};
 pub use play::{Content, Message, messages, play};
+pub use poses::Poses;
 pub use timing::Timing;

@@ -2,11 +2,9 @@
 
 use std::collections::VecDeque;
 
-use whisker::frames::{Base, Pose, World};
-
 use crate::clock::{Clock, Jump, Order};
 use crate::counters::Counters;
-use crate::poses::{Place, Poses};
+use crate::motion::{Motion, Place};
 use crate::timing::Timing;
 
 /// Largest number of waiting readings.
@@ -40,25 +38,31 @@ pub(crate) enum Admitted {
     Repeated,
 }
 
-/// Readings that wait for their poses, and poses.
+/// Readings that wait for their poses, and the motion that determines these.
 #[derive(Clone, Debug)]
-pub(crate) struct Matching {
+pub(crate) struct Matching<M> {
     timing: Timing,
     rate_hz: f64,
     readings: Clock,
-    poses: Clock,
     /// In order of time.
     waiting: VecDeque<Arrived>,
-    placed: Poses,
+    motion: M,
     /// Times of the last settled readings.
     recent: VecDeque<f64>,
 }
 
-impl Matching {
-    pub(crate) fn new(timing: Timing, rate_hz: f64) -> Self {
-        let (readings, poses) = (Clock::default(), Clock::default());
-        let (waiting, placed, recent) = (VecDeque::new(), Poses::default(), VecDeque::new());
-        Self { timing, rate_hz, readings, poses, waiting, placed, recent }
+impl<M: Motion> Matching<M> {
+    pub(crate) fn new(timing: Timing, rate_hz: f64, motion: M) -> Self {
+        let (waiting, recent) = (VecDeque::new(), VecDeque::new());
+        Self { timing, rate_hz, readings: Clock::default(), waiting, motion, recent }
+    }
+
+    /// Begins anew after a jump of a clock. Returns the readings that waited.
+    pub(crate) fn restart(&mut self) -> VecDeque<Arrived> {
+        self.motion.restart();
+        self.readings = Clock::default();
+        self.recent.clear();
+        std::mem::take(&mut self.waiting)
     }
 
     /// Adds a reading.
@@ -79,7 +83,7 @@ impl Matching {
             return Ok(Admitted::Repeated);
         }
         // Its pose would be one of another clock if the clock of the readings was set back.
-        let is_behind_poses = self.placed.newest_s().is_some_and(|newest_s| newest_s - t_s > self.jump_s());
+        let is_behind_poses = self.motion.newest_s().is_some_and(|newest_s| newest_s - t_s > self.jump_s());
         if is_past || is_behind_poses {
             counters.late += 1;
             return Ok(Admitted::Late);
@@ -89,24 +93,30 @@ impl Matching {
         Ok(Admitted::Kept)
     }
 
-    /// Adds a pose that arrives at `at_s`.
+    /// Adds a measurement of the motion that arrives at `at_s`. Those that have no clock are not counted.
     ///
     /// # Errors
-    /// If the clock of the poses has jumped; the pose is not added.
-    pub(crate) fn pose(
+    /// If its clock has jumped; the measurement is not added.
+    pub(crate) fn moved(
         &mut self,
         t_s: f64,
-        pose: Pose<Base, World>,
+        measured: M::Measured,
         at_s: f64,
         counters: &mut Counters,
     ) -> Result<(), Jump> {
-        let order = self.poses.check(t_s, at_s, self.jump_s());
+        let jump_s = self.jump_s();
+        let Some(clock) = self.motion.clock(&measured) else {
+            self.motion.insert(t_s, measured);
+            return Ok(());
+        };
+        let order = clock.check(t_s, at_s, jump_s);
         if let Order::Jumped(jump) = order {
             return Err(jump);
         }
-        if self.placed.is_before_all(t_s) && !self.recent.is_empty() {
+        counters.poses += 1;
+        if self.motion.is_before_all(t_s, &measured) && !self.recent.is_empty() {
             counters.late += 1;
-        } else if !self.placed.insert(t_s, pose) {
+        } else if !self.motion.insert(t_s, measured) {
             counters.repeated += 1;
         } else {
             counters.overtaken += u64::from(order == Order::Behind);
@@ -114,28 +124,25 @@ impl Matching {
         Ok(())
     }
 
-    /// The next reading that needs not wait any longer at `now_s`, with its pose. The pose is `None` if it did not arrive in time.
-    pub(crate) fn settled(
-        &mut self,
-        now_s: f64,
-        counters: &mut Counters,
-    ) -> Option<(Arrived, Option<Pose<Base, World>>)> {
+    /// The next reading that needs not wait any longer at `now_s`, with the place of the base, which is not
+    /// pending.
+    pub(crate) fn settled(&mut self, now_s: f64, counters: &mut Counters) -> Option<(Arrived, Place)> {
         let next = *self.waiting.front()?;
         let is_full = self.waiting.len() > MOST_WAITING;
         if !is_full && self.awaits_earlier(&next) && now_s < next.at_s + self.timing.reorder_s {
             return None;
         }
-        let pose = match self.placed.at(next.t_s, self.timing.gap_s) {
-            Place::At(pose) => Some(pose),
+        let place = match self.motion.at(next.t_s, self.timing.gap_s) {
             Place::Pending if !is_full && now_s < next.at_s + self.timing.wait_s => return None,
-            Place::Pending | Place::Unknown => None,
+            Place::Pending => Place::Unknown,
+            place => place,
         };
         self.settle(&next, counters);
-        Some((next, pose))
+        Some((next, place))
     }
 
     /// The next waiting reading, at the end of the streams: as [`Self::settled`] without a wait.
-    pub(crate) fn last(&mut self, counters: &mut Counters) -> Option<(Arrived, Option<Pose<Base, World>>)> {
+    pub(crate) fn last(&mut self, counters: &mut Counters) -> Option<(Arrived, Place)> {
         self.settled(f64::INFINITY, counters)
     }
 
@@ -143,19 +150,19 @@ impl Matching {
     pub(crate) fn deadline_s(&self) -> Option<f64> {
         let next = self.waiting.front()?;
         let earlier_s = if self.awaits_earlier(next) { self.timing.reorder_s } else { 0.0 };
-        let pending = self.placed.at(next.t_s, self.timing.gap_s) == Place::Pending;
+        let pending = self.motion.at(next.t_s, self.timing.gap_s) == Place::Pending;
         let pose_s = if pending { self.timing.wait_s } else { 0.0 };
         Some(next.at_s + earlier_s.max(pose_s))
     }
 
-    /// Takes the waiting readings.
-    pub(crate) fn drain(&mut self) -> VecDeque<Arrived> {
-        std::mem::take(&mut self.waiting)
+    /// The motion.
+    pub(crate) fn motion(&self) -> &M {
+        &self.motion
     }
 
-    /// Time of the newest pose.
+    /// Time up to which the pose is known.
     pub(crate) fn newest_pose_s(&self) -> Option<f64> {
-        self.placed.newest_s()
+        self.motion.newest_s()
     }
 
     /// Whether readings between the last settled one and this one have not arrived.
@@ -178,6 +185,6 @@ impl Matching {
         }
         self.recent.push_back(next.t_s);
         self.waiting.pop_front();
-        self.placed.forget_before(next.t_s);
+        self.motion.settle(next.t_s);
     }
 }

@@ -5,29 +5,37 @@ use std::f64::consts::TAU;
 
 use whisker::frames::{Base, Pose, World};
 
+use crate::clock::Clock;
+use crate::motion::{Motion, Place};
+
 /// Largest number of kept poses.
 const MOST: usize = 1 << 14;
 
-/// Pose at a requested time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Place {
-    /// It is known.
-    At(Pose<Base, World>),
-    /// A later pose may determine it.
-    Pending,
-    /// No later pose can determine it: there is none before, or too long a gap.
-    Unknown,
-}
-
-/// Poses in order of time.
+/// Poses of the base in order of time.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Poses {
+pub struct Poses {
     kept: VecDeque<(f64, Pose<Base, World>)>,
+    clock: Clock,
 }
 
-impl Poses {
-    /// Adds a pose and returns whether there was none at its time. The yaw is continued from the pose before by whole turns.
-    pub(crate) fn insert(&mut self, t_s: f64, pose: Pose<Base, World>) -> bool {
+impl Motion for Poses {
+    type Measured = Pose<Base, World>;
+
+    fn is_finite(&self, pose: &Pose<Base, World>) -> bool {
+        let at = pose.origin();
+        [at.x(), at.y(), pose.yaw_rad()].into_iter().all(f64::is_finite)
+    }
+
+    fn clock(&mut self, _pose: &Pose<Base, World>) -> Option<&mut Clock> {
+        Some(&mut self.clock)
+    }
+
+    fn is_before_all(&self, t_s: f64, _pose: &Pose<Base, World>) -> bool {
+        self.kept.front().is_some_and(|(first_s, _)| t_s < *first_s)
+    }
+
+    /// The yaw is continued from the pose before by whole turns.
+    fn insert(&mut self, t_s: f64, pose: Pose<Base, World>) -> bool {
         let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
         if self.kept.get(place).is_some_and(|(of_kept_s, _)| *of_kept_s == t_s) {
             return false;
@@ -42,9 +50,8 @@ impl Poses {
         true
     }
 
-    /// Pose at a time: the one with that time or, by linear interpolation, between its neighbours if they are at most `gap_s`
-    /// apart.
-    pub(crate) fn at(&self, t_s: f64, gap_s: f64) -> Place {
+    /// The pose with that time or, by linear interpolation, between its neighbours if they are at most `gap_s` apart.
+    fn at(&self, t_s: f64, gap_s: f64) -> Place {
         let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
         let Some((after_s, after)) = self.kept.get(place) else { return Place::Pending };
         if *after_s == t_s {
@@ -59,21 +66,18 @@ impl Poses {
         Place::At(between(before, after, (t_s - before_s) / (after_s - before_s)))
     }
 
-    /// Time of the newest pose.
-    pub(crate) fn newest_s(&self) -> Option<f64> {
+    fn newest_s(&self) -> Option<f64> {
         self.kept.back().map(|(t_s, _)| *t_s)
     }
 
-    /// Drops the poses that no time from `t_s` on requires.
-    pub(crate) fn forget_before(&mut self, t_s: f64) {
+    fn settle(&mut self, t_s: f64) {
         while self.kept.get(1).is_some_and(|(next_s, _)| *next_s <= t_s) {
             self.kept.pop_front();
         }
     }
 
-    /// Whether a pose at this time lies before all that are kept.
-    pub(crate) fn is_before_all(&self, t_s: f64) -> bool {
-        self.kept.front().is_some_and(|(first_s, _)| t_s < *first_s)
+    fn restart(&mut self) {
+        *self = Self::default();
     }
 }
 
@@ -124,8 +128,9 @@ mod tests {
     #[test]
     fn verif_the_last_pose_before_a_time_is_kept() {
         let mut poses = poses(&[(0.0, 0.0, 0.0), (0.1, 1.0, 0.0), (0.2, 2.0, 0.0)]);
-        poses.forget_before(0.15);
-        assert!(poses.is_before_all(0.05) && !poses.is_before_all(0.1));
+        poses.settle(0.15);
+        let any = Pose::new(0.0, 0.0, 0.0);
+        assert!(poses.is_before_all(0.05, &any) && !poses.is_before_all(0.1, &any));
         assert_eq!(poses.at(0.1, 1.0), Place::At(Pose::new(1.0, 0.0, 0.0)));
         assert!(!poses.insert(0.2, Pose::new(9.0, 0.0, 0.0)));
     }

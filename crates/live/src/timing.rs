@@ -1,9 +1,11 @@
 //! Settings of the matching by time.
 
 use anyhow::bail;
+use serde::{Deserialize, Serialize};
 
 /// Longest waits and gaps (s).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Timing {
     /// Longest wait of a reading for its pose.
     pub wait_s: f64,

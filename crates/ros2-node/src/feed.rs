@@ -15,11 +15,18 @@ use anyhow::{anyhow, bail};
 use bag::{Error, Message, Publisher, cdr, topics};
 use foxglove::websocket::service::{self, Handler, Responder, Service, ServiceSchema};
 use foxglove::websocket::{ChannelView, Client, ServerListener};
-use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle};
+use foxglove::{
+    Channel, ChannelBuilder, ChannelId, Context, PartialMetadata, RawChannel, Schema, WebSocketServer,
+    WebSocketServerHandle,
+};
+
+use foxglove::messages::SceneUpdate;
+use live_ros::Drawing;
 
 use crate::gate;
 use crate::outlet::{Desk, Outlet, Routine};
 use crate::request::{Authorised, Request, Response, Triggered, schema};
+use crate::scene::scene_update;
 use crate::token::Token;
 
 /// Messages that are kept for a slow subscriber: some seconds of all topics.
@@ -56,6 +63,7 @@ pub(crate) struct Feed {
     server: Option<WebSocketServerHandle>,
     context: Arc<Context>,
     channels: HashMap<String, Arc<RawChannel>>,
+    scenes: HashMap<String, Channel<SceneUpdate>>,
     standing: Arc<Standing>,
 }
 
@@ -118,7 +126,7 @@ impl Foxglove {
             .map_err(|error| anyhow!("{hidden}: {error}"))?;
         let at = gate::open(address, origins, SocketAddr::new(hidden.into(), server.port()))?;
         println!("ws://{at}");
-        Ok(Feed { server: Some(server), context, channels: HashMap::new(), standing })
+        Ok(Feed { server: Some(server), context, channels: HashMap::new(), scenes: HashMap::new(), standing })
     }
 }
 
@@ -144,7 +152,19 @@ impl Outlet for Feed {
     }
 
     fn is_heard(&self, topic: &str) -> bool {
-        self.channels.get(topic).is_some_and(|channel| channel.has_sinks())
+        let has_scene = self.scenes.get(topic).is_some_and(|channel| channel.has_sinks());
+        has_scene || self.channels.get(topic).is_some_and(|channel| channel.has_sinks())
+    }
+
+    /// Shapes are markers, and a scene of Foxglove.
+    fn draw(&mut self, prefix: &str, drawing: &Drawing) -> Result<(), Error> {
+        self.write(&format!("{prefix}/{}", topics::MARKERS), drawing.time_ns, &drawing.markers())?;
+        let topic = format!("{prefix}/{}", topics::SCENE);
+        let context = &self.context;
+        let build = || ChannelBuilder::new(&topic).context(context).build::<SceneUpdate>();
+        let channel = self.scenes.entry(topic.clone()).or_insert_with(build);
+        channel.log_with_meta(&scene_update(drawing), at(drawing.time_ns));
+        Ok(())
     }
 }
 
@@ -159,7 +179,7 @@ impl Publisher for Feed {
             return Err(Error::Live { topic: topic.into(), reason });
         }
         channel.log_with_meta(&bytes, at(time_ns));
-        if topic == topics::TF_STATIC {
+        if topics::is_kept(topic) {
             self.standing.keep(Kept { channel: channel.clone(), time_ns, bytes });
         }
         Ok(())
@@ -170,9 +190,9 @@ fn at(time_ns: u64) -> PartialMetadata {
     PartialMetadata { log_time: Some(time_ns) }
 }
 
-/// Last message of the static frames, for clients that subscribe later.
+/// Last messages of the static frames and of maps, for clients that subscribe later.
 #[derive(Default)]
-struct Standing(Mutex<Option<Kept>>);
+struct Standing(Mutex<HashMap<ChannelId, Kept>>);
 
 /// A sent message.
 struct Kept {
@@ -183,16 +203,14 @@ struct Kept {
 
 impl Standing {
     fn keep(&self, message: Kept) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(message.channel.id(), message);
     }
 }
 
 impl ServerListener for Standing {
     fn on_subscribe(&self, client: Client, subscribed: ChannelView) {
         let standing = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(Kept { channel, time_ns, bytes }) = &*standing
-            && channel.id() == subscribed.id()
-        {
+        if let Some(Kept { channel, time_ns, bytes }) = standing.get(&subscribed.id()) {
             channel.log_with_meta_to_sink(bytes, at(*time_ns), client.sink_id());
         }
     }

@@ -1,9 +1,12 @@
-//! The calibration platform as a ROS 2 node, without a ROS installation.
+//! The calibration platform and the estimators as ROS 2 nodes, without a ROS installation.
 //!
-//! `ros2-node run` streams the magnetometer and offers the service that runs the routine on the printer;
-//! `ros2-node play` publishes a recording at its original pace. Topics, types and frames are those of recordings
-//! ([`bag::topics`]). With the feature `foxglove`, both can publish to Foxglove instead.
+//! `ros2-node contact` estimates contacts from the messages of sensors and arms ([`live_ros`]); `ros2-node run` streams
+//! the magnetometer and offers the service that runs the routine on the printer; `ros2-node play` publishes a recording
+//! at its original pace. Topics, types and frames are those of recordings ([`bag::topics`]). With the feature
+//! `foxglove`, all can publish to Foxglove, `contact` beside ROS 2 and the others instead.
 
+mod both;
+mod contact;
 #[cfg(feature = "foxglove")]
 mod feed;
 #[cfg(feature = "foxglove")]
@@ -13,6 +16,8 @@ mod outlet;
 mod play;
 mod request;
 mod run;
+#[cfg(feature = "foxglove")]
+mod scene;
 mod service;
 #[cfg(feature = "foxglove")]
 mod token;
@@ -21,7 +26,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Run the calibration platform as a ROS 2 node
+/// Run the estimators or the calibration platform as a ROS 2 node
 #[derive(Parser)]
 #[command(name = "ros2-node", version)]
 struct Arguments {
@@ -31,12 +36,14 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Contact(contact::Arguments),
     Run(run::Arguments),
     Play(play::Arguments),
 }
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
+        Command::Contact(arguments) => contact::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Play(arguments) => play::run(&arguments),
     };

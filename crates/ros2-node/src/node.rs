@@ -80,6 +80,21 @@ impl Node {
         Ok(Self { node, publishers: HashMap::new() })
     }
 
+    /// Subscribes to a topic. A publisher that sends with best effort is heard only with `best_effort`, by which messages may be
+    /// lost.
+    pub(crate) fn subscribe<M: Message>(
+        &mut self,
+        topic: &str,
+        best_effort: bool,
+    ) -> anyhow::Result<ros2_client::Subscription<M>> {
+        let quality = quality(topic);
+        let quality = if best_effort && !topics::is_kept(topic) { quality.reliability_best_effort() } else { quality };
+        let (package, kind) = M::TYPE.split_once("/msg/").expect("types are named package/msg/Type");
+        let name = Name::parse(topic).map_err(|error| anyhow::anyhow!("{topic}: {error:?}"))?;
+        let topic = self.node.create_topic(&name, MessageTypeName::new(package, kind), &quality)?;
+        Ok(self.node.create_subscription(&topic, Some(quality))?)
+    }
+
     /// The node of `ros2-client`.
     pub(crate) fn ros(&mut self) -> &mut ros2_client::Node {
         &mut self.node
@@ -118,10 +133,10 @@ impl Publisher for Node {
     }
 }
 
-/// Quality of service of a topic: reliable; static frames are kept for later subscribers.
+/// Quality of service of a topic: reliable; static frames and maps are kept for later subscribers.
 fn quality(topic: &str) -> QosProfile {
     let quality = QosProfile::publisher_default().reliability_reliable(WhenFull::Wait(PATIENCE));
-    if topic == topics::TF_STATIC {
+    if topics::is_kept(topic) {
         quality.durability(Durability::TransientLocal).history(History::KeepLast { depth: 1 })
     } else {
         quality.durability(Durability::Volatile).history(History::KeepLast { depth: DEPTH })

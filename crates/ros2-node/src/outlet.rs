@@ -4,7 +4,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use bag::{Error, Message, Publisher};
+use bag::{Error, Message, Publisher, topics};
+use live_ros::Drawing;
 
 use crate::request::Request;
 
@@ -18,6 +19,11 @@ pub(crate) trait Outlet: Publisher + Send {
 
     /// Whether an announced topic has a subscriber.
     fn is_heard(&self, topic: &str) -> bool;
+
+    /// Publishes shapes as markers, after a prefix.
+    fn draw(&mut self, prefix: &str, drawing: &Drawing) -> Result<(), Error> {
+        self.write(&format!("{prefix}/{}", topics::MARKERS), drawing.time_ns, &drawing.markers())
+    }
 
     /// Waits until an announced topic has a subscriber.
     fn wait_for_listener(&self, topic: &str, patience: Duration) -> anyhow::Result<()> {

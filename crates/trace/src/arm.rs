@@ -108,6 +108,12 @@ impl Arm {
             .collect()
     }
 
+    /// Heights above the origin of World of a base mounted on the flange, one entry per instant.
+    pub fn heights_m(&self, mount: &PoseMatrix, joints: &[JointInstant]) -> Vec<f64> {
+        let mount = mount.isometry();
+        joints.iter().map(|instant| self.frames(&mount, &instant.angles_rad).1.translation.z).collect()
+    }
+
     /// Angle between the z axis of a base mounted on the flange and the z axis of World, one entry per instant.
     pub fn tilts_rad(&self, mount: &PoseMatrix, joints: &[JointInstant]) -> Vec<f64> {
         let mount = mount.isometry();

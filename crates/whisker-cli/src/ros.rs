@@ -4,6 +4,8 @@
 //! counts from the beginning of the trace. Sidecar and outline are attachments, so that the trace is restored byte for
 //! byte. `docs/ROS.md` has the table.
 
+mod array;
+
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs;
@@ -27,7 +29,9 @@ use strict_json::parse_json;
 use testbed::provenance::watermark;
 use testbed::results::{EstimateRow, read_rows};
 use trace::{Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name};
-use whisker::frames::{Point, Pose, Twist, World};
+use whisker::frames::{Base, Point, Pose, Twist, World};
+
+pub use array::export_array;
 
 const TOUCHING: &str = "/truth/touching";
 const TIP: &str = "/truth/tip";
@@ -71,7 +75,7 @@ pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> any
     let mut writer = Writer::create(&staging.recording)?;
     for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
         let time_ns = time_ns(known.t_s, path)?;
-        let mut row = Row { writer: &mut writer, time_ns };
+        let mut row = Row { writer: &mut writer, time_ns, prefix: String::new() };
         row.known(known)?;
         row.truth(truth)?;
         if let Some(estimate) = of_time.get(&time_ns) {
@@ -180,17 +184,15 @@ pub fn import(path: &Path, salvage: bool, folder: &Path) -> anyhow::Result<Vec<P
 struct Row<'a> {
     writer: &'a mut Writer,
     time_ns: u64,
+    /// Beginning of the names of its topics.
+    prefix: String,
 }
 
 impl Row<'_> {
     fn known(&mut self, known: &Instant) -> anyhow::Result<()> {
-        let (origin, yaw_rad) = (known.base.origin(), known.base.yaw_rad());
-        let transform = Transform {
-            translation: Vector3 { x: origin.x(), y: origin.y(), z: 0.0 },
-            rotation: Quaternion::about_z(yaw_rad),
-        };
-        let base =
-            TransformStamped { header: self.header(topics::WORLD), child_frame_id: topics::WHISKER.into(), transform };
+        let yaw_rad = known.base.yaw_rad();
+        let (header, transform) = (self.header(topics::WORLD), transform(&known.base));
+        let base = TransformStamped { header, child_frame_id: topics::WHISKER.into(), transform };
         self.write(topics::TF, &TfMessage { transforms: vec![base] })?;
         let mut joints = JointState { header: self.header(""), ..JointState::default() };
         for (name, angle_rad) in [(YAW, Some(yaw_rad)), (ROTATION, known.rotation_z_rad)] {
@@ -205,13 +207,18 @@ impl Row<'_> {
             let twist = RosTwist { linear, angular: Vector3 { x: 0.0, y: 0.0, z: twist.wz_rad_s } };
             self.write(topics::BASE_TWIST, &TwistStamped { header: self.header(topics::WHISKER), twist })?;
         }
+        self.moment(topics::WHISKER, known.moment_z_n_m)
+    }
+
+    /// Moment about the z axis of a whisker's frame.
+    fn moment(&mut self, frame: &str, z: f64) -> anyhow::Result<()> {
         // The other components of the wrench are unknown, hence not zero.
-        let (unknown, z) = (f64::NAN, known.moment_z_n_m);
+        let unknown = f64::NAN;
         let wrench = Wrench {
             force: Vector3 { x: unknown, y: unknown, z: unknown },
             torque: Vector3 { x: unknown, y: unknown, z },
         };
-        self.write(topics::MOMENT, &WrenchStamped { header: self.header(topics::WHISKER), wrench })
+        self.write(topics::MOMENT, &WrenchStamped { header: self.header(frame), wrench })
     }
 
     fn truth(&mut self, truth: &TruthInstant) -> anyhow::Result<()> {
@@ -250,7 +257,16 @@ impl Row<'_> {
     }
 
     fn write(&mut self, topic: &str, message: &impl Message) -> anyhow::Result<()> {
-        Ok(self.writer.write(topic, self.time_ns, message)?)
+        Ok(self.writer.write(&format!("{}{topic}", self.prefix), self.time_ns, message)?)
+    }
+}
+
+/// Pose of a base in the plane as a transform.
+fn transform(base: &Pose<Base, World>) -> Transform {
+    let origin = base.origin();
+    Transform {
+        translation: Vector3 { x: origin.x(), y: origin.y(), z: 0.0 },
+        rotation: Quaternion::about_z(base.yaw_rad()),
     }
 }
 

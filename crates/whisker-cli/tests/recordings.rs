@@ -278,3 +278,51 @@ fn robust_unknown_encoder_settings_are_reported() {
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.code() == Some(2) && text.contains("unknown field `noise_deg`"), "{text}");
 }
+
+/// The exported recording contains the angles of the arm, the frames of the bases and the moments of the traces.
+#[test]
+fn verif_an_exported_recording_has_the_motion_and_the_moments_of_its_traces() {
+    let folder = tempfile::tempdir().unwrap();
+    write_recording(folder.path());
+    let (path, out) = (folder.path().join(NAME).with_extension("json"), folder.path().join("exported"));
+    let export = ["bag", "export", path.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let done = Command::new(env!("CARGO_BIN_EXE_whisker")).args(export).output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let traces: Vec<Trace> = WHISKERS
+        .iter()
+        .map(|(name, _, _)| Trace::read(&folder.path().join(format!("{NAME}_{name}.csv"))).unwrap())
+        .collect();
+    let (mut frames, mut moments, mut joints) = (0, 0, 0);
+    for record in bag::Reader::open(&out).unwrap().records() {
+        let record = record.unwrap();
+        let row = |count: usize| count / WHISKERS.len();
+        match record.decode_any().unwrap().unwrap() {
+            bag::messages::AnyMessage::JointState(state) => {
+                assert_eq!((state.name.len(), state.position.len(), state.velocity.len()), (7, 7, 7));
+                joints += 1;
+            }
+            bag::messages::AnyMessage::TfMessage(found) => {
+                for (transform, (trace, (name, _, _))) in found.transforms.iter().zip(traces.iter().zip(WHISKERS)) {
+                    let (base, at) = (trace.recording.instants[row(frames)].base, &transform.transform.translation);
+                    assert_eq!(transform.child_frame_id, format!("{name}_base"));
+                    assert_eq!((at.x, at.y, at.z), (base.origin().x(), base.origin().y(), 0.0));
+                    frames += 1;
+                }
+            }
+            bag::messages::AnyMessage::WrenchStamped(moment) => {
+                let trace = &traces[moments % WHISKERS.len()];
+                assert_eq!(moment.wrench.torque.z, trace.recording.instants[row(moments)].moment_z_n_m);
+                moments += 1;
+            }
+            _ => {}
+        }
+    }
+    let rows = traces[0].recording.instants.len();
+    assert_eq!((joints, frames, moments), (rows, rows * WHISKERS.len(), rows * WHISKERS.len()));
+    let with_estimates =
+        Command::new(env!("CARGO_BIN_EXE_whisker")).args(export).args(["--estimates", "e.csv"]).output().unwrap();
+    assert!(
+        String::from_utf8_lossy(&with_estimates.stderr)
+            .contains("--estimates: found with a recording of several whiskers")
+    );
+}

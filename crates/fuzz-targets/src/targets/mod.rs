@@ -3,6 +3,7 @@
 mod answer;
 mod bag;
 mod calibration;
+mod contact_mapping;
 mod import;
 mod log;
 mod mapping;
@@ -45,6 +46,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "results", about: "tables of a run", run: results::run },
     Target { name: "settings", about: "settings of estimators, front ends, detection and maps", run: settings::run },
     Target { name: "stream", about: "line of a live stream", run: stream::run },
+    Target { name: "contact_mapping", about: "mapping of ROS 2 topics to whiskers, with a URDF", run: contact_mapping::run },
     Target { name: "answer", about: "answer of an external program", run: answer::run },
     Target { name: "bag", about: "ROS 2 bag: metadata and MCAP file", run: bag::run },
     Target { name: "sensor", about: "serial stream of a magnetometer", run: sensor::run },

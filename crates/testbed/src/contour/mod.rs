@@ -20,9 +20,9 @@ pub use vertex::{Contour, Vertex};
 
 use filters::product;
 use nalgebra::{Matrix2, Vector2};
-use trace::Recording;
+use trace::{Instant, Recording};
 use whisker::estimators::{Estimate, Knowledge, OutlinePoint};
-use whisker::frames::Point;
+use whisker::frames::{Base, Point, Pose, World};
 
 impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
@@ -36,7 +36,7 @@ impl Contour {
         since: usize,
     ) -> Option<Self> {
         match outline {
-            Some(outline) => carried(recording, outline),
+            Some(outline) => Self::carried(&recording.instants.first()?.base, outline),
             None => {
                 let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
                 Self::merged(points.iter().filter(counts))
@@ -44,27 +44,27 @@ impl Contour {
         }
     }
 
+    /// Outline of an estimator (in Start), transformed to World by the pose of the base at the start of its samples,
+    /// counter-clockwise. `None` if all of its points are too uncertain.
+    pub fn carried(start: &Pose<Base, World>, outline: &[OutlinePoint]) -> Option<Self> {
+        let vertex = |point: &OutlinePoint| {
+            let normal = start.rotation() * point.normal;
+            Vertex {
+                at: start.apply(Point::from_vector(point.surface.vector())),
+                normal_rad: normal.y.atan2(normal.x),
+                covariance_m2: Some(start.turn(point.covariance_m2)),
+                touched: true,
+            }
+        };
+        let vertices: Vec<Vertex> =
+            outline.iter().map(vertex).filter(|vertex| vertex.sd_m().is_some_and(|sd_m| sd_m <= MOST_SD_M)).collect();
+        (!vertices.is_empty()).then_some(Self { vertices })
+    }
+
     /// Outline of a convex object through surface points of one or several whiskers. `None` if no point is usable.
     pub(crate) fn merged<'a>(points: impl IntoIterator<Item = &'a SurfacePoint>) -> Option<Self> {
         merge::merged(points)
     }
-}
-
-/// Outline of an estimator (in Start), transformed to World, counter-clockwise. `None` if all of its points are too uncertain.
-fn carried(recording: &Recording, outline: &[OutlinePoint]) -> Option<Contour> {
-    let start = recording.instants.first()?.base;
-    let vertex = |point: &OutlinePoint| {
-        let normal = start.rotation() * point.normal;
-        Vertex {
-            at: start.apply(Point::from_vector(point.surface.vector())),
-            normal_rad: normal.y.atan2(normal.x),
-            covariance_m2: Some(start.turn(point.covariance_m2)),
-            touched: true,
-        }
-    };
-    let vertices: Vec<Vertex> =
-        outline.iter().map(vertex).filter(|vertex| vertex.sd_m().is_some_and(|sd_m| sd_m <= MOST_SD_M)).collect();
-    (!vertices.is_empty()).then_some(Contour { vertices })
 }
 
 /// Surface point computed from one estimate.
@@ -116,29 +116,51 @@ pub fn surface_points(
     readings_n_m: &[f64],
     estimates: &[Option<Estimate>],
 ) -> Vec<SurfacePoint> {
-    let instants = &recording.instants;
-    let mut points = Vec::with_capacity(estimates.len());
-    let mut begun = None;
-    for (row, ((known, &reading_n_m), estimate)) in instants.iter().zip(readings_n_m).zip(estimates).enumerate() {
+    let mut surface = SurfacePoints::default();
+    let rows = recording.instants.iter().zip(readings_n_m).zip(estimates);
+    rows.filter_map(|((known, &reading_n_m), estimate)| surface.next(knowledge, known, reading_n_m, estimate.as_ref()))
+        .collect()
+}
+
+/// Converts estimates to surface points one by one, in order of time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SurfacePoints {
+    /// Number of instants so far.
+    rows: usize,
+    /// Row and time of the start of the present touch.
+    begun: Option<(usize, f64)>,
+}
+
+impl SurfacePoints {
+    /// Surface point of the estimate of the next instant. `None` without an estimate and for those that
+    /// [`surface_points`] excludes.
+    pub fn next(
+        &mut self,
+        knowledge: &Knowledge,
+        known: &Instant,
+        reading_n_m: f64,
+        estimate: Option<&Estimate>,
+    ) -> Option<SurfacePoint> {
+        let row = self.rows;
+        self.rows += 1;
         let Some(estimate) = estimate else {
-            begun = None;
-            continue;
+            self.begun = None;
+            return None;
         };
-        let touch = *begun.get_or_insert(row);
+        let (touch, touch_s) = *self.begun.get_or_insert((row, known.t_s));
         let is_on_whisker = estimate.contact.vector().norm() <= knowledge.whisker.length_m;
         if !estimate.calibrated || estimate.at_tip || !is_on_whisker {
-            continue;
+            return None;
         }
         let tangent = direction(knowledge.tangent_rad(estimate, reading_n_m));
         let outward = Vector2::new(-tangent.y, tangent.x) * estimate.face.away_sign();
-        points.push(SurfacePoint {
+        Some(SurfacePoint {
             row,
             touch,
-            since_touch_s: known.t_s - instants[touch].t_s,
+            since_touch_s: known.t_s - touch_s,
             at: known.base.apply(knowledge.surface_beside(estimate, tangent)).vector(),
             normal: product(&known.base.rotation(), &outward),
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
-        });
+        })
     }
-    points
 }

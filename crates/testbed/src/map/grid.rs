@@ -57,6 +57,11 @@ impl Grid {
         Self { cell_m, cells: BTreeMap::new() }
     }
 
+    /// Side length of a cell.
+    pub fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
     /// Observed cells in order.
     pub fn cells(&self) -> impl Iterator<Item = (Point<World>, Cell)> {
         let middle = |place: i32| (f64::from(place) + 0.5) * self.cell_m;

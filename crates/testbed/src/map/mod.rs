@@ -18,7 +18,7 @@ pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
 pub use grid::{Cell, Grid};
 pub(crate) use score::{MapScore, Truths, score_map};
-pub use view::{Seen, View};
+pub use view::{Observer, Seen, View};
 
 /// Settings of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

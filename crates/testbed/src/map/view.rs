@@ -1,11 +1,13 @@
 //! Observations of one whisker in a trial: touched points and swept cells.
 
+use trace::Instant;
 use whisker::elastica::{Elastica, Load};
+use whisker::estimators::{Estimate, Knowledge};
 use whisker::frames::{Base, Point, World};
 
 use super::MapConfig;
 use super::grid::Grid;
-use crate::contour::{SurfacePoint, Vertex};
+use crate::contour::{SurfacePoint, SurfacePoints, Vertex};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 
@@ -49,35 +51,87 @@ impl Seen {
 
 impl View {
     /// Collects the observations of a trial. `whisker` is the index of the whisker in the recording.
-    ///
-    /// A point counts if its covariance is small enough; no settling time is assumed. A free whisker has its rest shape
-    /// only if the reading implies a tip displacement below a cell, so that neither ringing after a release nor an
-    /// undetected touch sweeps cells.
     pub fn new(trial: &Trial<'_>, replay: &Replay, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
-        let instants = &trial.trace.recording.instants;
-        let sure = trial.surface_points(replay).into_iter().filter(SurfacePoint::is_sure);
-        let points: Vec<Seen> = sure.map(|point| Seen { point, t_s: instants[point.row].t_s }).collect();
-        let wire = Wire::new(trial, config.cell_m)?;
-        let mut grid = Grid::new(config.cell_m);
-        let mut touched = points.iter().peekable();
-        let mut last: Option<Point<World>> = None;
-        for (row, known) in instants.iter().enumerate() {
-            let point = touched.next_if(|seen| seen.point.row == row);
-            let middle = known.base.apply(trial.knowledge.rest.point(0.5 * trial.knowledge.rest.length_m()));
-            if last.is_some_and(|last| last.distance(&middle) < SCAN * config.cell_m) {
-                continue;
-            }
-            let line = match (&replay.estimates[row], point) {
-                (Some(estimate), Some(_)) => wire.bent(estimate.contact),
-                (None, _) if wire.is_at_rest(trial.readings_n_m[row]) => Some(wire.rest.clone()),
-                _ => None,
-            };
-            let Some(line) = line else { continue };
-            last = Some(middle);
-            let line: Vec<Point<World>> = line.into_iter().map(|at| known.base.apply(at)).collect();
-            grid.scan(&line, point.map(|seen| Point::from_vector(seen.point.at)));
+        let mut observer = Observer::new(trial.knowledge, whisker, config)?;
+        let rows = trial.trace.recording.instants.iter().zip(trial.readings_n_m).zip(&replay.estimates);
+        rows.for_each(|((known, &reading_n_m), estimate)| {
+            observer.observe(trial.knowledge, known, reading_n_m, estimate.as_ref());
+        });
+        Ok(observer.view)
+    }
+
+    /// Drops the points of the oldest touches until at most `most` points are left. The grid keeps its cells.
+    pub fn limit(&mut self, most: usize) {
+        let mut left = self.points.len();
+        let mut touches = self.points.chunk_by(|a, b| a.point.touch == b.point.touch).peekable();
+        while left > most
+            && let Some(touch) = touches.next()
+        {
+            // Of a single touch, the later half remains.
+            left -= if touches.peek().is_some() { touch.len() } else { touch.len().div_ceil(2) };
         }
-        Ok(Self { whisker, points, grid })
+        self.points.drain(..self.points.len() - left);
+    }
+}
+
+/// Collects the observations of a whisker instant by instant.
+///
+/// A point counts if its covariance is small enough; no settling time is assumed. A free whisker has its rest shape
+/// only if the reading implies a tip displacement below a cell, so that neither ringing after a release nor an
+/// undetected touch sweeps cells.
+pub struct Observer {
+    view: View,
+    surface: SurfacePoints,
+    wire: Wire,
+    /// Midpoint of the whisker at the last scan.
+    last: Option<Point<World>>,
+}
+
+impl Observer {
+    /// An observer without observations. `whisker` is the index of the whisker.
+    ///
+    /// # Errors
+    /// If the whisker's shape cannot be computed.
+    pub fn new(knowledge: &Knowledge, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
+        let view = View { whisker, points: Vec::new(), grid: Grid::new(config.cell_m) };
+        let wire = Wire::new(knowledge, config.cell_m)?;
+        Ok(Self { view, surface: SurfacePoints::default(), wire, last: None })
+    }
+
+    /// Takes the next instant with its reading and estimate. Returns the surface point, if there is one that counts.
+    pub fn observe(
+        &mut self,
+        knowledge: &Knowledge,
+        known: &Instant,
+        reading_n_m: f64,
+        estimate: Option<&Estimate>,
+    ) -> Option<SurfacePoint> {
+        let point = self.surface.next(knowledge, known, reading_n_m, estimate).filter(SurfacePoint::is_sure);
+        self.view.points.extend(point.map(|point| Seen { point, t_s: known.t_s }));
+        let middle = known.base.apply(knowledge.rest.point(0.5 * knowledge.rest.length_m()));
+        if self.last.is_some_and(|last| last.distance(&middle) < SCAN * self.wire.cell_m) {
+            return point;
+        }
+        let line = match (estimate, point) {
+            (Some(estimate), Some(_)) => self.wire.bent(estimate.contact),
+            (None, _) if self.wire.is_at_rest(reading_n_m) => Some(self.wire.rest.clone()),
+            _ => None,
+        };
+        let Some(line) = line else { return point };
+        self.last = Some(middle);
+        let line: Vec<Point<World>> = line.into_iter().map(|at| known.base.apply(at)).collect();
+        self.view.grid.scan(&line, point.map(|point| Point::from_vector(point.at)));
+        point
+    }
+
+    /// Observations so far.
+    pub fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// Observations so far, to be limited.
+    pub fn view_mut(&mut self) -> &mut View {
+        &mut self.view
     }
 }
 
@@ -92,9 +146,8 @@ struct Wire {
 }
 
 impl Wire {
-    fn new(trial: &Trial<'_>, cell_m: f64) -> anyhow::Result<Self> {
-        let whisker = &trial.knowledge.whisker;
-        let rest = &trial.knowledge.rest;
+    fn new(knowledge: &Knowledge, cell_m: f64) -> anyhow::Result<Self> {
+        let Knowledge { whisker, rest, .. } = knowledge;
         Ok(Self {
             elastica: Elastica::new(whisker)?,
             rest: arcs(rest.length_m(), cell_m).map(|arc_m| rest.point(arc_m)).collect(),

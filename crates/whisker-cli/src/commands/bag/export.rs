@@ -1,18 +1,19 @@
-//! `whisker bag export`: a trace as a recording.
+//! `whisker bag export`: a trace, or an array recording, as a ROS 2 recording.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use trace::Sidecar;
+use anyhow::ensure;
+use trace::{ArrayRecording, Sidecar};
 
 use crate::commands::output::{files_of_trace, reserve};
 use crate::commands::print;
-use crate::ros::{Export, export_trace};
+use crate::ros::{Export, export_array, export_trace};
 
-/// Write a trace as a rosbag2 folder
+/// Write a trace, or a recording of several whiskers, as a rosbag2 folder
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Trace: its .csv or .json file
+    /// Trace: its .csv or .json file; or recording of several whiskers (.json)
     trace: PathBuf,
     /// Folder to write
     #[arg(long)]
@@ -23,9 +24,23 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let is_array = arguments.trace.extension().is_some_and(|extension| extension == "json")
+        && ArrayRecording::is_one(&arguments.trace)?;
+    if is_array {
+        ensure!(
+            arguments.estimates.is_none(),
+            "--estimates: found with a recording of several whiskers, expected with a trace"
+        );
+        let _lock = reserve(&arguments.out, std::slice::from_ref(&arguments.trace))?;
+        return finish(arguments, export_array(&arguments.trace, &arguments.out)?);
+    }
     let inputs = files_of_trace(&arguments.trace, &Sidecar::read(&arguments.trace)?);
     let _lock = reserve(&arguments.out, &[inputs.as_slice(), arguments.estimates.as_slice()].concat())?;
-    let export = export_trace(&arguments.trace, arguments.estimates.as_deref(), &arguments.out)?;
+    finish(arguments, export_trace(&arguments.trace, arguments.estimates.as_deref(), &arguments.out)?)
+}
+
+/// Prints the result.
+fn finish(arguments: &Arguments, export: Export) -> anyhow::Result<ExitCode> {
     let note = if export == Export::UpToDate { " (up to date)" } else { "" };
     print(&format!("{}{note}\n", arguments.out.display()))?;
     Ok(ExitCode::SUCCESS)

@@ -43,6 +43,7 @@ impl Sink {
         for event in out.events.drain(..) {
             let (kind, most) = match event {
                 Event::Stale { .. } => ("stale poses", MOST_NOTES),
+                Event::OffPlane { .. } => ("poses off the plane", MOST_NOTES),
                 Event::Recovered { .. } => ("poses again", MOST_NOTES),
                 Event::Jumped { .. } => ("jumps of a clock", MOST_NOTES),
                 Event::NotFinite { .. } => ("values that are not finite", 1),

@@ -1,0 +1,165 @@
+//! Motion of a whisker's base in space, projected on the plane of the estimators.
+
+use live::{Clock, Deviation, Motion, Place};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use whisker::frames::Pose;
+
+use crate::arm::Arm;
+use crate::frames::{FrameTransform, Frames};
+use crate::samples::Sampled;
+
+/// Plane of the estimators: that through the first pose of a base, parallel to the x and y axes of the fixed frame turned by
+/// `rotation`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Orientation of the plane's axes in the fixed frame.
+    pub rotation: UnitQuaternion<f64>,
+    /// Largest angle between the z axis of the base and the normal of the plane (rad).
+    pub tilt_rad: f64,
+    /// Largest distance of the base from the plane (m).
+    pub height_m: f64,
+}
+
+/// Source of the poses.
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    /// `/tf` and `/tf_static`.
+    Frames(Frames),
+    /// Angles of joints.
+    Arm(Arm),
+}
+
+/// Measurement of the motion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured(pub(crate) Part);
+
+/// Content of a measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Part {
+    /// Transform of a frame.
+    Transform(FrameTransform),
+    /// Name and position of a joint, in rad or m.
+    Joint(std::sync::Arc<str>, f64),
+}
+
+/// Chain of frames or of joints from the fixed frame to the base of a whisker, and the plane.
+#[derive(Clone, Debug)]
+pub struct Chain {
+    source: Source,
+    plane: Plane,
+    /// Height of the first used pose above the origin of the fixed frame, along the normal of the plane.
+    height_m: Option<f64>,
+}
+
+impl Chain {
+    pub(crate) fn new(source: Source, plane: Plane) -> Self {
+        Self { source, plane, height_m: None }
+    }
+
+    /// Height of the plane above the origin of the fixed frame, along its normal. `None` before the first used pose.
+    pub fn height_m(&self) -> Option<f64> {
+        self.height_m
+    }
+
+    /// Pose of the base with the axes of the plane.
+    fn in_plane(&self, t_s: f64, gap_s: f64) -> Sampled<Isometry3<f64>> {
+        let pose = match &self.source {
+            Source::Frames(frames) => frames.at(t_s, gap_s),
+            Source::Arm(arm) => arm.at(t_s, gap_s),
+        };
+        match pose {
+            Sampled::At(pose) if self.plane.rotation == UnitQuaternion::identity() => Sampled::At(pose),
+            Sampled::At(pose) => Sampled::At(self.plane.rotation.inverse() * pose),
+            other => other,
+        }
+    }
+}
+
+impl Motion for Chain {
+    type Measured = Measured;
+
+    /// Joints that do not belong to the chain are not checked.
+    fn is_finite(&self, Measured(part): &Measured) -> bool {
+        match part {
+            Part::Transform(FrameTransform { pose, .. }) => {
+                pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|value| value.is_finite())
+            }
+            Part::Joint(name, position) => {
+                let is_used = matches!(&self.source, Source::Arm(arm) if arm.samples(name).is_some());
+                position.is_finite() || !is_used
+            }
+        }
+    }
+
+    fn clock(&mut self, Measured(part): &Measured) -> Option<&mut Clock> {
+        match (&mut self.source, part) {
+            (Source::Frames(frames), Part::Transform(transform)) => {
+                frames.samples(transform).map(|samples| &mut samples.clock)
+            }
+            (Source::Arm(arm), Part::Joint(name, _)) => arm.samples_mut(name).map(|samples| &mut samples.clock),
+            _ => None,
+        }
+    }
+
+    fn is_before_all(&self, t_s: f64, Measured(part): &Measured) -> bool {
+        match (&self.source, part) {
+            (Source::Frames(frames), Part::Transform(transform)) => frames.is_before_all(t_s, transform),
+            (Source::Arm(arm), Part::Joint(name, _)) => {
+                arm.samples(name).is_some_and(|samples| samples.is_before_all(t_s))
+            }
+            _ => false,
+        }
+    }
+
+    fn insert(&mut self, t_s: f64, Measured(part): Measured) -> bool {
+        match (&mut self.source, part) {
+            (Source::Frames(frames), Part::Transform(transform)) => frames.insert(t_s, &transform),
+            (Source::Arm(arm), Part::Joint(name, position)) => {
+                arm.samples_mut(&name).is_none_or(|samples| samples.insert(t_s, position))
+            }
+            _ => true,
+        }
+    }
+
+    fn at(&self, t_s: f64, gap_s: f64) -> Place {
+        let pose = match self.in_plane(t_s, gap_s) {
+            Sampled::At(pose) => pose,
+            Sampled::Pending => return Place::Pending,
+            Sampled::Unknown => return Place::Unknown,
+        };
+        let (up, ahead) = (pose.rotation * Vector3::z(), pose.rotation * Vector3::x());
+        let above_m = self.height_m.map_or(0.0, |height_m| pose.translation.z - height_m);
+        let deviation = Deviation { tilt_rad: up.x.hypot(up.y).atan2(up.z), height_m: above_m };
+        if deviation.tilt_rad > self.plane.tilt_rad || above_m.abs() > self.plane.height_m {
+            return Place::OffPlane(deviation);
+        }
+        Place::At(Pose::new(pose.translation.x, pose.translation.y, ahead.y.atan2(ahead.x)))
+    }
+
+    fn newest_s(&self) -> Option<f64> {
+        match &self.source {
+            Source::Frames(frames) => frames.newest_s(),
+            Source::Arm(arm) => arm.newest_s(),
+        }
+    }
+
+    /// The first pose in the plane determines its height.
+    fn settle(&mut self, t_s: f64) {
+        if self.height_m.is_none()
+            && let (Place::At(_), Sampled::At(pose)) = (self.at(t_s, f64::INFINITY), self.in_plane(t_s, f64::INFINITY))
+        {
+            self.height_m = Some(pose.translation.z);
+        }
+        match &mut self.source {
+            Source::Frames(frames) => frames.settle(t_s),
+            Source::Arm(arm) => arm.settle(t_s),
+        }
+    }
+
+    fn restart(&mut self) {
+        match &mut self.source {
+            Source::Frames(frames) => frames.restart(),
+            Source::Arm(arm) => arm.restart(),
+        }
+    }
+}

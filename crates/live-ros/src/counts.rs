@@ -1,0 +1,199 @@
+//! Readings from the counts of a magnetometer, by the calibration of the sensor.
+//!
+//! ```text
+//! counts, those of the reference and of the neighbours at the same time -> common-mode compensation -> zeroing
+//!     -> cross-talk compensation -> characteristic -> reading
+//! ```
+//!
+//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated.
+
+use std::collections::VecDeque;
+
+use live::Timing;
+use trace::{CrossTalk, SensorFile};
+
+use crate::samples::{Sampled, Samples};
+
+/// Largest number of counts that wait for those of the other sensors.
+const MOST_WAITING: usize = 1 << 12;
+
+/// Sensor of the stream of a whisker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stream {
+    /// Its own.
+    Own,
+    /// The reference.
+    Reference,
+    /// A neighbour on the board, by index.
+    Neighbour(usize),
+}
+
+/// A sensor with its zero.
+#[derive(Clone, Debug)]
+pub(crate) struct Sensor {
+    file: SensorFile,
+    axis: usize,
+    modulo: Option<f64>,
+    samples: Samples<f64>,
+    last: Option<f64>,
+    /// Sum and number of the compensated counts so far, while the zero is determined.
+    at_rest: (f64, u32),
+    zero: Option<f64>,
+}
+
+impl Sensor {
+    pub(crate) fn new(file: SensorFile, axis: usize, modulo: Option<f64>) -> Self {
+        let (samples, last, at_rest, zero) = (Samples::default(), None, (0.0, 0), None);
+        Self { file, axis, modulo, samples, last, at_rest, zero }
+    }
+
+    /// Counts of its axis, continued across wraps of the counter.
+    fn unwrapped(&mut self, counts: [f64; 3]) -> f64 {
+        let found = counts[self.axis];
+        let continued = match (self.modulo, self.last) {
+            (Some(modulo), Some(last)) => found - modulo * ((found - last) / modulo).round(),
+            _ => found,
+        };
+        self.last = Some(continued);
+        continued
+    }
+
+    /// Counts without the common mode.
+    fn compensated(&self, counts: f64, reference: [f64; 2]) -> f64 {
+        counts - self.file.common_mode[0] * reference[0] - self.file.common_mode[1] * reference[1]
+    }
+
+    /// Takes compensated counts at rest; the last ones determine the zero.
+    fn rest(&mut self, compensated: f64, is_last: bool) {
+        let (sum, count) = &mut self.at_rest;
+        *sum += compensated;
+        *count += 1;
+        if is_last {
+            self.zero = Some(*sum / f64::from(*count));
+        }
+    }
+}
+
+/// Conversion of the counts of a whisker into readings.
+#[derive(Clone, Debug)]
+pub(crate) struct Counts {
+    own: Sensor,
+    reference: Option<Samples<[f64; 2]>>,
+    neighbours: Vec<(CrossTalk, Sensor)>,
+    zeroing_s: f64,
+    /// Time of the first counts.
+    first_s: Option<f64>,
+    timing: Timing,
+    /// Time, counts and arrival.
+    waiting: VecDeque<(f64, f64, f64)>,
+    /// Number of counts left out, since those of another sensor are missing.
+    pub(crate) incomplete: u64,
+}
+
+impl Counts {
+    pub(crate) fn new(
+        own: Sensor,
+        has_reference: bool,
+        neighbours: Vec<(CrossTalk, Sensor)>,
+        zeroing_s: f64,
+        timing: Timing,
+    ) -> Self {
+        let reference = has_reference.then(Samples::default);
+        Self { own, reference, neighbours, zeroing_s, first_s: None, timing, waiting: VecDeque::new(), incomplete: 0 }
+    }
+
+    /// Takes counts that arrive at `now_s`. Counts that are not finite are left out.
+    pub(crate) fn take(&mut self, stream: Stream, t_s: f64, counts: [f64; 3], now_s: f64) {
+        if !(t_s.is_finite() && counts.iter().all(|value| value.is_finite())) {
+            self.incomplete += 1;
+            return;
+        }
+        match stream {
+            Stream::Own => {
+                let counts = self.own.unwrapped(counts);
+                self.waiting.push_back((t_s, counts, now_s));
+            }
+            Stream::Reference => {
+                self.reference.iter_mut().for_each(|samples| {
+                    samples.insert(t_s, [counts[0], counts[1]]);
+                });
+            }
+            Stream::Neighbour(index) => {
+                if let Some((_, sensor)) = self.neighbours.get_mut(index) {
+                    let counts = sensor.unwrapped(counts);
+                    sensor.samples.insert(t_s, counts);
+                }
+            }
+        }
+    }
+
+    /// The next reading that is complete at `now_s`: time, reading (N m) and arrival.
+    pub(crate) fn next(&mut self, now_s: f64) -> Option<(f64, f64, f64)> {
+        loop {
+            let (t_s, counts, at_s) = *self.waiting.front()?;
+            let waits = now_s < at_s + self.timing.wait_s && self.waiting.len() <= MOST_WAITING;
+            let others = self.others(t_s);
+            if matches!(others, Sampled::Pending) && waits {
+                return None;
+            }
+            self.waiting.pop_front();
+            let Sampled::At((reference, neighbours)) = others else {
+                self.incomplete += 1;
+                continue;
+            };
+            if let Some(reading_n_m) = self.reading_n_m(t_s, counts, reference, &neighbours) {
+                return Some((t_s, reading_n_m, at_s));
+            }
+        }
+    }
+
+    /// Time from which on [`Self::next`] waits no longer.
+    pub(crate) fn deadline_s(&self) -> Option<f64> {
+        self.waiting.front().map(|(_, _, at_s)| at_s + self.timing.wait_s)
+    }
+
+    /// Counts of the reference and of the neighbours.
+    fn others(&self, t_s: f64) -> Sampled<([f64; 2], Vec<f64>)> {
+        let gap_s = self.timing.gap_s;
+        let line = |a: &f64, b: &f64, share: f64| a + (b - a) * share;
+        let reference = self.reference.as_ref().map_or(Sampled::At([0.0; 2]), |samples| {
+            samples.at(t_s, gap_s, |a, b, share| [line(&a[0], &b[0], share), line(&a[1], &b[1], share)])
+        });
+        let mut neighbours = Vec::with_capacity(self.neighbours.len());
+        let mut is_pending = reference == Sampled::Pending;
+        for (_, sensor) in &self.neighbours {
+            match sensor.samples.at(t_s, gap_s, line) {
+                Sampled::At(counts) => neighbours.push(counts),
+                Sampled::Pending => is_pending = true,
+                Sampled::Unknown => return Sampled::Unknown,
+            }
+        }
+        match reference {
+            Sampled::Unknown => Sampled::Unknown,
+            Sampled::At(reference) if !is_pending => Sampled::At((reference, neighbours)),
+            _ => Sampled::Pending,
+        }
+    }
+
+    /// Reading from complete counts. `None` during the zeroing.
+    fn reading_n_m(&mut self, t_s: f64, counts: f64, reference: [f64; 2], neighbours: &[f64]) -> Option<f64> {
+        self.reference.iter_mut().for_each(|samples| samples.settle(t_s));
+        let compensated = self.own.compensated(counts, reference);
+        let is_last = t_s - *self.first_s.get_or_insert(t_s) >= self.zeroing_s;
+        let mut talk = 0.0;
+        let zero = self.own.zero;
+        for ((cross_talk, sensor), counts) in self.neighbours.iter_mut().zip(neighbours) {
+            sensor.samples.settle(t_s);
+            let compensated = sensor.compensated(*counts, reference);
+            match sensor.zero {
+                None => sensor.rest(compensated, is_last),
+                Some(zero) => talk += cross_talk.counts(sensor.file.characteristic.moment_n_m(compensated - zero)),
+            }
+        }
+        let Some(zero) = zero else {
+            self.own.rest(compensated, is_last);
+            return None;
+        };
+        Some(self.own.file.characteristic.moment_n_m(compensated - zero - talk))
+    }
+}

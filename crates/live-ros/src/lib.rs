@@ -1,0 +1,43 @@
+//! Live contact estimation on ROS 2 messages, without a network: the messages of sensors and arms in, contacts, drawings,
+//! maps and diagnostics out.
+//!
+//! ```text
+//! messages -> Router -> Whisker: counts -> readings, transforms or joint angles -> pose in the plane -> live::LiveEstimator
+//!                          -> contacts (PoseWithCovarianceStamped), shapes (Drawing), states (DiagnosticStatus)
+//!                          -> observations -> Mapper -> map (OccupancyGrid) and objects
+//! ```
+//!
+//! | item | contents |
+//! | --- | --- |
+//! | [`Mapping`] | the file that names topics, frames and calibrations |
+//! | [`Setup`] | whiskers of a mapping, and the [`Router`] of messages to them |
+//! | [`Whisker`] | estimator of one whisker on its messages |
+//! | [`Chain`] | pose of a base by a chain of transforms or joints, each interpolated in time, and its plane |
+//! | [`Drawing`], [`Mapper`] | shapes and maps |
+//!
+//! The crate opens no socket and starts no thread: each message is passed with the time of its arrival. `ros2-node contact`
+//! connects it to ROS 2 and to Foxglove. `docs/LIVE.md` specifies topics and files.
+//!
+
+mod arm;
+mod chain;
+mod counts;
+mod drawing;
+mod epoch;
+mod frames;
+mod map;
+mod mapping;
+mod router;
+mod samples;
+mod setup;
+mod whisker;
+
+pub use chain::{Chain, Measured, Plane};
+pub use drawing::{COVERAGE, Drawing, Form, Shape};
+pub use epoch::Epoch;
+pub use map::{Map, Mapper};
+pub use mapping::{Axis, CountsEntry, CountsMessage, Mapping, PlaneEntry, WhiskerEntry};
+pub use router::{Routed, Router, Topic};
+pub use setup::Setup;
+pub use testbed::map::View;
+pub use whisker::{Contact, Input, Latency, Taken, Whisker};

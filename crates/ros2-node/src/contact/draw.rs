@@ -1,0 +1,125 @@
+//! Drawings, maps and diagnostics, at intervals.
+
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use bag::messages::{DiagnosticArray, Header, Time};
+use bag::{Publisher, topics};
+use live_ros::{Drawing, Latency, Mapper, Shape, View};
+
+use super::{NAP, Session, Shared, locked, map_topic};
+use crate::outlet::Outlet;
+
+/// Interval between two diagnostics without an event.
+const DIAGNOSE_EVERY: Duration = Duration::from_secs(1);
+
+/// Number of intervals after which a drawing that is not renewed disappears.
+const LIFETIME: f64 = 5.0;
+
+/// Repetition at an interval.
+struct Every {
+    interval: Duration,
+    last: Instant,
+}
+
+impl Every {
+    fn new(interval: Duration) -> Self {
+        Self { interval, last: Instant::now() }
+    }
+
+    /// Whether the interval has passed since it was last due.
+    fn is_due(&mut self) -> bool {
+        let is_due = self.last.elapsed() >= self.interval;
+        if is_due {
+            self.last = Instant::now();
+        }
+        is_due
+    }
+}
+
+impl Session {
+    /// Publishes drawings, maps and diagnostics until an interrupt.
+    pub(super) fn draw_until_stopped(&self, draw_every_s: f64, map_every_s: f64) -> anyhow::Result<()> {
+        let mapper = Mapper::new(&self.mapping);
+        let mut draws = Every::new(Duration::from_secs_f64(draw_every_s));
+        let (mut maps, mut diagnoses) = (Every::new(Duration::from_secs_f64(map_every_s)), Every::new(DIAGNOSE_EVERY));
+        let (mut objects, mut was_too_large) = (Vec::new(), false);
+        while !self.stop.load(Ordering::Relaxed) {
+            thread::sleep(NAP.min(draws.interval));
+            if diagnoses.is_due() || self.urgent.swap(false, Ordering::Relaxed) {
+                self.diagnose()?;
+            }
+            if draws.is_due() {
+                self.draw(&objects, LIFETIME * draw_every_s)?;
+            }
+            if maps.is_due()
+                && let Some((time_ns, views, height_m)) = self.views()
+            {
+                let map = mapper.map(&views, height_m, time_ns);
+                objects = map.shapes;
+                if let Some(grid) = &map.grid {
+                    locked(&self.outlet).write(&map_topic(&self.mapping), time_ns, grid)?;
+                }
+                if map.is_too_large && !std::mem::replace(&mut was_too_large, true) {
+                    eprintln!("error: the observed cells extend too far for a map, which is not published");
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Publishes the state of each whisker.
+    fn diagnose(&self) -> anyhow::Result<()> {
+        let now_s = self.origin.elapsed().as_secs_f64();
+        let state = |shared: &Shared| {
+            let latency = {
+                let times = locked(&shared.latency);
+                let [median_s, p99_s, worst_s] = [0.5, 0.99, 1.0].map(|share| times.quantile(share).as_secs_f64());
+                Latency { median_s, p99_s, worst_s }
+            };
+            locked(&shared.whisker).diagnose(now_s, latency)
+        };
+        let status = self.whiskers.iter().map(state).collect();
+        // States are those of this machine, hence its clock.
+        let time_ns = u64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
+        let header = Header { stamp: Time::from_nanoseconds(time_ns), frame_id: String::new() };
+        Ok(locked(&self.outlet).write(topics::DIAGNOSTICS, time_ns, &DiagnosticArray { header, status })?)
+    }
+
+    /// Publishes the shapes of the whiskers and of the objects, if somebody listens.
+    fn draw(&self, objects: &[Shape], lifetime_s: f64) -> anyhow::Result<()> {
+        let prefix = &self.mapping.prefix;
+        let is_heard = {
+            let outlet = locked(&self.outlet);
+            [topics::MARKERS, topics::SCENE].iter().any(|topic| outlet.is_heard(&format!("{prefix}/{topic}")))
+        };
+        if !is_heard {
+            return Ok(());
+        }
+        let (mut time_ns, mut shapes) = (None, objects.to_vec());
+        for shared in &self.whiskers {
+            if let Some((of_whisker_ns, of_whisker)) = locked(&shared.whisker).shapes() {
+                time_ns = time_ns.max(Some(of_whisker_ns));
+                shapes.extend(of_whisker);
+            }
+        }
+        let Some(time_ns) = time_ns else { return Ok(()) };
+        let drawing = Drawing { frame: self.mapping.fixed_frame.clone(), time_ns, lifetime_s, shapes };
+        Ok(locked(&self.outlet).draw(prefix, &drawing)?)
+    }
+
+    /// Observations of the whiskers, the time of the newest (ns) and the mean height of their planes. `None` before the first
+    /// used reading.
+    fn views(&self) -> Option<(u64, Vec<View>, f64)> {
+        let (mut time_ns, mut views, mut heights_m) = (None, Vec::new(), Vec::new());
+        for shared in &self.whiskers {
+            let whisker = locked(&shared.whisker);
+            time_ns = time_ns.max(whisker.newest_ns());
+            heights_m.extend(whisker.height_m());
+            views.push(whisker.view().clone());
+        }
+        let height_m = heights_m.iter().sum::<f64>() / heights_m.len().max(1) as f64;
+        Some((time_ns?, views, height_m))
+    }
+}
