@@ -71,7 +71,8 @@ def simulate_in_space(run: Run) -> SpatialSimulated:
         plan = scene.plan(solid)
     except ValueError as error:
         raise located(run.path, str(error)) from None
-    qpos, qvel, sensors = _integrate(scene, solid, plan)
+    model, data, velocities = prepared(scene, solid, plan)
+    qpos, qvel, sensors = logged(model, data, velocities, scene.steps_per_row)
     whisker = scene.spatial_whisker
     angles_rad = qpos[:, 3:BASE_COORDINATES]
     rotation = plan.start_rotation @ from_yaw_pitch_roll(angles_rad)
@@ -109,16 +110,15 @@ def start_pose(plan: SpatialPlan) -> Array:
     return np.concatenate((plan.coordinates[0, :3], quaternion_of(plan.start_rotation)))
 
 
-def _integrate(scene: SpatialScene, solid: Solid, plan: SpatialPlan) -> tuple[Array, Array, Array]:
-    """Positions, velocities and sensor data at the logged instants, in the units of the model."""
+def prepared(scene: SpatialScene, solid: Solid, plan: SpatialPlan) -> tuple[mujoco.MjModel, mujoco.MjData, Array]:
+    """Model, its state at the start, and controls (n, 6), one per time step, in the units of the model."""
     model = build_model(scene.spatial_whisker, solid, start_pose(plan), scene.simulation.timestep_s)
     data = mujoco.MjData(model)
     coordinates = plan.coordinates.copy()
     coordinates[:, :3] = undone(plan.start_rotation, coordinates[:, :3] - coordinates[0, :3])
     coordinates *= _SCALE
     data.qpos[:BASE_COORDINATES] = data.act[:] = coordinates[0]
-    velocities = np.diff(coordinates, axis=0) / scene.simulation.timestep_s
-    return logged(model, data, velocities, scene.steps_per_row)
+    return model, data, np.diff(coordinates, axis=0) / scene.simulation.timestep_s
 
 
 def _angular(angles_rad: Array, rates_rad_s: Array) -> Array:
