@@ -9,6 +9,7 @@ from whisker_sim.physics import (
     rig,
     ringing,
     space_chain,
+    space_suite,
     speeds,
     standing,
     steps,
@@ -28,5 +29,6 @@ STUDIES = (
     disturbance.STUDY,
     rig.STUDY,
     space_chain.STUDY,
+    space_suite.STUDY,
 )
 """Studies in the order of the report."""

@@ -50,7 +50,7 @@ pub struct SpatialCertificate {
 
 impl SpatialCertificate {
     /// Bound of the RMS moment error, relative to the largest moment of the trace.
-    pub const MOMENT_RMS: f64 = 5e-4;
+    pub const MOMENT_RMS: f64 = 1e-3;
     /// Bound of the change of the moment error between two rows.
     pub const MOMENT_JUMP: f64 = 1e-3;
     /// Bound of the RMS error of the contact on the surface.
