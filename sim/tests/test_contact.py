@@ -103,7 +103,7 @@ def test_verif_standard_trials_hold_their_contact(name):
 
 def test_robust_deep_penetration_fails_the_run(make_run, monkeypatch):
     """A penetration above the bound is an error that states its time."""
-    monkeypatch.setattr("whisker_sim.simulate._PENETRATION_LIMIT_M", 1e-9)
+    monkeypatch.setattr("whisker_sim.simulate.PENETRATION_LIMIT_M", 1e-9)
     with pytest.raises(SimulationError, match=r"penetration of \S+ m at \d+\.\d+ s"):
         simulate(make_run())
 

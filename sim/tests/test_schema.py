@@ -16,7 +16,7 @@ def test_regress_the_stored_schema_is_current(capsys):
     assert capsys.readouterr().out == STORED.read_text()
 
 
-@pytest.mark.parametrize("kind", ["Scene", "ArmScene"])
+@pytest.mark.parametrize("kind", ["Scene", "ArmScene", "SpatialScene"])
 def test_verif_the_schema_has_the_settings_of_every_name(kind):
     """A name of settings and the settings themselves are equal scenes."""
     assert scene_schema()["$defs"][kind]["properties"]["simulation"]["x-settings"]["fast"] == {"timestep_s": 0.001}

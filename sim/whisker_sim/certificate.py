@@ -113,13 +113,13 @@ def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Sim
         quasi_static=len(slow),
         sampled=len(sample),
         unsolved=len(sample) - len(moment),
-        moment_rms=_rms(moment),
-        moment_worst=_largest(moment),
-        surface_rms_m=_rms(surface_m),
-        surface_worst_m=_largest(surface_m),
-        arc_rms_m=_rms(arc_m),
-        arc_worst_m=_largest(arc_m),
-        penetration_worst_m=_largest(np.maximum(penetration_m, 0.0)),
+        moment_rms=rms_figure(moment),
+        moment_worst=largest_figure(moment),
+        surface_rms_m=rms_figure(surface_m),
+        surface_worst_m=largest_figure(surface_m),
+        arc_rms_m=rms_figure(arc_m),
+        arc_worst_m=largest_figure(arc_m),
+        penetration_worst_m=largest_figure(np.maximum(penetration_m, 0.0)),
     )
 
 
@@ -141,22 +141,26 @@ def contacts_of(whisker: Whisker, simulated: Simulated) -> Contacts:
 
 def quasi_static(contacts: Contacts) -> NDArray[np.bool_]:
     """Mask (n,) of the quasi-static instants."""
-    time_s, arc_m = contacts.time_s, contacts.arc_m
+    return calm(contacts.time_s, contacts.arc_m, contacts.on_the_side, contacts.recording_end_s)
+
+
+def calm(time_s: Array, arc_m: Array, on_the_side: NDArray[np.bool_], recording_end_s: float) -> NDArray[np.bool_]:
+    """Mask (n,) of the quasi-static instants among the n instants of contact of a recording."""
     if len(time_s) < 2:
         return np.zeros(len(time_s), dtype=bool)
     interval_s = np.min(np.diff(time_s))
     broken = np.diff(time_s, prepend=-np.inf) > 1.5 * interval_s
     speed_m_s = np.abs(np.diff(arc_m, prepend=arc_m[0])) / interval_s
-    hasty = ~contacts.on_the_side | ((speed_m_s > CONTACT_SPEED_M_S) & ~broken)
+    hasty = ~on_the_side | ((speed_m_s > CONTACT_SPEED_M_S) & ~broken)
     started_s = np.maximum.accumulate(np.where(broken, time_s, -np.inf))
     hasty_s = np.maximum.accumulate(np.where(hasty, time_s, -np.inf))
     # The row before a fast one counts as fast, because the speed is a difference of two rows.
-    calm = (time_s - hasty_s >= CALM_S) & ~np.append(hasty[1:], False)
+    slow = (time_s - hasty_s >= CALM_S) & ~np.append(hasty[1:], False)
     ends = np.append(broken[1:], True)
     ended_s = np.minimum.accumulate(np.where(ends, time_s, np.inf)[::-1])[::-1]
     # A contact that lasts until the end of the recording is not interrupted there.
-    lasts = (ended_s - time_s >= LEAVING_S) | (ended_s == contacts.recording_end_s)
-    return (time_s - started_s >= SETTLING_S) & lasts & calm
+    lasts = (ended_s - time_s >= LEAVING_S) | (ended_s == recording_end_s)
+    return (time_s - started_s >= SETTLING_S) & lasts & slow
 
 
 def disagreement(whisker: Whisker, shape: Shape, face: str, contacts: Contacts) -> Disagreement:
@@ -187,11 +191,13 @@ def disagreement(whisker: Whisker, shape: Shape, face: str, contacts: Contacts) 
     )
 
 
-def _rms(values: Array) -> float | None:
+def rms_figure(values: Array) -> float | None:
+    """Root mean square of `values` (n,) as a figure of a certificate; `None` if there are none."""
     return _figure(np.sqrt(np.mean(np.square(values)))) if len(values) else None
 
 
-def _largest(values: Array) -> float | None:
+def largest_figure(values: Array) -> float | None:
+    """Largest magnitude of `values` (n,) as a figure of a certificate; `None` if there are none."""
     return _figure(np.max(np.abs(values))) if len(values) else None
 
 

@@ -40,6 +40,8 @@ from whisker_sim.runs import Redrawn, Run, first_of_each_set, load_runs, with_si
 from whisker_sim.scene import LARGEST_SEED, SIMULATIONS
 from whisker_sim.schema import scene_schema
 from whisker_sim.shapes import AnyShape
+from whisker_sim.space.motions import AnySpatialMotion
+from whisker_sim.space.solids import AnySolid
 from whisker_sim.startup import missing_package
 from whisker_sim.whisker import PRESETS
 
@@ -357,7 +359,13 @@ def _list(_: argparse.Namespace) -> int:
             print(f"  {name:<18}{about}")
             print(f"  {'':<18}{_values(values)}")
     with_an_arm = {"scene": ArmScene, "object": FreeObject, "path": Passage, "pass": Pass}
-    for title, rows in (("shapes", _by_tag(AnyShape)), ("motions", _by_tag(AnyMotion)), ("scenes with an arm", with_an_arm)):
+    for title, rows in (
+        ("shapes", _by_tag(AnyShape)),
+        ("motions", _by_tag(AnyMotion)),
+        ("solids of scenes in space", _by_tag(AnySolid)),
+        ("motions in space", _by_tag(AnySpatialMotion)),
+        ("scenes with an arm", with_an_arm),
+    ):
         print(title)
         for name, row in rows.items():
             print(f"  {name:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")

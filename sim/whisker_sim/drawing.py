@@ -22,7 +22,7 @@ from whisker_sim.whisker import Array
 Colour = tuple[int, int, int]
 
 # Frames are drawn larger and reduced, which smooths all edges.
-_OVERSAMPLING = 3
+OVERSAMPLING = 3
 _WIDTH, _MOST_FIELD_HEIGHT, _MARGIN = 640, 400, 16
 _CAPTION_HEIGHT, _LEGEND_HEIGHT = 40, 44
 _FONT_SIZE = 15
@@ -41,7 +41,7 @@ _BEYOND_SHARE = 0.3
 
 # Distinguishable with any colour vision: Okabe and Ito, "Color Universal Design", 2008.
 VERMILION, BLUE, GREEN = (213, 94, 0), (0, 114, 178), (0, 158, 115)
-_PAPER, _INK, _BODY, _EDGE = (255, 255, 255), (40, 40, 40), (226, 230, 235), (128, 137, 148)
+PAPER, INK, _BODY, EDGE = (255, 255, 255), (40, 40, 40), (226, 230, 235), (128, 137, 148)
 _SHADES = 7
 """Number of shades between two adjacent colours."""
 
@@ -67,7 +67,7 @@ class SweepRenderer:
         arrow_m *= (self._m_per_n * simulated.force_n)[:, None]
         self._arrow_end_m = truth.surface_m + arrow_m
         self._fit_view()
-        self._font = ImageFont.load_default(_OVERSAMPLING * _FONT_SIZE)
+        self._font = ImageFont.load_default(OVERSAMPLING * _FONT_SIZE)
 
     @property
     def rate_hz(self) -> float:
@@ -91,22 +91,22 @@ class SweepRenderer:
         background = self._background()
         traced = 0
         for row in rows:
-            pen = _Pen(background)
+            pen = Pen(background)
             for surface_m in truth.surface_m[traced : row + 1][touching[traced : row + 1]]:
                 pen.dot(self._to_pixels(surface_m), _TRACE_RADIUS, GREEN)
             traced = row + 1
             picture = background.copy()
-            self._draw_instant(_Pen(picture), row)
-            yield picture.reduce(_OVERSAMPLING).quantize(palette=_palette(), dither=Image.Dither.NONE)
+            self._draw_instant(Pen(picture), row)
+            yield picture.reduce(OVERSAMPLING).quantize(palette=palette(), dither=Image.Dither.NONE)
 
-    def _draw_instant(self, pen: "_Pen", row: int) -> None:
+    def _draw_instant(self, pen: "Pen", row: int) -> None:
         simulated = self._simulated
         pen.line(self._to_pixels(self._line_m[row]), _WHISKER_WIDTH, VERMILION)
         x_m, y_m, yaw_rad = simulated.base_pose[row]
         back = -np.array((math.cos(yaw_rad), -math.sin(yaw_rad)))
         side = _BASE_HALF_WIDTH * np.array((-back[1], back[0]))
         root, end = (self._to_pixels(np.array((x_m, y_m))) + length * back for length in (0.0, _BASE_LENGTH))
-        pen.polygon(np.array((root - side, root + side, end + side, end - side)), _INK)
+        pen.polygon(np.array((root - side, root + side, end + side, end - side)), INK)
         if simulated.touching[row]:
             surface = self._to_pixels(simulated.truth.surface_m[row])
             pen.arrow(surface, self._to_pixels(self._arrow_end_m[row]), BLUE)
@@ -136,21 +136,21 @@ class SweepRenderer:
     def _background(self) -> Image.Image:
         """Constant part of all frames, oversampled: object, name and legend."""
         height = self._bottom + _LEGEND_HEIGHT
-        picture = Image.new("RGB", (_OVERSAMPLING * _WIDTH, _OVERSAMPLING * height), _PAPER)
-        pen = _Pen(picture)
+        picture = Image.new("RGB", (OVERSAMPLING * _WIDTH, OVERSAMPLING * height), PAPER)
+        pen = Pen(picture)
         outline = self._to_pixels(self._scene.object.outline_m())
         pen.polygon(outline, _BODY)
-        pen.line(outline, _THIN_WIDTH, _EDGE)
+        pen.line(outline, _THIN_WIDTH, EDGE)
         # The object may extend beyond the edges of the view.
         for top, bottom in ((0, _CAPTION_HEIGHT), (self._bottom, height)):
-            pen.polygon(np.array(((0, top), (_WIDTH, top), (_WIDTH, bottom), (0, bottom))), _PAPER)
+            pen.polygon(np.array(((0, top), (_WIDTH, top), (_WIDTH, bottom), (0, bottom))), PAPER)
         pen.text((_MARGIN, _CAPTION_HEIGHT / 2), self.run.name, self._font, anchor="lm")
         self._draw_legend(pen, self._bottom + _LEGEND_HEIGHT / 2)
         return picture
 
-    def _draw_legend(self, pen: "_Pen", y: float) -> None:
+    def _draw_legend(self, pen: "Pen", y: float) -> None:
         """Draws a row of labelled samples, spread over the width."""
-        bar_m = _largest_round(_LONGEST_SAMPLE / self._per_m)
+        bar_m = largest_round(_LONGEST_SAMPLE / self._per_m)
         bar = self._per_m * bar_m
 
         def whisker(x: float) -> None:
@@ -164,9 +164,9 @@ class SweepRenderer:
                 pen.dot((x + _TRACE_RADIUS + 6.0 * step, y), _TRACE_RADIUS, GREEN)
 
         def scale(x: float) -> None:
-            pen.line(np.array(((x, y), (x + bar, y))), _THIN_WIDTH, _INK)
+            pen.line(np.array(((x, y), (x + bar, y))), _THIN_WIDTH, INK)
             for end in (x, x + bar):
-                pen.line(np.array(((end, y - 4.0), (end, y + 4.0))), _THIN_WIDTH, _INK)
+                pen.line(np.array(((end, y - 4.0), (end, y + 4.0))), _THIN_WIDTH, INK)
 
         samples: list[tuple[Callable[[float], None], float, str]] = [
             (whisker, 22.0, "whisker"),
@@ -176,7 +176,7 @@ class SweepRenderer:
         ]
         if self._m_per_n > 0.0:
             per_n = self._per_m * self._m_per_n
-            force_n = _largest_round(_LONGEST_SAMPLE / per_n)
+            force_n = largest_round(_LONGEST_SAMPLE / per_n)
             arrow = per_n * force_n
 
             def force(x: float) -> None:
@@ -184,7 +184,7 @@ class SweepRenderer:
 
             samples.insert(3, (force, arrow, f"force, {1e3 * force_n:g} mN"))
         gap = 6.0
-        widths = [width + gap + self._font.getlength(text) / _OVERSAMPLING for _, width, text in samples]
+        widths = [width + gap + self._font.getlength(text) / OVERSAMPLING for _, width, text in samples]
         between = (_WIDTH - 2.0 * _MARGIN - sum(widths)) / (len(samples) - 1)
         x = float(_MARGIN)
         for (draw, sample_width, text), width in zip(samples, widths, strict=True):
@@ -193,7 +193,7 @@ class SweepRenderer:
             x += width + between
 
 
-class _Pen:
+class Pen:
     """Draws on an oversampled picture, in pixels of the final frame."""
 
     def __init__(self, picture: Image.Image) -> None:
@@ -201,7 +201,7 @@ class _Pen:
 
     def line(self, points: Array, width: float, colour: Colour) -> None:
         """A line through `points` (n, 2) with round corners."""
-        self._draw.line(_oversampled(points), fill=colour, width=round(_OVERSAMPLING * width), joint="curve")
+        self._draw.line(_oversampled(points), fill=colour, width=round(OVERSAMPLING * width), joint="curve")
 
     def polygon(self, points: Array, colour: Colour) -> None:
         """The filled polygon with the corners `points` (n, 2)."""
@@ -213,7 +213,7 @@ class _Pen:
 
     def ring(self, center: Iterable[float], radius: float, colour: Colour) -> None:
         """A circle with a transparent interior."""
-        self._draw.ellipse(_box(center, radius), outline=colour, width=round(_OVERSAMPLING * _RING_WIDTH))
+        self._draw.ellipse(_box(center, radius), outline=colour, width=round(OVERSAMPLING * _RING_WIDTH))
 
     def arrow(self, start: Array, end: Array, colour: Colour) -> None:
         """An arrow with its tip at `end`; a short one consists of the head only."""
@@ -229,11 +229,11 @@ class _Pen:
 
     def text(self, position: tuple[float, float], text: str, font: ImageFont.FreeTypeFont, anchor: str) -> None:
         """Text at `position`, with an `anchor` as defined by Pillow."""
-        self._draw.text(tuple(_oversampled(np.array(position))), text, fill=_INK, font=font, anchor=anchor)
+        self._draw.text(tuple(_oversampled(np.array(position))), text, fill=INK, font=font, anchor=anchor)
 
 
 def _oversampled(points: Array) -> list[float]:
-    return (_OVERSAMPLING * points).ravel().tolist()
+    return (OVERSAMPLING * points).ravel().tolist()
 
 
 def _box(center: Iterable[float], radius: float) -> list[float]:
@@ -241,17 +241,17 @@ def _box(center: Iterable[float], radius: float) -> list[float]:
     return _oversampled(np.array((x - radius, y - radius, x + radius, y + radius)))
 
 
-def _largest_round(most: float) -> float:
+def largest_round(most: float) -> float:
     """The largest number of the form 1, 2 or 5 times a power of ten that does not exceed `most` > 0."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(factor * power for factor in (1.0, 2.0, 5.0) if factor == 1.0 or factor * power <= most)
 
 
 @functools.cache
-def _palette() -> Image.Image:
+def palette() -> Image.Image:
     """Colours of all frames and the shades between adjacent ones, which keeps files small and colours constant over time."""
-    on_top = (VERMILION, BLUE, GREEN, _INK, _EDGE)
-    meeting = [*itertools.product(on_top, (_PAPER, _BODY)), *itertools.combinations((VERMILION, BLUE, GREEN), 2)]
+    on_top = (VERMILION, BLUE, GREEN, INK, EDGE)
+    meeting = [*itertools.product(on_top, (PAPER, _BODY)), *itertools.combinations((VERMILION, BLUE, GREEN), 2)]
     colours = {
         tuple(np.round(np.array(a) + share * np.subtract(b, a)).astype(int).tolist())
         for a, b in meeting

@@ -24,6 +24,11 @@ from whisker_sim.render import Renderer, check_format, is_rendered, render, rend
 from whisker_sim.runs import Run, set_name
 from whisker_sim.scene import Scene
 from whisker_sim.simulate import simulate
+from whisker_sim.space.picture import SpatialRenderer
+from whisker_sim.space.replay import replayed_in_space, space_at_start
+from whisker_sim.space.scene import SpatialScene
+from whisker_sim.space.simulate import simulate_in_space
+from whisker_sim.space.trace import is_spatial_up_to_date, write_spatial_trace
 from whisker_sim.whisker import Array
 
 
@@ -48,6 +53,9 @@ PRODUCTS: dict[type, Product] = {
     Scene: Product(simulate, trace.write_trace, trace.is_up_to_date, SweepRenderer, replayed_sweep, sweep_at_start),
     ArmScene: Product(
         simulate_passage, recording.write_recording, recording.is_up_to_date, PassageRenderer, replayed_passage, passage_at_start
+    ),
+    SpatialScene: Product(
+        simulate_in_space, write_spatial_trace, is_spatial_up_to_date, SpatialRenderer, replayed_in_space, space_at_start
     ),
     RandomSet: Product(
         random_set.simulate_set,

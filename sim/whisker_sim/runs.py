@@ -12,9 +12,10 @@ from whisker_sim.documents import located, read_document, read_json
 from whisker_sim.errors import InputError
 from whisker_sim.random_suite.suite import RandomSet, RandomSuite
 from whisker_sim.scene import Format, Scene, Seed, Simulation
+from whisker_sim.space.scene import SpatialScene
 from whisker_sim.whisker import Name
 
-AnyScene = Scene | ArmScene | RandomSet
+AnyScene = Scene | ArmScene | SpatialScene | RandomSet
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -50,14 +51,14 @@ class Run(msgspec.Struct, frozen=True):
 
 
 def load(path: Path) -> AnyScene | Suite | RandomSuite:
-    """Reads a scene or a suite. A scene with an arm has the key `arm`, a random suite the key `random`.
+    """Reads a scene or a suite. A scene with an arm has the key `arm`, one in space `solid`, a random suite the key `random`.
 
     Raises `InputError` if the file is neither.
     """
     value, _ = read_json(path)
     if not isinstance(value, dict):
         raise InputError(f"{path}: expected an object, found {type(value).__name__}")
-    kinds = {"scenes": Suite, "random": RandomSuite, "arm": ArmScene}
+    kinds = {"scenes": Suite, "random": RandomSuite, "arm": ArmScene, "solid": SpatialScene}
     return read_document(path, next((kind for key, kind in kinds.items() if key in value), Scene))
 
 
@@ -81,6 +82,7 @@ def load_runs(path: Path, redrawn: Redrawn | None = None) -> tuple[str | None, l
     if redrawn is not None:
         raise InputError(f"{path}: expected a random suite with --seed or --count, found another file")
     if not isinstance(document, Suite):
+        check_files(path, document)
         return None, [Run(document.name, document, path)]
     runs: list[Run] = []
     taken: set[str] = set()
@@ -91,6 +93,7 @@ def load_runs(path: Path, redrawn: Redrawn | None = None) -> tuple[str | None, l
         scene = load(scene_path)
         if isinstance(scene, Suite):
             raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found the suite '{entry.scene}'")
+        check_files(scene_path, scene)
         seeds = entry.seeds or (scene.seed,)
         for seed in seeds:
             name = scene.name if entry.seeds is None else f"{scene.name}_{seed:02d}"
@@ -100,6 +103,15 @@ def load_runs(path: Path, redrawn: Redrawn | None = None) -> tuple[str | None, l
                 taken.add(made)
             runs.append(Run(name, msgspec.structs.replace(scene, seed=seed), scene_path))
     return document.name, runs
+
+
+def check_files(path: Path, scene: AnyScene) -> None:
+    """Raises `InputError` if a file that the scene at `path` names is not what it should be."""
+    if isinstance(scene, SpatialScene):
+        try:
+            scene.solid.placed(path.parent)
+        except ValueError as error:
+            raise located(path, str(error)) from None
 
 
 def random_runs(path: Path, suite: RandomSuite, redrawn: Redrawn) -> tuple[str, list[Run]]:

@@ -26,7 +26,7 @@ mujoco.set_mju_user_warning(_warnings.append)
 _CHUNK_STEPS = 2000
 _SPLIT_DISTANCE_M = 1e-3
 """Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
-_PENETRATION_LIMIT_M = 20e-6
+PENETRATION_LIMIT_M = 20e-6
 """At larger penetrations the contact is not the rigid one that a scene describes."""
 
 
@@ -179,11 +179,11 @@ def _check(simulated: Simulated, plan: Plan) -> None:
             raise SimulationError(
                 f"contact lost at {time_s[np.argmax(lost)]:.3f} s, expected from {start_s:.3f} s to {end_s:.3f} s"
             )
-        deep = (simulated.penetration_m > _PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
+        deep = (simulated.penetration_m > PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
         if np.any(deep):
             raise SimulationError(
                 f"penetration of {simulated.penetration_m[np.argmax(deep)]:.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
-                f"expected at most {_PENETRATION_LIMIT_M:.0e} m; a slower motion or a shorter time step may help"
+                f"expected at most {PENETRATION_LIMIT_M:.0e} m; a slower motion or a shorter time step may help"
             )
     at_tip = touching & simulated.truth.tip
     if plan.may_slip_off:

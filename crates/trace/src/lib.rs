@@ -5,7 +5,8 @@
 //! estimators belong to the crate `whisker`, on which this crate depends, so they cannot access the ground truth. A trace
 //! is read and written whole, or row by row with [`TraceRows`] and [`TraceWriter`]. An [`ArrayRecording`] ties together
 //! the traces of several whiskers on one [`Arm`]; a [`Suite`] lists the scenes of an evaluation; a [`CalibrationFile`]
-//! stores fitted sensor models. `datasets/FORMAT.md` specifies all files.
+//! stores fitted sensor models. A [`SpatialTrace`] is a trace in space, with readings and ground truth as vectors.
+//! `datasets/FORMAT.md` specifies all files.
 //!
 //! # Example: delay of a contact detector
 //!
@@ -47,6 +48,7 @@ mod outline;
 mod rows;
 mod scene;
 mod sidecar;
+mod spatial;
 mod suite;
 mod table;
 mod writer;
@@ -64,6 +66,11 @@ pub use outline::Outline;
 pub use rows::TraceRows;
 pub use scene::{SceneDifference, scene_difference};
 pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, data_sha256, is_plain_name};
+pub use spatial::{
+    Feature, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCertificate, SpatialContactTruth, SpatialInstant, SpatialPose,
+    SpatialRecording, SpatialSidecar, SpatialTrace, SpatialTruth, SpatialTruthInstant, SpatialTwist, StatedSuspension,
+    is_spatial,
+};
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
 pub use table::{COLUMNS, FARTHEST_M, Instant, Recording, Trace, Truth, TruthInstant};
 pub use writer::TraceWriter;

@@ -8,6 +8,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::Face;
 
+use crate::spatial::other_format;
 use crate::{Certificate, ObjectClass, ReplayEffects};
 
 /// Smallest and largest sampling rate.
@@ -163,7 +164,7 @@ impl Sidecar {
             return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
         }
         let path = path.with_extension("json");
-        let sidecar: Self = read_json(&path)?;
+        let sidecar: Self = read_json(&path).map_err(|error| other_format(&path, FORMAT, error))?;
         sidecar.validate(&path)?;
         Ok(sidecar)
     }

@@ -200,7 +200,7 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant)
 }
 
 /// Number with a fixed count of decimals. Zero is written without a sign.
-fn fixed(value: f64, decimals: usize) -> String {
+pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
         Some(digits) if digits.bytes().all(|byte| byte == b'0' || byte == b'.') => digits.to_owned(),

@@ -1,6 +1,20 @@
 """Registry of studies: one file and one row per study."""
 
-from whisker_sim.physics import convergence, disturbance, fast, frequencies, oracle, rig, ringing, speeds, standing, steps, sweeps
+from whisker_sim.physics import (
+    convergence,
+    disturbance,
+    fast,
+    frequencies,
+    oracle,
+    rig,
+    ringing,
+    space_chain,
+    space_suite,
+    speeds,
+    standing,
+    steps,
+    sweeps,
+)
 
 STUDIES = (
     oracle.STUDY,
@@ -14,5 +28,7 @@ STUDIES = (
     standing.STUDY,
     disturbance.STUDY,
     rig.STUDY,
+    space_chain.STUDY,
+    space_suite.STUDY,
 )
 """Studies in the order of the report."""

@@ -5,11 +5,13 @@
 //! error that causes a disagreement. The bounds lie far outside the values of the project's suites; a test without the
 //! data that it requires has no findings.
 //!
-//! To add a test: one file with a function from a [`Subject`] to its [`Finding`]s, and one row in [`TESTS`].
+//! To add a test: one file with a function from a [`Subject`] to its [`Finding`]s, and one row in [`TESTS`]. Traces in space have their own
+//! registry, [`SPATIAL_TESTS`].
 
 mod mechanics;
 mod moment;
 mod motion;
+mod spatial;
 mod time;
 
 use std::fmt;
@@ -17,6 +19,8 @@ use std::fmt;
 use trace::{CalibrationFile, Instant, Trace};
 
 use crate::glitches;
+
+pub use spatial::{SPATIAL_TESTS, SpatialTest, spatial_findings};
 
 /// Largest moment, in standard deviations of the noise that a recording contains, up to which its whisker may be free.
 const FREE_SDS: f64 = 8.0;

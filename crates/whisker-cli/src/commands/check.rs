@@ -8,10 +8,13 @@ use files::read_json;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
-use testbed::plausibility::Subject;
+use testbed::plausibility::{Subject, spatial_findings};
 use testbed::results::files::run_file;
 use testbed::results::{Run, read_rows};
-use trace::{ArrayRecording, CalibrationFile, Certificate, Outline, SensorFile, Suite, Trace};
+use trace::{
+    ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCertificate, SpatialTrace, Suite,
+    Trace, is_spatial,
+};
 
 use super::{print, python};
 use crate::claims::MeasuredClaim;
@@ -179,6 +182,9 @@ fn check_part(path: &Path, ending: &str) -> anyhow::Result<String> {
 }
 
 fn check_trace(path: &Path) -> anyhow::Result<String> {
+    if is_spatial(path)? {
+        return check_spatial_trace(path);
+    }
     let trace = Trace::read(path)?;
     let sidecar = &trace.sidecar;
     let folder = path.parent().unwrap_or(Path::new("."));
@@ -191,13 +197,7 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
         bail!("{}: {}", path.with_extension("csv").display(), findings.join("; "));
     }
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
-    let known = trace.truth.instants.iter().filter_map(|truth| truth.touching);
-    let (mut touching, mut free) = (0, 0);
-    known.for_each(|is_touching| *(if is_touching { &mut touching } else { &mut free }) += 1);
-    let truth = match touching + free {
-        0 => "truth unknown".into(),
-        known => format!("touching {:.0} %", 100.0 * f64::from(touching) / f64::from(known)),
-    };
+    let truth = touching(trace.truth.instants.iter().filter_map(|truth| truth.touching));
     let certificate = match &sidecar.certificate {
         None => String::new(),
         Some(certificate) => format!(", {}", certified(path, certificate)?),
@@ -205,13 +205,57 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
     Ok(format!("trace `{}`, {} rows, {last:.2} s, {truth}{certificate}", sidecar.name, sidecar.rows))
 }
 
-/// The certificate in one line.
+fn check_spatial_trace(path: &Path) -> anyhow::Result<String> {
+    let trace = SpatialTrace::read(path)?;
+    let findings = spatial_findings(&trace);
+    if !findings.is_empty() {
+        let findings: Vec<String> = findings.iter().map(ToString::to_string).collect();
+        bail!("{}: {}", path.with_extension("csv").display(), findings.join("; "));
+    }
+    let sidecar = &trace.sidecar;
+    let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
+    let truth = touching(trace.truth.instants.iter().filter_map(|truth| truth.touching));
+    let certificate = match &sidecar.certificate {
+        None => String::new(),
+        Some(certificate) => format!(", {}", certified_in_space(path, certificate)?),
+    };
+    Ok(format!("trace in space `{}`, {} rows, {last:.2} s, {truth}{certificate}", sidecar.name, sidecar.rows))
+}
+
+/// Share of the rows in contact, as text.
+fn touching(known: impl Iterator<Item = bool>) -> String {
+    let (mut touching, mut free) = (0, 0);
+    known.for_each(|is_touching| *(if is_touching { &mut touching } else { &mut free }) += 1);
+    match touching + free {
+        0 => "truth unknown".into(),
+        known => format!("touching {:.0} %", 100.0 * f64::from(touching) / f64::from(known)),
+    }
+}
+
+/// The certificate of a trace in space in one line.
 ///
 /// # Errors
 /// If a figure exceeds its bound.
-fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
-    let breaches: Vec<String> = certificate
-        .breaches()
+fn certified_in_space(path: &Path, certificate: &SpatialCertificate) -> anyhow::Result<String> {
+    refuse(path, &certificate.breaches())?;
+    let apart = apart(certificate.tip, certificate.split);
+    let (Some(moment_rms), Some(surface_rms_m), Some(normal_rms_rad)) =
+        (certificate.moment_rms, certificate.surface_rms_m, certificate.normal_rms_rad)
+    else {
+        return Ok(format!("not certified: no quasi-static contact{apart}"));
+    };
+    Ok(format!(
+        "from theory at {} instants: moment {:.3} % RMS, surface contact {:.4} mm RMS, normal {:.4} degrees RMS{apart}",
+        certificate.sampled,
+        100.0 * moment_rms,
+        1e3 * surface_rms_m,
+        normal_rms_rad.to_degrees()
+    ))
+}
+
+/// Refuses a certificate with figures that exceed their bounds.
+fn refuse(path: &Path, breaches: &[Breach]) -> anyhow::Result<()> {
+    let breaches: Vec<String> = breaches
         .iter()
         .map(|breach| {
             format!("certificate.{}: found {:e}, expected at most {:e}", breach.key, breach.found, breach.bound)
@@ -220,11 +264,22 @@ fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
     if !breaches.is_empty() {
         bail!("{}: {}", path.with_extension("json").display(), breaches.join("; "));
     }
-    let apart: String = [("tip", certificate.tip), ("split", certificate.split)]
-        .into_iter()
-        .filter(|(_, rows)| *rows > 0)
-        .map(|(what, rows)| format!(" ({rows} rows {what})"))
-        .collect();
+    Ok(())
+}
+
+/// Numbers of rows at the tip and at separate points, if there are any.
+fn apart(tip: usize, split: usize) -> String {
+    let rows = [("tip", tip), ("split", split)].into_iter().filter(|(_, rows)| *rows > 0);
+    rows.map(|(what, rows)| format!(" ({rows} rows {what})")).collect()
+}
+
+/// The certificate in one line.
+///
+/// # Errors
+/// If a figure exceeds its bound.
+fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
+    refuse(path, &certificate.breaches())?;
+    let apart = apart(certificate.tip, certificate.split);
     let (Some(moment_rms), Some(surface_rms_m), Some(surface_worst_m)) =
         (certificate.moment_rms, certificate.surface_rms_m, certificate.surface_worst_m)
     else {

@@ -10,7 +10,7 @@ use platform::sensor::FORMATS;
 use serde_json::{Value, json};
 use testbed::front_end::FRONT_ENDS;
 use testbed::metrics::METRICS;
-use testbed::plausibility::TESTS;
+use testbed::plausibility::{SPATIAL_TESTS, TESTS};
 use whisker::estimators::ESTIMATORS;
 use whisker::events::DETECTORS;
 use whisker::sensor::MODELS;
@@ -118,6 +118,11 @@ const REGISTRIES: &[Registry] = &[
         name: "plausibility-tests",
         about: "tests of traces for errors of unit, sign, frame and rate: check",
         rows: || TESTS.iter().map(|row| Row::new(row.name, row.about)).collect(),
+    },
+    Registry {
+        name: "spatial-plausibility-tests",
+        about: "tests of traces in space for errors of unit, sign, frame and rate: check",
+        rows: || SPATIAL_TESTS.iter().map(|row| Row::new(row.name, row.about)).collect(),
     },
     Registry {
         name: "figures",

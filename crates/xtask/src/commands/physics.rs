@@ -12,6 +12,8 @@ use crate::repository::root;
 use crate::tools::{python as python_command, run as run_command, whisker};
 
 const SUITE: &str = "standard";
+/// Suite of scenes in space, whose traces a study expects beside those of [`SUITE`].
+const SPATIAL_SUITE: &str = "spatial";
 /// Name of the folder of results: tables, figures and page.
 const NAME: &str = "physics";
 const RESULTS: &str = "results/physics";
@@ -33,6 +35,7 @@ pub(crate) fn run() -> Outcome {
     // The studies need SciPy, one of the packages for development.
     python::install(Requirements::Development)?;
     pipeline::simulate(SUITE)?;
+    pipeline::simulate(SPATIAL_SUITE)?;
     let traces = format!("datasets/{SUITE}");
     let results = root().join(RESULTS);
     let written = || fs::metadata(results.join("claims.csv")).and_then(|file| file.modified()).ok();

@@ -1,0 +1,19 @@
+//! Traces in space, format 2: base with six degrees of freedom, readings and ground truth as vectors.
+//!
+//! A [`SpatialTrace`] is read and written whole. Planar traces (format 1) have the type [`crate::Trace`]; each of the two
+//! readers names the other kind if it is given one.
+
+mod certificate;
+mod columns;
+mod sidecar;
+mod table;
+
+pub(crate) use sidecar::other_format;
+
+pub use certificate::SpatialCertificate;
+pub use columns::SPATIAL_COLUMNS;
+pub use sidecar::{SPATIAL_FORMAT, SpatialSidecar, StatedSuspension, is_spatial};
+pub use table::{
+    Feature, SpatialContactTruth, SpatialInstant, SpatialPose, SpatialRecording, SpatialTrace, SpatialTruth,
+    SpatialTruthInstant, SpatialTwist,
+};
