@@ -16,6 +16,27 @@ use crate::samples::{Sampled, Samples};
 /// Largest size of a URDF file in bytes.
 const MOST_BYTES: u64 = 1 << 24;
 
+/// Deepest nesting of elements; that of URDF is below ten. The parser recurses.
+const MOST_DEPTH: usize = 64;
+
+/// Deepest nesting of the elements of an XML text.
+fn depth(text: &str) -> usize {
+    let (mut depth, mut deepest, mut rest) = (0_usize, 0, text);
+    while let Some((_, tag)) = rest.split_once('<') {
+        let end = if tag.starts_with("!--") { "-->" } else { ">" };
+        let (inside, after) = tag.split_once(end).unwrap_or((tag, ""));
+        match inside.chars().next() {
+            Some('!' | '?') => {}
+            Some('/') => depth = depth.saturating_sub(1),
+            _ if inside.ends_with('/') => {}
+            _ => depth += 1,
+        }
+        deepest = deepest.max(depth);
+        rest = after;
+    }
+    deepest
+}
+
 /// Kind of a joint on the chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
@@ -62,6 +83,10 @@ pub(crate) fn read_urdf(path: &Path) -> Result<Robot, Error> {
         return Err(Error::value(path, "size", format!("{size} bytes"), format!("at most {MOST_BYTES}")));
     }
     let text = fs::read_to_string(path).map_err(Error::io(path))?;
+    if depth(&text) > MOST_DEPTH {
+        let expected = format!("elements nested at most {MOST_DEPTH} deep");
+        return Err(Error::value(path, "robot", "deeper elements", expected));
+    }
     let found = |error: urdf_rs::UrdfError| {
         let one_line: Vec<_> = error.to_string().split_whitespace().map(str::to_owned).collect();
         Error::value(path, "robot", one_line.join(" "), "the description of a robot (URDF)")

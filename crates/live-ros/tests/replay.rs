@@ -471,8 +471,11 @@ fn robust_wrong_mappings_give_one_error_with_the_place() {
     fs::write(&urdf, r#"<robot name="a"><link name="world"/><link name="tip"/></robot>"#).expect("written");
     let no_xml = bench.folder.path().join("no.urdf");
     fs::write(&no_xml, "{}").expect("written");
+    let deep = bench.folder.path().join("deep.urdf");
+    let nested = format!("<robot name=\"a\">{}{}</robot>", "<a>".repeat(200_000), "</a>".repeat(200_000));
+    fs::write(&deep, nested).expect("written");
     type Change<'a> = &'a dyn Fn(&mut Value);
-    let cases: [(Change<'_>, &str); 14] = [
+    let cases: [(Change<'_>, &str); 15] = [
         (&|of| of["kind"] = json!("suite"), "kind: found suite, expected contact_mapping"),
         (&|of| of["format"] = json!(2), "format: found 2, expected 1"),
         (&|of| of["estimators"] = json!("ekf"), "unknown field `estimators`"),
@@ -489,6 +492,10 @@ fn robust_wrong_mappings_give_one_error_with_the_place() {
         (&|of| of["plane"] = json!({"tilt_rad": -1}), "plane.tilt_rad: found -1, expected 0 to 0.5"),
         (&|of| of["timing"] = json!({"wait_s": 60}), "timing: found wait: found 60 s"),
         (&|of| of["urdf"] = json!("arm.urdf"), "link: found world, tip, expected `whisker_base_link` among them"),
+        (
+            &|of| of["urdf"] = json!("deep.urdf"),
+            "robot: found deeper elements, expected elements nested at most 64 deep",
+        ),
         (&|of| of["urdf"] = json!("no.urdf"), "expected the description of a robot (URDF)"),
     ];
     for (change, words) in cases {
