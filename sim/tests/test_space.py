@@ -356,7 +356,7 @@ def test_verif_two_simulations_have_the_same_rows(space_run):
 
 def test_verif_the_default_suspension_is_that_of_the_whisker(space_run):
     scene = space_run().scene
-    assert scene.suspension == Suspension(0.17e-3, 0.17e-3, 0.17e-3)
+    assert scene.resolved_suspension == Suspension(0.17e-3, 0.17e-3, 0.17e-3)
     assert scene.spatial_whisker.stiffness_n_m_rad(0)[0] == pytest.approx(scene.spatial_whisker.stiffness_n_m_rad(0)[1] / 1.33)
     assert msgspec.convert(msgspec.to_builtins(scene), SpatialScene) == scene
 
