@@ -403,3 +403,8 @@ def test_regress_the_golden_trace_in_space(tmp_path):
     found, expected = (np.genfromtxt(text.splitlines()[1:], delimiter=",") for text in (made, stored.read_text()))
     assert made.splitlines()[0] == stored.read_text().splitlines()[0]
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7)
+
+
+def test_verif_every_scene_of_the_suite_can_be_planned(capsys):
+    assert main(["check", str(SCENES / "suites/spatial.json")]) == 0
+    assert "suite of 62 runs" in capsys.readouterr().out
