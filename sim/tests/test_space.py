@@ -356,7 +356,7 @@ def test_verif_two_simulations_have_the_same_rows(space_run):
 
 def test_verif_the_default_suspension_is_that_of_the_whisker(space_run):
     scene = space_run().scene
-    assert scene.suspension == Suspension(0.17e-3, 0.17e-3, 0.17e-3)
+    assert scene.resolved_suspension == Suspension(0.17e-3, 0.17e-3, 0.17e-3)
     assert scene.spatial_whisker.stiffness_n_m_rad(0)[0] == pytest.approx(scene.spatial_whisker.stiffness_n_m_rad(0)[1] / 1.33)
     assert msgspec.convert(msgspec.to_builtins(scene), SpatialScene) == scene
 
@@ -403,3 +403,8 @@ def test_regress_the_golden_trace_in_space(tmp_path):
     found, expected = (np.genfromtxt(text.splitlines()[1:], delimiter=",") for text in (made, stored.read_text()))
     assert made.splitlines()[0] == stored.read_text().splitlines()[0]
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7)
+
+
+def test_verif_every_scene_of_the_suite_can_be_planned(capsys):
+    assert main(["check", str(SCENES / "suites/spatial.json")]) == 0
+    assert "suite of 62 runs" in capsys.readouterr().out

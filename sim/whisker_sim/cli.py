@@ -36,7 +36,7 @@ from whisker_sim.lock import exclusive
 from whisker_sim.motions import AnyMotion
 from whisker_sim.paths import DATASETS, whisker_program
 from whisker_sim.progress import Progress
-from whisker_sim.runs import Redrawn, Run, first_of_each_set, load_runs, with_simulation
+from whisker_sim.runs import Redrawn, Run, check_plan, first_of_each_set, load_runs, with_simulation
 from whisker_sim.scene import LARGEST_SEED, SIMULATIONS
 from whisker_sim.schema import scene_schema
 from whisker_sim.shapes import AnyShape
@@ -343,7 +343,7 @@ def _check(options: argparse.Namespace) -> int:
     with Progress("check", "trace", sum(len(runs) for _, _, runs in files)) as progress:
         for run in (run for _, _, runs in files for run in runs):
             try:
-                run.scene.plan()
+                check_plan(run)
             except ValueError as error:
                 raise located(run.path, str(error)) from None
             progress.finish()

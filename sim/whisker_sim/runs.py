@@ -114,6 +114,14 @@ def check_files(path: Path, scene: AnyScene) -> None:
             raise located(path, str(error)) from None
 
 
+def check_plan(run: Run) -> None:
+    """Plans the motion of `run`; raises `ValueError` if it does not fit the scene."""
+    if isinstance(run.scene, SpatialScene):
+        run.scene.plan(run.scene.solid.placed(run.path.parent))
+    else:
+        run.scene.plan()
+
+
 def random_runs(path: Path, suite: RandomSuite, redrawn: Redrawn) -> tuple[str, list[Run]]:
     """Name and runs of a random suite: the calibrations of its whiskers, then its sets.
 

@@ -7,7 +7,8 @@ use anyhow::{Context, anyhow, bail};
 use files::read_json;
 use serde_json::Value;
 use trace::{
-    ArrayRecording, ArraySidecar, RandomDraws, Role, SceneDifference, Sidecar, Suite, SuiteRun, Trace, scene_difference,
+    ArrayRecording, ArraySidecar, RandomDraws, Role, SceneDifference, Sidecar, SpatialSidecar, Suite, SuiteRun, Trace,
+    is_spatial, scene_difference,
 };
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
@@ -260,7 +261,8 @@ impl Simulated<'_> {
     ///
     /// `whisker simulate --simulation` replaces the settings of the integration; they are compared in the suite's own folder alone.
     fn check(&self, run: &SuiteRun, path: &Path) -> anyhow::Result<()> {
-        let mut simulated = Sidecar::read(path)?.scene;
+        let in_space = is_spatial(path)?;
+        let mut simulated = if in_space { SpatialSidecar::read(path)?.scene } else { Sidecar::read(path)?.scene };
         if simulated.is_null() {
             return Ok(());
         }

@@ -38,11 +38,8 @@ class SpatialScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defa
     simulation: str | Simulation = Simulation()
 
     def __post_init__(self) -> None:
-        whisker = resolve_whisker(self.whisker)
+        resolve_whisker(self.whisker)
         msgspec.structs.force_setattr(self, "simulation", resolve_simulation(self.simulation))
-        if self.suspension is None:
-            stiffness = whisker.root_stiffness_n_m_rad
-            msgspec.structs.force_setattr(self, "suspension", Suspension(stiffness, stiffness, stiffness))
         if self.motion.needs_duration and self.duration_s is None:
             raise ValueError(f"duration_s: the motion '{self.motion_kind}' needs it, found none")
         if not self.motion.needs_duration and self.duration_s is not None:
@@ -57,9 +54,15 @@ class SpatialScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defa
         return msgspec.structs.replace(resolve_whisker(self.whisker), segments=self.segments)
 
     @property
+    def resolved_suspension(self) -> Suspension:
+        """The springs of the root."""
+        stiffness = self.resolved_whisker.root_stiffness_n_m_rad
+        return self.suspension or Suspension(stiffness, stiffness, stiffness)
+
+    @property
     def spatial_whisker(self) -> SpatialWhisker:
         """The whisker in space."""
-        return SpatialWhisker(self.resolved_whisker, self.suspension, self.poisson_ratio)
+        return SpatialWhisker(self.resolved_whisker, self.resolved_suspension, self.poisson_ratio)
 
     @property
     def motion_kind(self) -> str:

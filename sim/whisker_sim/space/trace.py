@@ -86,7 +86,7 @@ def write_spatial_trace(folder: Path, run: Run, simulated: SpatialSimulated) -> 
         rate_hz=scene.rate_hz,
         rows=len(simulated.time_s),
         whisker=scene.resolved_whisker,
-        suspension=scene.suspension,
+        suspension=scene.resolved_suspension,
         poisson_ratio=scene.poisson_ratio,
         scene=scene,
         generator=generator(),
