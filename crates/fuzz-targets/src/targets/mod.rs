@@ -17,6 +17,7 @@ mod run;
 mod sensor;
 mod settings;
 mod sidecar;
+mod spatial;
 mod stream;
 mod suite;
 mod trace;
@@ -36,6 +37,7 @@ pub struct Target {
 pub const TARGETS: &[Target] = &[
     Target { name: "trace", about: "table of a trace", run: trace::run },
     Target { name: "sidecar", about: "sidecar of a trace", run: sidecar::run },
+    Target { name: "spatial", about: "trace in space: sidecar and table", run: spatial::run },
     Target { name: "outline", about: "outline of an object", run: outline::run },
     Target { name: "recording", about: "array recording: sidecar, joint table and pose table", run: recording::run },
     Target { name: "suite", about: "suite and one of its scenes", run: suite::run },
