@@ -58,7 +58,7 @@ pub(crate) const EVALUATION: Code = Code {
         "crates/filters/src",
         "crates/signal/src",
         "crates/strict-json/src",
-        "crates/testbed/src/bound.rs",
+        "crates/testbed/src/bound",
         "crates/testbed/src/consistency.rs",
         "crates/testbed/src/contact_events.rs",
         "crates/testbed/src/contour",

@@ -10,7 +10,7 @@ use whisker::sensor::Face;
 use super::job::TrialJob;
 use super::loaded_trial::LoadedTrial;
 use super::prepared::Prepared;
-use crate::bound::TraceBound;
+use crate::bound::{Deviations, TraceBound};
 use crate::contact_events::Events;
 use crate::front_end::SensorInput;
 use crate::metrics::GroundTruth;
@@ -105,6 +105,13 @@ impl Prepared {
             .iter()
             .find(|face| face.face == spec.sidecar.face)
             .expect("the face was checked when the trial was prepared");
-        TraceBound::new(&loaded.trace, face, self.noise_sd_n_m(spec, noise), &spec.base_noise())
+        let (noise_sd_n_m, base_noise) = (self.noise_sd_n_m(spec, noise), spec.base_noise());
+        let deviations = Deviations {
+            of: &spec.miscalibration,
+            stiffness_ratios: loaded.stiffness_ratios.as_deref(),
+            largest_n_m: self.largest_calibrated_n_m(spec),
+        };
+        let bound = TraceBound::new(&loaded.trace, face, noise_sd_n_m, &base_noise)?;
+        Some(bound.with_deviations(&loaded.trace, face, noise_sd_n_m, &base_noise, &deviations))
     }
 }

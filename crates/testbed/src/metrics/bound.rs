@@ -1,6 +1,7 @@
 //! Errors relative to the Cramer-Rao bound, see [`crate::bound`].
 
 use super::{Contact, Metric, Scored, Summary};
+use crate::bound::BoundAt;
 use crate::statistics::rms;
 
 /// Settling time at the start of each touch, which these metrics exclude. During it the bound is dominated by the prior
@@ -13,6 +14,22 @@ pub const RMSE: Metric = Metric {
     about: "posterior Cramer-Rao bound of rmse_m for a contact with known sliding motion, excluding the first second of each touch",
     summary: Summary::Median,
     measure: bound_rmse_m,
+};
+
+/// Bound for unknown deviations from the calibration.
+pub const DEVIATING_RMSE: Metric = Metric {
+    name: "deviating_bound_rmse_m",
+    about: "bound_rmse_m for an estimator that knows which quantities deviate from the calibration, but not by how much",
+    summary: Summary::Median,
+    measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.deviating_sd_m).collect::<Vec<f64>>()),
+};
+
+/// Bound for unknown deviations and an unknown size.
+pub const UNSIZED_RMSE: Metric = Metric {
+    name: "unsized_bound_rmse_m",
+    about: "deviating_bound_rmse_m for an estimator that knows the shape of the object up to its size",
+    summary: Summary::Median,
+    measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.unsized_sd_m).collect::<Vec<f64>>()),
 };
 
 /// Error relative to the bound.
@@ -29,14 +46,13 @@ pub const RATIO: Metric = Metric {
 };
 
 fn bound_rmse_m(scored: &Scored<'_>) -> Option<f64> {
-    rms(&settled(scored)?.iter().map(|(_, sd_m)| *sd_m).collect::<Vec<f64>>())
+    rms(&settled(scored)?.iter().map(|(_, bound)| bound.sd_m).collect::<Vec<f64>>())
 }
 
 /// Steady contact without the settling time of each touch, with the bound. `None` if the bound is unavailable.
-fn settled<'a>(scored: &'a Scored<'_>) -> Option<Vec<(&'a Contact, f64)>> {
+fn settled<'a>(scored: &'a Scored<'_>) -> Option<Vec<(&'a Contact, BoundAt)>> {
     let bound = scored.trial.bound?;
     let bounded: Option<Vec<_>> =
         scored.steady().iter().map(|contact| Some((contact, bound.at(contact.row)?))).collect();
-    let settled = bounded?.into_iter().filter(|(_, bound)| bound.since_touch_s >= SETTLED_S);
-    Some(settled.map(|(contact, bound)| (contact, bound.sd_m)).collect())
+    Some(bounded?.into_iter().filter(|(_, bound)| bound.since_touch_s >= SETTLED_S).collect())
 }

@@ -95,6 +95,8 @@ pub const METRICS: &[Metric] = &[
     radius::ERROR,
     radius::COVERED,
     bound::RMSE,
+    bound::DEVIATING_RMSE,
+    bound::UNSIZED_RMSE,
     bound::RATIO,
     consistency::NEES,
     consistency::NEES_SAMPLES,

@@ -17,7 +17,10 @@ const TRACES: &str = "datasets/random";
 /// Run of the standard suite's pins with miscalibrations.
 const MISCALIBRATED: &str = "miscalibrated";
 
-pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED];
+/// Runs of the random suite with other thresholds of the signal of doubt.
+const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("8", "random_doubt_8"), ("16", "random_doubt_16")];
+
+pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1];
 
 /// Shapes with corners; a plate is met at its edge.
 const POLYGONS: [&str; 4] = ["rectangle", "regular_polygon", "convex_polygon", "plate"];
@@ -73,7 +76,12 @@ impl Set<'_> {
 
 /// The sets of the random suite.
 fn sets(context: &Context) -> Vec<Set<'_>> {
-    let Evaluation { trials, .. } = context.run(RANDOM);
+    sets_of(context, RANDOM)
+}
+
+/// The sets of a run of the random suite.
+fn sets_of<'a>(context: &'a Context, run: &str) -> Vec<Set<'a>> {
+    let Evaluation { trials, .. } = context.run(run);
     let mut by_group: BTreeMap<&str, Vec<&TrialRow>> = BTreeMap::new();
     for trial in trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED) {
         by_group.entry(&trial.head.group).or_default().push(trial);
@@ -116,68 +124,102 @@ fn coverage() -> Vec<Claim> {
     ]
 }
 
-/// Trials of the smooth objects, or of the polygons.
+/// Trials of the smooth objects, or of the polygons, without those whose steady contact lies nowhere in the calibrated domain,
+/// in which no estimate is expected.
 fn trials(context: &Context, polygons: bool) -> Vec<&TrialRow> {
-    sets(context).into_iter().filter(|set| set.is_polygon() == polygons).flat_map(|set| set.trials).collect()
+    let is_scorable = |trial: &&TrialRow| trial.get(&error::RMSE).is_some() || trial.head.missing > 0;
+    let of_kind = sets(context).into_iter().filter(|set| set.is_polygon() == polygons);
+    of_kind.flat_map(|set| set.trials).filter(is_scorable).collect()
+}
+
+/// Trials whose bound with unknown size and deviations does not exceed the largest error.
+fn possible(context: &Context, polygons: bool) -> impl Iterator<Item = &TrialRow> {
+    let is_possible = |trial: &&TrialRow| trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m <= FAILED_M);
+    trials(context, polygons).into_iter().filter(is_possible)
+}
+
+/// Whether the calibration of a trial is exact.
+fn is_exact(trial: &TrialRow) -> anyhow::Result<bool> {
+    let sidecar = Sidecar::read(&Path::new(TRACES).join(format!("{}.csv", trial.head.trace)))?;
+    Ok(sidecar.replay.is_none_or(|effects| effects.miscalibration.is_none()))
+}
+
+/// Whether the steady error of a trial is too large, or too many of its estimates are missing.
+fn has_failed(trial: &TrialRow) -> bool {
+    trial.get(&error::RMSE).is_none_or(|error_m| error_m > FAILED_M)
+}
+
+/// Limits of any estimator: ids, the metric of the bound, and what the estimator knows.
+const LIMITS: [(&str, Metric, &str); 3] = [
+    ("bound", bound::RMSE, "with known shape and calibration"),
+    ("deviating_bound", bound::DEVIATING_RMSE, "with known shape and unknown deviations"),
+    ("unsized_bound", bound::UNSIZED_RMSE, "with unknown size and deviations"),
+];
+
+/// Claims on the errors of smooth objects or of polygons, of which at most `most_failed` % may fail.
+fn errors_of(kind: &'static str, objects: &'static str, polygons: bool, most_failed: f64) -> Vec<Claim> {
+    let failed = format!("{objects}: trials with a steady RMSE above 0.5 mm");
+    let mut claims = vec![
+        Claim::at_most(format!("random_{kind}_failed"), about(&failed), most_failed, "%", move |context| {
+            Ok(share(trials(context, polygons), |trial| has_failed(trial)))
+        }),
+        Claim::at_most(
+            format!("random_{kind}_avoidable"),
+            about(&format!("{failed}, of those whose bound with unknown size and deviations does not exceed it")),
+            most_failed,
+            "%",
+            move |context| Ok(share(possible(context, polygons), |trial| has_failed(trial))),
+        ),
+        Claim::at_most(
+            format!("random_{kind}_unanswered"),
+            about(&format!("{objects}: trials in which more than a tenth of the steady contact has no estimate")),
+            most_failed,
+            "%",
+            move |context| Ok(share(trials(context, polygons), |trial| trial.get(&error::RMSE).is_none())),
+        ),
+        Claim::at_most(
+            format!("random_{kind}_exact_failed"),
+            about(&format!(
+                "{failed}, of those with an exact calibration, an estimate, and a bound that does not exceed it"
+            )),
+            most_failed,
+            "%",
+            move |context| {
+                let mut exact = Vec::new();
+                for trial in possible(context, polygons).filter(|trial| trial.get(&error::RMSE).is_some()) {
+                    exact.extend(is_exact(trial)?.then_some(trial));
+                }
+                Ok(share(exact, |trial| has_failed(trial)))
+            },
+        ),
+    ];
+    claims.extend(LIMITS.map(|(id, metric, known)| {
+        let text = format!("random suite, {objects}: trials whose Cramer-Rao bound, {known}, exceeds 0.5 mm");
+        Claim::at_least(format!("random_{kind}_{id}"), text, most_failed, "%", move |context| {
+            let bounds = trials(context, polygons).into_iter().filter_map(|trial| trial.get(&metric));
+            Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
+        })
+    }));
+    claims
 }
 
 fn errors() -> Vec<Claim> {
-    let above = |polygons: bool, metric: Metric| {
-        move |context: &Context| {
-            Ok(share(trials(context, polygons), |trial| trial.get(&metric).is_none_or(|error_m| error_m > FAILED_M)))
-        }
-    };
-    let known = |polygons: bool| {
-        move |context: &Context| {
-            let bounds = trials(context, polygons).into_iter().filter_map(|trial| trial.get(&bound::RMSE));
-            Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
-        }
-    };
-    let failed = "trials with a steady RMSE above 0.5 mm";
-    let bounded = "trials whose Cramer-Rao bound, with known shape and calibration, exceeds 0.5 mm";
-    vec![
-        Claim::at_most(
-            "random_smooth_failed".into(),
-            about(&format!("smooth objects: {failed}")),
-            3.0,
-            "%",
-            above(false, error::RMSE),
-        ),
-        Claim::at_most(
-            "random_polygon_failed".into(),
-            about(&format!("polygons: {failed}")),
-            6.0,
-            "%",
-            above(true, error::RMSE),
-        ),
-        Claim::at_least(
-            "random_smooth_bound".into(),
-            format!("random suite, smooth objects: {bounded}"),
-            3.0,
-            "%",
-            known(false),
-        ),
-        Claim::at_least(
-            "random_polygon_bound".into(),
-            format!("random suite, polygons: {bounded}"),
-            6.0,
-            "%",
-            known(true),
-        ),
-        Claim::at_most(
-            "random_smooth_p90".into(),
-            about("smooth objects: 90th percentile over trials of the steady RMSE"),
-            0.25,
-            "mm",
-            |context| {
-                let errors: Vec<f64> = trials(context, false)
-                    .into_iter()
-                    .map(|trial| trial.get(&error::RMSE).unwrap_or(f64::INFINITY))
-                    .collect();
-                Ok(quantile(&errors, 0.9).filter(|error_m| error_m.is_finite()).map(|error_m| 1e3 * error_m))
-            },
-        ),
-    ]
+    let mut claims = errors_of("smooth", "smooth objects", false, 3.0);
+    claims.extend(errors_of("polygon", "polygons", true, 6.0));
+    claims.push(Claim::at_most(
+        "random_smooth_p90".into(),
+        about("smooth objects: 90th percentile over trials of the steady RMSE"),
+        0.25,
+        "mm",
+        |context| {
+            let errors: Vec<f64> = trials(context, false)
+                .into_iter()
+                .map(|trial| trial.get(&error::RMSE).unwrap_or(f64::INFINITY))
+                .collect();
+            Ok(quantile(&errors, 0.9).filter(|error_m| error_m.is_finite()).map(|error_m| 1e3 * error_m))
+        },
+    ));
+    claims
 }
 
 fn outlines() -> Vec<Claim> {
@@ -259,41 +301,50 @@ fn lift_offs() -> Vec<Claim> {
     )]
 }
 
+/// Share (%) of the trials of overconfident sets of a run that are in doubt in time.
+fn doubt_found(context: &Context, run: &str) -> Option<f64> {
+    let missed =
+        sets_of(context, run).into_iter().filter(|set| set.coverage().is_some_and(|share| share < MISSED_COVERAGE));
+    let is_found = |trial: &&TrialRow| trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S);
+    share(missed.flat_map(|set| set.trials), is_found)
+}
+
+/// Trials in doubt per minute of contact in the sets of a run whose certainty is not overstated.
+fn doubt_false_per_min(context: &Context, run: &str) -> anyhow::Result<Option<f64>> {
+    let (mut alarms, mut minutes) = (0.0, 0.0);
+    let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= LEAST_COVERAGE);
+    for set in sets_of(context, run).into_iter().filter(is_good) {
+        let rate_hz = set.sidecar()?.rate_hz;
+        for trial in set.trials {
+            alarms += f64::from(trial.get(&doubt::DOUBT_TIME).is_some());
+            minutes += trial.head.samples as f64 / rate_hz / 60.0;
+        }
+    }
+    Ok((minutes > 0.0).then_some(alarms / minutes))
+}
+
 fn doubts() -> Vec<Claim> {
-    vec![
-        Claim::at_least(
-            "random_doubt_found".into(),
-            about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s"),
-            90.0,
-            "%",
-            |context| {
-                let missed = sets(context)
-                    .into_iter()
-                    .filter(|set| set.coverage().is_some_and(|coverage| coverage < MISSED_COVERAGE));
-                let is_found =
-                    |trial: &&TrialRow| trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S);
-                Ok(share(missed.flat_map(|set| set.trials), is_found))
-            },
-        ),
-        Claim::at_most(
-            "random_doubt_false".into(),
-            about("trials in doubt per minute of contact, in sets with a coverage of at least 80 %"),
-            0.02,
-            "per minute",
-            |context| {
-                let (mut alarms, mut minutes) = (0.0, 0.0);
-                let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= LEAST_COVERAGE);
-                for set in sets(context).into_iter().filter(is_good) {
-                    let rate_hz = set.sidecar()?.rate_hz;
-                    for trial in set.trials {
-                        alarms += f64::from(trial.get(&doubt::DOUBT_TIME).is_some());
-                        minutes += trial.head.samples as f64 / rate_hz / 60.0;
-                    }
-                }
-                Ok((minutes > 0.0).then_some(alarms / minutes))
-            },
-        ),
-    ]
+    let found = about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s");
+    let alarms = about("trials in doubt per minute of contact, in sets with a coverage of at least 80 %");
+    let at_threshold = |id: &str, what: &str, run: &'static str| {
+        [
+            Claim::at_least(format!("random_doubt_found{id}"), format!("{found}{what}"), 90.0, "%", move |context| {
+                Ok(doubt_found(context, run))
+            }),
+            Claim::at_most(
+                format!("random_doubt_false{id}"),
+                format!("{alarms}{what}"),
+                0.02,
+                "per minute",
+                move |context| doubt_false_per_min(context, run),
+            ),
+        ]
+    };
+    let mut claims = Vec::from(at_threshold("", "", RANDOM));
+    for (nis, run) in DOUBTING {
+        claims.extend(at_threshold(&format!("_{nis}"), &format!(", threshold {nis}"), run));
+    }
+    claims
 }
 
 /// Miscalibrations of the pins, by their labels in the groups' names.

@@ -13,7 +13,12 @@
 //! base, M changes slowly, and P equals M.
 //!
 //! If the sampling rate is too low for the first mode, the reading itself is used.
+//!
+//! A light or slow touch stays below the noise of a single value for long. Its mean over a period of the first mode is
+//! less noisy, and what remains of the oscillation vanishes in it; a touch therefore also begins when this mean exceeds a
+//! threshold of its own, and then ends by the mean until it has become firm.
 
+use std::collections::VecDeque;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use serde::{Deserialize, Serialize};
@@ -30,6 +35,15 @@ const EDGE: f64 = 1.5;
 
 /// Factor of the threshold above which a contact counts as firm, so that noise cannot imitate its drop.
 const FIRM: f64 = 2.0;
+
+/// Largest ratio of the background's estimated mean square to that of the measurement noise if there is nothing else.
+const NOISE_SPREAD: f64 = 2.0;
+
+/// Factor of the share of the largest reading below which a mean is no touch, since a sensor's offset does not average out.
+const LIGHT: f64 = 2.0;
+
+/// Largest ratio of the threshold of the mean to that of a single value at which the mean is of use.
+const LIGHTER: f64 = 0.5;
 
 /// Smallest number of samples per period of that edge.
 const LEAST_SAMPLES: f64 = 8.0;
@@ -50,8 +64,12 @@ pub struct Config {
     /// ... and this share of the oscillation's amplitude, the remainder if the assumed frequency is wrong by a tenth.
     #[serde(alias = "swing_share")]
     pub ringing_share: f64,
-    /// A touch starts when the threshold is exceeded for this many consecutive samples.
+    /// A touch starts when the threshold is exceeded for this many consecutive samples ...
     pub touch_samples: u32,
+    /// ... or for this time, whichever is shorter, ...
+    pub touch_s: f64,
+    /// ... or when that of the mean over this many periods of the first mode is. 0: no mean.
+    pub light_periods: f64,
     /// A touch ends when the smoothed ring-compensated reading is below this share of the threshold without the
     /// oscillation's part, ...
     pub release_share: f64,
@@ -81,6 +99,8 @@ impl Default for Config {
             background_sds: 7.0,
             ringing_share: 0.3,
             touch_samples: 3,
+            touch_s: 0.012,
+            light_periods: 1.0,
             release_share: 0.3,
             release_time_s: 0.01,
             drop_share: 0.2,
@@ -99,6 +119,8 @@ impl Config {
         within("background_sds", self.background_sds, 0.0..=1e3)?;
         within("ringing_share", self.ringing_share, 0.0..=1.0)?;
         within("touch_samples", f64::from(self.touch_samples), 1.0..=1e6)?;
+        within("touch_s", self.touch_s, 1e-4..=10.0)?;
+        within("light_periods", self.light_periods, 0.0..=100.0)?;
         within("release_share", self.release_share, 0.0..=1.0)?;
         within("release_time_s", self.release_time_s, 1e-4..=10.0)?;
         within("drop_share", self.drop_share, 0.0..=1.0)?;
@@ -116,6 +138,69 @@ struct Touched {
     smoothed_n_m: f64,
     /// Recent maximum of the pressing moment.
     held_n_m: f64,
+    /// Whether only the mean has exceeded its threshold so far.
+    is_light: bool,
+}
+
+/// Mean of the pressing moment over the last samples.
+#[derive(Clone, Debug)]
+struct LightMean {
+    recent_n_m: VecDeque<f64>,
+    sum_n_m: f64,
+    /// Number of samples; 0 if there is no mean.
+    samples: usize,
+    /// Threshold for a touch of a whisker at rest.
+    base_n_m: f64,
+    /// Mean square up to which the background is that of the measurement noise, which `base_n_m` allows for.
+    of_noise_n2_m2: f64,
+    /// Part of a signal in the band of the background that remains in the mean.
+    band_gain: f64,
+}
+
+impl LightMean {
+    /// The mean beside a threshold `single_n_m` of single values, if it detects touches that are much lighter.
+    fn new(config: &Config, sensing: &Sensing, compensator: &Cascade, band: Option<&Cascade>, single_n_m: f64) -> Self {
+        let samples = (config.light_periods * sensing.rate_hz / sensing.first_mode.frequency_hz).round() as usize;
+        let noise_n_m = MedianOfFive::noise_gain(|mean_over| compensator.noise_gain(mean_over.max(samples)));
+        let base_n_m = (config.noise_sds * noise_n_m * sensing.noise_sd_n_m)
+            .max(LIGHT * config.largest_share * sensing.largest_reading_n_m);
+        let in_band = band.map_or(0.0, |band| {
+            let both = Cascade::new([compensator.sections(), band.sections()].concat());
+            MedianOfFive::noise_gain(|mean_over| both.noise_gain(mean_over)) * sensing.noise_sd_n_m
+        });
+        let of_noise_n2_m2 = NOISE_SPREAD * in_band.powi(2);
+        let band_gain = band.map_or(1.0, |band| band.noise_gain(samples.max(1)) / band.noise_gain(1));
+        let is_lighter = base_n_m < LIGHTER * single_n_m;
+        let samples = if is_lighter { samples } else { 0 };
+        let recent_n_m = VecDeque::with_capacity(samples + 1);
+        Self { recent_n_m, sum_n_m: 0.0, samples, base_n_m, of_noise_n2_m2, band_gain }
+    }
+
+    /// Root mean square in the mean of a background of this one, without that of the measurement noise.
+    fn beyond_noise_n_m(&self, background_n_m: f64) -> f64 {
+        self.band_gain * (background_n_m.powi(2) - self.of_noise_n2_m2).max(0.0).sqrt()
+    }
+
+    /// Forgets the samples so far.
+    fn clear(&mut self) {
+        self.recent_n_m.clear();
+        self.sum_n_m = 0.0;
+    }
+
+    /// Takes a sample and returns the mean, zero until there are enough samples.
+    fn step(&mut self, pressing_n_m: f64) -> f64 {
+        if self.samples == 0 {
+            return 0.0;
+        }
+        self.recent_n_m.push_back(pressing_n_m);
+        self.sum_n_m += pressing_n_m;
+        if self.recent_n_m.len() > self.samples
+            && let Some(oldest_n_m) = self.recent_n_m.pop_front()
+        {
+            self.sum_n_m -= oldest_n_m;
+        }
+        if self.recent_n_m.len() == self.samples { self.sum_n_m / self.samples as f64 } else { 0.0 }
+    }
 }
 
 /// Detector of [`Config`].
@@ -127,6 +212,7 @@ pub(super) struct RingCompensated {
     /// Band-pass of the background RMS; a slow touch does not pass.
     band: Option<Cascade>,
     base_n_m: f64,
+    light: LightMean,
     background: BackgroundRms,
     /// Amplitude of the oscillation if the whisker were free now.
     ringing_n_m: f64,
@@ -138,6 +224,8 @@ pub(super) struct RingCompensated {
     held_decay: f64,
     /// Number of consecutive samples in favour of a touch, or of a drop.
     in_favour: u32,
+    /// Number of samples with which a touch starts.
+    touch_samples: u32,
 }
 
 impl RingCompensated {
@@ -145,14 +233,17 @@ impl RingCompensated {
         let compensator = Cascade::new(ring_compensator(sensing).into_iter().collect());
         let noise_n_m = MedianOfFive::noise_gain(|mean_over| compensator.noise_gain(mean_over)) * sensing.noise_sd_n_m;
         let base_n_m = (config.noise_sds * noise_n_m).max(config.largest_share * sensing.largest_reading_n_m);
+        let band = first_mode_band(sensing).ok().map(Cascade::new);
+        let light = LightMean::new(&config, sensing, &compensator, band.as_ref(), base_n_m);
         let start_n_m = if config.background_sds > 0.0 { base_n_m / config.background_sds } else { 0.0 };
         let lag = (config.background_lag_s * sensing.rate_hz).round() as usize;
         Self {
             config,
             median: MedianOfFive::default(),
             compensator,
-            band: first_mode_band(sensing).ok().map(Cascade::new),
+            band,
             base_n_m,
+            light,
             background: BackgroundRms::new(start_n_m, config.background_memory_s * sensing.rate_hz, lag),
             ringing_n_m: 0.0,
             ringing_decay: (-1.0 / (sensing.rate_hz * config.ringing_decay_s)).exp(),
@@ -160,6 +251,7 @@ impl RingCompensated {
             smoothing: 1.0 - (-1.0 / (sensing.rate_hz * config.release_time_s)).exp(),
             held_decay: (-sensing.first_mode.frequency_hz / sensing.rate_hz).exp(),
             in_favour: 0,
+            touch_samples: config.touch_samples.min((config.touch_s * sensing.rate_hz).ceil() as u32).max(1),
         }
     }
 }
@@ -172,6 +264,7 @@ impl Rule for RingCompensated {
             band.settle(reading_n_m);
         }
         self.background.interrupt();
+        self.light.clear();
         self.ringing_n_m = 0.0;
         self.touched = None;
         self.in_favour = 0;
@@ -183,39 +276,76 @@ impl Rule for RingCompensated {
         let compensated_n_m = self.compensator.step(reading_n_m);
         let background_n_m = self.band.as_mut().map_or(0.0, |band| band.step(compensated_n_m));
         self.ringing_n_m = reading_n_m.abs().max(self.ringing_decay * self.ringing_n_m);
-        let base_threshold_n_m = self.base_n_m.max(config.background_sds * self.background.sd());
-        let threshold_n_m = match &mut self.touched {
-            Some(Touched { face, smoothed_n_m, held_n_m }) => {
-                let pressing_n_m = face.away_sign() * compensated_n_m;
-                *smoothed_n_m += self.smoothing * (pressing_n_m - *smoothed_n_m);
-                *held_n_m = pressing_n_m.max(self.held_decay * *held_n_m);
-                let drop_n_m = if *held_n_m > FIRM * base_threshold_n_m { config.drop_share * *held_n_m } else { 0.0 };
-                let release_n_m = config.release_share * base_threshold_n_m;
-                self.in_favour = if pressing_n_m < drop_n_m { self.in_favour + 1 } else { 0 };
-                if *smoothed_n_m < release_n_m || self.in_favour >= config.drop_samples {
-                    self.touched = None;
-                    self.in_favour = 0;
-                }
-                release_n_m.max(drop_n_m)
-            }
-            None => {
-                let touch_n_m = base_threshold_n_m.max(config.ringing_share * self.ringing_n_m);
-                // A large value is more likely the start of a touch than background.
-                let most_n_m = FRAC_1_SQRT_2 * touch_n_m;
-                self.background.watch(background_n_m.clamp(-most_n_m, most_n_m));
-                self.in_favour = if compensated_n_m.abs() > touch_n_m { self.in_favour + 1 } else { 0 };
-                if self.in_favour >= config.touch_samples {
-                    let pressing_n_m = compensated_n_m.abs();
-                    let face = Face::of_reading(compensated_n_m);
-                    self.touched = Some(Touched { face, smoothed_n_m: pressing_n_m, held_n_m: pressing_n_m });
-                    self.background.interrupt();
-                    self.in_favour = 0;
-                }
-                touch_n_m
-            }
+        let light_n_m = self.light.step(compensated_n_m);
+        let background_sd_n_m = self.background.sd();
+        let light_sd_n_m = self.light.beyond_noise_n_m(background_sd_n_m);
+        let thresholds = Thresholds {
+            single_n_m: self.base_n_m.max(config.background_sds * background_sd_n_m),
+            light_n_m: self.light.base_n_m.max(config.background_sds * light_sd_n_m),
+        };
+        let threshold_n_m = if self.touched.is_some() {
+            self.in_touch(compensated_n_m, light_n_m, &thresholds)
+        } else {
+            self.while_free(compensated_n_m, light_n_m, background_n_m, &thresholds)
         };
         let touched = self.touched.map(|touched| touched.face);
         Signals { watched_n_m: compensated_n_m, threshold_n_m, touched }
+    }
+}
+
+/// Thresholds of a whisker that does not oscillate: of a single value and of the mean.
+struct Thresholds {
+    single_n_m: f64,
+    light_n_m: f64,
+}
+
+impl RingCompensated {
+    /// Ends the touch if it is over. Returns the threshold of the end.
+    fn in_touch(&mut self, compensated_n_m: f64, light_n_m: f64, thresholds: &Thresholds) -> f64 {
+        let config = &self.config;
+        let Some(Touched { face, smoothed_n_m, held_n_m, is_light }) = &mut self.touched else { return 0.0 };
+        let pressing_n_m = face.away_sign() * compensated_n_m;
+        *smoothed_n_m += self.smoothing * (pressing_n_m - *smoothed_n_m);
+        *held_n_m = pressing_n_m.max(self.held_decay * *held_n_m);
+        *is_light &= pressing_n_m < thresholds.single_n_m;
+        let drop_n_m = if *held_n_m > FIRM * thresholds.single_n_m { config.drop_share * *held_n_m } else { 0.0 };
+        let threshold_n_m = if *is_light { thresholds.light_n_m } else { thresholds.single_n_m };
+        let release_n_m = config.release_share * threshold_n_m;
+        let lasting_n_m = if *is_light { face.away_sign() * light_n_m } else { *smoothed_n_m };
+        self.in_favour = if pressing_n_m < drop_n_m { self.in_favour + 1 } else { 0 };
+        if lasting_n_m < release_n_m || self.in_favour >= config.drop_samples {
+            self.touched = None;
+            self.in_favour = 0;
+            self.light.clear();
+        }
+        release_n_m.max(drop_n_m)
+    }
+
+    /// Begins a touch if there is one. Returns the threshold of a single value.
+    fn while_free(
+        &mut self,
+        compensated_n_m: f64,
+        light_n_m: f64,
+        background_n_m: f64,
+        thresholds: &Thresholds,
+    ) -> f64 {
+        let config = &self.config;
+        let ringing_n_m = config.ringing_share * self.ringing_n_m;
+        let touch_n_m = thresholds.single_n_m.max(ringing_n_m);
+        // A large value is more likely the start of a touch than background.
+        let most_n_m = FRAC_1_SQRT_2 * touch_n_m;
+        self.background.watch(background_n_m.clamp(-most_n_m, most_n_m));
+        let is_firm = compensated_n_m.abs() > touch_n_m;
+        let is_light = !is_firm && light_n_m.abs() > thresholds.light_n_m.max(self.light.band_gain * ringing_n_m);
+        self.in_favour = if is_firm || is_light { self.in_favour + 1 } else { 0 };
+        if self.in_favour >= self.touch_samples {
+            let found_n_m = if is_light { light_n_m } else { compensated_n_m };
+            let (face, pressing_n_m) = (Face::of_reading(found_n_m), found_n_m.abs());
+            self.touched = Some(Touched { face, smoothed_n_m: pressing_n_m, held_n_m: pressing_n_m, is_light });
+            self.background.interrupt();
+            self.in_favour = 0;
+        }
+        touch_n_m
     }
 }
 
@@ -266,6 +396,30 @@ mod tests {
         assert!(worst < 0.02, "{worst} of the ringing is left");
         compensator.settle(1.0);
         assert!((compensator.step(1.0) - 1.0).abs() < 1e-12);
+    }
+
+    /// Samples until a touch is found in a constant reading with measurement noise, of at most 50,000.
+    fn found(config: Config, reading_n_m: f64) -> Option<usize> {
+        let sensing = Sensing { noise_sd_n_m: 2e-6, ..SENSING };
+        let mut detector = RingCompensated::new(config, &sensing);
+        detector.settle(0.0);
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        // The sum of twelve uniform numbers is nearly normal with variance one.
+        let mut noise = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+        (0..50_000).find(|_| detector.step(reading_n_m + 2e-6 * noise()).touched.is_some())
+    }
+
+    #[test]
+    fn verif_a_touch_lighter_than_the_noise_of_a_reading_is_found_by_the_mean() {
+        let without = Config { light_periods: 0.0, ..Config::default() };
+        assert_eq!(found(Config::default(), 0.0), None);
+        let by_mean = found(Config::default(), 4e-6).unwrap();
+        assert!(by_mean < 100, "{by_mean}");
+        assert!(found(without, 4e-6).is_none_or(|samples| samples > 10 * by_mean));
     }
 
     #[test]

@@ -17,6 +17,9 @@ const STANDARD: &str = "standard";
 const CLAIMS: &str = "certainty";
 const OUT: &str = "results/reference/certainty";
 
+/// Thresholds of the signal of doubt beside the default.
+const DOUBT_THRESHOLDS: [u32; 3] = [2, 8, 16];
+
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let evaluations = match arguments {
         [] => Evaluations::new(false),
@@ -34,6 +37,9 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     pipeline::simulate(RANDOM)?;
     pipeline::fit(RANDOM)?;
     evaluations.as_stated(RANDOM)?;
+    for nis in DOUBT_THRESHOLDS {
+        evaluations.doubting(RANDOM, nis)?;
+    }
     // The documentation is written even if a claim does not hold.
     let outcome = step("measure", || run_command(whisker(&["reproduce", "--set", CLAIMS, "--out", OUT])));
     step("documentation", docs::run)?;

@@ -123,6 +123,9 @@ const PIN_SHARE_SD: f64 = 0.5;
 /// Standard deviation in the settings up to which a radius counts as known, that of a thin object.
 const SETTLED_SD_M: f64 = 5e-4;
 
+/// Step of the search for a tangency from which it has none.
+const FARTHEST_STEP_M: f64 = 1.0;
+
 /// Ratio of the radii of successive larger parts, the relative standard deviation of one, and the smallest radius from
 /// which they grow.
 const SCALE_RATIO: f64 = 3.0;
@@ -258,6 +261,11 @@ impl Wandering<'_> {
         let mut after = self.tangency(&place, x[2]);
         for _ in 0..NEWTON_STEPS {
             let step = product(&after.inverse, &(middle_m - after.middle_m));
+            // Without a tangency, as behind a whisker's centre of curvature, the iteration diverges.
+            let step_m = step.norm();
+            if step_m.is_nan() || step_m > FARTHEST_STEP_M {
+                break;
+            }
             place += step;
             after = self.tangency(&place, x[2]);
             if step.norm() < CLOSE_ENOUGH_M {

@@ -18,6 +18,10 @@
 //! the readings of that touch are equally informative. If the true contact is outside of the calibrated domain, at the
 //! tip or at several positions, the reading adds no information.
 
+mod deviations;
+
+pub use deviations::Deviations;
+
 use std::collections::VecDeque;
 
 use filters::bound::{Bound, information};
@@ -29,6 +33,7 @@ use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::CalibratedFace;
 
 use crate::contact_events::CHATTER_S;
+use deviations::{Joint, JointReading, size_variance};
 
 /// Prior standard deviation of the contact's distance from the undeflected whisker at the touch. The first reading
 /// reduces it about tenfold.
@@ -51,6 +56,10 @@ pub struct BoundAt {
     pub since_touch_s: f64,
     /// Square root of the trace of the bound's covariance: lower bound of the RMS error.
     pub sd_m: f64,
+    /// The same for a sensor with deviations from its calibration whose values are unknown, see [`Deviations`].
+    pub deviating_sd_m: f64,
+    /// The same if the size of the object is unknown as well.
+    pub unsized_sd_m: f64,
     /// Information of the readings of the last [`WINDOW_S`] alone. `None` if it has rank one or less.
     pub window: Option<Window>,
 }
@@ -95,6 +104,51 @@ impl TraceBound {
         Some(Self { instants })
     }
 
+    /// The bound with the unknown deviations and size of the trial, for the trace, face and noise of [`Self::new`]:
+    /// [`BoundAt::deviating_sd_m`] and [`BoundAt::unsized_sd_m`].
+    #[must_use]
+    pub fn with_deviations(
+        mut self,
+        trace: &Trace,
+        face: &CalibratedFace,
+        noise_sd_n_m: f64,
+        base_noise: &BaseNoise,
+        deviations: &Deviations<'_>,
+    ) -> Self {
+        let instants = &trace.recording.instants;
+        let start_s = instants.first().map_or(0.0, |first| first.t_s);
+        let of_size = size_variance(&trace.sidecar.object);
+        let mut joints = [0.0, of_size].map(|of_size| Joint::new(deviations, of_size));
+        let mut touched = Vector2::zeros();
+        for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
+            let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };
+            let known = &instants[row];
+            let seen = known.base.inverse().apply(at);
+            if bound.since_touch_s == 0.0 {
+                touched = at.vector();
+                joints.iter_mut().for_each(|joint| joint.touch(&prior_m2(face, &known.base, seen)));
+            }
+            let moved_m = at.vector() - touched;
+            let is_plain = truth.tip != Some(true) && truth.split != Some(true);
+            if let Some(expected) = face.predict(seen).filter(|_| is_plain) {
+                let [before, after] =
+                    [row.saturating_sub(1), (row + 1).min(instants.len() - 1)].map(|row| &instants[row]);
+                let passed_m = after.base.inverse().apply(at).vector() - before.base.inverse().apply(at).vector();
+                let velocity_m_s = passed_m / (after.t_s - before.t_s);
+                let reading = JointReading {
+                    by_contact: known.base.rotation() * expected.gradient_n,
+                    moved_m,
+                    by_deviations: deviations.slopes(row, known.t_s - start_s, seen, velocity_m_s, &expected),
+                    variance_n2_m2: Reading { face, base: &known.base, noise_sd_n_m, base_noise }.noise(&at.vector())
+                        [0],
+                };
+                joints.iter_mut().for_each(|joint| joint.update(&reading));
+            }
+            [bound.deviating_sd_m, bound.unsized_sd_m] = joints.each_ref().map(|joint| joint.sd_m(moved_m));
+        }
+        self
+    }
+
     /// Bound at a row of the trace. `None` while the whisker is free.
     pub fn at(&self, row: usize) -> Option<BoundAt> {
         self.instants[row]
@@ -111,11 +165,7 @@ struct InContact {
 
 impl InContact {
     fn begin(face: &CalibratedFace, base: &Pose<Base, World>, seen: Point<Base>, touch_s: f64) -> Self {
-        let (low, high) = face.domain.arc_range_m();
-        // A uniform distribution has the variance of its squared length divided by 12.
-        let prior = Matrix2::from_diagonal(&vector![(high - low).powi(2) / 12.0, START_AWAY_SD_M.powi(2)]);
-        let jacobian = base.rotation() * face.contact_jacobian(face.along_and_away(seen));
-        let bound = Bound::new(&(jacobian * prior * jacobian.transpose())).expect("the contact is near the whisker");
+        let bound = Bound::new(&prior_m2(face, base, seen)).expect("the contact is near the whisker");
         Self { touch_s, bound, window: VecDeque::new() }
     }
 
@@ -128,8 +178,18 @@ impl InContact {
         }
         let window: Matrix2<f64> = self.window.iter().map(|(_, information)| information).sum();
         let sd_m = self.bound.covariance()?.trace().sqrt();
-        Some(BoundAt { since_touch_s: t_s - self.touch_s, sd_m, window: Window::of(&window) })
+        let window = Window::of(&window);
+        Some(BoundAt { since_touch_s: t_s - self.touch_s, sd_m, deviating_sd_m: sd_m, unsized_sd_m: sd_m, window })
     }
+}
+
+/// Prior covariance in World of a contact at a touch that is seen at `seen`.
+fn prior_m2(face: &CalibratedFace, base: &Pose<Base, World>, seen: Point<Base>) -> Matrix2<f64> {
+    let (low, high) = face.domain.arc_range_m();
+    // A uniform distribution has the variance of its squared length divided by 12.
+    let prior = Matrix2::from_diagonal(&vector![(high - low).powi(2) / 12.0, START_AWAY_SD_M.powi(2)]);
+    let jacobian = base.rotation() * face.contact_jacobian(face.along_and_away(seen));
+    jacobian * prior * jacobian.transpose()
 }
 
 impl Window {

@@ -1,0 +1,229 @@
+//! Bound for a sensor that deviates from its calibration, and an object of unknown size.
+//!
+//! The deviations are constant states with a prior, beside the contact. An estimator that knew the shape of the object, the
+//! kinds of the deviations and the distribution of their values, but not the values, could not have a smaller mean square
+//! error. The prior is Gaussian with the mean square of the values that the random suites draw. The derivatives of the reading
+//! by the deviations are those at zero deviation, with the physics of [`crate::miscalibration`]:
+//!
+//! | deviation | derivative of the reading `h(p)` of a contact seen at `p`, with the gradient `g` |
+//! | --- | --- |
+//! | gain, stiffness | `h`, and `h (r - 1) / s` with the ratio `r` of the readings at the actual stiffness `s` |
+//! | offset, drift | `R`, and `R t`, with the largest calibrated reading `R` |
+//! | mount | `g . (-p_y, p_x)`, `g_x` and `g_y` |
+//! | latency | `g . dp/dt` of the resting contact |
+//!
+//! If the size of the object is unknown too, the logarithm of its scale `s` is a further state: as the whisker touches where the
+//! outline has its direction, which scaling does not change, a contact that has moved by `m` since the touch moves by `m` per
+//! unit of `ln s`.
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use trace::Miscalibration;
+use whisker::frames::{Base, Point};
+use whisker::sensor::Prediction;
+
+/// Number of deviations, and of states with contact and size before them.
+const COUNT: usize = 8;
+const SIZE: usize = 2;
+const STATES: usize = COUNT + 3;
+
+/// Smallest and largest absolute value of each deviation in the random suites, between which it is log-uniform.
+const VALUES: [(&str, f64, f64); COUNT] = [
+    ("gain", 0.003, 0.05),
+    ("offset", 0.001, 0.02),
+    ("drift_per_s", 0.0003, 0.005),
+    ("stiffness", 0.005, 0.05),
+    ("mount_rad", 0.0008, 0.0087),
+    ("mount_x_m", 3e-5, 3e-4),
+    ("mount_y_m", 3e-5, 3e-4),
+    ("latency_s", 5e-4, 5e-3),
+];
+
+/// Ratio of the largest to the smallest size of each kind of object in the random suites, between which it is log-uniform.
+const SIZES: [(&str, f64); 9] = [
+    ("pin", 10.0 / 3.0),
+    ("circle", 100.0),
+    ("ellipse", 15.0),
+    ("stadium", 15.0),
+    ("rectangle", 10.0),
+    ("plate", 4.0),
+    ("regular_polygon", 50.0 / 6.0),
+    ("convex_polygon", 6.25),
+    ("rounded_polygon", 20.0 / 3.0),
+];
+
+/// Prior variance of the logarithm of an object's size by its kind; that of a log-uniform size is the squared logarithm of
+/// the ratio divided by 12. Zero for other kinds.
+pub(super) fn size_variance(kind: &str) -> f64 {
+    let ratio = SIZES.iter().find(|(known, _)| *known == kind).map_or(1.0, |(_, ratio)| *ratio);
+    ratio.ln().powi(2) / 12.0
+}
+
+/// Deviations of a trial.
+#[derive(Clone, Copy, Debug)]
+pub struct Deviations<'a> {
+    /// The deviations; those that are not zero are unknown to the estimator.
+    pub of: &'a Miscalibration,
+    /// Ratios of the readings at the actual stiffness, see [`crate::miscalibration::stiffness_ratios`].
+    pub stiffness_ratios: Option<&'a [f64]>,
+    /// Largest calibrated reading of the face.
+    pub largest_n_m: f64,
+}
+
+impl Deviations<'_> {
+    /// Prior variances; zero for a quantity that does not deviate. The mean square of a log-uniform value between `a` and
+    /// `b` is `(b^2 - a^2) / (2 ln(b / a))`.
+    fn variances(&self) -> [f64; COUNT] {
+        let Miscalibration { gain, offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s } =
+            *self.of;
+        let values = [gain, offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s];
+        let mean_square = |low: f64, high: f64| (high.powi(2) - low.powi(2)) / (2.0 * (high / low).ln());
+        std::array::from_fn(|i| if values[i] == 0.0 { 0.0 } else { mean_square(VALUES[i].1, VALUES[i].2) })
+    }
+
+    /// Derivatives of a reading by the deviations at a row of a trace, for a contact seen at `seen` that moves with
+    /// `velocity_m_s` in Base.
+    pub(super) fn slopes(
+        &self,
+        row: usize,
+        since_start_s: f64,
+        seen: Point<Base>,
+        velocity_m_s: Vector2<f64>,
+        expected: &Prediction,
+    ) -> [f64; COUNT] {
+        let (reading_n_m, gradient_n) = (expected.reading_n_m, expected.gradient_n);
+        let by_stiffness = self.stiffness_ratios.map_or(0.0, |ratios| (ratios[row] - 1.0) / self.of.stiffness);
+        [
+            reading_n_m,
+            self.largest_n_m,
+            self.largest_n_m * since_start_s,
+            reading_n_m * by_stiffness,
+            gradient_n.y * seen.x() - gradient_n.x * seen.y(),
+            gradient_n.x,
+            gradient_n.y,
+            gradient_n.dot(&velocity_m_s),
+        ]
+    }
+}
+
+/// Covariance of the contact at the touch, the size and the deviations.
+#[derive(Clone, Debug)]
+pub(super) struct Joint {
+    covariance: SMatrix<f64, STATES, STATES>,
+}
+
+/// A reading of a contact.
+pub(super) struct JointReading {
+    /// Derivative by the contact in World.
+    pub(super) by_contact: Vector2<f64>,
+    /// Displacement of the contact in World since the touch.
+    pub(super) moved_m: Vector2<f64>,
+    /// Derivatives by the deviations.
+    pub(super) by_deviations: [f64; COUNT],
+    /// Variance of its noise.
+    pub(super) variance_n2_m2: f64,
+}
+
+impl Joint {
+    /// Before the first touch.
+    pub(super) fn new(deviations: &Deviations<'_>, size_variance: f64) -> Self {
+        let mut covariance = SMatrix::zeros();
+        covariance[(SIZE, SIZE)] = size_variance;
+        for (i, variance) in deviations.variances().into_iter().enumerate() {
+            covariance[(SIZE + 1 + i, SIZE + 1 + i)] = variance;
+        }
+        Self { covariance }
+    }
+
+    /// Begins a touch, whose contact has this prior; size and deviations are those of the touches before.
+    pub(super) fn touch(&mut self, prior_m2: &Matrix2<f64>) {
+        self.covariance.fixed_rows_mut::<2>(0).fill(0.0);
+        self.covariance.fixed_columns_mut::<2>(0).fill(0.0);
+        self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(prior_m2);
+    }
+
+    /// Conditions on a reading. Constant states have no process, so that this is the bound's whole recursion.
+    pub(super) fn update(&mut self, reading: &JointReading) {
+        let mut slope = SVector::<f64, STATES>::zeros();
+        slope.fixed_rows_mut::<2>(0).copy_from(&reading.by_contact);
+        slope[SIZE] = reading.by_contact.dot(&reading.moved_m);
+        slope.fixed_rows_mut::<COUNT>(SIZE + 1).copy_from(&SVector::from(reading.by_deviations));
+        let cross = self.covariance * slope;
+        let variance = slope.dot(&cross) + reading.variance_n2_m2;
+        self.covariance -= cross * cross.transpose() / variance;
+    }
+
+    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` since the touch.
+    pub(super) fn sd_m(&self, moved_m: Vector2<f64>) -> f64 {
+        let by_size = self.covariance.fixed_view::<2, 1>(0, SIZE).dot(&moved_m);
+        let of_size = self.covariance[(SIZE, SIZE)] * moved_m.norm_squared();
+        (self.covariance[(0, 0)] + self.covariance[(1, 1)] + 2.0 * by_size + of_size).max(0.0).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use filters::bound::Bound;
+
+    use super::*;
+
+    fn suite_file(name: &str) -> String {
+        let path = format!("{}/../../sim/whisker_sim/random_suite/{name}", env!("CARGO_MANIFEST_DIR"));
+        std::fs::read_to_string(path).unwrap()
+    }
+
+    #[test]
+    fn verif_priors_are_those_of_the_random_suites() {
+        let effects = suite_file("effects.py");
+        for (name, low, high) in VALUES {
+            let after = effects.rsplit(&format!("\"{name}\": ")).next().unwrap();
+            let arguments: Vec<&str> = after.split('(').nth(1).unwrap().split([',', ')']).map(str::trim).collect();
+            let found: Vec<f64> = arguments[1..3].iter().map(|text| text.parse().unwrap()).collect();
+            assert_eq!(found, [low, high], "{name}");
+        }
+    }
+
+    /// Information of the readings of a contact, without unknown size and deviations.
+    #[test]
+    fn verif_without_further_unknowns_the_bound_is_that_of_the_contact() {
+        let prior_m2 = Matrix2::new(1e-4, 2e-6, 2e-6, 1e-6);
+        let exact = Miscalibration::default();
+        let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m: 5e-5 };
+        let mut bound = Bound::new(&prior_m2).unwrap();
+        let mut joint = Joint::new(&deviations, 0.0);
+        joint.touch(&prior_m2);
+        for i in 0..50 {
+            let by_contact = Vector2::new(1e-4 * f64::from(i).sin(), -3e-3);
+            bound.update(by_contact * by_contact.transpose() / 1e-14);
+            let moved_m = Vector2::new(1e-3, 2e-3);
+            joint.update(&JointReading { by_contact, moved_m, by_deviations: [1.0; COUNT], variance_n2_m2: 1e-14 });
+        }
+        let expected_m = bound.covariance().unwrap().trace().sqrt();
+        assert!(
+            (joint.sd_m(Vector2::zeros()) / expected_m - 1.0).abs() < 1e-4,
+            "{} {expected_m}",
+            joint.sd_m(Vector2::zeros())
+        );
+    }
+
+    /// A contact that moves by 10 mm on an object whose size is unknown, read along one direction only.
+    #[test]
+    fn verif_an_unknown_size_and_an_unknown_gain_raise_the_bound() {
+        let prior_m2 = Matrix2::identity() * 1e-6;
+        let sd_m = |gain: f64, size_variance: f64| {
+            let of = Miscalibration { gain, ..Miscalibration::default() };
+            let deviations = Deviations { of: &of, stiffness_ratios: None, largest_n_m: 5e-5 };
+            let mut joint = Joint::new(&deviations, size_variance);
+            joint.touch(&prior_m2);
+            for i in 0..100 {
+                let moved_m = Vector2::new(0.0, 1e-4 * f64::from(i));
+                let by_deviations = std::array::from_fn(|i| if i == 0 { 2e-5 } else { 0.0 });
+                let by_contact = Vector2::new(-3e-4, 3e-3);
+                joint.update(&JointReading { by_contact, moved_m, by_deviations, variance_n2_m2: 1e-13 });
+            }
+            joint.sd_m(Vector2::new(0.0, 1e-2))
+        };
+        let known_m = sd_m(0.0, 0.0);
+        assert!(sd_m(0.02, 0.0) > known_m && sd_m(0.0, size_variance("circle")) > known_m);
+        assert_eq!(size_variance("unknown"), 0.0);
+    }
+}
