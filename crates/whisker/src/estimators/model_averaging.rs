@@ -398,12 +398,22 @@ impl AveragingTracker {
         // one.
         let offset = |part: &Part<'_>| part.estimate.contact.vector() - leading.contact.vector();
         let shift = moving().map(|(part, lead)| offset(part) * lead).sum::<Vector2<f64>>();
-        let place = |part: &Part<'_>| Some((Gaussian::new(offset(part), part.estimate.covariance_m2?), part.share));
+        let lead = moving().filter(|(part, _)| part.considered).map(|(_, lead)| lead).sum::<f64>();
+        let considered = parts.iter().filter(|part| part.considered).map(|part| part.share).sum::<f64>();
+        // What the mean leaves out because of the evidence is no uncertainty either.
+        let share = |part: &Part<'_>| {
+            if part.considered {
+                part.share / considered * lead.max(considered / known)
+            } else {
+                part.share / (known - considered) * (1.0 - lead).min(1.0 - considered / known)
+            }
+        };
+        let place = |part: &Part<'_>| Some((Gaussian::new(offset(part), part.estimate.covariance_m2?), share(part)));
         let size = |(part, lead): (&Part<'_>, f64)| {
             let Radius { radius_m, sd_m } = part.estimate.radius?;
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), lead))
         };
-        let places: Option<Vec<_>> = parts.iter().map(place).collect();
+        let places: Option<Vec<_>> = parts.iter().filter(|part| share(part) > 0.0).map(place).collect();
         let size = Gaussian::of_mixture(moving().filter_map(size)).filter(|_| leading.radius.is_some());
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
