@@ -44,6 +44,7 @@ pub(crate) const CALIBRATION: Code = Code {
         "crates/whisker/src/frames.rs",
         "crates/whisker/src/gate.rs",
         "crates/whisker/src/rest.rs",
+        "crates/whisker/src/rod",
         "crates/whisker/src/sensor",
         "crates/whisker/src/settings.rs",
         "crates/whisker/src/taylor.rs",
