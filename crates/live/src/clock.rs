@@ -45,7 +45,7 @@ pub struct Clock {
 
 impl Clock {
     /// Checks the time of a message that arrives at `now_s`. A clock jumps ahead if the time of a message increases by `jump_s`
-    /// more than its arrival, and back if [`MOST_BEHIND`] messages in a row lie more than `jump_s` behind the newest one.
+    /// more than its arrival, and back if five messages in a row lie more than `jump_s` behind the newest one.
     pub fn check(&mut self, t_s: f64, now_s: f64, jump_s: f64) -> Order {
         let Some((from_s, arrived_s)) = self.newest else {
             self.newest = Some((t_s, now_s));
