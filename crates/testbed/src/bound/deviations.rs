@@ -16,6 +16,7 @@
 //! outline has its direction, which scaling does not change, a contact that has moved by `m` since the touch moves by `m` per
 //! unit of `ln s`.
 
+use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use trace::Miscalibration;
 use whisker::frames::{Base, Point};
@@ -147,9 +148,9 @@ impl Joint {
         slope.fixed_rows_mut::<2>(0).copy_from(&reading.by_contact);
         slope[SIZE] = reading.by_contact.dot(&reading.moved_m);
         slope.fixed_rows_mut::<COUNT>(SIZE + 1).copy_from(&SVector::from(reading.by_deviations));
-        let cross = self.covariance * slope;
+        let cross = product(&self.covariance, &slope);
         let variance = slope.dot(&cross) + reading.variance_n2_m2;
-        self.covariance -= cross * cross.transpose() / variance;
+        self.covariance -= product(&cross, &cross.transpose()) / variance;
     }
 
     /// Square root of the trace of the covariance of a contact that has moved by `moved_m` since the touch.
