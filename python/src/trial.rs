@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use ::trace::SensorFile;
+use ::trace::{Miscalibration, SensorFile};
 use ::whisker::estimators::{BaseNoise, Knowledge, Sample};
 use ::whisker::sensor::Face;
 use numpy::ndarray::Array2;
@@ -11,7 +11,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::json;
-use testbed::bound::TraceBound;
+use testbed::bound::{Deviations, TraceBound};
 use testbed::contact_events::Events;
 use testbed::front_end::{FRONT_ENDS, FrontEnd, FrontEndConfig, Mounting, Reading};
 use testbed::metrics::{self, GroundTruth, METRICS, Scored, Scores};
@@ -72,7 +72,12 @@ impl Trial {
         let compute = || {
             let trace = &self.trace.get().trace;
             let face = self.knowledge.face(trace.sidecar.face)?;
-            TraceBound::new(trace, face, self.knowledge.noise_sd_n_m, &BaseNoise::default())
+            let (noise_sd_n_m, base_noise) = (self.knowledge.noise_sd_n_m, BaseNoise::default());
+            let exact = Miscalibration::default();
+            let largest_n_m = face.largest_reading_n_m;
+            let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m };
+            let bound = TraceBound::new(trace, face, noise_sd_n_m, &base_noise)?;
+            Some(bound.with_deviations(trace, face, noise_sd_n_m, &base_noise, &deviations))
         };
         self.bound.get_or_init(compute).as_ref()
     }
