@@ -77,11 +77,17 @@ fn optional(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usiz
 
 /// Error of a cell: column name, text found and value expected.
 pub fn cell_error(path: &Path, line: u64, record: &ByteRecord, names: &[&str], i: usize, expected: &str) -> Error {
-    let cell = String::from_utf8_lossy(&record[i]);
+    field_error(path, line, names[i], &record[i], expected)
+}
+
+/// The same for the text of a cell of this column.
+#[cold]
+pub fn field_error(path: &Path, line: u64, column: &str, cell: &[u8], expected: &str) -> Error {
+    let cell = String::from_utf8_lossy(cell);
     Error::Table {
         path: path.into(),
         line,
-        place: format!("column {}", names[i]),
+        place: format!("column {column}"),
         found: if cell.is_empty() { "an empty field".into() } else { format!("`{cell}`") },
         expected: expected.into(),
     }

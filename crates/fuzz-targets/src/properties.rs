@@ -19,6 +19,11 @@ pub fn one_error<T, E: Display>(read: Result<T, E>, file: &str) -> Option<T> {
     .ok()
 }
 
+/// Non-empty lines, for any line ending.
+pub(crate) fn lines(bytes: &[u8]) -> Vec<&[u8]> {
+    bytes.split(|byte| matches!(byte, b'\n' | b'\r')).filter(|line| !line.is_empty()).collect()
+}
+
 /// Whether a text is a plain decimal number such as `-1.5e-3`, in contrast to `inf`, `0x1p3`, `1_000` or digits of
 /// other scripts.
 pub fn is_decimal(text: &str) -> bool {

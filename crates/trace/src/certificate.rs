@@ -62,18 +62,21 @@ impl Certificate {
 
     /// Figures that exceed their bounds. Missing figures are not checked.
     pub fn breaches(&self) -> Vec<Breach> {
-        [
+        breaches([
             ("unsolved", Some(self.unsolved as f64), 0.0),
             ("moment_rms", self.moment_rms, Self::MOMENT_RMS),
             ("surface_rms_m", self.surface_rms_m, Self::SURFACE_RMS_M),
             ("surface_worst_m", self.surface_worst_m, Self::SURFACE_WORST_M),
             ("arc_rms_m", self.arc_rms_m, Self::ARC_RMS_M),
             ("penetration_worst_m", self.penetration_worst_m, Self::PENETRATION_WORST_M),
-        ]
-        .into_iter()
-        .filter_map(|(key, found, bound)| {
-            found.filter(|found| *found > bound).map(|found| Breach { key, found, bound })
-        })
-        .collect()
+        ])
     }
+}
+
+/// Of figures with their keys and upper bounds, those that exceed the bound. Missing figures are not checked.
+pub(crate) fn breaches<const COUNT: usize>(figures: [(&'static str, Option<f64>, f64); COUNT]) -> Vec<Breach> {
+    let exceeds = |(key, found, bound): (_, Option<f64>, f64)| {
+        found.filter(|found| *found > bound).map(|found| Breach { key, found, bound })
+    };
+    figures.into_iter().filter_map(exceeds).collect()
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use files::Error;
 use files::hexadecimal;
+use files::table::field_error;
 use memchr::{memchr, memchr_iter};
 use sha2::{Digest as _, Sha256};
 use whisker::frames::{Point, Pose, Twist, World};
@@ -340,15 +341,7 @@ impl<'a> Line<'a> {
         Ok((known, truth))
     }
 
-    #[cold]
     fn wrong(&self, i: usize, expected: &str) -> Error {
-        let cell = String::from_utf8_lossy(self.cell(i));
-        Error::Table {
-            path: self.path.into(),
-            line: self.number,
-            place: format!("column {}", COLUMNS[i].0),
-            found: if cell.is_empty() { "an empty field".into() } else { format!("`{cell}`") },
-            expected: expected.into(),
-        }
+        field_error(self.path, self.number, COLUMNS[i].0, self.cell(i), expected)
     }
 }

@@ -5,16 +5,17 @@ use serde_json::{Value, json};
 use strict_json::parse_json;
 use trace::{SpatialTrace, is_spatial};
 
-use crate::properties::one_error;
+use crate::properties::{lines, one_error};
 use crate::scratch;
 
 const NAME: &str = "golden_space";
 
 pub(super) fn run(bytes: &[u8]) {
     let [sidecar, table] = scratch::parts(bytes);
+    let rows = lines(table).len().saturating_sub(1);
     let sidecar = match parse_json::<Value>(sidecar) {
         Ok(Value::Object(mut keys)) => {
-            keys.insert("rows".into(), json!(rows(table)));
+            keys.insert("rows".into(), json!(rows));
             keys.insert("csv_sha256".into(), json!(sha256(table)));
             Value::Object(keys).to_string().into_bytes()
         }
@@ -24,7 +25,7 @@ pub(super) fn run(bytes: &[u8]) {
     scratch::file(&format!("{NAME}.csv"), table);
     one_error(is_spatial(&path), NAME);
     let Some(trace) = one_error(SpatialTrace::read(&path), NAME) else { return };
-    assert_eq!(trace.recording.instants.len(), rows(table));
+    assert_eq!(trace.recording.instants.len(), rows);
     trace.sidecar.certificate.as_ref().map(trace::SpatialCertificate::breaches);
     let is_fine = |pair: &[trace::SpatialInstant]| pair[1].t_s - pair[0].t_s < 2e-6;
     if trace.recording.instants.windows(2).any(is_fine) {
@@ -36,10 +37,4 @@ pub(super) fn run(bytes: &[u8]) {
     let written = trace.write(&folder).expect("a file");
     let again = SpatialTrace::read(&written).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(again.to_csv(), trace.to_csv());
-}
-
-/// Number of non-empty lines below the header.
-fn rows(table: &[u8]) -> usize {
-    let lines = table.split(|byte| *byte == b'\n').map(|line| line.strip_suffix(b"\r").unwrap_or(line));
-    lines.filter(|line| !line.is_empty()).count().saturating_sub(1)
 }

@@ -4,7 +4,7 @@ use files::sha256;
 use serde_json::json;
 use trace::{COLUMNS, Trace};
 
-use crate::properties::{is_decimal, one_error};
+use crate::properties::{is_decimal, lines, one_error};
 use crate::{golden, scratch};
 
 pub(super) fn run(bytes: &[u8]) {
@@ -36,11 +36,6 @@ fn read(name: &str, csv: &[u8]) -> Option<Trace> {
     sidecar["csv_sha256"] = json!(sha256(csv));
     scratch::file(&format!("{name}.json"), sidecar.to_string());
     one_error(Trace::read(&scratch::file(&format!("{name}.csv"), csv)), name)
-}
-
-/// Non-empty lines, for any line ending.
-fn lines(bytes: &[u8]) -> Vec<&[u8]> {
-    bytes.split(|byte| matches!(byte, b'\n' | b'\r')).filter(|line| !line.is_empty()).collect()
 }
 
 fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {

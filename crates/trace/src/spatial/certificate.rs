@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Breach;
+use crate::certificate::breaches;
 
 /// Deviation of the simulation from the exact quasi-static rod, at a sample of the trace's quasi-static instants.
 ///
@@ -62,18 +63,13 @@ impl SpatialCertificate {
 
     /// Figures that exceed their bounds. Missing figures are not checked.
     pub fn breaches(&self) -> Vec<Breach> {
-        [
+        breaches([
             ("unsolved", Some(self.unsolved as f64), 0.0),
             ("moment_rms", self.moment_rms, Self::MOMENT_RMS),
             ("moment_jump", self.moment_jump, Self::MOMENT_JUMP),
             ("surface_rms_m", self.surface_rms_m, Self::SURFACE_RMS_M),
             ("normal_rms_rad", self.normal_rms_rad, Self::NORMAL_RMS_RAD),
             ("penetration_worst_m", self.penetration_worst_m, Self::PENETRATION_WORST_M),
-        ]
-        .into_iter()
-        .filter_map(|(key, found, bound)| {
-            found.filter(|found| *found > bound).map(|found| Breach { key, found, bound })
-        })
-        .collect()
+        ])
     }
 }

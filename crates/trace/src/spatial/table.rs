@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use csv::ByteRecord;
+use files::table::{field_error, reader};
 use files::{Error, read_table, sha256, write_atomically, write_json};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -135,10 +137,10 @@ impl SpatialTrace {
         let sidecar = SpatialSidecar::read(path)?;
         let path = path.with_extension("csv");
         let bytes = read_table(&path)?;
-        check_header(&path, lines(&bytes).next())?;
         let (mut instants, mut truth) = (Vec::new(), Vec::new());
-        for (line, text) in lines(&bytes).skip(1) {
-            let row = Row::split(&path, line, text)?;
+        for row in reader(&path, &bytes, &SPATIAL_COLUMNS.map(|(name, _)| name))? {
+            let (line, cells) = row?;
+            let row = Row { path: &path, line, cells };
             let (known, of_truth) = row.parsed(instants.last().map(|last: &SpatialInstant| last.t_s))?;
             instants.push(known);
             truth.push(of_truth);
@@ -193,71 +195,23 @@ impl SpatialTrace {
     }
 }
 
-/// Non-empty lines with their numbers, from 1.
-fn lines(bytes: &[u8]) -> impl Iterator<Item = (u64, &[u8])> {
-    let numbered = (1..).zip(bytes.split(|byte| *byte == b'\n'));
-    numbered
-        .map(|(number, line)| (number, line.strip_suffix(b"\r").unwrap_or(line)))
-        .filter(|(_, line)| !line.is_empty())
-}
-
-/// Checks that the first line consists of the column names.
-fn check_header(path: &Path, first: Option<(u64, &[u8])>) -> Result<(), Error> {
-    let wrong = |line, place: String, found: String, expected: String| Error::Table {
-        path: path.into(),
-        line,
-        place,
-        found,
-        expected,
-    };
-    let Some((line, text)) = first else {
-        return Err(wrong(1, "header".into(), "an empty file".into(), SPATIAL_COLUMNS.map(|(name, _)| name).join(",")));
-    };
-    let names: Vec<&[u8]> = text.split(|byte| *byte == b',').collect();
-    let column = (0..names.len().max(CELLS)).find(|i| {
-        let expected = SPATIAL_COLUMNS.get(*i).map(|(name, _)| name.as_bytes());
-        names.get(*i).copied() != expected
-    });
-    let Some(i) = column else { return Ok(()) };
-    let or_none = |name: Option<String>| name.map_or("no more columns".into(), |name| format!("`{name}`"));
-    let found = or_none(names.get(i).map(|name| String::from_utf8_lossy(name).into_owned()));
-    let expected = or_none(SPATIAL_COLUMNS.get(i).map(|(name, _)| (*name).to_owned()));
-    Err(wrong(line, format!("header, column {}", i + 1), found, expected))
-}
-
-/// Row of the table, split at its commas.
+/// Row of the table.
 struct Row<'a> {
     path: &'a Path,
     line: u64,
-    cells: Vec<&'a [u8]>,
+    cells: ByteRecord,
 }
 
-impl<'a> Row<'a> {
-    fn split(path: &'a Path, line: u64, text: &'a [u8]) -> Result<Self, Error> {
-        let cells: Vec<&[u8]> = text.split(|byte| *byte == b',').collect();
-        if cells.len() != CELLS {
-            let (found, expected) = (format!("{} fields", cells.len()), format!("{CELLS} fields"));
-            return Err(Error::Table { path: path.into(), line, place: "row".into(), found, expected });
-        }
-        Ok(Self { path, line, cells })
-    }
-
+impl Row<'_> {
     fn wrong(&self, i: usize, expected: &str) -> Error {
-        let cell = String::from_utf8_lossy(self.cells[i]);
-        Error::Table {
-            path: self.path.into(),
-            line: self.line,
-            place: format!("column {}", SPATIAL_COLUMNS[i].0),
-            found: if cell.is_empty() { "an empty field".into() } else { format!("`{cell}`") },
-            expected: expected.into(),
-        }
+        field_error(self.path, self.line, SPATIAL_COLUMNS[i].0, &self.cells[i], expected)
     }
 
     fn optional(&self, i: usize) -> Result<Option<f64>, Error> {
         if self.cells[i].is_empty() {
             return Ok(None);
         }
-        match fast_float2::parse::<f64, _>(self.cells[i]) {
+        match fast_float2::parse::<f64, _>(&self.cells[i]) {
             Ok(value) if value.abs() <= most(i) => Ok(Some(value)),
             Ok(value) if value.is_finite() => Err(self.wrong(i, &format!("a number of at most {}", most(i)))),
             _ => Err(self.wrong(i, "a finite number")),
