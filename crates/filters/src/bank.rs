@@ -53,7 +53,7 @@ pub struct Bank<const N: usize, Part = Gaussian<N>> {
     losses: Vec<Loss>,
 }
 
-/// What is known of the loss of merging two hypotheses.
+/// Loss of merging two hypotheses, as far as it has been computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Loss {
     Unknown,
@@ -189,7 +189,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         let count = self.shapes.len();
         self.losses.clear();
         self.losses.resize(count * count, Loss::Unknown);
-        while let Some((i, j)) = self.closest(most_loss) {
+        while let Some((i, j)) = self.closest(most_loss, count) {
             let other = self.hypotheses.swap_remove(j);
             let one = &mut self.hypotheses[i];
             let weight = one.weight() + other.weight();
@@ -208,13 +208,12 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         }
     }
 
-    /// Pair `i < j` with the least merging loss. `None` unless that is below `most_loss`.
-    fn closest(&mut self, most_loss: f64) -> Option<(usize, usize)> {
+    /// Pair `i < j` with the least merging loss, from rows of `count` losses. `None` unless that is below `most_loss`.
+    fn closest(&mut self, most_loss: f64, count: usize) -> Option<(usize, usize)> {
         let (mut least, mut pair) = (most_loss, None);
-        let stride = self.losses.len().isqrt();
         for (i, one) in self.shapes.iter().enumerate() {
             for (j, other) in self.shapes.iter().enumerate().skip(i + 1) {
-                let known = &mut self.losses[i * stride + j];
+                let known = &mut self.losses[i * count + j];
                 if *known == Loss::Unknown {
                     *known = Loss::AtLeast(one.least_loss(other));
                 }

@@ -8,10 +8,9 @@ use std::fs;
 use std::path::Path;
 
 use files::Error;
+use live::{Sampled, Samples};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use urdf_rs::{JointType, Robot};
-
-use crate::samples::{Sampled, Samples};
 
 /// Largest size of a URDF file in bytes.
 const MOST_BYTES: u64 = 1 << 24;

@@ -1,12 +1,11 @@
 //! Motion of a whisker's base in space, projected on the plane of the estimators.
 
-use live::{Clock, Deviation, Motion, Place};
+use live::{Clock, Deviation, Motion, Place, Sampled};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use whisker::frames::Pose;
 
 use crate::arm::Arm;
 use crate::frames::{FrameTransform, Frames};
-use crate::samples::Sampled;
 
 /// Plane of the estimators: that through the first pose of a base, parallel to the x and y axes of the fixed frame turned by
 /// `rotation`.

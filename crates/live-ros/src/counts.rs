@@ -9,10 +9,8 @@
 
 use std::collections::VecDeque;
 
-use live::Timing;
+use live::{Sampled, Samples, Timing};
 use trace::{CrossTalk, SensorFile};
-
-use crate::samples::{Sampled, Samples};
 
 /// Largest number of counts that wait for those of the other sensors.
 const MOST_WAITING: usize = 1 << 12;

@@ -3,9 +3,8 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use live::{Sampled, Samples};
 use nalgebra::Isometry3;
-
-use crate::samples::{Sampled, Samples};
 
 /// Largest number of frames.
 const MOST_FRAMES: usize = 1 << 12;

@@ -28,7 +28,6 @@ mod frames;
 mod map;
 mod mapping;
 mod router;
-mod samples;
 mod setup;
 mod whisker;
 

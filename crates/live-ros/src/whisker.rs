@@ -30,7 +30,7 @@ const WHISKER_COLOR: [f32; 4] = [0.85, 0.85, 0.85, 1.0];
 const CONTACT_COLOR: [f32; 4] = [1.0, 0.3, 0.1, 0.5];
 const OUTLINE_COLOR: [f32; 3] = [1.0, 0.7, 0.0];
 
-/// What a message contains for a whisker.
+/// Measurement for a whisker from a message.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Input(pub(crate) Content);
 

@@ -11,6 +11,7 @@
 //! | --- | --- |
 //! | [`LiveEstimator`] | estimator of one whisker on its streams |
 //! | [`Motion`], [`Poses`] | motion of the base between its measurements |
+//! | [`Samples`] | values over time and their interpolation |
 //! | [`Timing`] | longest waits and gaps, smallest jump of a clock |
 //! | [`Counters`], [`Event`], [`Status`] | what happened to the messages |
 //! | [`play()`], [`Disturbance`] | recordings as streams, with lost, delayed and swapped messages |
@@ -86,6 +87,7 @@ mod matching;
 mod motion;
 mod play;
 mod poses;
+mod samples;
 mod timing;
 pub mod wire;
 
@@ -97,4 +99,5 @@ pub use event::{Event, Stream};
 pub use motion::{Deviation, Motion, Place};
 pub use play::{Content, Message, messages, play};
 pub use poses::Poses;
+pub use samples::{Sampled, Samples};
 pub use timing::Timing;

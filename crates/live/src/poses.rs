@@ -1,21 +1,17 @@
 //! Poses of a whisker's base by time, and the pose between two of them.
 
-use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use whisker::frames::{Base, Pose, World};
 
 use crate::clock::Clock;
 use crate::motion::{Motion, Place};
-
-/// Largest number of kept poses.
-const MOST: usize = 1 << 14;
+use crate::samples::{Sampled, Samples};
 
 /// Poses of the base in order of time.
 #[derive(Clone, Debug, Default)]
 pub struct Poses {
-    kept: VecDeque<(f64, Pose<Base, World>)>,
-    clock: Clock,
+    samples: Samples<Pose<Base, World>>,
 }
 
 impl Motion for Poses {
@@ -27,57 +23,39 @@ impl Motion for Poses {
     }
 
     fn clock(&mut self, _pose: &Pose<Base, World>) -> Option<&mut Clock> {
-        Some(&mut self.clock)
+        Some(&mut self.samples.clock)
     }
 
     fn is_before_all(&self, t_s: f64, _pose: &Pose<Base, World>) -> bool {
-        self.kept.front().is_some_and(|(first_s, _)| t_s < *first_s)
+        self.samples.is_before_all(t_s)
     }
 
     /// The yaw is continued from the pose before by whole turns.
     fn insert(&mut self, t_s: f64, pose: Pose<Base, World>) -> bool {
-        let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
-        if self.kept.get(place).is_some_and(|(of_kept_s, _)| *of_kept_s == t_s) {
-            return false;
-        }
-        let beside = self.kept.get(place.saturating_sub(1));
-        let turns = beside.map_or(0.0, |(_, beside)| ((beside.yaw_rad() - pose.yaw_rad()) / TAU).round());
-        let continued = if turns == 0.0 { pose } else { turned(&pose, turns * TAU) };
-        self.kept.insert(place, (t_s, continued));
-        if self.kept.len() > MOST {
-            self.kept.pop_front();
-        }
-        true
+        let beside = self.samples.beside(t_s);
+        let turns = beside.map_or(0.0, |beside| ((beside.yaw_rad() - pose.yaw_rad()) / TAU).round());
+        self.samples.insert(t_s, if turns == 0.0 { pose } else { turned(&pose, turns * TAU) })
     }
 
     /// The pose with that time or, by linear interpolation, between its neighbours if they are at most `gap_s` apart.
     fn at(&self, t_s: f64, gap_s: f64) -> Place {
-        let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
-        let Some((after_s, after)) = self.kept.get(place) else { return Place::Pending };
-        if *after_s == t_s {
-            return Place::At(*after);
+        match self.samples.at(t_s, gap_s, between) {
+            Sampled::At(pose) => Place::At(pose),
+            Sampled::Pending => Place::Pending,
+            Sampled::Unknown => Place::Unknown,
         }
-        let Some((before_s, before)) = place.checked_sub(1).and_then(|place| self.kept.get(place)) else {
-            return Place::Unknown;
-        };
-        if after_s - before_s > gap_s {
-            return Place::Unknown;
-        }
-        Place::At(between(before, after, (t_s - before_s) / (after_s - before_s)))
     }
 
     fn newest_s(&self) -> Option<f64> {
-        self.kept.back().map(|(t_s, _)| *t_s)
+        self.samples.newest_s()
     }
 
     fn settle(&mut self, t_s: f64) {
-        while self.kept.get(1).is_some_and(|(next_s, _)| *next_s <= t_s) {
-            self.kept.pop_front();
-        }
+        self.samples.settle(t_s);
     }
 
     fn restart(&mut self) {
-        *self = Self::default();
+        self.samples.clear();
     }
 }
 

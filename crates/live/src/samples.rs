@@ -2,14 +2,14 @@
 
 use std::collections::VecDeque;
 
-use live::Clock;
+use crate::clock::Clock;
 
 /// Largest number of kept values.
-const MOST: usize = 1 << 12;
+const MOST: usize = 1 << 14;
 
 /// Value at a requested time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Sampled<T> {
+pub enum Sampled<T> {
     /// It is known.
     At(T),
     /// A later value may determine it.
@@ -18,11 +18,12 @@ pub(crate) enum Sampled<T> {
     Unknown,
 }
 
-/// Values in order of time, with the clock of their messages.
+/// Values in order of time, with the clock of their messages. The oldest are dropped if there are too many.
 #[derive(Clone, Debug)]
-pub(crate) struct Samples<T> {
+pub struct Samples<T> {
     kept: VecDeque<(f64, T)>,
-    pub(crate) clock: Clock,
+    /// Clock of the messages.
+    pub clock: Clock,
 }
 
 impl<T> Default for Samples<T> {
@@ -33,7 +34,7 @@ impl<T> Default for Samples<T> {
 
 impl<T: Copy> Samples<T> {
     /// Adds a value and returns whether there was none at its time.
-    pub(crate) fn insert(&mut self, t_s: f64, value: T) -> bool {
+    pub fn insert(&mut self, t_s: f64, value: T) -> bool {
         let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
         if self.kept.get(place).is_some_and(|(of_kept_s, _)| *of_kept_s == t_s) {
             return false;
@@ -47,7 +48,7 @@ impl<T: Copy> Samples<T> {
 
     /// The value of that time or, by `between(before, after, share)`, one between its neighbours if they are at most
     /// `gap_s` apart.
-    pub(crate) fn at(&self, t_s: f64, gap_s: f64, between: impl Fn(&T, &T, f64) -> T) -> Sampled<T> {
+    pub fn at(&self, t_s: f64, gap_s: f64, between: impl Fn(&T, &T, f64) -> T) -> Sampled<T> {
         let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
         let Some((after_s, after)) = self.kept.get(place) else { return Sampled::Pending };
         if *after_s == t_s {
@@ -61,25 +62,31 @@ impl<T: Copy> Samples<T> {
         }
     }
 
+    /// The last value before a time; otherwise the first one.
+    pub fn beside(&self, t_s: f64) -> Option<&T> {
+        let place = self.kept.partition_point(|(of_kept_s, _)| *of_kept_s < t_s);
+        self.kept.get(place.saturating_sub(1)).map(|(_, value)| value)
+    }
+
     /// Time of the newest value.
-    pub(crate) fn newest_s(&self) -> Option<f64> {
+    pub fn newest_s(&self) -> Option<f64> {
         self.kept.back().map(|(t_s, _)| *t_s)
     }
 
     /// Whether a time lies before all values.
-    pub(crate) fn is_before_all(&self, t_s: f64) -> bool {
+    pub fn is_before_all(&self, t_s: f64) -> bool {
         self.kept.front().is_some_and(|(first_s, _)| t_s < *first_s)
     }
 
     /// Drops the values that no time from `t_s` on requires.
-    pub(crate) fn settle(&mut self, t_s: f64) {
+    pub fn settle(&mut self, t_s: f64) {
         while self.kept.get(1).is_some_and(|(next_s, _)| *next_s <= t_s) {
             self.kept.pop_front();
         }
     }
 
     /// Drops all values.
-    pub(crate) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         *self = Self::default();
     }
 }
