@@ -9,7 +9,7 @@ use super::contact::{Contact, contact};
 use super::curve::{ANCHOR, Curve, PITCH_M, Place, SCALE_M};
 use super::fit::{Evidence, Residual};
 use super::prior::Prior;
-use super::readings::{Reading, keep};
+use super::readings::{Reading, Readings};
 use crate::estimators::side::Side;
 use crate::estimators::{Estimate, OutlinePoint, Radius};
 use crate::frames::{Base, Point, Pose, Start};
@@ -60,7 +60,7 @@ pub(super) struct Object {
     curve: Curve,
     /// Covariance of the curve's state.
     covariance: DMatrix<f64>,
-    readings: Vec<Reading>,
+    readings: Readings,
     /// `tau` of the last contact.
     near_m: f64,
     /// Range of `tau` that was touched.
@@ -105,7 +105,7 @@ pub(super) struct FirstArc {
 
 impl Object {
     /// An object whose curve begins with an arc, from its readings so far.
-    pub(super) fn new(config: Config, side: &Side, arc: FirstArc, readings: Vec<Reading>) -> Self {
+    pub(super) fn new(config: Config, side: &Side, arc: FirstArc, readings: Readings) -> Self {
         let curve = Curve::new(side.face.face.away_sign(), arc.point.vector(), arc.tangent_rad, arc.radius_m);
         let covariance = DMatrix::identity(curve.size(), curve.size());
         let mut object = Self { config, curve, covariance, readings, near_m: 0.0, touched_m: (0.0, 0.0) };
@@ -170,7 +170,7 @@ impl Object {
 
     /// Keeps a reading.
     pub(super) fn keep(&mut self, reading: Reading) {
-        keep(&mut self.readings, reading);
+        self.readings.keep(reading);
     }
 
     /// `tau` of the last contact.
@@ -179,14 +179,14 @@ impl Object {
     }
 
     fn evidence<'a>(&'a self, side: &'a Side, prior: Prior) -> Evidence<'a> {
-        Evidence::new(side, &self.readings, prior, self.config.gate_sds)
+        Evidence::new(side, self.readings.means(), prior, self.config.gate_sds)
     }
 
     /// Extends or trims the curve to the range of all readings.
     fn fit_length(&mut self, side: &Side) {
         for _ in 0..LENGTH_ROUNDS {
             let (mut low_m, mut high_m) = (f64::INFINITY, f64::NEG_INFINITY);
-            for reading in &mut self.readings {
+            for reading in self.readings.means_mut() {
                 if let Some(contact) = contact(side, &reading.base, &self.curve, reading.near_m) {
                     reading.near_m = contact.place.tau_m;
                     low_m = low_m.min(reading.near_m);

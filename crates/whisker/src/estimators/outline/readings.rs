@@ -2,12 +2,17 @@
 
 use crate::frames::{Base, Pose, Start};
 
-/// Largest number of readings that are averaged, and the largest displacement and rotation of the base among them.
-const MOST_TOGETHER: f64 = 8.0;
-const MOST_WAY_M: f64 = 0.3e-3;
-const MOST_TURN_RAD: f64 = 5e-3;
+/// Largest displacement and rotation of the base among readings that are averaged, as long as they are few.
+const WAY_M: f64 = 0.3e-3;
+const TURN_RAD: f64 = 5e-3;
 
-/// The mean of readings between which the base hardly moved, at its mean pose.
+/// Number of means above which more readings are averaged.
+const MOST: usize = 256;
+
+/// Factor of the displacement and rotation by which more readings are averaged.
+const COARSER: f64 = std::f64::consts::SQRT_2;
+
+/// The mean of readings between whose poses the base hardly differs, at their mean pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reading {
     /// Mean pose of the base.
@@ -18,36 +23,98 @@ pub(super) struct Reading {
     pub(super) count: f64,
     /// `tau` of the contact when last computed.
     pub(super) near_m: f64,
+    /// Whether the readings contradict the prediction. They are not averaged with others, which may be those of another
+    /// object or of a whisker that has not settled.
+    is_outlier: bool,
     first: Pose<Base, Start>,
 }
 
 impl Reading {
     /// A single reading, whose contact lies about `near_m`.
     pub(super) fn new(base: Pose<Base, Start>, reading_n_m: f64, near_m: f64) -> Self {
-        Self { base, reading_n_m, count: 1.0, near_m, first: base }
+        Self { base, reading_n_m, count: 1.0, near_m, is_outlier: false, first: base }
     }
 
-    /// Includes another reading in the mean, unless the base has moved too far. Returns whether it was included.
-    fn joins(&mut self, next: &Self) -> bool {
-        let way_m = next.base.origin().distance(&self.first.origin());
-        let turn_rad = (next.base.yaw_rad() - self.first.yaw_rad()).abs();
-        if self.count >= MOST_TOGETHER || way_m > MOST_WAY_M || turn_rad > MOST_TURN_RAD {
-            return false;
-        }
-        let share = 1.0 / (self.count + 1.0);
-        let origin = self.base.origin().vector().lerp(&next.base.origin().vector(), share);
-        let yaw_rad = self.base.yaw_rad() + share * (next.base.yaw_rad() - self.base.yaw_rad());
+    /// The same, as an outlier if `is_outlier`.
+    pub(super) fn outlier(self, is_outlier: bool) -> Self {
+        Self { is_outlier, ..self }
+    }
+
+    /// Includes the readings of another mean.
+    fn join(&mut self, other: &Self) {
+        let count = self.count + other.count;
+        let share = other.count / count;
+        let origin = self.base.origin().vector().lerp(&other.base.origin().vector(), share);
+        let yaw_rad = self.base.yaw_rad() + share * (other.base.yaw_rad() - self.base.yaw_rad());
         self.base = Pose::new(origin.x, origin.y, yaw_rad);
-        self.reading_n_m += share * (next.reading_n_m - self.reading_n_m);
-        self.near_m = next.near_m;
-        self.count += 1.0;
-        true
+        self.reading_n_m += share * (other.reading_n_m - self.reading_n_m);
+        self.near_m = other.near_m;
+        self.count = count;
     }
 }
 
-/// Appends a reading, or includes it in the last one.
-pub(super) fn keep(readings: &mut Vec<Reading>, reading: Reading) {
-    if !readings.last_mut().is_some_and(|last| last.joins(&reading)) {
-        readings.push(reading);
+/// Readings of one object, averaged where the base returns to a pose: without friction and with the object at rest they
+/// are repetitions of one reading. Their number, and so the time of a fit, is bounded.
+#[derive(Clone, Debug)]
+pub(super) struct Readings {
+    means: Vec<Reading>,
+    /// Factor of the displacement and rotation within which readings are averaged.
+    scale: f64,
+}
+
+impl Default for Readings {
+    fn default() -> Self {
+        Self { means: Vec::new(), scale: 1.0 }
+    }
+}
+
+impl Readings {
+    /// Includes a reading in the mean of the nearest pose, or appends it if there is none within reach.
+    pub(super) fn keep(&mut self, reading: Reading) {
+        if let Some(mean) = self.beside(&reading) {
+            mean.join(&reading);
+            return;
+        }
+        self.means.push(reading);
+        while self.means.len() > MOST {
+            self.scale *= COARSER;
+            for mean in std::mem::take(&mut self.means) {
+                match self.beside(&mean) {
+                    Some(beside) => beside.join(&mean),
+                    None => self.means.push(mean),
+                }
+            }
+        }
+    }
+
+    /// The mean of the nearest pose within reach. An outlier joins only one that immediately precedes it.
+    fn beside(&mut self, reading: &Reading) -> Option<&mut Reading> {
+        let (way_m, turn_rad) = (self.scale * WAY_M, self.scale * TURN_RAD);
+        let distance = |mean: &Reading| {
+            let way = mean.first.origin().distance(&reading.first.origin()) / way_m;
+            let turn = (mean.first.yaw_rad() - reading.first.yaw_rad()).abs() / turn_rad;
+            way.max(turn)
+        };
+        let place = if reading.is_outlier {
+            self.means
+                .len()
+                .checked_sub(1)
+                .filter(|last| self.means[*last].is_outlier && distance(&self.means[*last]) <= 1.0)
+        } else {
+            let means = self.means.iter().enumerate().filter(|(_, mean)| !mean.is_outlier);
+            let near = means.map(|(i, mean)| (i, distance(mean))).filter(|(_, distance)| *distance <= 1.0);
+            near.min_by(|one, other| one.1.total_cmp(&other.1)).map(|(i, _)| i)
+        };
+        self.means.get_mut(place?)
+    }
+
+    /// The means.
+    pub(super) fn means(&self) -> &[Reading] {
+        &self.means
+    }
+
+    /// The means, whose contacts may be updated.
+    pub(super) fn means_mut(&mut self) -> &mut [Reading] {
+        &mut self.means
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Config;
 use super::object::{Effort, FirstArc, Object};
-use super::readings::{Reading, keep};
+use super::readings::{Reading, Readings};
 use crate::estimators::doubt::Doubt;
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
@@ -47,7 +47,7 @@ const FAR_EVERY: usize = 4;
 /// The onset of a touch, until the object is identified.
 #[derive(Default)]
 struct Onset {
-    readings: Vec<Reading>,
+    readings: Readings,
     samples: usize,
     /// Log-likelihood of the readings under the known object less that under a new one.
     known_ahead: f64,
@@ -116,7 +116,7 @@ impl Tracer {
     fn begin(&mut self, sample: &Sample, mut onset: Onset) -> Option<Estimate> {
         onset.samples += 1;
         let near_m = self.object.as_ref().map_or(0.0, Object::near_m);
-        keep(&mut onset.readings, Reading::new(self.base, sample.reading_n_m, near_m));
+        onset.readings.keep(Reading::new(self.base, sample.reading_n_m, near_m));
         let advance = self.front.advance(sample);
         let side = &self.front.side;
         let Some(object) = &mut self.object else {
@@ -168,7 +168,7 @@ impl Tracer {
     fn settle(&mut self, onset: Onset) {
         match &mut self.object {
             Some(object) if onset.known_ahead >= 0.0 => {
-                onset.readings.into_iter().for_each(|reading| object.keep(reading));
+                onset.readings.means().iter().for_each(|reading| object.keep(*reading));
                 object.refine(&self.front.side, Effort::Far);
             }
             _ => {
@@ -205,10 +205,14 @@ impl Tracer {
             Some(expected) if side.base_noise.is_none() => self.inertia.moment_n_m(side, expected.at()),
             _ => 0.0,
         };
+        let nis = expected
+            .as_ref()
+            .and_then(|expected| expected.innovation)
+            .map_or(f64::INFINITY, |innovation| innovation.nis);
         if expected.as_ref().is_none_or(|expected| side.distance_outside_m(expected.at()) < FARTHEST_M) {
-            object.keep(Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m()));
+            let reading = Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m());
+            object.keep(reading.outlier(nis > OUTLIER_NIS));
         }
-        let nis = expected.and_then(|expected| expected.innovation).map_or(f64::INFINITY, |innovation| innovation.nis);
         if let Some(effort) = self.pace.next(nis > OUTLIER_NIS) {
             object.refine(side, effort);
         }
