@@ -36,6 +36,8 @@
 //! assert!((solution.state.x - dvector![2.0, 2_f64.ln()]).norm() < 1e-9);
 //! ```
 
+use std::ops::ControlFlow;
+
 use nalgebra::{DMatrix, DVector};
 
 /// Quadratic approximation `c + g' d + d' H d / 2` of a cost about a state, for a step `d`.
@@ -188,30 +190,60 @@ pub struct Solution<State> {
 /// Local minimum of a problem's cost, starting from a state. `None` if the model is undefined or its cost not finite at
 /// the start, or if an iterate has no approximation.
 pub fn minimise<P: Problem>(problem: &P, start: P::State, settings: &Settings) -> Option<Solution<P::State>> {
-    let mut state = start;
-    let mut approximation = problem.approximate(&state).filter(|here| here.cost.is_finite())?;
-    let mut damping = match settings.method {
-        Method::GaussNewton => 0.0,
-        Method::LevenbergMarquardt(schedule) => schedule.first,
-    };
-    for iteration in 0..settings.iterations {
-        if iteration > 0 {
-            approximation = problem.approximate(&state)?;
-        }
-        let next = match settings.method {
-            Method::GaussNewton => undamped(problem, &state, &approximation),
-            Method::LevenbergMarquardt(schedule) => descend(problem, &state, &approximation, &schedule, &mut damping),
-        };
-        let Some(Accepted { state: moved, step_norm, descent }) = next else {
-            return Some(Solution { state, approximation, outcome: Outcome::NoDescent });
-        };
-        state = moved;
-        let enough = settings.absolute + settings.relative * approximation.cost;
-        if step_norm < settings.step || descent.is_some_and(|descent| descent <= enough) {
-            return Some(Solution { state, approximation, outcome: Outcome::Converged });
+    let mut search = Minimisation::begin(problem, start, *settings)?;
+    loop {
+        if let ControlFlow::Break(outcome) = search.advance(problem)? {
+            return Some(Solution { state: search.state, approximation: search.approximation, outcome });
         }
     }
-    Some(Solution { state, approximation, outcome: Outcome::IterationLimit })
+}
+
+/// [`minimise`] one iteration at a time, for callers whose time per call is bounded.
+#[derive(Clone, Debug)]
+pub struct Minimisation<State> {
+    /// State of the least cost that was found.
+    pub state: State,
+    approximation: Quadratic,
+    settings: Settings,
+    damping: f64,
+    iterations: usize,
+}
+
+impl<State> Minimisation<State> {
+    /// Starts from a state. `None` if the model is undefined or its cost not finite there.
+    pub fn begin<P: Problem<State = State>>(problem: &P, start: State, settings: Settings) -> Option<Self> {
+        let approximation = problem.approximate(&start).filter(|here| here.cost.is_finite())?;
+        let damping = match settings.method {
+            Method::GaussNewton => 0.0,
+            Method::LevenbergMarquardt(schedule) => schedule.first,
+        };
+        Some(Self { state: start, approximation, settings, damping, iterations: 0 })
+    }
+
+    /// One iteration: breaks with the reason if the search has ended, after which it must not be continued. `None` if the
+    /// state has no approximation.
+    pub fn advance<P: Problem<State = State>>(&mut self, problem: &P) -> Option<ControlFlow<Outcome>> {
+        if self.iterations == self.settings.iterations {
+            return Some(ControlFlow::Break(Outcome::IterationLimit));
+        }
+        if self.iterations > 0 {
+            self.approximation = problem.approximate(&self.state)?;
+        }
+        self.iterations += 1;
+        let next = match self.settings.method {
+            Method::GaussNewton => undamped(problem, &self.state, &self.approximation),
+            Method::LevenbergMarquardt(schedule) => {
+                descend(problem, &self.state, &self.approximation, &schedule, &mut self.damping)
+            }
+        };
+        let Some(Accepted { state: moved, step_norm, descent }) = next else {
+            return Some(ControlFlow::Break(Outcome::NoDescent));
+        };
+        self.state = moved;
+        let enough = self.settings.absolute + self.settings.relative * self.approximation.cost;
+        let has_converged = step_norm < self.settings.step || descent.is_some_and(|descent| descent <= enough);
+        Some(if has_converged { ControlFlow::Break(Outcome::Converged) } else { ControlFlow::Continue(()) })
+    }
 }
 
 /// State after an accepted step.

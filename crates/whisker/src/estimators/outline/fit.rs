@@ -21,8 +21,8 @@ pub(super) struct Evidence<'a> {
     readings: &'a [Reading],
     prior: Prior,
     gate_sds: f64,
-    /// `tau` of each reading's contact with the curve that was computed last: successive curves differ little.
-    near_m: Vec<Cell<f64>>,
+    /// `tau` of each reading's contact with the curve that was computed last, from which the next one is sought.
+    near_m: &'a [Cell<f64>],
 }
 
 /// Difference between a reading and its prediction.
@@ -71,14 +71,19 @@ struct Linear<'a> {
 
 impl<'a> Evidence<'a> {
     /// The cost function under a prior, with residuals gated at `gate_sds` standard deviations.
-    pub(super) fn new(side: &'a Side, readings: &'a [Reading], prior: Prior, gate_sds: f64) -> Self {
-        let near_m = readings.iter().map(|reading| Cell::new(reading.near_m)).collect();
+    pub(super) fn new(
+        side: &'a Side,
+        readings: &'a [Reading],
+        near_m: &'a [Cell<f64>],
+        prior: Prior,
+        gate_sds: f64,
+    ) -> Self {
         Self { side, readings, prior, gate_sds, near_m }
     }
 
     /// Readings with their contacts with a curve.
     fn contacts(&self, curve: &Curve) -> impl Iterator<Item = (&Reading, Option<Contact>)> {
-        self.readings.iter().zip(&self.near_m).map(|(reading, near_m)| {
+        self.readings.iter().zip(self.near_m).map(|(reading, near_m)| {
             let contact = contact(self.side, &reading.base, curve, near_m.get());
             if let Some(contact) = &contact {
                 near_m.set(contact.place.tau_m);
@@ -103,15 +108,32 @@ impl<'a> Evidence<'a> {
         costs.sum()
     }
 
-    /// Gradient that the sensor model's error adds to the cost if it is one standard deviation everywhere. That error
-    /// does not average out: it is nearly the same at nearby contacts.
-    pub(super) fn model_error_pull(&self, curve: &Curve) -> DVector<f64> {
-        let mut pull = DVector::zeros(curve.size());
-        self.linearise(curve, |linear| {
-            let share = linear.weight * self.side.model_variance_n2_m2(linear.contact.at).sqrt();
-            pull.iter_mut().zip(linear.slope).for_each(|(pull, slope)| *pull += share * slope);
+    /// Quadratic approximation of the cost, and the gradient that the sensor model's error adds to it if that is one
+    /// standard deviation everywhere. It does not average out: it is nearly the same at nearby contacts.
+    pub(super) fn approximate_with_model_error(&self, curve: &Curve) -> (Quadratic, DVector<f64>) {
+        let size = curve.size();
+        let (mut gradient, mut curvature) = (DVector::zeros(size), DMatrix::zeros(size, size));
+        let mut pull = DVector::zeros(size);
+        let of_readings = self.linearise(curve, |linear| {
+            let model_error_n_m = self.side.model_variance_n2_m2(linear.contact.at).sqrt();
+            // Of the lower triangle, the entries on which the reading depends: the anchor, and the cells between anchor
+            // and contact.
+            let cells = curve.cells_to(linear.contact.place.tau_m);
+            for j in (0..ANCHOR).chain(cells.clone()) {
+                let share = linear.weight * linear.slope[j];
+                gradient[j] -= share * linear.residual_n_m;
+                pull[j] += share * model_error_n_m;
+                let mut column = curvature.column_mut(j);
+                let column = column.as_mut_slice();
+                for rows in [j..ANCHOR.max(j), j.max(cells.start)..cells.end] {
+                    let entries = column[rows.clone()].iter_mut().zip(&linear.slope[rows]);
+                    entries.for_each(|(entry, slope)| *entry += share * slope);
+                }
+            }
         });
-        pull
+        let mut quadratic = Quadratic { cost: self.prior.cost(curve) + of_readings, gradient, curvature };
+        self.prior.add_to(curve, &mut quadratic);
+        (quadratic, pull)
     }
 }
 
@@ -126,26 +148,7 @@ impl Problem for Evidence<'_> {
     }
 
     fn approximate(&self, curve: &Curve) -> Option<Quadratic> {
-        let size = curve.size();
-        let (mut gradient, mut curvature) = (DVector::zeros(size), DMatrix::zeros(size, size));
-        let of_readings = self.linearise(curve, |linear| {
-            // Of the lower triangle, the entries on which the reading depends: the anchor, and the cells between anchor
-            // and contact.
-            let cells = curve.cells_to(linear.contact.place.tau_m);
-            for j in (0..ANCHOR).chain(cells.clone()) {
-                let share = linear.weight * linear.slope[j];
-                gradient[j] -= share * linear.residual_n_m;
-                let mut column = curvature.column_mut(j);
-                let column = column.as_mut_slice();
-                for rows in [j..ANCHOR.max(j), j.max(cells.start)..cells.end] {
-                    let entries = column[rows.clone()].iter_mut().zip(&linear.slope[rows]);
-                    entries.for_each(|(entry, slope)| *entry += share * slope);
-                }
-            }
-        });
-        let mut quadratic = Quadratic { cost: self.prior.cost(curve) + of_readings, gradient, curvature };
-        self.prior.add_to(curve, &mut quadratic);
-        Some(quadratic)
+        Some(self.approximate_with_model_error(curve).0)
     }
 
     fn moved(&self, curve: &Curve, step: &DVector<f64>) -> Option<Curve> {

@@ -1,7 +1,7 @@
 //! The outline smoothed at the end of a touch.
 
-use super::object::Effort;
 use super::recursive::Tracer;
+use super::search::Effort;
 use crate::estimators::{Estimate, OutlinePoint, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start};
 

@@ -18,6 +18,7 @@ mod object;
 mod prior;
 mod readings;
 mod recursive;
+mod search;
 
 use std::sync::Arc;
 

@@ -112,9 +112,4 @@ impl Readings {
     pub(super) fn means(&self) -> &[Reading] {
         &self.means
     }
-
-    /// The means, whose contacts may be updated.
-    pub(super) fn means_mut(&mut self) -> &mut [Reading] {
-        &mut self.means
-    }
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use super::Config;
-use super::object::{Effort, FirstArc, Object};
+use super::object::{FirstArc, Object};
 use super::readings::{Reading, Readings};
+use super::search::Effort;
 use crate::estimators::doubt::Doubt;
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
@@ -63,14 +64,14 @@ struct Pace {
 }
 
 impl Pace {
-    /// The search after one more sample, which may be an outlier. `None` if none is due.
-    fn next(&mut self, is_outlier: bool) -> Option<Effort> {
+    /// The search after one more sample, which may be an outlier. `None` if none is due or the last one goes on.
+    fn next(&mut self, is_outlier: bool, is_searching: bool) -> Option<Effort> {
         self.samples += 1;
         self.has_outlier |= is_outlier;
         let pause = self.samples - self.last;
         let is_due = pause >= LEAST_PAUSE.max(self.samples / PAUSE_SHARE)
             || self.has_outlier && pause >= LEAST_OUTLIER_PAUSE + self.samples / OUTLIER_PAUSE_SHARE;
-        is_due.then(|| {
+        (is_due && !is_searching).then(|| {
             self.searches += 1;
             let is_far = std::mem::take(&mut self.has_outlier) || self.searches.is_multiple_of(FAR_EVERY);
             self.last = self.samples;
@@ -169,7 +170,7 @@ impl Tracer {
         match &mut self.object {
             Some(object) if onset.known_ahead >= 0.0 => {
                 onset.readings.means().iter().for_each(|reading| object.keep(*reading));
-                object.refine(&self.front.side, Effort::Far);
+                object.begin_search(&self.front.side, Effort::Far);
             }
             _ => {
                 self.object = None;
@@ -213,8 +214,8 @@ impl Tracer {
             let reading = Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m());
             object.keep(reading.outlier(nis > OUTLIER_NIS));
         }
-        if let Some(effort) = self.pace.next(nis > OUTLIER_NIS) {
-            object.refine(side, effort);
+        if let Some(effort) = self.pace.next(nis > OUTLIER_NIS, object.is_searching()) {
+            object.begin_search(side, effort);
         }
         let sd_m = estimate.as_ref().and_then(|estimate| estimate.covariance_m2).map_or(0.0, |p| p.trace().sqrt());
         if sd_m < SETTLED_SD_M && estimate.as_ref().is_some_and(|estimate| self.knowledge.may_be_tip(estimate)) {
@@ -246,6 +247,9 @@ fn front(touch: &Touch<'_>, knowledge: &Knowledge) -> Follower<Extended, Round, 
 impl Tracker for Tracer {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
+        if let Some(object) = &mut self.object {
+            object.advance(&self.front.side);
+        }
         match self.onset.take() {
             Some(onset) => self.begin(sample, onset),
             None => self.go_on(sample),
