@@ -62,17 +62,22 @@ impl Turn {
     /// The rotation (rad) at a contact, and its derivatives along and away.
     pub(crate) fn at(&self, at: AlongAway) -> (f64, Vector2<f64>) {
         let [u, v] = self.scaled(at);
-        let powers = |x: f64| [1.0, x, x * x, x * x * x, x * x * x * x];
-        let (us, vs) = (powers(u), powers(v));
-        let (mut turn, mut by_u, mut by_v) = (0.0, 0.0, 0.0);
-        for (&(i, j), c) in TERMS.iter().zip(&self.coefficients) {
-            let (i, j) = (i as usize, j as usize);
-            turn += c * us[i] * vs[j + 1];
-            by_v += c * us[i] * vs[j] * (j + 1) as f64;
-            if i > 0 {
-                by_u += c * us[i - 1] * vs[j + 1] * i as f64;
-            }
-        }
-        (turn, vector![by_u / self.half_m, by_v / self.away_m])
+        let [a0, a1, a2, a3, a4, b0, b1, b2, b3, c0, c1, c2, d0, d1] = self.coefficients;
+        // The polynomials in u that multiply the powers of v, and their derivatives.
+        let values = [
+            a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))),
+            b0 + u * (b1 + u * (b2 + u * b3)),
+            c0 + u * (c1 + u * c2),
+            d0 + u * d1,
+        ];
+        let slopes = [
+            a1 + u * (2.0 * a2 + u * (3.0 * a3 + u * 4.0 * a4)),
+            b1 + u * (2.0 * b2 + u * 3.0 * b3),
+            c1 + u * 2.0 * c2,
+            d1,
+        ];
+        let horner = |of: [f64; 4]| of[0] + v * (of[1] + v * (of[2] + v * of[3]));
+        let by_v = values[0] + v * (2.0 * values[1] + v * (3.0 * values[2] + v * 4.0 * values[3]));
+        (v * horner(values), vector![v * horner(slopes) / self.half_m, by_v / self.away_m])
     }
 }

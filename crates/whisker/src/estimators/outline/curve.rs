@@ -58,6 +58,8 @@ struct Cell {
 pub(super) struct Knot {
     pub(super) point: Vector2<f64>,
     pub(super) tangent_rad: f64,
+    /// Unit vector of the tangent.
+    pub(super) tangent: Vector2<f64>,
 }
 
 /// A position on the curve.
@@ -75,6 +77,8 @@ pub(super) struct Place {
 struct Arc {
     offset: Vector2<f64>,
     turn_rad: f64,
+    /// Unit vector of the tangent at the end.
+    tangent: Vector2<f64>,
     offset_by_share: Vector2<f64>,
     turn_by_share: f64,
 }
@@ -87,8 +91,8 @@ impl Curve {
     /// An arc through `point`, the anchor, of one cell on either side.
     pub(super) fn new(sign: f64, point: Vector2<f64>, tangent_rad: f64, radius_m: f64) -> Self {
         let logs = vec![(radius_m / SCALE_M).ln(); 2];
-        let mut curve =
-            Self { sign, before: 1, anchor: Knot { point, tangent_rad }, logs, knots: Vec::new(), cells: Vec::new() };
+        let anchor = Knot { point, tangent_rad, tangent: direction(tangent_rad) };
+        let mut curve = Self { sign, before: 1, anchor, logs, knots: Vec::new(), cells: Vec::new() };
         curve.lay();
         curve
     }
@@ -144,6 +148,7 @@ impl Curve {
         let mut moved = self.clone();
         moved.anchor.point += Vector2::new(step[0], step[1]);
         moved.anchor.tangent_rad += step[2];
+        moved.anchor.tangent = direction(moved.anchor.tangent_rad);
         for (log, step) in moved.logs.iter_mut().zip(&step[ANCHOR..]) {
             *log += step;
         }
@@ -153,8 +158,13 @@ impl Curve {
 
     /// Computes the knots from the anchor outwards in both directions.
     fn lay(&mut self) {
-        let blank =
-            Arc { offset: Vector2::zeros(), turn_rad: 0.0, offset_by_share: Vector2::zeros(), turn_by_share: 0.0 };
+        let blank = Arc {
+            offset: Vector2::zeros(),
+            turn_rad: 0.0,
+            tangent: self.anchor.tangent,
+            offset_by_share: Vector2::zeros(),
+            turn_by_share: 0.0,
+        };
         let cell = |log: &f64| {
             let share = 1.0 / (1.0 + (-log).exp());
             Cell { share, share_by_log: share * (1.0 - share), arc: blank }
@@ -177,18 +187,15 @@ impl Curve {
     fn arc(&self, from: &Knot, way_m: f64, share: f64) -> Arc {
         let (length_m, half_rad) = (way_m * share, 0.5 * way_m * (1.0 - share) / SCALE_M);
         let half_by_share = -0.5 * way_m / SCALE_M;
-        // sin(h)/h and its derivative, by series where the quotients would lose their digits.
-        let (sinc, sinc_rate) = if half_rad.abs() < 1e-3 {
-            (1.0 - half_rad * half_rad / 6.0, -half_rad / 3.0)
-        } else {
-            let sinc = half_rad.sin() / half_rad;
-            (sinc, (half_rad.cos() - sinc) / half_rad)
-        };
-        let chord = direction(from.tangent_rad + half_rad) * -self.sign;
+        let HalfTurn { sinc, sinc_rate, cos } = HalfTurn::of(half_rad);
+        let turn = |v: Vector2<f64>| v * cos + left(v) * (half_rad * sinc);
+        let middle = turn(from.tangent);
+        let chord = middle * -self.sign;
         let along = way_m * sinc + length_m * sinc_rate * half_by_share;
         Arc {
             offset: chord * (length_m * sinc),
             turn_rad: 2.0 * half_rad,
+            tangent: turn(middle),
             offset_by_share: chord * along + left(chord) * (length_m * sinc * half_by_share),
             turn_by_share: 2.0 * half_by_share,
         }
@@ -216,7 +223,7 @@ impl Curve {
         let (from, way_m) = self.reached(cell, tau_m);
         let share = self.cells[cell].share;
         let knot = self.arc(from, way_m, share).end(from);
-        let point_by_tau = direction(knot.tangent_rad) * (-self.sign * share);
+        let point_by_tau = knot.tangent * (-self.sign * share);
         Place { tau_m, knot, point_by_tau, tangent_rad_per_m: (1.0 - share) / SCALE_M }
     }
 
@@ -253,9 +260,34 @@ impl Curve {
     }
 }
 
+/// sin(h)/h, its derivative by h, and cos(h) of half the angle of an arc.
+struct HalfTurn {
+    sinc: f64,
+    sinc_rate: f64,
+    cos: f64,
+}
+
+impl HalfTurn {
+    /// By Taylor series within 0.05 rad, to which the arc of a cell is limited: without loss of digits near zero, and
+    /// in a fraction of the time.
+    fn of(h: f64) -> Self {
+        if h.abs() > 0.05 {
+            let (sin, cos) = h.sin_cos();
+            let sinc = sin / h;
+            return Self { sinc, sinc_rate: (cos - sinc) / h, cos };
+        }
+        let q = h * h;
+        Self {
+            sinc: 1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0)),
+            sinc_rate: -h / 3.0 * (1.0 - q / 10.0 * (1.0 - q / 28.0 * (1.0 - q / 54.0))),
+            cos: 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0))),
+        }
+    }
+}
+
 impl Arc {
     fn end(&self, from: &Knot) -> Knot {
-        Knot { point: from.point + self.offset, tangent_rad: from.tangent_rad + self.turn_rad }
+        Knot { point: from.point + self.offset, tangent_rad: from.tangent_rad + self.turn_rad, tangent: self.tangent }
     }
 }
 
@@ -282,6 +314,15 @@ mod tests {
                 assert!(((place.knot.point - centre).norm() - 15e-3).abs() < 1e-12);
                 assert!((place.knot.tangent_rad - 0.4 - tau_m / 25e-3).abs() < 1e-12);
             }
+        }
+    }
+
+    #[test]
+    fn verif_series_and_functions_of_a_half_turn_agree() {
+        for h in [0.05_f64, -0.05] {
+            let (series, functions) = (HalfTurn::of(h), HalfTurn::of(h * (1.0 + 1e-12)));
+            assert!((series.sinc - functions.sinc).abs() < 1e-15 && (series.cos - functions.cos).abs() < 1e-14);
+            assert!((series.sinc_rate - functions.sinc_rate).abs() < 1e-13);
         }
     }
 

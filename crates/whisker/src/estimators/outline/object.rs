@@ -1,7 +1,7 @@
 //! An object that was touched: the estimate of its outline, and its readings.
 
 use filters::Innovation;
-use nalgebra::{DMatrix, DVector, Matrix1, Matrix2, Vector1, Vector2};
+use nalgebra::{DVector, Matrix1, Matrix2, Vector1, Vector2};
 
 use super::Config;
 use super::contact::{Contact, contact};
@@ -12,7 +12,6 @@ use super::search::{Effort, Fitted, Search};
 use crate::estimators::side::Side;
 use crate::estimators::{Estimate, OutlinePoint, Radius};
 use crate::frames::{Base, Point, Pose, Start};
-use crate::rest::direction;
 use crate::sensor::AlongAway;
 
 /// Interval of `tau` over which the radius is averaged.
@@ -34,6 +33,8 @@ pub(super) struct Object {
 /// Prediction of the contact at a pose of the base.
 pub(super) struct Expected {
     contact: Contact,
+    /// Covariance of the contact in Start.
+    spread: Matrix2<f64>,
     /// Innovation of the reading.
     pub(super) innovation: Option<Innovation<1>>,
 }
@@ -69,20 +70,19 @@ impl Object {
     pub(super) fn expect(&self, side: &Side, base: &Pose<Base, Start>, reading_n_m: f64) -> Option<Expected> {
         let contact = contact(side, base, &self.fitted.curve, self.near_m)?;
         let (residual, touches) = Residual::of(side, &Reading::new(*base, reading_n_m, self.near_m), Some(&contact));
-        let predicted = if touches { self.spread(&contact, &[contact.reading_by_point])[(0, 0)] } else { 0.0 };
+        let spread = self.spread(&contact);
+        let predicted = if touches { contact.reading_by_point.dot(&(spread * contact.reading_by_point)) } else { 0.0 };
         let innovation =
             Innovation::of(Vector1::new(residual.residual_n_m), Matrix1::new(predicted + residual.variance_n2_m2));
-        Some(Expected { contact, innovation })
+        Some(Expected { contact, spread, innovation })
     }
 
     /// The estimate of the predicted contact.
     pub(super) fn estimate(&mut self, side: &Side, base: &Pose<Base, Start>, expected: &Expected) -> Estimate {
-        let Expected { contact, innovation } = expected;
+        let Expected { contact, spread, innovation } = expected;
         self.near_m = contact.place.tau_m;
-        let spread = self.spread(contact, &[Vector2::x(), Vector2::y()]);
-        let spread = Matrix2::new(spread[(0, 0)], spread[(0, 1)], spread[(1, 0)], spread[(1, 1)]);
         let calibrated = side.face.domain.contains(contact.at);
-        let stated = side.estimate_at(contact.point, calibrated, base.inverse().turn(spread), *innovation);
+        let stated = side.estimate_at(contact.point, calibrated, base.inverse().turn(*spread), *innovation);
         Estimate { radius: Some(self.radius(side, contact)), ..stated }
     }
 
@@ -99,25 +99,29 @@ impl Object {
         Radius { radius_m: object_m, sd_m: radius_m * variance.max(0.0).sqrt() }
     }
 
-    /// Covariance of quantities whose derivatives by the contact's point are `by_point`.
-    fn spread(&self, contact: &Contact, by_point: &[Vector2<f64>]) -> DMatrix<f64> {
-        let (low_m, high_m) = self.fitted.curve.range_m();
-        let mut slopes = DMatrix::zeros(self.fitted.curve.size(), by_point.len());
-        for (mut column, by_point) in slopes.column_iter_mut().zip(by_point) {
-            contact.pull_back(&self.fitted.curve, *by_point, column.as_mut_slice());
+    /// Covariance of a contact in Start.
+    fn spread(&self, contact: &Contact) -> Matrix2<f64> {
+        let Fitted { curve, covariance, .. } = &self.fitted;
+        let by_axis = [Vector2::x(), Vector2::y()].map(|axis| {
+            let mut slopes = vec![0.0; curve.size()];
+            contact.pull_back(curve, axis, &mut slopes);
+            slopes
+        });
+        let slope = |entry: usize| Vector2::new(by_axis[0][entry], by_axis[1][entry]);
+        // The contact does not depend on other entries of the state.
+        let entries = || (0..ANCHOR).chain(curve.cells_to(contact.place.tau_m));
+        let mut spread = Matrix2::zeros();
+        for j in entries() {
+            let column = covariance.column(j);
+            let carried = entries().fold(Vector2::zeros(), |sum, i| sum + slope(i) * column[i]);
+            spread += carried * slope(j).transpose();
         }
-        let mut spread = slopes.transpose() * &self.fitted.covariance * &slopes;
         // Beyond the curve's ends the logarithm of the radius is a random walk over the cells; its mean up to the
         // contact has a third of the variance.
+        let (low_m, high_m) = curve.range_m();
         let beyond_m = (low_m - contact.place.tau_m).max(contact.place.tau_m - high_m).max(0.0);
-        let cells = beyond_m / PITCH_M;
-        let end = if contact.place.tau_m < low_m { ANCHOR } else { self.fitted.curve.size() - 1 };
-        for i in 0..by_point.len() {
-            for j in 0..by_point.len() {
-                spread[(i, j)] += NEW_VARIANCE * cells / 3.0 * slopes[(end, i)] * slopes[(end, j)];
-            }
-        }
-        spread
+        let end = slope(if contact.place.tau_m < low_m { ANCHOR } else { curve.size() - 1 });
+        spread + end * end.transpose() * (NEW_VARIANCE * beyond_m / PITCH_M / 3.0)
     }
 
     /// Keeps a reading.
@@ -183,7 +187,7 @@ impl Object {
         places
             .map(|tau_m| {
                 let place = self.fitted.curve.at(tau_m);
-                let tangent = direction(place.knot.tangent_rad);
+                let tangent = place.knot.tangent;
                 let normal = Vector2::new(-tangent.y, tangent.x) * self.fitted.curve.sign();
                 OutlinePoint {
                     surface: Point::from_vector(place.knot.point - normal * wire_radius_m),

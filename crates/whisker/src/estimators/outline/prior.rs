@@ -73,6 +73,11 @@ impl Prior {
         Self { change_least: 3e-2, ..self.rough() }
     }
 
+    /// Size of a change, rounded off near zero.
+    fn rounded(&self, change: f64) -> f64 {
+        (change * change + self.change_least * self.change_least).sqrt()
+    }
+
     fn middle(&self) -> f64 {
         (self.radius_m / SCALE_M).ln()
     }
@@ -81,7 +86,7 @@ impl Prior {
     pub(super) fn cost(&self, curve: &Curve) -> f64 {
         let logs = curve.logs();
         let levels: f64 = logs.iter().map(|u| 0.5 * ((u - self.middle()) / self.log_radius_sd).powi(2)).sum();
-        let jump = |pair: &[f64]| ((pair[1] - pair[0]).hypot(self.change_least) / self.change_large).ln_1p();
+        let jump = |pair: &[f64]| (self.rounded(pair[1] - pair[0]) / self.change_large).ln_1p();
         levels / logs.len() as f64 + self.change_cost * self.change_large * logs.windows(2).map(jump).sum::<f64>()
     }
 
@@ -100,7 +105,7 @@ impl Prior {
         }
         for (i, pair) in logs.windows(2).enumerate() {
             let change = pair[1] - pair[0];
-            let size = change.hypot(self.change_least);
+            let size = self.rounded(change);
             let weight = self.change_cost / (size * (1.0 + size / self.change_large));
             let (one, other) = (ANCHOR + i, ANCHOR + i + 1);
             gradient[one] -= weight * change;

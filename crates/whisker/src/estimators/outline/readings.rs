@@ -113,3 +113,45 @@ impl Readings {
         &self.means
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reading(x_m: f64, reading_n_m: f64) -> Reading {
+        Reading::new(Pose::new(x_m, 0.0, 0.0), reading_n_m, 0.0)
+    }
+
+    #[test]
+    fn verif_readings_at_a_pose_are_averaged_whenever_the_base_returns() {
+        let mut readings = Readings::default();
+        for x_m in [0.0, 1e-3, 2e-3, 1e-3, 0.1e-3] {
+            readings.keep(reading(x_m, 1e-3 * x_m));
+        }
+        let [first, second, third] = readings.means() else { panic!("three poses") };
+        assert_eq!((first.count, second.count, third.count), (2.0, 2.0, 1.0));
+        assert!((first.base.origin().x() - 0.05e-3).abs() < 1e-15 && (first.reading_n_m - 0.05e-6).abs() < 1e-15);
+    }
+
+    #[test]
+    fn robust_outliers_are_averaged_only_with_outliers_just_before() {
+        let mut readings = Readings::default();
+        readings.keep(reading(0.0, 1e-3));
+        readings.keep(reading(0.0, 9e-3).outlier(true));
+        readings.keep(reading(0.0, 9e-3).outlier(true));
+        readings.keep(reading(0.0, 1e-3));
+        let means: Vec<_> = readings.means().iter().map(|mean| (mean.reading_n_m, mean.count)).collect();
+        assert_eq!(means, [(1e-3, 2.0), (9e-3, 2.0)]);
+    }
+
+    #[test]
+    fn robust_the_number_of_means_is_bounded() {
+        let mut readings = Readings::default();
+        for i in 0..20 * MOST {
+            readings.keep(reading(1e-3 * i as f64, 1e-3));
+            assert!(readings.means().len() <= MOST);
+        }
+        let count: f64 = readings.means().iter().map(|mean| mean.count).sum();
+        assert!((count - 20.0 * MOST as f64).abs() < 1e-6);
+    }
+}
