@@ -4,8 +4,8 @@
 //! a side within a few samples, and the information about the side from the first stroke is lost at the second. Here
 //! the state is the outline itself, at rest in a fixed frame: a convex [`curve`]. The contact of a whisker with a known
 //! base follows by geometry alone ([`contact`]), without a process model, so that every reading since the first touch,
-//! over all strokes and lift-offs, informs the same state. It is fitted to all readings at once ([`fit`]) under a prior
-//! of constant radius with jumps ([`prior`]).
+//! over all strokes and lift-offs, informs the same state. It is fitted to all [`readings`] at once ([`fit`]) under a
+//! prior of constant radius with jumps ([`prior`]), by a [`search`] over several steps.
 //!
 //! [`recursive`] updates the outline at each sample, from the samples so far; [`hindsight`] once more at the end of a
 //! touch.
