@@ -124,6 +124,10 @@ pub struct ContactPrior {
 /// [`Knowledge::may_be_tip`].
 const BENT_STRETCH: f64 = 0.55;
 
+/// Largest distance of a stated contact from the root in lengths of the whisker. Beyond one it is an error; the margin
+/// leaves the error of an estimate near the tip visible.
+const MOST_REACH: f64 = 1.5;
+
 impl Knowledge {
     /// Parameters of the contact detection.
     pub fn sensing(&self) -> Sensing {
@@ -420,10 +424,15 @@ impl Runner {
         estimate
     }
 
-    /// Sets whether the estimated contact may lie at the tip. In place, since estimates are large.
+    /// Sets whether the estimated contact may lie at the tip, and discards an estimate beyond the whisker's reach, as a
+    /// diverged filter has. In place, since estimates are large.
     fn place(&self, estimate: &mut Option<Estimate>) {
-        if let Some(estimate) = estimate {
-            estimate.at_tip = self.knowledge.may_be_tip(estimate);
+        let farthest_m = MOST_REACH * self.knowledge.rest.length_m();
+        match estimate {
+            Some(found) if found.contact.vector().norm() <= farthest_m => {
+                found.at_tip = self.knowledge.may_be_tip(found);
+            }
+            _ => *estimate = None,
         }
     }
 
@@ -719,4 +728,52 @@ fn defaults<Config: Default + Serialize>() -> Value {
 
 fn to_json(config: &impl Serialize) -> Value {
     serde_json::to_value(config).expect("settings serialise")
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix2;
+
+    use super::*;
+
+    /// A method whose contact moves away from the root by a fixed distance per sample.
+    struct Receding {
+        step_m: f64,
+    }
+
+    struct Recedes {
+        side: side::Side,
+        at_m: f64,
+        step_m: f64,
+    }
+
+    impl Method for Receding {
+        fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+            Box::new(Recedes {
+                side: side::Side::new(touch.face, &testing::knowledge()),
+                at_m: 0.0,
+                step_m: self.step_m,
+            })
+        }
+    }
+
+    impl Tracker for Recedes {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            self.at_m += self.step_m;
+            Some(self.side.estimate_at(Point::new(self.at_m, 0.0), false, Matrix2::identity(), None))
+        }
+    }
+
+    #[test]
+    fn robust_contacts_beyond_the_reach_of_the_whisker_are_not_stated() {
+        let knowledge = Arc::new(testing::knowledge());
+        let length_m = knowledge.rest.length_m();
+        let sample = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 4e-3, reading_n_m: 1e-5 };
+        let stated = |step_m: f64| {
+            let mut runner = Runner::new(Box::new(Receding { step_m }), knowledge.clone(), 1);
+            [0; 5].map(|_| runner.step(&sample, Some(Face::Left)).is_some())
+        };
+        assert_eq!(stated(0.45 * length_m), [true, true, true, false, false]);
+        assert_eq!(stated(f64::NAN), [false; 5]);
+    }
 }
