@@ -25,7 +25,7 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::gaussian::ONSET_WAY_M;
+use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
@@ -96,13 +96,15 @@ impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
     /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration, with
     /// an even chance nearly, and is considered. Odds, powers and factor were chosen on the training suite of random scenes
-    /// and on the standard suite. Readings before a touch are averaged, so that its first step is short.
+    /// and on the standard suite. Readings before a touch are averaged, so that
+    /// its first step is short; the belief of an object is kept from touch to touch.
     fn default() -> Self {
         let mut average = Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0)]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
         {
             candidate.settings.insert("onset_way_m".into(), ONSET_WAY_M.into());
+            candidate.settings.insert("kept_share".into(), KEPT_SHARE.into());
         }
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
         Self { ignored_share: 0.02, evidence_power: 0.5, considered_power: 0.01, covariance_factor: 1.5, ..average }
@@ -483,7 +485,7 @@ impl Tracker for AveragingTracker {
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
-    /// Candidates without memory of the object begin anew. The object may be the last one or another with equal
+    /// Candidates that keep no belief of the object begin anew. The object may be the last one or another with equal
     /// probability: the candidates' probabilities are the mean of those at the release and the priors.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         self.face = touch.face.clone();
