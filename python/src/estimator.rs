@@ -208,7 +208,7 @@ impl Estimator {
 
     /// Outline of the object that is touched, or was touched last, in Start. `None` for methods that estimate contacts only.
     fn outline(&self) -> Option<Outline> {
-        self.running().estimator.outline().map(|points| Outline::carried(&points))
+        self.running().estimator.outline().map(|outline| Outline::carried(&outline.points))
     }
 
     /// Whether a contact is being tracked.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use ::trace::{Instant, TruthInstant};
-use ::whisker::estimators::{self, Knowledge, OutlinePoint};
+use ::whisker::estimators::{self, CarriedOutline, Knowledge};
 use nalgebra::Vector2;
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::exceptions::PyIndexError;
@@ -34,7 +34,7 @@ impl Replay {
         truths: Option<Vec<TruthInstant>>,
         readings_n_m: Vec<f64>,
         estimates: Vec<Option<estimators::Estimate>>,
-        outline: Option<Vec<OutlinePoint>>,
+        outline: Option<CarriedOutline>,
     ) -> Self {
         let replay = testbed::replay::Replay { estimates, outline, elapsed_ns: 0, failure: None };
         Self { knowledge, instants, truths, readings_n_m, replay }
@@ -187,7 +187,7 @@ impl Replay {
     /// `Trial.outline` for the outline through the contacts of any method.
     #[getter]
     fn outline(&self) -> Option<Outline> {
-        self.replay.outline.as_deref().map(Outline::carried)
+        self.replay.outline.as_ref().map(|outline| Outline::carried(&outline.points))
     }
 
     fn __len__(&self) -> usize {

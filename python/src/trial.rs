@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use ::trace::{Miscalibration, SensorFile};
-use ::whisker::estimators::{BaseNoise, Knowledge, Sample};
+use ::whisker::estimators::{BaseNoise, CarriedOutline, Knowledge, Sample};
 use ::whisker::sensor::Face;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2};
@@ -104,7 +104,7 @@ impl Trial {
         &self,
         knowledge: Arc<Knowledge>,
         estimates: Vec<Option<::whisker::estimators::Estimate>>,
-        outline: Option<Vec<::whisker::estimators::OutlinePoint>>,
+        outline: Option<CarriedOutline>,
     ) -> Replay {
         let trace = &self.trace.get().trace;
         let (instants, truths) = (trace.recording.instants.clone(), trace.truth.instants.clone());

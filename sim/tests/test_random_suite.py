@@ -18,11 +18,12 @@ from whisker_sim.random_suite.movements import MOVEMENTS
 from whisker_sim.random_suite.objects import KINDS
 from whisker_sim.random_suite.simulate import SET_ATTEMPTS, TRACE_ATTEMPTS, simulate_set
 from whisker_sim.random_suite.suite import Draws, RandomSuite
-from whisker_sim.random_suite.whiskers import STANDARD, calibration_scene, random_whisker
+from whisker_sim.random_suite.whiskers import LEAST_DEPTH_M, STANDARD, calibration_scene, random_whisker, scale
 from whisker_sim.replay import Miscalibration
 from whisker_sim.runs import Redrawn, Run, load_runs
 from whisker_sim.scene import Simulation
 from whisker_sim.shapes import Circle
+from whisker_sim.simulate import simulate
 from whisker_sim.whisker import resolve_whisker
 
 from conftest import SCENES
@@ -107,6 +108,22 @@ def test_verif_random_whiskers_and_their_calibrations_are_valid():
         for face in ("left", "right"):
             plan = calibration_scene("suite_1", whisker, face, 0).plan()
             assert len(plan.touching) == 20
+
+
+def test_regress_the_outermost_pushes_of_a_calibration_keep_their_contact():
+    """Pushes at the end of the calibrated range last longer than the bouncing at their touch, also on the inside of a curved wire.
+
+    On the inside of the suite's whisker 0, whose tangent turns by 1.1 rad, the tip limits the depth.
+    """
+    whisker = msgspec.json.decode(HELD_OUT.read_bytes(), type=RandomSuite).whisker(len(STANDARD))
+    for seed in range(4):
+        scene = calibration_scene("suite_1", whisker, "left", seed)
+        grid, stage = scene.motion, scene.stage()
+        least_m = LEAST_DEPTH_M * scale(scene.resolved_whisker)
+        assert least_m <= grid.depth_m(grid.arc_max_m, stage) < 1.5 * least_m
+        outermost = msgspec.structs.replace(grid, lines=2, arc_min_m=grid.arc_max_m - 5e-4)
+        simulated = simulate(Run(scene.name, msgspec.structs.replace(scene, motion=outermost), HELD_OUT))
+        assert 0.4 < simulated.touching.mean() < 1.0
 
 
 @pytest.fixture(scope="module")

@@ -112,6 +112,11 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         bank
     }
 
+    /// Takes the hypotheses of another bank. Allocates only if they are more than this bank had room for.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.hypotheses.clone_from(&other.hypotheses);
+    }
+
     /// Hypotheses, in no particular order.
     pub fn hypotheses(&self) -> &[Hypothesis<Part>] {
         &self.hypotheses

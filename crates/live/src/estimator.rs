@@ -235,7 +235,7 @@ impl<M: Motion> LiveEstimator<M> {
 
     /// Outline of the object that is touched, or was touched last; see [`Estimator::outline`].
     pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        self.estimator.outline()
+        self.estimator.outline().map(|outline| outline.points)
     }
 
     fn step(&mut self, arrived: &Arrived, place: Place, out: &mut Output) {

@@ -13,7 +13,7 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, SensorFile, Sidecar};
 use whisker::estimators::{
-    BaseNoise, Estimate, Estimator, EstimatorRow, Knowledge, Method, OutlinePoint, Runner, Sample,
+    BaseNoise, CarriedOutline, Estimate, Estimator, EstimatorRow, Knowledge, Method, Runner, Sample,
 };
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
@@ -161,7 +161,7 @@ pub struct Replay {
     /// One entry per sample; `None` while the estimator has no contact.
     pub estimates: Vec<Option<Estimate>>,
     /// Final outline of the estimator, if it has one.
-    pub outline: Option<Vec<OutlinePoint>>,
+    pub outline: Option<CarriedOutline>,
     /// Wall-clock time of all steps.
     pub elapsed_ns: u128,
     /// Failure that ended the estimates early, if any.

@@ -107,8 +107,8 @@ fn verif_the_outline_passes_through_the_contact() {
     let start = base(0.0).inverse();
     let seen: Point<Base> = start.apply(contact());
     let outline = estimator.outline().unwrap();
-    assert!(!outline.is_empty());
-    for point in outline {
+    assert!(outline.leads && !outline.points.is_empty());
+    for point in outline.points {
         // The contact is on the centre line, the wire's radius away from the surface.
         let off = seen.vector() - point.surface.vector();
         assert!(

@@ -1,5 +1,6 @@
 """Random whiskers, each with the scenes of its own calibration."""
 
+import msgspec
 import numpy as np
 
 from whisker_sim.motions import CalibrationGrid
@@ -15,6 +16,11 @@ CALIBRATION_SEEDS = (0, 1)
 FACES = ("left", "right")
 
 _PRESET_LENGTH_M = 0.08
+
+LEAST_DEPTH_M = 5e-3
+"""Least depth of a calibration push, for a whisker as long as the presets: the whisker still rings when it first touches, and the
+contact of a shallower push may bounce beyond half of the push."""
+_ARC_STEP_M = 1e-4
 
 
 def random_whisker(name: str, rng: np.random.Generator) -> WhiskerOverride:
@@ -51,7 +57,8 @@ def scale(whisker: Whisker) -> float:
 def calibration_scene(suite: str, whisker: str | WhiskerOverride, face: str, seed: int) -> Scene:
     """Calibration of one face: that of the standard suite, scaled to the length of the whisker.
 
-    A curved wire slips off its tip at a smaller depth than a straight one: the margin at the tip grows with the square of its turn.
+    A curved wire slips off its tip at a smaller depth than a straight one: the margin at the tip grows with the square of its turn,
+    and the calibration ends where the depth falls to `LEAST_DEPTH_M`.
     """
     resolved = resolve_whisker(whisker)
     share = round(scale(resolved), 6)
@@ -66,4 +73,8 @@ def calibration_scene(suite: str, whisker: str | WhiskerOverride, face: str, see
         tip_margin_m=round(tip_margin_m * share, 6),
     )
     name = f"{suite}_{resolved.name.removeprefix(f'{suite}_')}_{face}"
-    return Scene(1, name, "calibration", "calibration", face, whisker, Pin(), grid, seed=seed)
+    scene = Scene(1, name, "calibration", "calibration", face, whisker, Pin(), grid, seed=seed)
+    stage = scene.stage()
+    while grid.depth_m(grid.arc_max_m, stage) < LEAST_DEPTH_M * share:
+        grid = msgspec.structs.replace(grid, arc_max_m=round(grid.arc_max_m - _ARC_STEP_M * share, 6))
+    return msgspec.structs.replace(scene, motion=grid)

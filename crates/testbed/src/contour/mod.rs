@@ -21,27 +21,27 @@ pub use vertex::{Contour, Vertex};
 use filters::product;
 use nalgebra::{Matrix2, Vector2};
 use trace::{Instant, Recording};
-use whisker::estimators::{Estimate, Knowledge, OutlinePoint};
+use whisker::estimators::{CarriedOutline, Estimate, Knowledge, OutlinePoint};
 use whisker::frames::{Base, Point, Pose, World};
 
 impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
     ///
-    /// If the estimator has an outline of its own, its final state is used. Otherwise the surface points of all contacts
-    /// from the row `since` on are merged, each touch after a settling time.
+    /// If the estimates are contacts on an outline that the estimator carries, its final state is used. Otherwise the surface
+    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If none is usable, a carried
+    /// outline of a less probable model takes their place.
     pub fn found(
         recording: &Recording,
-        outline: Option<&[OutlinePoint]>,
+        outline: Option<&CarriedOutline>,
         points: &[SurfacePoint],
         since: usize,
     ) -> Option<Self> {
-        match outline {
-            Some(outline) => Self::carried(&recording.instants.first()?.base, outline),
-            None => {
-                let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
-                Self::merged(points.iter().filter(counts))
-            }
+        let carried = || Self::carried(&recording.instants.first()?.base, &outline?.points);
+        if outline.is_some_and(|outline| outline.leads) {
+            return carried();
         }
+        let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
+        Self::merged(points.iter().filter(counts)).or_else(carried)
     }
 
     /// Outline of an estimator (in Start), transformed to World by the pose of the base at the start of its samples,

@@ -51,7 +51,7 @@ impl Trial<'_> {
 
     /// Outline of an estimator's replay with these surface points from the row `since` on, see [`Contour::found`].
     pub fn contour(&self, replay: &Replay, points: &[SurfacePoint], since: usize) -> Option<Contour> {
-        Contour::found(&self.trace.recording, replay.outline.as_deref(), points, since)
+        Contour::found(&self.trace.recording, replay.outline.as_ref(), points, since)
     }
 }
 

@@ -4,7 +4,7 @@
 //! the same measurement noise. On the arm it is one of six whiskers in space among free-standing objects, and the poses
 //! of the base come from the joints. On the stage it is alone in the plane, the cylinder is fixed and the whisker bends
 //! as the exact elastica. The arm does not vibrate. The score covers the rows in which both have one contact on the
-//! same side of the whisker.
+//! same side of the whisker and in its calibrated domain, outside of which an estimate may be withheld.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -258,8 +258,10 @@ fn arm_over_stage(context: &Context) -> anyhow::Result<Option<f64>> {
         let Some(stage) = on_stage(&window.trace, outline)? else { return Ok(None) };
         let sweeps = [on_arm(&window.trace), stage];
         let steady = window.touch + rows_in(STEADY_S, sidecar)..window.len();
-        let scored: Vec<usize> =
-            steady.filter(|&row| sweeps.iter().all(|sweep| sweep.contacts[row].is_some())).collect();
+        let face = faces.iter().find(|face| face.face == sidecar.face).context("a calibrated face")?;
+        let is_calibrated = |contact: Point<Base>| face.domain.contains(face.along_and_away(contact));
+        let is_scored = |row: &usize| sweeps.iter().all(|sweep| sweep.contacts[*row].is_some_and(is_calibrated));
+        let scored: Vec<usize> = steady.filter(is_scored).collect();
         let found: Vec<[Option<Vec<f64>>; 2]> = run
             .seeds
             .par_iter()

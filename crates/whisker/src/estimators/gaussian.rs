@@ -15,6 +15,7 @@ use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use crate::frames::{Base, Pose, Start as FirstBase};
 use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
 
@@ -42,6 +43,10 @@ pub(super) trait GaussianFilter:
 /// Way of the base over which the methods of `recommended` average the readings before a touch: a reading hardly deviates
 /// from a linear function over such a way.
 pub(super) const ONSET_WAY_M: f64 = 0.3e-3;
+
+/// Probability of the methods of `recommended` that a new touch is one of the same object. Chosen on the training suite of random
+/// scenes.
+pub(super) const KEPT_SHARE: f64 = 0.8;
 
 /// Settings of a filter with Gaussian hypotheses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,6 +78,8 @@ pub(super) struct Config<Filter> {
     /// Whether readings are corrected for the inertia of the wire, uncertain outside of the calibrated domain, and left
     /// out at the tip.
     pub corrected: bool,
+    /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
+    pub kept_share: f64,
     /// Settings of this filter alone.
     pub filter: Filter,
 }
@@ -91,6 +98,7 @@ impl<Filter: GaussianFilter> Default for Config<Filter> {
             search: Search::NONE,
             evidence_power: 1.0,
             corrected: false,
+            kept_share: 0.0,
             filter: Filter::default(),
         }
     }
@@ -112,6 +120,7 @@ impl<Filter: GaussianFilter> Config<Filter> {
             search: Search::default(),
             evidence_power: 0.7,
             corrected: true,
+            kept_share: KEPT_SHARE,
             ..Self::default()
         }
     }
@@ -128,6 +137,7 @@ impl<Filter: GaussianFilter> Settings for Config<Filter> {
         within("merge_loss", self.merge_loss, 0.0..=1.0)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
+        within("kept_share", self.kept_share, 0.0..=0.99)?;
         self.search.validate()?;
         self.filter.validate()
     }
@@ -174,6 +184,14 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     history: Vec<Sample>,
     /// `None` before the first step.
     bank: Option<Bank<N>>,
+    /// Pose of the base at the last sample.
+    base: Pose<Base, FirstBase>,
+    /// Time of the last sample, without gaps between touches that are longer than their history.
+    time_s: f64,
+    /// The bank some time ago, and that before it, which a new touch of the same object begins with: between the release and its
+    /// detection readings contradict the belief.
+    recent: Option<Kept<N>>,
+    settled: Option<Kept<N>>,
     doubt: Doubt,
     inertia: Inertia,
     /// Whether the contact was lost at the tip.
@@ -190,6 +208,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             contact_prior: touch.contact_prior,
             history: touch.history.to_vec(),
             bank: None,
+            base: touch.before,
+            time_s: 0.0,
+            recent: None,
+            settled: None,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             is_lost: false,
@@ -209,6 +231,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     /// The bank at the touch: the initial hypotheses, conditioned on the readings before the touch.
     fn begin(&self, touch: &Sample) -> Bank<N> {
         let mut bank = Bank::new(self.anywhere(touch, self.contact_prior));
+        if let Some(kept) = self.kept_until(touch) {
+            bank.add(kept.hypotheses().iter().map(|one| (one.belief, one.weight().ln())), self.config.kept_share);
+        }
         let way_m = self.config.onset_way_m;
         for Earlier { sample, count, .. } in earlier(&self.history, touch, self.noise_sd_n_m, way_m) {
             let back = self.motion.step(&self.side, &sample);
@@ -221,6 +246,43 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             let _ = self.condition(&mut bank, &reading, sample.reading_n_m);
         }
         bank
+    }
+
+    /// Keeps the bank from time to time. Allocates at the first two times of a touch only.
+    fn keep(&mut self) {
+        let is_due = self.recent.as_ref().is_none_or(|recent| self.time_s - recent.time_s >= SETTLING_S);
+        let Some(bank) = self.bank.as_ref().filter(|_| self.config.kept_share > 0.0 && is_due) else { return };
+        let (base, time_s) = (self.base, self.time_s);
+        let oldest = if self.recent.is_some() { self.settled.take() } else { None };
+        let kept = match oldest {
+            Some(Kept { bank: mut buffer, .. }) => {
+                buffer.copy_from(bank);
+                Kept { bank: buffer, base, time_s }
+            }
+            None => Kept { bank: bank.clone(), base, time_s },
+        };
+        if let Some(recent) = self.recent.replace(kept) {
+            self.settled = Some(recent);
+        }
+    }
+
+    /// The kept bank at the touch, conditioned on its reading. `None` if there is none, or none that touches.
+    fn kept_until(&self, touch: &Sample) -> Option<Bank<N>> {
+        let Kept { mut bank, base, time_s } = self.settled.clone()?;
+        let since = Sample { motion: base.then(&self.base.inverse()), dt_s: self.time_s - time_s, ..*touch };
+        self.predict(&mut bank, &since);
+        self.condition(&mut bank, &self.reading(), touch.reading_n_m).ok()?;
+        (!bank.hypotheses().is_empty()).then_some(bank)
+    }
+
+    /// Propagates a bank to a sample.
+    fn predict(&self, bank: &mut Bank<N>, sample: &Sample) {
+        let process = self.motion.step(&self.side, sample);
+        bank.predict(|belief| {
+            self.config.filter.predict(belief, &process)?;
+            belief.fade(self.config.fading);
+            Ok(())
+        });
     }
 
     /// The initial hypotheses with the logarithms of their weights, from the reading of a sample.
@@ -254,6 +316,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// Takes a sample and returns the moments of the whole mixture before and after its reading.
     pub(super) fn advance(&mut self, sample: &Sample) -> Option<Advance<N>> {
+        self.base = sample.motion.inverse().then(&self.base);
+        self.time_s += sample.dt_s;
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
             // If all hypotheses are lost later on, these samples are too old for a new start.
@@ -263,14 +327,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             return Some(Advance { predicted: belief, filtered: belief, innovation: None });
         };
         self.inertia.advance(sample);
-        {
-            let process = self.motion.step(&self.side, sample);
-            bank.predict(|belief| {
-                self.config.filter.predict(belief, &process)?;
-                belief.fade(self.config.fading);
-                Ok(())
-            });
-        }
+        self.predict(&mut bank, sample);
         let predicted = bank.moments()?;
         let Some(inertia_n_m) = self.inertia_n_m(&bank) else {
             self.bank = Some(bank);
@@ -283,6 +340,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.search(&mut bank, sample, innovation);
         let filtered = bank.moments_above(self.config.ignored_share)?;
         self.bank = Some(bank);
+        self.keep();
         Some(Advance { predicted, filtered, innovation })
     }
 
@@ -333,6 +391,17 @@ const BEYOND_SD: f64 = 0.3;
 const SETTLED_SD_M: f64 = 3e-3;
 const TIP_SDS: f64 = 4.0;
 
+/// A bank with the pose of the base and the time to which it belongs.
+#[derive(Clone)]
+struct Kept<const N: usize> {
+    bank: Bank<N>,
+    base: Pose<Base, FirstBase>,
+    time_s: f64,
+}
+
+/// Time between two kept banks. The release of a contact is detected within it.
+const SETTLING_S: f64 = 0.05;
+
 /// Result of one step.
 pub(super) struct Advance<const N: usize> {
     /// Prior: the belief before the reading.
@@ -350,5 +419,22 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         }
         let estimate = self.side.estimate(self.motion.radius(), &filtered, innovation);
         Some(self.motion.place(&self.side, &filtered, estimate))
+    }
+
+    /// Keeps the belief of the object beside that of a new one; the readings decide. A contact that was lost at the tip has left
+    /// the whisker's side, and the belief describes no object.
+    fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        if self.config.kept_share == 0.0 || self.is_lost || touch.face.face != self.side.face.face {
+            return false;
+        }
+        self.bank = None;
+        self.recent = None;
+        self.time_s += touch.history.iter().map(|sample| sample.dt_s).sum::<f64>();
+        self.base = touch.before;
+        self.history = touch.history.to_vec();
+        self.contact_prior = touch.contact_prior;
+        self.doubt = Doubt::default();
+        self.inertia = Inertia::new(&self.side.whisker);
+        true
     }
 }

@@ -221,6 +221,21 @@ pub trait Tracker: Send {
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
         None
     }
+
+    /// Whether the estimates are contacts on [`Self::outline`]; see [`CarriedOutline::leads`].
+    fn outline_leads(&self) -> bool {
+        true
+    }
+}
+
+/// Outline that an estimator carries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CarriedOutline {
+    /// Its points, ordered by the whisker's tangent turning to the left.
+    pub points: Vec<OutlinePoint>,
+    /// Whether the estimates are contacts on this outline. If not, it is that of a less probable model, and an outline through
+    /// the estimated contacts takes precedence if they are certain enough.
+    pub leads: bool,
 }
 
 /// A point of an object's outline, in Start.
@@ -355,8 +370,9 @@ impl Runner {
     }
 
     /// Outline of the object that is touched, or was touched last; see [`Tracker::outline`].
-    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        self.tracker.as_ref().or(self.released.as_ref())?.outline()
+    pub fn outline(&self) -> Option<CarriedOutline> {
+        let tracker = self.tracker.as_ref().or(self.released.as_ref())?;
+        Some(CarriedOutline { points: tracker.outline()?, leads: tracker.outline_leads() })
     }
 
     /// Number of gated readings so far.
@@ -506,7 +522,7 @@ impl Estimator {
     }
 
     /// See [`Runner::outline`].
-    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
+    pub fn outline(&self) -> Option<CarriedOutline> {
         self.runner.outline()
     }
 }

@@ -20,17 +20,18 @@
 use std::sync::Arc;
 
 use filters::imm::{Modes, Transition};
-use filters::{Gaussian, Innovation};
+use filters::{Gaussian, Innovation, product};
 use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::gaussian::ONSET_WAY_M;
+use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
     estimator,
 };
+use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
 use crate::settings::{Settings, SettingsError, parse, within};
 
@@ -95,13 +96,15 @@ impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
     /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration, with
     /// an even chance nearly, and is considered. Odds, powers and factor were chosen on the training suite of random scenes
-    /// and on the standard suite. Readings before a touch are averaged, so that its first step is short.
+    /// and on the standard suite. Readings before a touch are averaged, so that
+    /// its first step is short; the belief of an object is kept from touch to touch.
     fn default() -> Self {
         let mut average = Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0)]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
         {
             candidate.settings.insert("onset_way_m".into(), ONSET_WAY_M.into());
+            candidate.settings.insert("kept_share".into(), KEPT_SHARE.into());
         }
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
         Self { ignored_share: 0.02, evidence_power: 0.5, considered_power: 0.01, covariance_factor: 1.5, ..average }
@@ -223,6 +226,8 @@ impl Method for ModelAveraging {
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
+            base: touch.before,
+            last: None,
             weights,
         })
     }
@@ -294,6 +299,9 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
+    base: Pose<Base, Start>,
+    /// The last stated contact and its covariance (m2).
+    last: Option<(Point<Start>, Matrix2<f64>)>,
 }
 
 impl AveragingTracker {
@@ -414,7 +422,8 @@ impl AveragingTracker {
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), lead))
         };
         let places: Option<Vec<_>> = parts.iter().filter(|part| share(part) > 0.0).map(place).collect();
-        let size = Gaussian::of_mixture(moving().filter_map(size)).filter(|_| leading.radius.is_some());
+        // That of a thin object is known, so that its candidate states none: given any other, it is that of the others.
+        let size = Gaussian::of_mixture(moving().filter_map(size));
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
             (places.covariance + apart * apart.transpose()) * self.config.covariance_factor
@@ -432,13 +441,40 @@ impl AveragingTracker {
     }
 }
 
+impl AveragingTracker {
+    /// The candidates with their probabilities, the most probable first.
+    fn ranked(&self) -> Vec<(f64, &dyn Tracker)> {
+        let trackers = self.trackers.iter().map(|tracker| tracker.as_ref());
+        let mut ranked: Vec<_> = self.right.probabilities().iter().copied().zip(trackers).collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked
+    }
+
+    /// Points of an outline with the last stated variance across it, at the point nearest to the contact, in their covariances.
+    fn widened(&self, points: Vec<OutlinePoint>) -> Vec<OutlinePoint> {
+        let Some((contact, covariance_m2)) = self.last else { return points };
+        let distance_m = |point: &OutlinePoint| point.surface.distance(&contact);
+        let nearest = points.iter().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
+        let across_m2 = nearest.map_or(0.0, |point| point.normal.dot(&product(&covariance_m2, &point.normal)));
+        let widen = |point: OutlinePoint| OutlinePoint {
+            covariance_m2: point.covariance_m2 + point.normal * point.normal.transpose() * across_m2,
+            ..point
+        };
+        points.into_iter().map(widen).collect()
+    }
+}
+
 impl Tracker for AveragingTracker {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.base = sample.motion.inverse().then(&self.base);
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
-        self.near_the_domain(Estimate { model_doubtful, ..self.together(&estimates, innovation)? })
+        let stated = self.near_the_domain(Estimate { model_doubtful, ..self.together(&estimates, innovation)? })?;
+        let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
+        self.last = stated.covariance_m2.map(in_start).or(self.last);
+        Some(stated)
     }
 
     /// All readings together determine the candidates' probabilities, so those at the end apply to every instant.
@@ -449,10 +485,11 @@ impl Tracker for AveragingTracker {
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
-    /// Candidates without memory of the object begin anew. The object may be the last one or another with equal
+    /// Candidates that keep no belief of the object begin anew. The object may be the last one or another with equal
     /// probability: the candidates' probabilities are the mean of those at the release and the priors.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         self.face = touch.face.clone();
+        self.base = touch.before;
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
             if !tracker.resume(touch) {
                 *tracker = method.begin(touch);
@@ -464,10 +501,18 @@ impl Tracker for AveragingTracker {
         true
     }
 
+    /// Outline of the leading candidate or, if it carries none, of the most probable candidate that does and counts for the
+    /// estimate. The latter's band contains the variance of the mixture across the outline.
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        let shares = self.right.probabilities();
-        let leading = shares.iter().zip(&self.trackers).max_by(|a, b| a.0.total_cmp(b.0))?;
-        leading.1.outline()
+        let ranked = self.ranked();
+        let most = ranked.first()?.0;
+        let counting = ranked.iter().filter(|(share, _)| *share >= self.config.ignored_share * most);
+        let points = counting.into_iter().find_map(|(_, tracker)| tracker.outline())?;
+        Some(if self.outline_leads() { points } else { self.widened(points) })
+    }
+
+    fn outline_leads(&self) -> bool {
+        self.ranked().first().is_some_and(|(_, tracker)| tracker.outline().is_some() && tracker.outline_leads())
     }
 }
 
@@ -478,7 +523,6 @@ mod tests {
     use super::*;
     use crate::estimators::side::Side;
     use crate::estimators::testing::knowledge;
-    use crate::frames::Point;
 
     fn innovation(nis: f64) -> Option<Innovation<1>> {
         Innovation::of(vector![nis.sqrt()], Matrix1::new(1.0))
@@ -511,6 +555,8 @@ mod tests {
             trackers: Vec::new(),
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
+            base: Pose::new(0.0, 0.0, 0.0),
+            last: None,
         }
     }
 
@@ -530,6 +576,55 @@ mod tests {
         led.weights = vec![0.6, 0.4];
         let moved = led.together(&estimates, None).unwrap();
         assert!((moved.contact.x() - 0.051).abs() < 1e-12, "{moved:?}");
+    }
+
+    /// A candidate with this outline.
+    struct Carrier(Option<Vec<OutlinePoint>>);
+
+    impl Tracker for Carrier {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn outline(&self) -> Option<Vec<OutlinePoint>> {
+            self.0.clone()
+        }
+    }
+
+    #[test]
+    fn verif_the_outline_is_that_of_the_most_probable_candidate_that_carries_one() {
+        let knowledge = knowledge();
+        let point = OutlinePoint {
+            surface: Point::new(0.05, 0.0),
+            normal: Vector2::y(),
+            covariance_m2: Matrix2::identity() * 1e-10,
+        };
+        let carried = |shares| {
+            let mut tracker = tracker(shares, &knowledge.faces[0]);
+            tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Carrier(Some(vec![point])))];
+            tracker.last = Some((Point::new(0.05, 1e-3), Matrix2::new(1e-4, 0.0, 0.0, 1e-8)));
+            (tracker.outline(), tracker.outline_leads())
+        };
+        assert_eq!(carried([0.4, 0.6]), (Some(vec![point]), true));
+        // The band of another candidate's outline contains the variance of the mixture across the outline, not that along it.
+        let (outline, leads) = carried([0.6, 0.4]);
+        let covariance_m2 = outline.unwrap()[0].covariance_m2;
+        assert!(!leads && (covariance_m2 - Matrix2::new(1e-10, 0.0, 0.0, 1.01e-8)).norm() < 1e-16, "{covariance_m2}");
+        // A candidate that does not count for the estimate gives no outline.
+        assert_eq!(carried([0.99, 0.01]), (None, false));
+    }
+
+    #[test]
+    fn verif_the_radius_is_that_of_the_candidates_that_estimate_one() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let thin = side.estimate_at(Point::new(0.05, 0.0), true, Matrix2::identity() * 1e-8, None);
+        let round = Estimate { radius: Some(Radius { radius_m: 0.01, sd_m: 1e-3 }), ..thin };
+        let mut tracker = tracker([0.9, 0.1], &knowledge.faces[0]);
+        tracker.considered = vec![false, false];
+        let radius = tracker.together(&[Some(thin), Some(round)], None).unwrap().radius.unwrap();
+        assert!((radius.radius_m - 0.01).abs() < 1e-12 && (radius.sd_m - 1e-3).abs() < 1e-12, "{radius:?}");
+        assert_eq!(tracker.together(&[Some(thin), Some(thin)], None).unwrap().radius, None);
     }
 
     #[test]

@@ -1,0 +1,68 @@
+//! The belief of an object, kept from touch to touch by filters of the contact.
+
+mod world;
+
+use serde_json::Value;
+use whisker::estimators::{Estimator, Sample, estimator as row};
+use whisker::frames::{Base, Pose};
+
+use world::{RATE_HZ, base, configured, contact, estimator, knowledge, samples};
+
+const NOISE_N_M: f64 = 3e-7;
+
+/// Instants between which the whisker is lifted off.
+const LIFTED_S: std::ops::Range<f64> = 2.0..2.3;
+
+/// Distance by which the whisker is lifted, more than it was pressed.
+const LIFT_M: f64 = 0.02;
+
+/// Errors after a lift-off, in which the object is displaced along the whisker by `shift_m`.
+fn errors_after_lift_off_m(estimator: &mut Estimator, shift_m: f64) -> Vec<f64> {
+    let mut errors_m = Vec::new();
+    let mut is_lifted = false;
+    for (t_s, mut sample) in samples(&knowledge(NOISE_N_M), 4.0, |_| true) {
+        if LIFTED_S.contains(&t_s) != is_lifted {
+            // The object is on the left of the whisker, which is lifted to the right.
+            let leap = if is_lifted { (shift_m, -LIFT_M) } else { (0.0, LIFT_M) };
+            let leap = Pose::<Base, Base>::new(leap.0, leap.1, 0.0);
+            sample = Sample { motion: sample.motion.then(&leap), ..sample };
+            is_lifted = !is_lifted;
+        }
+        if is_lifted {
+            sample.reading_n_m = 0.0;
+        }
+        let found = estimator.step(&sample).filter(|_| t_s >= LIFTED_S.end);
+        errors_m.extend(found.map(|found| base(t_s).apply(found.contact).distance(&contact())));
+    }
+    errors_m
+}
+
+/// Mean error over the first tenth of a second.
+fn first_m(errors_m: &[f64]) -> f64 {
+    let count = (0.1 * RATE_HZ) as usize;
+    errors_m[..count].iter().sum::<f64>() / count as f64
+}
+
+fn with_kept_share(name: &str, share: f64) -> Estimator {
+    let mut settings = (row(name).unwrap().defaults)();
+    settings["kept_share"] = Value::from(share);
+    configured(row(name).unwrap(), &settings, &knowledge(NOISE_N_M), 1)
+}
+
+#[test]
+fn verif_a_touch_of_the_same_object_begins_with_its_belief() {
+    for name in ["ukf", "round", "sliding"] {
+        let anew = first_m(&errors_after_lift_off_m(&mut with_kept_share(name, 0.0), 0.0));
+        let kept = first_m(&errors_after_lift_off_m(&mut with_kept_share(name, 0.8), 0.0));
+        assert!(kept < 0.5 * anew, "{name}: {kept} {anew}");
+    }
+}
+
+#[test]
+fn robust_a_touch_of_another_object_is_recognised() {
+    for name in ["round", "installed", "recommended"] {
+        let mut estimator = estimator(row(name).unwrap(), &knowledge(NOISE_N_M), 1);
+        let errors_m = errors_after_lift_off_m(&mut estimator, 12e-3);
+        assert!(errors_m[errors_m.len() - 1] < 0.5e-3, "{name}: {:?}", errors_m.last());
+    }
+}
