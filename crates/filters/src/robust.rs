@@ -70,6 +70,53 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
     }
 }
 
+/// Factor of the noise covariance `R` for which a reading with this innovation, beyond the gate, lies at the gate: the solution of
+/// `y' (S + (f - 1) R)^-1 y = gate^2`, whose left side decreases with `f`, by bisection. `None` unless `R` is positive definite.
+fn factor_at_gate<const M: usize>(
+    innovation: &Innovation<M>,
+    noise: &SMatrix<f64, M, M>,
+    gate_sds: f64,
+) -> Option<f64> {
+    const HALVINGS: usize = 40;
+    let square = |covariance: SMatrix<f64, M, M>| {
+        Some(innovation.residual.dot(&covariance.cholesky()?.solve(&innovation.residual)))
+    };
+    let goal = gate_sds * gate_sds;
+    // `S + (f - 1) R >= f R`.
+    let (mut low, mut high) = (1.0, (square(*noise)? / goal).max(1.0));
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        let is_beyond = square(innovation.covariance + noise * (middle - 1.0))? > goal;
+        (low, high) = if is_beyond { (middle, high) } else { (low, middle) };
+    }
+    Some(high)
+}
+
+/// Conditions the belief on a reading of several components by a filter's `update`, with the influence bounded at `gate_sds`
+/// standard deviations: beyond, the noise of all components is inflated alike.
+///
+/// # Errors
+/// [`UpdateError`] of the filter's `update`; the belief is unchanged.
+pub fn update_vector<const N: usize, const M: usize, Model: Measurement<N, M>>(
+    belief: &mut Gaussian<N>,
+    measurement: &Model,
+    gate_sds: f64,
+    z: &SVector<f64, M>,
+    update: impl Fn(&mut Gaussian<N>, &InflatedNoise<'_, Model>, &SVector<f64, M>) -> Result<Innovation<M>, UpdateError>,
+) -> Result<Update<M>, UpdateError> {
+    let prior = *belief;
+    let innovation = update(belief, &InflatedNoise { model: measurement, factor: 1.0 }, z)?;
+    if innovation.nis <= gate_sds * gate_sds {
+        return Ok(Update { innovation, log_evidence: innovation.log_likelihood() });
+    }
+    *belief = prior;
+    let factor = factor_at_gate(&innovation, &measurement.noise(&prior.mean), gate_sds);
+    let factor = factor.ok_or(UpdateError::NotPositiveDefinite)?;
+    let updated = update(belief, &InflatedNoise { model: measurement, factor }, z);
+    let log_evidence = updated.inspect_err(|_| *belief = prior)?.log_likelihood();
+    Ok(Update { innovation, log_evidence })
+}
+
 /// Conditions the belief on a scalar reading by a filter's `update`, with the influence bounded at `gate_sds` standard deviations.
 ///
 /// # Errors

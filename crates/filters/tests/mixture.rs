@@ -3,7 +3,7 @@
 use filters::iterated::{self, Search};
 use filters::robust::{self, InflatedNoise};
 use filters::{Bank, Gaussian, Innovation, Measurement, Update, UpdateError, extended};
-use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, vector};
+use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, matrix, vector};
 
 const SEARCH: Search = Search { iterations: 20, tolerance_sds: 1e-9 };
 
@@ -164,4 +164,43 @@ fn verif_the_robust_update_is_continuous_at_the_gate_and_bounds_the_influence_of
     assert!((below.0 - above.0).abs() < 1e-8 && (below.1 - above.1).abs() < 1e-8);
     assert!((moved(1.0).0 - 1.0 / 1.25).abs() < 1e-12);
     assert!(moved(1e3).0 < 0.01 && moved(1e3).1 < moved(10.0).1);
+}
+
+/// Position in the plane with independent noise on both coordinates.
+struct Plane;
+
+impl Measurement<2, 2> for Plane {
+    fn predict(&self, x: &Vector2<f64>) -> Option<Vector2<f64>> {
+        Some(*x)
+    }
+
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::from_diagonal(&vector![0.5, 2.0])
+    }
+}
+
+#[test]
+fn verif_the_robust_update_of_a_vector_is_plain_within_the_gate_and_at_the_gate_beyond() {
+    let prior = Gaussian::new(vector![1.0, -2.0], matrix![1.0, 0.3; 0.3, 0.8]);
+    let update = |belief: &mut Gaussian<2>, reading: &InflatedNoise<'_, Plane>, z: &Vector2<f64>| {
+        extended::update(belief, reading, z)
+    };
+    let (mut plain, mut gated) = (prior, prior);
+    let near = vector![1.5, -1.0];
+    extended::update(&mut plain, &Plane, &near).unwrap();
+    robust::update_vector(&mut gated, &Plane, 3.0, &near, update).unwrap();
+    assert_eq!(plain, gated);
+
+    let mut moved = Vec::new();
+    for far in [10.0, 100.0, 1000.0] {
+        let mut belief = prior;
+        let z = prior.mean + vector![0.6, -0.8] * far;
+        let updated = robust::update_vector(&mut belief, &Plane, 3.0, &z, update).unwrap();
+        assert!(updated.innovation.nis > 9.0);
+        // With the inflated noise the reading lies at three standard deviations.
+        let inflated = (updated.log_evidence + (2.0 * std::f64::consts::PI).ln()) * -2.0;
+        assert!(inflated > 9.0, "{inflated}");
+        moved.push((belief.mean - prior.mean).norm());
+    }
+    assert!(moved[0] > moved[1] && moved[1] > moved[2], "{moved:?}");
 }

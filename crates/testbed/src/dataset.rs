@@ -117,6 +117,14 @@ impl Dataset {
         Self { paths: self.paths.iter().filter(is_named).cloned().collect(), ..self.clone() }
     }
 
+    /// Whether the traces are traces in space, as the first one.
+    ///
+    /// # Errors
+    /// If its sidecar cannot be read.
+    pub fn is_spatial(&self) -> anyhow::Result<bool> {
+        Ok(self.paths.first().map(|path| is_spatial(path)).transpose()?.unwrap_or_default())
+    }
+
     /// Paths of the traces with one role.
     ///
     /// # Errors

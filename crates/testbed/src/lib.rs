@@ -102,4 +102,5 @@ pub mod replay;
 pub mod results;
 pub mod seeds;
 pub mod settings;
+pub mod space;
 pub mod statistics;

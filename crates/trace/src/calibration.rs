@@ -12,6 +12,7 @@ use whisker::{ReadingGate, Whisker};
 use crate::Characteristic;
 use crate::characteristic::polynomial;
 use crate::sidecar::plain_name;
+use crate::spatial::other_format;
 
 /// The only reading column in format 1.
 const READING: &str = "moment_z_n_m";
@@ -231,7 +232,7 @@ impl CalibrationFile {
     /// # Errors
     /// [`Error`] with file and place.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let file: Self = read_json(path)?;
+        let file: Self = read_json(path).map_err(|error| other_format(path, FORMAT, "calibration", error))?;
         if file.format != FORMAT {
             return Err(Error::value(path, "format", file.format, FORMAT));
         }

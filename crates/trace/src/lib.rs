@@ -67,9 +67,9 @@ pub use rows::TraceRows;
 pub use scene::{SceneDifference, scene_difference};
 pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, data_sha256, is_plain_name};
 pub use spatial::{
-    Feature, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCertificate, SpatialContactTruth, SpatialInstant, SpatialPose,
-    SpatialRecording, SpatialSidecar, SpatialTrace, SpatialTruth, SpatialTruthInstant, SpatialTwist, StatedSuspension,
-    is_spatial,
+    Feature, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialCertificate, SpatialContactTruth,
+    SpatialInstant, SpatialModelFile, SpatialPose, SpatialRecording, SpatialSidecar, SpatialTrace, SpatialTruth,
+    SpatialTruthInstant, SpatialTwist, StatedSuspension, is_spatial, is_spatial_calibration,
 };
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
 pub use table::{COLUMNS, FARTHEST_M, Instant, Recording, Trace, Truth, TruthInstant};

@@ -148,11 +148,7 @@ impl Sidecar {
     /// Hash of everything that a result from the trace may depend on: the sidecar, which contains the hashes of its
     /// files, without scene, certificate and provenance.
     pub fn data_sha256(&self) -> String {
-        let mut value = serde_json::to_value(self).expect("numbers and names serialise");
-        for key in ["scene", "generator", "inputs_sha256", "certificate"] {
-            value.as_object_mut().expect("a struct is an object").shift_remove(key);
-        }
-        sha256(value.to_string())
+        hash_of_data(self)
     }
 
     /// Reads and checks the sidecar of the trace with this CSV or sidecar path.
@@ -164,7 +160,7 @@ impl Sidecar {
             return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
         }
         let path = path.with_extension("json");
-        let sidecar: Self = read_json(&path).map_err(|error| other_format(&path, FORMAT, error))?;
+        let sidecar: Self = read_json(&path).map_err(|error| other_format(&path, FORMAT, "trace", error))?;
         sidecar.validate(&path)?;
         Ok(sidecar)
     }
@@ -226,6 +222,15 @@ impl Recorded {
         }
         Ok(())
     }
+}
+
+/// Hash of a sidecar without scene, certificate and provenance.
+pub(crate) fn hash_of_data(sidecar: &impl Serialize) -> String {
+    let mut value = serde_json::to_value(sidecar).expect("numbers and names serialise");
+    for key in ["scene", "generator", "inputs_sha256", "certificate"] {
+        value.as_object_mut().expect("a struct is an object").shift_remove(key);
+    }
+    sha256(value.to_string())
 }
 
 /// Hash of the data of several traces, in this order.

@@ -11,6 +11,7 @@
 //! | [`elastica`] | exact quasi-static mechanics of a whisker against points and convex outlines |
 //! | [`rod`] | exact quasi-static mechanics in space |
 //! | [`sensor`] | sensor models: fit, calibrated domain, model error |
+//! | [`space`] | the same in space |
 //! | [`events`] | contact detection |
 //! | [`estimators`] | estimators of the contact point |
 //!
@@ -124,6 +125,7 @@ mod rest;
 pub mod rod;
 pub mod sensor;
 mod settings;
+pub mod space;
 mod taylor;
 mod wire;
 

@@ -3,6 +3,7 @@
 //! A [`SpatialTrace`] is read and written whole. Planar traces (format 1) have the type [`crate::Trace`]; each of the two
 //! readers names the other kind if it is given one.
 
+mod calibration;
 mod certificate;
 mod columns;
 mod sidecar;
@@ -10,6 +11,7 @@ mod table;
 
 pub(crate) use sidecar::other_format;
 
+pub use calibration::{SpatialCalibrationFile, SpatialModelFile, is_spatial_calibration};
 pub use certificate::SpatialCertificate;
 pub use columns::SPATIAL_COLUMNS;
 pub use sidecar::{SPATIAL_FORMAT, SpatialSidecar, StatedSuspension, is_spatial};

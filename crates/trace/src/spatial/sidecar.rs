@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
 use whisker::rod::{Rod, Suspension};
+use whisker::space::sensor::SpatialWhisker;
 
 use super::SpatialCertificate;
 use crate::Role;
-use crate::sidecar::{Generator, check_rate, plain_name};
+use crate::sidecar::{Generator, check_rate, hash_of_data, plain_name};
 
 /// Format version of traces in space.
 pub const SPATIAL_FORMAT: u32 = 2;
@@ -25,6 +26,20 @@ pub struct StatedSuspension {
     pub pitch_n_m_rad: f64,
     /// Stiffness in twist (N m/rad).
     pub twist_n_m_rad: f64,
+}
+
+impl From<Suspension> for StatedSuspension {
+    fn from(suspension: Suspension) -> Self {
+        let Suspension { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad } = suspension;
+        Self { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad }
+    }
+}
+
+impl From<StatedSuspension> for Suspension {
+    fn from(stated: StatedSuspension) -> Self {
+        let StatedSuspension { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad } = stated;
+        Self { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad }
+    }
 }
 
 /// Sidecar of a trace in space: description and provenance.
@@ -77,9 +92,15 @@ impl SpatialSidecar {
             return Err(Error::value(path, "path", "a folder", "a trace's .csv or .json file"));
         }
         let path = path.with_extension("json");
-        let sidecar: Self = read_json(&path).map_err(|error| other_format(&path, SPATIAL_FORMAT, error))?;
+        let sidecar: Self = read_json(&path).map_err(|error| other_format(&path, SPATIAL_FORMAT, "trace", error))?;
         sidecar.validate(&path)?;
         Ok(sidecar)
+    }
+
+    /// The whisker with its properties out of its plane.
+    pub fn spatial_whisker(&self) -> SpatialWhisker {
+        let (whisker, suspension) = (self.whisker.clone(), self.suspension.into());
+        SpatialWhisker { whisker, suspension, poisson_ratio: self.poisson_ratio }
     }
 
     /// Mechanics of the whisker in space.
@@ -87,8 +108,12 @@ impl SpatialSidecar {
     /// # Errors
     /// [`whisker::Invalid`] if a parameter is out of its range.
     pub fn rod(&self) -> Result<Rod, whisker::Invalid> {
-        let StatedSuspension { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad } = self.suspension;
-        Rod::new(&self.whisker, Suspension { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad }, self.poisson_ratio)
+        self.spatial_whisker().rod()
+    }
+
+    /// Hash of everything that a result from the trace may depend on, as [`crate::Sidecar::data_sha256`].
+    pub fn data_sha256(&self) -> String {
+        hash_of_data(self)
     }
 
     fn validate(&self, path: &Path) -> Result<(), Error> {
@@ -110,12 +135,17 @@ impl SpatialSidecar {
         if path.file_stem().is_none_or(|stem| stem != self.name.as_str()) {
             return Err(Error::value(path, "name", format!("`{}`", self.name), "the name of its file"));
         }
-        self.rod().map(drop).map_err(|error| {
-            let of_whisker = !error.key.starts_with("suspension") && error.key != "poisson_ratio";
-            let key = if of_whisker { format!("whisker.{}", error.key) } else { error.key.to_owned() };
-            Error::value(path, key, error.found, error.expected)
-        })
+        check_whisker(path, &self.spatial_whisker())
     }
+}
+
+/// Checks the parameters of a whisker in a file.
+pub(super) fn check_whisker(path: &Path, whisker: &SpatialWhisker) -> Result<(), Error> {
+    whisker.rod().map(drop).map_err(|error| {
+        let of_whisker = !error.key.starts_with("suspension") && error.key != "poisson_ratio";
+        let key = if of_whisker { format!("whisker.{}", error.key) } else { error.key.to_owned() };
+        Error::value(path, key, error.found, error.expected)
+    })
 }
 
 /// Whether the sidecar of the trace with this CSV or sidecar path states the format of traces in space.
@@ -127,12 +157,13 @@ pub fn is_spatial(path: &Path) -> Result<bool, Error> {
     Ok(value.get("format").and_then(Value::as_u64) == Some(SPATIAL_FORMAT.into()))
 }
 
-/// The error of a sidecar that does not parse as one of the format `expected`. If it states the other format, the error
-/// says so, at its place.
-pub(crate) fn other_format(path: &Path, expected: u32, error: Error) -> Error {
+/// The error of a file of a kind, `trace` or `calibration`, that does not parse as one of the format `expected`. If it states
+/// the other format, the error says so, at its place.
+pub(crate) fn other_format(path: &Path, expected: u32, kind: &str, error: Error) -> Error {
+    let (in_space, planar) = (format!("a {kind} in space"), format!("a planar {kind}"));
     let (other, found, wanted) = match expected {
-        FORMAT => (SPATIAL_FORMAT, "a trace in space", "a planar trace"),
-        _ => (FORMAT, "a planar trace", "a trace in space"),
+        FORMAT => (SPATIAL_FORMAT, in_space, planar),
+        _ => (FORMAT, planar, in_space),
     };
     let stated = read_json::<Value>(path).ok().and_then(|value| value.get("format").and_then(Value::as_u64));
     let text = std::fs::read_to_string(path).unwrap_or_default();

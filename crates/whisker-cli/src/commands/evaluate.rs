@@ -16,7 +16,7 @@ use strict_json::parse_json;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
 use testbed::evaluate::{EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share};
-use testbed::front_end::FrontEnd;
+use testbed::front_end::{FRONT_ENDS, FrontEnd};
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
 use testbed::noise::NoiseUnit;
@@ -27,6 +27,7 @@ use whisker::events::{FORMER_NAMES, TouchConfig};
 
 use super::output::{check_apart, lies_in, reserve};
 use super::progress::Progress;
+use super::space::{Evaluation, evaluate_in_space};
 use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, table};
 
 /// Default number of noise seeds per trial.
@@ -167,6 +168,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let program = |text: &String| Program::new(text, arguments.exec_timeout);
     let choice = arguments.front_end.choice();
     let front_end = FrontEnd::new(&choice)?;
+    if datasets.iter().map(Dataset::is_spatial).collect::<anyhow::Result<Vec<_>>>()?.contains(&true) {
+        return in_space(arguments, &datasets, config, &front_end);
+    }
     let (noise, noise_unit) = match &arguments.noise {
         Some(levels) => (levels.clone(), arguments.noise_unit.map_or_else(NoiseUnit::default, Into::into)),
         None if states_noise(&datasets, &front_end)? => (vec![1.0], NoiseUnit::Stated),
@@ -226,6 +230,51 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("{}: replaced the former run", folder.display());
     }
     conclude(&evaluated, noise_unit)
+}
+
+/// Evaluation of traces in space.
+fn in_space(
+    arguments: &Arguments,
+    datasets: &[Dataset],
+    config: BTreeMap<String, Value>,
+    front_end: &FrontEnd,
+) -> anyhow::Result<ExitCode> {
+    let [dataset] = datasets else {
+        bail!("found {} inputs, expected one suite or folder of traces in space", datasets.len())
+    };
+    let noise = match arguments.noise.as_deref() {
+        None => front_end.row.noise,
+        Some([noise]) => *noise,
+        Some(levels) => bail!("--noise: found {} levels, expected one for traces in space", levels.len()),
+    };
+    let has_options = !arguments.exec.is_empty()
+        || !arguments.miscalibrate.is_empty()
+        || !arguments.encoders.is_empty()
+        || arguments.share.is_some()
+        || arguments.noise_unit.is_some_and(|unit| !matches!(unit, Unit::Set))
+        || front_end.row.name != FRONT_ENDS[0].name;
+    if has_options {
+        bail!(
+            "--exec, --miscalibrate, --encoders, --share, --noise-unit, --front-end: do not apply to traces in space, which \
+            are evaluated with white noise relative to each set"
+        );
+    }
+    let folder = arguments.results.join(arguments.name.as_ref().unwrap_or(&dataset.name));
+    let inputs = inputs(arguments, datasets);
+    check_apart(&folder, &inputs)?;
+    let _lock = reserve(&folder, &inputs)?;
+    let evaluation = Evaluation {
+        estimators: arguments.estimators.clone(),
+        config,
+        noise,
+        seeds: arguments.seeds.unwrap_or(if noise > 0.0 { DEFAULT_SEEDS } else { 1 }),
+        calibrations: arguments.calibrations.clone(),
+    };
+    let threads = rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.threads.map_or(0, usize::from))
+        .build()
+        .context("cannot start threads")?;
+    threads.install(|| evaluate_in_space(dataset, evaluation, &folder))
 }
 
 /// Ends the external programs if an interrupt ends the evaluation.

@@ -9,12 +9,14 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::dataset::{CALIBRATIONS, Dataset};
 use testbed::fit::{FitSettings, Models, fit};
-use testbed::front_end::{FrontEnd, Mounting};
+use testbed::front_end::{FRONT_ENDS, FrontEnd, Mounting};
+use testbed::space::fit::SpatialFitSettings;
 use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::{AlongAway, Face};
 
 use super::output::{lies_in, reserve};
 use super::progress::Progress;
+use super::space::fit_in_space;
 use super::{front_end, json, noise_fraction, print, table};
 
 /// Argument of `--model` that selects the model by cross-validation.
@@ -64,6 +66,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let choice = arguments.front_end.choice();
     let front_end = FrontEnd::new(&choice)?;
+    if dataset.is_spatial()? {
+        return in_space(arguments, &dataset, models, &front_end);
+    }
     let settings = FitSettings {
         models,
         noise: arguments.noise.unwrap_or(front_end.row.noise),
@@ -116,6 +121,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         print(&format!("{}{state}\n", whisker.path.display()))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Fit of traces in space.
+fn in_space(
+    arguments: &Arguments,
+    dataset: &Dataset,
+    models: Models,
+    front_end: &FrontEnd,
+) -> anyhow::Result<ExitCode> {
+    if front_end.row.name != FRONT_ENDS[0].name || !arguments.sensors.is_empty() {
+        bail!("--front-end, --sensors: traces in space are read through the front end `{}` alone", FRONT_ENDS[0].name);
+    }
+    let noise = arguments.noise.unwrap_or(front_end.row.noise);
+    let settings = SpatialFitSettings { models, noise, seed: arguments.seed };
+    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
+    let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;
+    let inputs = if is_own { Vec::new() } else { vec![dataset.input.clone(), dataset.folder.clone()] };
+    let _lock = reserve(&out, &inputs)?;
+    fit_in_space(dataset, &settings, &out)
 }
 
 /// Parses a sensor as array/sensor.

@@ -14,6 +14,8 @@ use testbed::plausibility::{SPATIAL_TESTS, TESTS};
 use whisker::estimators::ESTIMATORS;
 use whisker::events::DETECTORS;
 use whisker::sensor::MODELS;
+use whisker::space::estimators::SPATIAL_ESTIMATORS;
+use whisker::space::sensor::SPATIAL_MODELS;
 
 use super::{print, python};
 use crate::claims::claims;
@@ -73,6 +75,20 @@ const REGISTRIES: &[Registry] = &[
         name: "sensor-models",
         about: "contact to expected reading: fit --model",
         rows: || MODELS.iter().map(|row| Row::new(row.kind, row.about).with_defaults((row.defaults)())).collect(),
+    },
+    Registry {
+        name: "space-estimators",
+        about: "contact estimators for traces in space: evaluate --estimators",
+        rows: || {
+            SPATIAL_ESTIMATORS.iter().map(|row| Row::new(row.name, row.about).with_defaults(row.defaults())).collect()
+        },
+    },
+    Registry {
+        name: "space-sensor-models",
+        about: "contact in space to expected moments: fit --model",
+        rows: || {
+            SPATIAL_MODELS.iter().map(|row| Row::new(row.kind, row.about).with_defaults((row.defaults)())).collect()
+        },
     },
     Registry {
         name: "detectors",

@@ -19,6 +19,7 @@ mod replay;
 mod report;
 mod reproduce;
 mod simulate;
+mod space;
 mod table;
 
 use std::io::{self, Write};

@@ -53,6 +53,14 @@ impl Rod {
         self.contact_of(Vector3::new(arc_m, unknowns.y, unknowns.z)).ok_or(Failure::Buckled { reached: 1.0 })
     }
 
+    /// As [`Self::at_point`], sought from the load of a near contact. The contact may lie beyond the tip, on the whisker's
+    /// continuation. `None` if there is none.
+    pub(crate) fn near(&self, point: Vector3<f64>, load: Option<SpatialLoad>) -> Option<SpatialContact> {
+        let guess = load.map(|load| Vector3::new(load.arc_m, load.force_n.y, load.force_n.z));
+        let found = guess.and_then(|guess| self.pass_through(point, guess));
+        found.map_or_else(|| self.at_point(point).ok(), |unknowns| self.contact_of(unknowns))
+    }
+
     /// Arc length and force, left and up, of a contact at `goal`.
     fn pass_through(&self, goal: Vector3<f64>, guess: Vector3<f64>) -> Option<Vector3<f64>> {
         newton::solve(guess, self.length_m, |unknowns| {

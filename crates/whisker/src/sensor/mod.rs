@@ -14,7 +14,7 @@ mod fit;
 mod mechanics;
 mod polar;
 mod polynomial;
-mod regression;
+pub(crate) mod regression;
 mod spline;
 mod table;
 mod turn;

@@ -16,7 +16,7 @@ const DETERMINED: f64 = 1e-12;
 
 /// Sufficient statistic of some samples for the coefficients.
 #[derive(Clone, Debug)]
-pub(super) struct Triangle {
+pub(crate) struct Triangle {
     /// `[R z; 0 rho]`.
     reduced: DMatrix<f64>,
     samples: usize,
@@ -24,12 +24,12 @@ pub(super) struct Triangle {
 
 /// Coefficients and their covariance.
 #[derive(Clone, Debug)]
-pub(super) struct Estimate {
-    pub(super) coefficients: DVector<f64>,
+pub(crate) struct Estimate {
+    pub(crate) coefficients: DVector<f64>,
     /// Variance of the noise.
-    pub(super) noise_variance: f64,
+    pub(crate) noise_variance: f64,
     /// Effective degrees of freedom of the coefficients: their number, reduced by a penalty.
-    pub(super) freedom: f64,
+    pub(crate) freedom: f64,
     /// `v^(1/2) R^-T`: the covariance of the coefficients is its transpose times itself.
     scatter: DMatrix<f64>,
 }
@@ -41,7 +41,7 @@ fn reduce(rows: DMatrix<f64>) -> DMatrix<f64> {
 
 impl Triangle {
     /// Samples with `count` regressors; `fill` writes those of a sample into a row of zeros and returns the reading.
-    pub(super) fn new<Sample>(count: usize, samples: &[Sample], fill: impl Fn(&Sample, &mut [f64]) -> f64) -> Self {
+    pub(crate) fn new<Sample>(count: usize, samples: &[Sample], fill: impl Fn(&Sample, &mut [f64]) -> f64) -> Self {
         let mut reduced = DMatrix::zeros(count + 1, count + 1);
         let mut row = vec![0.0; count + 1];
         for block in samples.chunks(BLOCK) {
@@ -62,7 +62,7 @@ impl Triangle {
 
     /// The coefficients under a penalty `sum |D c|^2` with the rows `penalty`, which may be empty. `None` if they are
     /// not determined, or no degrees of freedom remain to estimate the noise.
-    pub(super) fn estimate(&self, penalty: &DMatrix<f64>) -> Option<Estimate> {
+    pub(crate) fn estimate(&self, penalty: &DMatrix<f64>) -> Option<Estimate> {
         let count = self.count();
         let held = penalty.nrows();
         let mut stacked = self.reduced.clone().resize_vertically(count + 1 + held, 0.0);
@@ -94,7 +94,7 @@ impl Triangle {
 
 impl Estimate {
     /// Variance of `x' c` for the regressors `x`.
-    pub(super) fn variance(&self, regressors: &DVector<f64>) -> f64 {
+    pub(crate) fn variance(&self, regressors: &DVector<f64>) -> f64 {
         (&self.scatter * regressors).norm_squared()
     }
 }

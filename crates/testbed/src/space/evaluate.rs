@@ -1,0 +1,388 @@
+//! Evaluation of estimators in space: every trial of a dataset, replayed with seeded noise and scored against the truth.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, bail};
+use files::{Watermark, write_atomically, write_json};
+use indicatif::ProgressBar;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+use trace::{Role, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
+use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, SpatialEstimatorRow, spatial_estimator};
+use whisker::space::frames::Point;
+use whisker::space::sensor::CalibratedSpace;
+
+use super::bound::{SpatialBoundAt, bound};
+use super::replay::{replay, samples};
+use super::{largest_reading_n_m, noisy_readings_n_m, to_base};
+use crate::dataset::Dataset;
+use crate::provenance::evaluation_watermark;
+use crate::results::csv_bytes;
+use crate::settings::merged;
+
+/// Time after the touch from which estimates are scored.
+pub const START_S: f64 = 1.0;
+
+/// Probability of the ellipsoids whose coverage is measured.
+const PROBABILITY: f64 = 0.95;
+
+/// Smallest extent of the touched points of a straight edge, and largest deviation from a line relative to it, for which their
+/// line counts as the true direction.
+const EDGE_M: f64 = 1e-3;
+const STRAIGHT: f64 = 0.05;
+
+/// Settings of an evaluation in space.
+#[derive(Clone, Debug)]
+pub struct SpatialEvaluateSettings {
+    /// Names of the estimators. `None` for all.
+    pub estimators: Option<Vec<String>>,
+    /// Settings of estimators by name, over their defaults.
+    pub config: BTreeMap<String, Value>,
+    /// Measurement noise of both moments, as a fraction of the largest moment of each group of trials with one whisker.
+    pub noise: f64,
+    /// Seeds of the noise; each is one replay of every trial.
+    pub seeds: Vec<u64>,
+    /// Folder of the calibrations. `None` for that beside the traces.
+    pub calibrations: Option<PathBuf>,
+}
+
+/// Scores of one replay. Errors are those after [`START_S`] of each touch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpatialTrialRow {
+    /// Name of the trace.
+    pub trace: String,
+    /// Group of the trace.
+    pub group: String,
+    /// Name of the whisker.
+    pub whisker: String,
+    /// Name of the estimator.
+    pub estimator: String,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Standard deviation of the noise of each moment.
+    pub noise_sd_n_m: f64,
+    /// Share of the scored instants with an estimate.
+    pub answered: f64,
+    /// RMS error of the contact.
+    pub rmse_m: Option<f64>,
+    /// RMS error out of the plane of wire and force at the contact.
+    pub out_of_plane_m: Option<f64>,
+    /// RMS of the posterior Cramer-Rao bound.
+    pub bound_m: Option<f64>,
+    /// Normalised squared error of the last estimate, which has three degrees of freedom.
+    pub nees: Option<f64>,
+    /// Share of the instants at which the 95 % ellipsoid contains the true contact.
+    pub coverage: Option<f64>,
+    /// RMS angle between estimated and true normal.
+    pub normal_rad: Option<f64>,
+    /// RMS angle between the estimated and the true direction of the edge or rod. `None` for other objects and methods.
+    pub direction_rad: Option<f64>,
+}
+
+/// Scores of the trials of one group with one whisker.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpatialSummaryRow {
+    /// Group of the trials.
+    pub group: String,
+    /// Name of the whisker.
+    pub whisker: String,
+    /// Name of the estimator.
+    pub estimator: String,
+    /// Number of replays.
+    pub trials: usize,
+    /// Mean share of the scored instants with an estimate.
+    pub answered: f64,
+    /// RMS over the replays of their RMS error.
+    pub rmse_m: Option<f64>,
+    /// The same of the error out of the plane of wire and force.
+    pub out_of_plane_m: Option<f64>,
+    /// The same of the bound.
+    pub bound_m: Option<f64>,
+    /// Mean normalised squared error of the last estimates, per degree of freedom: 1 if the method is consistent.
+    pub nees: Option<f64>,
+    /// Bounds of its central 95 % interval for a consistent method and independent replays.
+    pub nees_low: f64,
+    /// Upper bound of that interval.
+    pub nees_high: f64,
+    /// Mean coverage of the 95 % ellipsoids.
+    pub coverage: Option<f64>,
+    /// RMS over the replays of the angle of the normal.
+    pub normal_rad: Option<f64>,
+    /// The same of the angle of the edge.
+    pub direction_rad: Option<f64>,
+}
+
+/// Result of an evaluation in space.
+#[derive(Clone, Debug)]
+pub struct SpatialEvaluated {
+    /// One row per trace, estimator and seed.
+    pub trials: Vec<SpatialTrialRow>,
+    /// One row per group, whisker and estimator.
+    pub summary: Vec<SpatialSummaryRow>,
+    /// Mean wall-clock time of a step (us) by estimator.
+    pub step_us: Vec<(String, f64)>,
+}
+
+/// Description of a run in space, `space_run.json`.
+#[derive(Serialize)]
+struct SpatialRun {
+    watermark: Watermark,
+    noise: f64,
+    seeds: Vec<u64>,
+    config: BTreeMap<String, Value>,
+}
+
+/// A trial with what does not depend on estimator and noise.
+struct Prepared {
+    trace: SpatialTrace,
+    calibrated: Arc<CalibratedSpace>,
+    noise_sd_n_m: f64,
+    bound: Vec<Option<SpatialBoundAt>>,
+    edge: Option<Vector3<f64>>,
+}
+
+/// Replays every trial of a dataset through the estimators. The unit of progress is one trial with one seed. The result does not
+/// depend on the number of threads, except for times.
+///
+/// # Errors
+/// If a trace or calibration cannot be read, an estimator is unknown or its settings are invalid.
+pub fn evaluate(
+    dataset: &Dataset,
+    settings: &SpatialEvaluateSettings,
+    progress: &ProgressBar,
+) -> anyhow::Result<SpatialEvaluated> {
+    let rows = estimators(settings)?;
+    let prepared = prepared(dataset, settings)?;
+    progress.set_length((prepared.len() * settings.seeds.len()) as u64);
+    let work: Vec<(&Prepared, u64)> =
+        prepared.iter().flat_map(|trial| settings.seeds.iter().map(move |seed| (trial, *seed))).collect();
+    let found: Vec<anyhow::Result<Vec<(SpatialTrialRow, f64)>>> = work
+        .par_iter()
+        .map(|(trial, seed)| {
+            let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed)).collect();
+            progress.inc(1);
+            scores
+        })
+        .collect();
+    let scored: Vec<(SpatialTrialRow, f64)> =
+        found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
+    let step_us = rows.iter().map(|(row, _)| {
+        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name).map(|(_, step_us)| *step_us);
+        (row.name.to_owned(), crate::statistics::mean(of_row).unwrap_or_default())
+    });
+    let step_us = step_us.collect();
+    let trials: Vec<SpatialTrialRow> = scored.into_iter().map(|(trial, _)| trial).collect();
+    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, step_us })
+}
+
+/// Writes the tables of an evaluation into a folder.
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn write(evaluated: &SpatialEvaluated, settings: &SpatialEvaluateSettings, folder: &Path) -> anyhow::Result<()> {
+    let inputs = [serde_json::to_string(&evaluated.trials)?, serde_json::to_string(&settings.config)?];
+    let run = SpatialRun {
+        watermark: evaluation_watermark(inputs.iter().map(String::as_str)),
+        noise: settings.noise,
+        seeds: settings.seeds.clone(),
+        config: settings.config.clone(),
+    };
+    write_json(&folder.join("space_run.json"), &run)?;
+    write_atomically(&folder.join("space_trials.csv"), &csv_bytes(&evaluated.trials)?)?;
+    write_atomically(&folder.join("space_summary.csv"), &csv_bytes(&evaluated.summary)?)?;
+    Ok(())
+}
+
+fn estimators(settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
+    let known = || SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect::<Vec<_>>().join(", ");
+    let rows = match &settings.estimators {
+        None => SPATIAL_ESTIMATORS.iter().collect(),
+        Some(names) => names
+            .iter()
+            .map(|name| {
+                spatial_estimator(name)
+                    .with_context(|| format!("unknown estimator in space `{name}`, expected one of: {}", known()))
+            })
+            .collect::<anyhow::Result<Vec<_>>>()?,
+    };
+    if let Some(name) = settings.config.keys().find(|name| spatial_estimator(name).is_none()) {
+        bail!("settings: found `{name}`, expected estimators in space: {}", known());
+    }
+    let config = |row: &'static SpatialEstimatorRow| match settings.config.get(row.name) {
+        Some(own) => Ok((row, merged(row.defaults(), own)?)),
+        None => Ok((row, row.defaults())),
+    };
+    rows.into_iter().map(config).collect()
+}
+
+fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<Prepared>> {
+    let folder =
+        settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations(crate::front_end::FRONT_ENDS[0].name));
+    let mut faces: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
+    let mut traces: Vec<SpatialTrace> = Vec::new();
+    for path in &dataset.paths {
+        if SpatialSidecar::read(path)?.role == Role::Trial {
+            traces.push(SpatialTrace::read(path)?);
+        }
+    }
+    if traces.is_empty() {
+        bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Trial.name());
+    }
+    for trace in &traces {
+        let name = &trace.sidecar.whisker.name;
+        if faces.contains_key(name) {
+            continue;
+        }
+        let path = folder.join(format!("{name}.json"));
+        let calibration = SpatialCalibrationFile::read(&path)?;
+        if calibration.spatial_whisker() != trace.sidecar.spatial_whisker() {
+            bail!("{}: whisker: found other parameters than those of {}", path.display(), trace.sidecar.name);
+        }
+        faces.insert(name.clone(), calibration.calibrated(&path, None)?);
+    }
+    let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
+    let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();
+    for trace in &traces {
+        let known = largest.entry(of_set(trace)).or_default();
+        *known = known.max(largest_reading_n_m([trace]));
+    }
+    let prepare = |trace: SpatialTrace| {
+        let calibrated = faces[&trace.sidecar.whisker.name].clone();
+        let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
+        let bound = bound(&trace, &calibrated, noise_sd_n_m);
+        Prepared { calibrated, noise_sd_n_m, bound, edge: edge(&trace), trace }
+    };
+    Ok(traces.into_par_iter().map(prepare).collect())
+}
+
+/// Direction of the straight line of the touched points in World. `None` if they do not lie on one.
+fn edge(trace: &SpatialTrace) -> Option<Vector3<f64>> {
+    let points = || trace.truth.instants.iter().filter_map(|truth| truth.contact.map(|contact| contact.surface));
+    let count = points().count() as f64;
+    let mean = points().sum::<Vector3<f64>>() / count;
+    let spread: Matrix3<f64> = points().map(|point| (point - mean) * (point - mean).transpose()).sum();
+    let parts = (spread / count).try_symmetric_eigen(f64::EPSILON, 0)?;
+    let longest = parts.eigenvalues.imax();
+    let along = parts.eigenvectors.column(longest).into_owned();
+    let rest = (parts.eigenvalues.sum() - parts.eigenvalues[longest]).max(0.0);
+    let places = points().map(|point| along.dot(&(point - mean)));
+    let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+    (high - low > EDGE_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some(along)
+}
+
+/// Sums of squared errors over a replay.
+#[derive(Default)]
+struct Sums {
+    instants: usize,
+    answered: usize,
+    contact: f64,
+    out_of_plane: f64,
+    bound: f64,
+    covered: usize,
+    normal: f64,
+    direction: f64,
+    directions: usize,
+    last_nees: Option<f64>,
+}
+
+impl Prepared {
+    fn score(&self, row: &SpatialEstimatorRow, config: &Value, seed: u64) -> anyhow::Result<(SpatialTrialRow, f64)> {
+        let knowledge = Arc::new(Knowledge {
+            calibrated: self.calibrated.clone(),
+            noise_sd_n_m: self.noise_sd_n_m,
+            rate_hz: self.trace.sidecar.rate_hz,
+        });
+        let readings_n_m = noisy_readings_n_m(&self.trace, self.noise_sd_n_m, seed);
+        let replayed = replay(row, config, &knowledge, &samples(&self.trace, &readings_n_m))?;
+        let within = ChiSquared::new(3.0)?.inverse_cdf(PROBABILITY);
+        let mut sums = Sums::default();
+        for (i, bound) in self.bound.iter().enumerate() {
+            if let Some(bound) = bound.filter(|bound| bound.since_touch_s >= START_S) {
+                sums.instants += 1;
+                if let Some(estimate) = &replayed.estimates[i] {
+                    self.add(&mut sums, i, estimate, &bound, within);
+                }
+            }
+        }
+        let Sums { answered, .. } = sums;
+        let mean = |sum: f64| (answered > 0).then(|| sum / answered as f64);
+        let rms = |sum: f64| mean(sum).map(f64::sqrt);
+        let sidecar = &self.trace.sidecar;
+        let scores = SpatialTrialRow {
+            trace: sidecar.name.clone(),
+            group: sidecar.group.clone(),
+            whisker: sidecar.whisker.name.clone(),
+            estimator: row.name.into(),
+            seed,
+            noise_sd_n_m: self.noise_sd_n_m,
+            answered: answered as f64 / sums.instants.max(1) as f64,
+            rmse_m: rms(sums.contact),
+            out_of_plane_m: rms(sums.out_of_plane),
+            bound_m: rms(sums.bound),
+            nees: sums.last_nees,
+            coverage: mean(sums.covered as f64),
+            normal_rad: rms(sums.normal),
+            direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
+        };
+        Ok((scores, replayed.step_us))
+    }
+
+    fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
+        let Some(truth) = self.trace.truth.instants[i].contact else { return };
+        let to_base = to_base(&self.trace.recording.instants[i].base);
+        let error = estimate.contact.vector() - to_base.apply(Point::from_vector(truth.contact)).vector();
+        let (tangent, normal) = (to_base.turn_vector(truth.tangent), to_base.turn_vector(truth.normal));
+        let nees = estimate.covariance_m2.cholesky().map(|factor| error.dot(&factor.solve(&error)));
+        sums.answered += 1;
+        sums.contact += error.norm_squared();
+        sums.out_of_plane += error.dot(&tangent.cross(&normal).normalize()).powi(2);
+        sums.bound += bound.covariance_m2.trace();
+        sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
+        sums.last_nees = nees;
+        sums.normal += normal.angle(&estimate.normal).powi(2);
+        if let (Some(edge), Some(found)) = (self.edge, estimate.direction) {
+            // The direction of an edge has no sign.
+            let cosine = to_base.turn_vector(edge).dot(&found.along).abs().min(1.0);
+            sums.direction += cosine.acos().powi(2);
+            sums.directions += 1;
+        }
+    }
+}
+
+fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>> {
+    let mut groups: BTreeMap<(&str, &str, &str), Vec<&SpatialTrialRow>> = BTreeMap::new();
+    for trial in trials {
+        groups.entry((&trial.group, &trial.whisker, &trial.estimator)).or_default().push(trial);
+    }
+    let rows = groups.into_iter().map(|((group, whisker, estimator), trials)| {
+        let mean = |score: fn(&SpatialTrialRow) -> Option<f64>| {
+            crate::statistics::mean(trials.iter().filter_map(|trial| score(trial)))
+        };
+        let nees: Vec<f64> = trials.iter().filter_map(|trial| trial.nees).collect();
+        let degrees = 3.0 * nees.len().max(1) as f64;
+        let chi_squared = ChiSquared::new(degrees)?;
+        let [nees_low, nees_high] = [0.025, 0.975].map(|p| chi_squared.inverse_cdf(p) / degrees);
+        Ok(SpatialSummaryRow {
+            group: group.into(),
+            whisker: whisker.into(),
+            estimator: estimator.into(),
+            trials: trials.len(),
+            answered: mean(|trial| Some(trial.answered)).unwrap_or_default(),
+            rmse_m: mean(|trial| trial.rmse_m.map(|error| error * error)).map(f64::sqrt),
+            out_of_plane_m: mean(|trial| trial.out_of_plane_m.map(|error| error * error)).map(f64::sqrt),
+            bound_m: mean(|trial| trial.bound_m.map(|bound| bound * bound)).map(f64::sqrt),
+            nees: crate::statistics::mean(nees).map(|nees| nees / 3.0),
+            nees_low,
+            nees_high,
+            coverage: mean(|trial| trial.coverage),
+            normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
+            direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
+        })
+    });
+    rows.collect()
+}

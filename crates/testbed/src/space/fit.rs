@@ -1,0 +1,204 @@
+//! Fit of sensor models in space: calibration traces to calibration files of format 2.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use files::{Digest, read_json, write_json};
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+use serde_json::Value;
+use trace::{FittedData, Role, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
+use whisker::sensor::ModelError;
+use whisker::space::frames::Point;
+use whisker::space::sensor::{self, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample};
+
+use super::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
+use crate::dataset::Dataset;
+use crate::fit::Models;
+use crate::provenance::calibration_watermark;
+use crate::settings::merged;
+
+/// Settings of a fit in space.
+#[derive(Clone, Debug)]
+pub struct SpatialFitSettings {
+    /// Sensor models.
+    pub models: Models,
+    /// White noise that is added to the readings, as a fraction of the largest bending moment of a whisker's calibration.
+    pub noise: f64,
+    /// Seed of that noise.
+    pub seed: u64,
+}
+
+/// Calibration of one whisker and its file.
+#[derive(Clone, Debug)]
+pub struct SpatialFitted {
+    /// The calibration.
+    pub calibration: SpatialCalibrationFile,
+    /// Path of its file.
+    pub path: PathBuf,
+    /// Whether it was computed. `false` if an up-to-date file was found.
+    pub is_new: bool,
+    /// Candidates that the data do not determine, with the reasons.
+    pub left_out: Vec<String>,
+}
+
+/// A sensor model to be fitted.
+struct Candidate {
+    row: &'static SpatialModelRow,
+    config: Value,
+}
+
+fn candidates(models: &Models) -> anyhow::Result<Vec<Candidate>> {
+    let candidate = |row: &'static SpatialModelRow, own: &Value| -> anyhow::Result<Candidate> {
+        Ok(Candidate { row, config: merged((row.defaults)(), own)? })
+    };
+    match models {
+        Models::Auto => {
+            let all = SPATIAL_MODELS.iter().flat_map(|row| (row.candidates)().into_iter().map(move |own| (row, own)));
+            all.map(|(row, own)| candidate(row, &own)).collect()
+        }
+        Models::One { kind, config } => Ok(vec![candidate(sensor::spatial_model(kind)?, config)?]),
+    }
+}
+
+/// Fits every whisker with calibration traces in the dataset and writes its calibration, unless an up-to-date one is there.
+/// The unit of progress is one candidate for one whisker.
+///
+/// # Errors
+/// If traces cannot be read, contradict one another, or do not determine the model.
+pub fn fit(
+    dataset: &Dataset,
+    settings: &SpatialFitSettings,
+    out: &Path,
+    progress: &ProgressBar,
+) -> anyhow::Result<Vec<SpatialFitted>> {
+    let candidates = candidates(&settings.models)?;
+    let mut whiskers: BTreeMap<String, Vec<SpatialTrace>> = BTreeMap::new();
+    for path in &dataset.paths {
+        let sidecar = SpatialSidecar::read(path)?;
+        if sidecar.role == Role::Calibration {
+            whiskers.entry(sidecar.whisker.name).or_default().push(SpatialTrace::read(path)?);
+        }
+    }
+    if whiskers.is_empty() {
+        bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Calibration.name());
+    }
+    progress.set_length((whiskers.len() * candidates.len()) as u64);
+    let fitted = whiskers.values().map(|traces| fit_whisker(traces, &candidates, settings, out, progress));
+    fitted.collect()
+}
+
+fn fit_whisker(
+    traces: &[SpatialTrace],
+    candidates: &[Candidate],
+    settings: &SpatialFitSettings,
+    out: &Path,
+    progress: &ProgressBar,
+) -> anyhow::Result<SpatialFitted> {
+    let first = &traces[0].sidecar;
+    let whisker = first.spatial_whisker();
+    if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {
+        let (other, name) = (&other.sidecar.name, &whisker.whisker.name);
+        bail!("{other}: its whisker `{name}` has other parameters than that of {}", first.name);
+    }
+    let mut digest = Digest::default();
+    for trace in traces {
+        digest.add(trace.sidecar.data_sha256());
+    }
+    let data_sha256 = digest.finish();
+    let mut inputs = vec![data_sha256.clone(), settings.noise.to_string(), settings.seed.to_string()];
+    inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
+    let watermark = calibration_watermark(inputs.iter().map(String::as_str));
+    let path = out.join(format!("{}.json", whisker.whisker.name));
+    check_is_calibration(&path)?;
+    let known = SpatialCalibrationFile::read(&path).ok();
+    if let Some(calibration) = known.filter(|known| known.watermark.inputs_sha256 == watermark.inputs_sha256) {
+        progress.inc(candidates.len() as u64);
+        return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new() });
+    }
+    let noise_sd_n_m = settings.noise * largest_reading_n_m(traces);
+    let lines: Vec<Vec<SpatialSample>> =
+        traces.iter().flat_map(|trace| lines(trace, noise_sd_n_m, settings.seed)).collect();
+    let data = SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m: 0.0 };
+    let place = || format!("whisker `{}`", whisker.whisker.name);
+    let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
+    let data = FittedData {
+        noise_fraction: settings.noise,
+        seed: settings.seed,
+        front_end: None,
+        data_sha256,
+        traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
+    };
+    let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
+    write_json(&path, &calibration)?;
+    let left_out = left_out.iter().map(|reason| format!("{}: {reason}", place())).collect();
+    Ok(SpatialFitted { calibration, path, is_new: true, left_out })
+}
+
+/// Fits of the candidates, at least one, and the reasons why others were left out.
+fn fits(
+    candidates: &[Candidate],
+    data: &SpatialFitData<'_>,
+    progress: &ProgressBar,
+) -> anyhow::Result<(Vec<SpatialFit>, Vec<String>)> {
+    let fit = |candidate: &Candidate| {
+        let fitted = sensor::fit(candidate.row, &candidate.config, data);
+        progress.inc(1);
+        fitted
+    };
+    let fitted: Vec<Result<SpatialFit, ModelError>> = candidates.par_iter().map(fit).collect();
+    let (mut fits, mut failed) = (Vec::new(), Vec::new());
+    for (candidate, fitted) in candidates.iter().zip(fitted) {
+        match fitted {
+            Ok(fit) => fits.push(fit),
+            Err(ModelError::Data(reason)) if candidates.len() > 1 => {
+                failed.push((reason.clone(), format!("{} {}: {reason}", candidate.row.kind, candidate.config)));
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    if fits.is_empty() {
+        bail!("no sensor model can be fitted: {}", failed[0].0);
+    }
+    Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
+}
+
+/// Checks that a calibration in space does not replace a JSON file of another kind, such as a scene or a planar calibration.
+fn check_is_calibration(path: &Path) -> anyhow::Result<()> {
+    if let Ok(found) = read_json::<Value>(path)
+        && (found["kind"] != "calibration" || found["format"] != trace::SPATIAL_FORMAT)
+    {
+        bail!(
+            "{}: found a JSON file of another kind, which the calibration in space would replace; give another --out",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// Lines of known single contacts on the side of the whisker, each from touch to release. Readings have white noise of
+/// this standard deviation.
+fn lines(trace: &SpatialTrace, noise_sd_n_m: f64, seed: u64) -> Vec<Vec<SpatialSample>> {
+    let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
+    let mut is_open = false;
+    let readings = noisy_readings_n_m(trace, noise_sd_n_m, seed).into_iter().zip(readings_n_m(trace));
+    let rows = trace.recording.instants.iter().zip(&trace.truth.instants).zip(readings);
+    for ((known, truth), (reading_n_m, reference_n_m)) in rows {
+        let Some(contact) = truth.contact else {
+            is_open = false;
+            continue;
+        };
+        if contact.tip || contact.split {
+            continue;
+        }
+        if !is_open {
+            lines.push(Vec::new());
+            is_open = true;
+        }
+        let contact = to_base(&known.base).apply(Point::from_vector(contact.contact));
+        let sample = SpatialSample { contact, reading_n_m, reference_n_m, count: 1.0 };
+        lines.last_mut().expect("a line is open").push(sample);
+    }
+    lines
+}

@@ -1,0 +1,35 @@
+//! Readings of a trace in space.
+
+use nalgebra::{Rotation3, Vector2};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+use trace::{SpatialPose, SpatialTrace};
+use whisker::frames::{Base, World};
+use whisker::space::frames::Pose;
+
+use crate::seeds::derived_seed;
+
+/// Bending moments about y and z of Base at each row (N m), without measurement noise.
+pub fn readings_n_m(trace: &SpatialTrace) -> Vec<Vector2<f64>> {
+    trace.recording.instants.iter().map(|now| Vector2::new(now.moment_y_n_m, now.moment_z_n_m)).collect()
+}
+
+/// The same with independent white noise of this standard deviation on both, drawn from the seed and the name of the trace.
+pub fn noisy_readings_n_m(trace: &SpatialTrace, noise_sd_n_m: f64, seed: u64) -> Vec<Vector2<f64>> {
+    let mut random = Pcg64::seed_from_u64(derived_seed(seed, &["white noise in space", &trace.sidecar.name]));
+    let mut draw = || noise_sd_n_m * random.sample::<f64, _>(StandardNormal);
+    readings_n_m(trace).into_iter().map(|reading_n_m| reading_n_m + Vector2::new(draw(), draw())).collect()
+}
+
+/// Largest bending moment of some traces.
+pub fn largest_reading_n_m<'a>(traces: impl IntoIterator<Item = &'a SpatialTrace>) -> f64 {
+    let readings = traces.into_iter().flat_map(readings_n_m);
+    readings.map(|reading_n_m| reading_n_m.norm()).fold(0.0, f64::max)
+}
+
+/// Pose of World in the frame of the base.
+pub fn to_base(pose: &SpatialPose) -> Pose<World, Base> {
+    let base: Pose<Base, World> = Pose::new(pose.position, Rotation3::from(pose.rotation));
+    base.inverse()
+}

@@ -1,0 +1,64 @@
+//! Replay of a trace in space through an estimator.
+
+use std::sync::Arc;
+use std::time::Instant as Clock;
+
+use anyhow::Context;
+use nalgebra::Vector2;
+use serde_json::Value;
+use trace::SpatialTrace;
+use whisker::events::TouchConfig;
+use whisker::space::estimators::{Estimate, Knowledge, Sample, SpatialEstimatorRow};
+use whisker::space::frames::Pose;
+
+use super::to_base;
+
+/// Samples of a robot: base motions from the recorded poses, and readings.
+pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sample> {
+    let mut last = None;
+    let rows = trace.recording.instants.iter().zip(readings_n_m);
+    rows.map(|(now, &reading_n_m)| {
+        let to_base = to_base(&now.base);
+        let (motion, dt_s) = match last.replace((to_base, now.t_s)) {
+            Some((before, t_s)) => (before.inverse().then(&to_base), now.t_s - t_s),
+            None => (Pose::identity(), 0.0),
+        };
+        Sample { motion, dt_s, reading_n_m }
+    })
+    .collect()
+}
+
+/// Result of a replay.
+#[derive(Clone, Debug)]
+pub struct SpatialReplay {
+    /// One entry per sample; `None` while the estimator has no contact.
+    pub estimates: Vec<Option<Estimate>>,
+    /// Mean wall-clock time of a step with an estimate (us).
+    pub step_us: f64,
+}
+
+/// Replays samples through a registered estimator.
+///
+/// # Errors
+/// If its settings are invalid.
+pub fn replay(
+    row: &SpatialEstimatorRow,
+    config: &Value,
+    knowledge: &Arc<Knowledge>,
+    samples: &[Sample],
+) -> anyhow::Result<SpatialReplay> {
+    let built = row.build(config, TouchConfig::default(), knowledge);
+    let mut estimator = built.with_context(|| format!("settings of `{}`", row.name))?;
+    let mut elapsed_s = 0.0;
+    let mut estimates = Vec::with_capacity(samples.len());
+    for sample in samples {
+        let start = Clock::now();
+        let estimate = estimator.step(sample);
+        if estimate.is_some() {
+            elapsed_s += start.elapsed().as_secs_f64();
+        }
+        estimates.push(estimate);
+    }
+    let count = estimates.iter().flatten().count().max(1) as f64;
+    Ok(SpatialReplay { estimates, step_us: 1e6 * elapsed_s / count })
+}

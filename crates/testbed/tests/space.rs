@@ -1,0 +1,180 @@
+//! Fit and evaluation in space on synthetic traces of the rod: files, determinism, and refused inputs.
+
+use std::f64::consts::TAU;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use indicatif::ProgressBar;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use serde_json::json;
+use testbed::dataset::Dataset;
+use testbed::fit::Models;
+use testbed::space::evaluate::{SpatialEvaluateSettings, evaluate};
+use testbed::space::fit::{SpatialFitSettings, fit};
+use trace::{
+    CalibrationFile, Feature, Role, SpatialCalibrationFile, SpatialContactTruth, SpatialInstant, SpatialPose,
+    SpatialRecording, SpatialTrace, SpatialTruth, SpatialTruthInstant,
+};
+use whisker::rod::Rod;
+use whisker::space::frames::Point;
+use whisker::space::sensor::Around;
+
+fn golden() -> SpatialTrace {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/space/golden_space.csv");
+    SpatialTrace::read(&path).unwrap()
+}
+
+/// A trace of a base at rest whose contacts are those of the rod at places about the whisker; `None` while it is free.
+fn trace(name: &str, role: Role, rod: &Rod, places: &[Option<Around>]) -> SpatialTrace {
+    let mut sidecar = golden().sidecar;
+    (sidecar.name, sidecar.role, sidecar.rate_hz) = (name.into(), role, 250.0);
+    let rest = sidecar.whisker.rest_shape();
+    let (mut instants, mut truths) = (Vec::new(), Vec::new());
+    for (row, place) in places.iter().enumerate() {
+        let contact = place.map(|at| rod.at_point(at.contact(&rest).vector()).unwrap());
+        let moment = contact.map_or(Vector3::zeros(), |contact| contact.deflection.moment_n_m);
+        instants.push(SpatialInstant {
+            t_s: row as f64 / 250.0,
+            base: SpatialPose { position: Vector3::zeros(), rotation: UnitQuaternion::from(Rotation3::identity()) },
+            twist: None,
+            moment_x_n_m: None,
+            moment_y_n_m: moment.y,
+            moment_z_n_m: moment.z,
+            force_x_n: None,
+            rotation: None,
+        });
+        let contact = contact.map(|contact| SpatialContactTruth {
+            tip: false,
+            split: false,
+            feature: Feature::Face,
+            contact: contact.deflection.point,
+            surface: contact.deflection.point,
+            normal: contact.deflection.force_n.normalize(),
+            arc_m: contact.load.arc_m,
+            force: contact.deflection.force_n,
+            tangent: contact.deflection.directors.column(0).into_owned(),
+        });
+        truths.push(SpatialTruthInstant { touching: Some(contact.is_some()), contact });
+    }
+    let (recording, truth) = (SpatialRecording { instants }, SpatialTruth { instants: truths });
+    SpatialTrace { sidecar, recording, truth }
+}
+
+/// Lines at six arc lengths in `directions` directions, with pauses.
+fn lines(directions: u32) -> Vec<Option<Around>> {
+    let mut places = vec![None; 5];
+    for node in 0..6 {
+        for turn in 0..directions {
+            let (along_m, azimuth) = (0.032 + 0.005 * f64::from(node), TAU * f64::from(turn) / f64::from(directions));
+            places.extend((1..=8).map(|step| {
+                let away_m = 2.4 * along_m * along_m * f64::from(step) / 8.0;
+                Some(Around::new(along_m, away_m * azimuth.cos(), away_m * azimuth.sin()))
+            }));
+            places.extend([None; 3]);
+        }
+    }
+    places
+}
+
+fn fit_settings() -> SpatialFitSettings {
+    let models = Models::One { kind: "polynomial".into(), config: json!({"degree": 4}) };
+    SpatialFitSettings { models, noise: 0.01, seed: 1 }
+}
+
+/// A folder with a calibration trace and a trial.
+fn dataset(folder: &Path, directions: u32) -> Dataset {
+    let rod = golden().sidecar.rod().unwrap();
+    trace("lines", Role::Calibration, &rod, &lines(directions)).write(folder).unwrap();
+    let mut places = vec![None; 50];
+    let at = |row: i32| Around::new(0.048, 1e-5 * f64::from(row.min(400)), 6e-6 * f64::from(row.min(400)));
+    places.extend((1..=500).map(|row| Some(at(row))));
+    trace("press", Role::Trial, &rod, &places).write(folder).unwrap();
+    Dataset::open(folder, None).unwrap()
+}
+
+fn calibrations(folder: &Path) -> PathBuf {
+    folder.join("calibrations")
+}
+
+#[test]
+fn verif_a_calibration_is_read_back_bit_for_bit_and_reused() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let run = || fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let first = run().remove(0);
+    assert!(first.is_new && first.calibration.lines == 54);
+    let bytes = fs::read(&first.path).unwrap();
+    let read = SpatialCalibrationFile::read(&first.path).unwrap();
+    assert_eq!(read, first.calibration);
+    files::write_json(&first.path, &read).unwrap();
+    assert_eq!(fs::read(&first.path).unwrap(), bytes);
+    assert!(!run().remove(0).is_new);
+
+    let face = read.calibrated(&first.path, None).unwrap();
+    let rod = golden().sidecar.rod().unwrap();
+    let contact = Around::new(0.045, 2e-3, 1.5e-3).contact(&face.rest);
+    let expected = rod.at_point(contact.vector()).unwrap().deflection.moment_n_m.yz();
+    let found = face.predict(contact).unwrap().reading_n_m;
+    assert!((found - expected).norm() < 0.02 * face.largest_reading_n_m);
+    assert!(face.predict(Point::from_vector(contact.vector() + Vector3::new(0.0, 0.02, 0.0))).is_none());
+}
+
+#[test]
+fn verif_an_evaluation_is_the_same_on_one_thread_and_on_many() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let settings = SpatialEvaluateSettings {
+        estimators: Some(vec!["point".into(), "line".into()]),
+        config: Default::default(),
+        noise: 0.01,
+        seeds: vec![1, 2, 3],
+        calibrations: None,
+    };
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| evaluate(&dataset, &settings, &ProgressBar::hidden()).unwrap())
+    };
+    let (one, many) = (on(1), on(4));
+    assert_eq!((&one.trials, &one.summary), (&many.trials, &many.summary));
+    assert_eq!(one.trials.len(), 6);
+    assert!(one.trials.iter().all(|trial| trial.answered == 1.0 && trial.bound_m.is_some()));
+}
+
+#[test]
+fn robust_a_calibration_in_one_plane_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 2);
+    let refused = fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden());
+    let message = format!("{:#}", refused.unwrap_err());
+    assert!(
+        message.contains("do not surround the whisker: found contacts up to 0.000 mm out of its plane"),
+        "{message}"
+    );
+}
+
+#[test]
+fn robust_each_kind_of_calibration_names_the_other_and_a_recording_of_one_moment_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let fitted =
+        fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap().remove(0);
+    let message = CalibrationFile::read(&fitted.path).unwrap_err().to_string();
+    assert!(message.contains("found 2, a calibration in space, expected 1, a planar calibration"), "{message}");
+    let planar = folder.path().join("planar.json");
+    fs::write(&planar, "{\n  \"format\": 1,\n  \"kind\": \"calibration\"\n}\n").unwrap();
+    let message = SpatialCalibrationFile::read(&planar).unwrap_err().to_string();
+    assert!(message.contains("planar.json:2:3: format: found 1, a planar calibration"), "{message}");
+
+    let csv = folder.path().join("lines.csv");
+    let text = fs::read_to_string(&csv).unwrap();
+    let mut rows = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = rows.next().unwrap();
+    let column = header.iter().position(|name| *name == "moment_y_n_m").unwrap();
+    let mut first = rows.next().unwrap();
+    first[column] = "";
+    let rest: Vec<String> = text.lines().skip(2).map(Into::into).collect();
+    fs::write(&csv, format!("{}\n{}\n{}\n", header.join(","), first.join(","), rest.join("\n"))).unwrap();
+    let message = SpatialTrace::read(&csv).unwrap_err().to_string();
+    assert!(message.contains("moment_y_n_m") && message.contains("expected a number"), "{message}");
+}

@@ -1,0 +1,153 @@
+//! Follows one contact in space with a bank of Gaussian hypotheses, each an iterated extended Kalman filter.
+
+use filters::iterated::{self, Search};
+use filters::{Bank, Innovation, robust};
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::motion::{Motion, MotionSettings};
+use super::side::{ContactReading, Side};
+use super::{Estimate, Knowledge, Sample, start};
+use crate::settings::{Settings, SettingsError, within};
+use crate::space::frames::Point;
+
+/// Settings of an estimator in space.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Config {
+    /// Number of initial hypotheses along the whisker.
+    pub(super) hypotheses: usize,
+    /// Model of the contact's motion.
+    pub(super) motion: MotionSettings,
+    /// Gate, in standard deviations: the noise of readings with a larger innovation is inflated until it lies at the gate.
+    pub(super) gate_sds: f64,
+    /// Weight of a hypothesis, relative to the heaviest, below which it is dropped.
+    pub(super) prune_share: f64,
+    /// Divergence between the beliefs before and after below which two hypotheses are merged.
+    pub(super) merge_loss: f64,
+    /// Maximum number of iterations of an update.
+    pub(super) iterations: usize,
+    /// Step, in standard deviations of the prior, below which an update ends.
+    pub(super) tolerance_sds: f64,
+}
+
+impl Config {
+    pub(super) fn new(motion: MotionSettings) -> Self {
+        Self {
+            hypotheses: 6,
+            motion,
+            gate_sds: 5.0,
+            prune_share: 1e-3,
+            merge_loss: 5e-2,
+            iterations: 5,
+            tolerance_sds: 1e-2,
+        }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("hypotheses", self.hypotheses as f64, 1.0..=1000.0)?;
+        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("prune_share", self.prune_share, 0.0..=0.5)?;
+        within("merge_loss", self.merge_loss, 0.0..=1.0)?;
+        within("iterations", self.iterations as f64, 1.0..=1000.0)?;
+        within("tolerance_sds", self.tolerance_sds, 0.0..=1.0)?;
+        self.motion.validate()
+    }
+}
+
+/// Tracks one contact from touch to release.
+pub(super) trait Tracker: Send {
+    /// Takes one sample; the first is that of the touch. `None` if there is no estimate.
+    fn step(&mut self, sample: &Sample) -> Option<Estimate>;
+}
+
+/// Follows one contact.
+pub(super) struct Follower<Model, const N: usize> {
+    config: Config,
+    model: Model,
+    side: Side,
+    /// `None` before the first step.
+    bank: Option<Bank<N>>,
+    unrest: Unrest,
+}
+
+/// Recent acceleration of the base, from its motion.
+#[derive(Clone, Copy, Debug, Default)]
+struct Unrest {
+    /// Second moment of the acceleration in Base (m2/s4).
+    second: Matrix3<f64>,
+    /// Displacement per time of a point of the whisker in the last step.
+    velocity_m_s: Option<Vector3<f64>>,
+}
+
+/// Time in which the oscillation of a wire along a surface decays to its e-th part, and time in which an acceleration excites it.
+const RINGING_S: f64 = 0.25;
+const EXCITED_S: f64 = 0.1;
+
+impl Unrest {
+    /// Takes the motion of a step, of a point of the whisker at `middle_m` from the root.
+    fn advance(&mut self, sample: &Sample, middle_m: f64) {
+        if sample.dt_s <= 0.0 {
+            return;
+        }
+        let point = Point::new(middle_m, 0.0, 0.0);
+        let velocity_m_s = (sample.motion.apply(point).vector() - point.vector()) / sample.dt_s;
+        let before_m_s = self.velocity_m_s.replace(velocity_m_s).unwrap_or(velocity_m_s);
+        let acceleration_m_s2 = (velocity_m_s - before_m_s) / sample.dt_s;
+        self.second *= (-2.0 * sample.dt_s / RINGING_S).exp();
+        self.second += acceleration_m_s2 * acceleration_m_s2.transpose() * (sample.dt_s / EXCITED_S);
+    }
+}
+
+impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
+    pub(super) fn new(config: &Config, model: Model, knowledge: &Knowledge) -> Self {
+        Self { config: *config, model, side: Side::new(knowledge), bank: None, unrest: Unrest::default() }
+    }
+
+    /// The initial hypotheses, which explain the readings of the touch.
+    fn begin(&self, touch: &Sample) -> Bank<N> {
+        let places = start::beliefs(&self.side, self.config.hypotheses, touch.reading_n_m);
+        Bank::new(places.iter().flat_map(|place| self.model.parts(place)).map(|belief| (belief, 0.0)))
+    }
+
+    fn advance(&self, bank: &mut Bank<N>, sample: &Sample) -> Option<Innovation<2>> {
+        let process = self.model.step(&self.side, sample, &self.unrest.second);
+        bank.predict(|belief| {
+            iterated::predict(belief, &process);
+            Ok(())
+        });
+        let Config { iterations, tolerance_sds, gate_sds, prune_share, merge_loss, .. } = self.config;
+        let search = Search { iterations, tolerance_sds };
+        let acceleration_m_s2 = self.unrest.second.trace().sqrt();
+        let reading = ContactReading { side: &self.side, acceleration_m_s2 };
+        let innovation = bank.update(|belief| {
+            robust::update_vector(belief, &reading, gate_sds, &sample.reading_n_m, |belief, reading, z| {
+                iterated::update(belief, reading, &search, z)
+            })
+        });
+        bank.prune(prune_share);
+        bank.merge(merge_loss);
+        bank.map(|belief| self.side.hold(&mut belief.mean));
+        innovation.ok()
+    }
+}
+
+impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        let (bank, innovation) = match self.bank.take() {
+            None => (self.begin(sample), None),
+            Some(mut bank) => {
+                let innovation = self.advance(&mut bank, sample);
+                (bank, innovation)
+            }
+        };
+        let belief = bank.moments()?;
+        self.bank = Some(bank);
+        let mut estimate = self.side.estimate(&belief, innovation)?;
+        self.model.describe(&self.side, &belief, &mut estimate);
+        Some(estimate)
+    }
+}

@@ -1,0 +1,194 @@
+//! Estimators of the contact in space.
+//!
+//! The input is a sequence of [`Sample`]s: the motion of the base between two instants and both bending moments. An
+//! [`Estimator`] detects contact in either moment ([`crate::events`]) and filters the readings from touch to release with a bank
+//! of Gaussian hypotheses ([`filters::Bank`]) along the whisker. Methods differ in the model of the contact's motion: a fixed
+//! point, a straight edge or rod of unknown direction, or a sphere.
+//!
+//! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
+//! of `MotionSettings`.
+
+mod follower;
+mod motion;
+mod side;
+mod start;
+
+use std::sync::Arc;
+
+use filters::Innovation;
+use nalgebra::{Matrix3, Vector2, Vector3};
+use serde_json::Value;
+
+use super::frames::{Point, Pose};
+use super::sensor::CalibratedSpace;
+use crate::ReadingGate;
+use crate::events::{ContactDetector, Sensing, TouchConfig};
+use crate::frames::Base;
+use crate::settings::{SettingsError, parse};
+use follower::{Config, Tracker};
+use motion::MotionSettings;
+
+/// One sample: the motion since the last instant, and the readings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Pose of the base's frame at the last instant in its present frame.
+    pub motion: Pose<Base, Base>,
+    /// Time since the last instant.
+    pub dt_s: f64,
+    /// Bending moments about y and z of Base (N m), 2x1.
+    pub reading_n_m: Vector2<f64>,
+}
+
+/// Estimate of the contact at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Contact point on the centre line.
+    pub contact: Point<Base>,
+    /// Posterior covariance of the contact in Base (m2), 3x3.
+    pub covariance_m2: Matrix3<f64>,
+    /// Unit normal of the touched surface in Base, out of the object.
+    pub normal: Vector3<f64>,
+    /// Posterior covariance of the normal (rad2), 3x3, singular along the normal itself.
+    pub normal_covariance: Matrix3<f64>,
+    /// Direction of the edge or rod. `None` if the method does not estimate it.
+    pub direction: Option<Direction>,
+    /// Whether the contact lies within the calibrated domain.
+    pub calibrated: bool,
+    /// Innovation of the last update. `None` at the touch.
+    pub innovation: Option<Innovation<2>>,
+}
+
+/// Estimated direction of an edge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Direction {
+    /// Unit vector along the edge in Base, of either sign.
+    pub along: Vector3<f64>,
+    /// Standard deviation of its angle in the tangent plane of the contact.
+    pub sd_rad: f64,
+}
+
+/// Prior information available to an estimator.
+#[derive(Clone, Debug)]
+pub struct Knowledge {
+    /// Calibrated sensor model.
+    pub calibrated: Arc<CalibratedSpace>,
+    /// Standard deviation of the measurement noise of each moment.
+    pub noise_sd_n_m: f64,
+    /// Sampling rate of the readings (Hz), for the filters of the contact detection.
+    pub rate_hz: f64,
+}
+
+impl Knowledge {
+    /// Parameters of the contact detection.
+    fn sensing(&self) -> Sensing {
+        let CalibratedSpace { whisker, largest_reading_n_m, .. } = &*self.calibrated;
+        Sensing::new(&whisker.whisker, self.rate_hz, self.noise_sd_n_m, *largest_reading_n_m)
+    }
+}
+
+/// Detects the contacts of a recording and estimates them, sample by sample.
+pub struct Estimator {
+    config: Config,
+    knowledge: Arc<Knowledge>,
+    /// Detectors of both moments.
+    detectors: [ContactDetector; 2],
+    gate: ReadingGate,
+    /// Motion and duration of the gated samples since the last admitted one.
+    missed: Option<(Pose<Base, Base>, f64)>,
+    tracker: Option<Box<dyn Tracker>>,
+}
+
+impl Estimator {
+    /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
+    /// [`ReadingGate`], which counts as missing.
+    pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let missed = self.missed.take();
+        let (motion, dt_s) = missed.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
+            (motion.then(&sample.motion), duration_s + sample.dt_s)
+        });
+        if !sample.reading_n_m.iter().all(|moment_n_m| self.gate.admits(*moment_n_m)) {
+            self.missed = Some((motion, dt_s));
+            return None;
+        }
+        let sample = Sample { motion, dt_s, reading_n_m: sample.reading_n_m };
+        let mut is_touching = false;
+        for (detector, moment_n_m) in self.detectors.iter_mut().zip(sample.reading_n_m.iter()) {
+            is_touching |= detector.step(*moment_n_m, dt_s).is_some();
+        }
+        if !is_touching {
+            self.tracker = None;
+            return None;
+        }
+        if self.tracker.is_none() {
+            self.tracker = Some(self.config.motion.begin(&self.config, &self.knowledge));
+        }
+        self.tracker.as_mut()?.step(&sample)
+    }
+}
+
+/// A row of the registry of estimators in space.
+pub struct SpatialEstimatorRow {
+    /// Name.
+    pub name: &'static str,
+    /// One-line description.
+    pub about: &'static str,
+    /// Default settings.
+    defaults: fn() -> Config,
+}
+
+/// The registry of estimators in space.
+pub const SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
+    SpatialEstimatorRow {
+        name: "line",
+        about: "iterated extended Kalman filter for a thin rod or an edge of unknown direction, along which the contact slides",
+        defaults: || Config::new(MotionSettings::line()),
+    },
+    SpatialEstimatorRow {
+        name: "point",
+        about: "iterated extended Kalman filter for a contact at rest in the world",
+        defaults: || Config::new(MotionSettings::resting()),
+    },
+    SpatialEstimatorRow {
+        name: "cylinder",
+        about: "`line` for round rods of any radius and direction",
+        defaults: || Config::new(MotionSettings::cylinder()),
+    },
+    SpatialEstimatorRow {
+        name: "sphere",
+        about: "iterated extended Kalman filter for a contact that slides over a sphere of unknown radius",
+        defaults: || Config::new(MotionSettings::sphere()),
+    },
+];
+
+impl SpatialEstimatorRow {
+    /// Default settings.
+    pub fn defaults(&self) -> Value {
+        serde_json::to_value((self.defaults)()).expect("settings serialise")
+    }
+
+    /// An estimator with these settings.
+    ///
+    /// # Errors
+    /// [`SettingsError`] if the settings are invalid.
+    pub fn build(
+        &self,
+        config: &Value,
+        touch: TouchConfig,
+        knowledge: &Arc<Knowledge>,
+    ) -> Result<Estimator, SettingsError> {
+        let sensing = knowledge.sensing();
+        Ok(Estimator {
+            config: parse(config)?,
+            knowledge: knowledge.clone(),
+            detectors: std::array::from_fn(|_| ContactDetector::new(touch, &sensing)),
+            gate: ReadingGate::new(knowledge.calibrated.largest_reading_n_m),
+            missed: None,
+            tracker: None,
+        })
+    }
+}
+
+/// The registry's row of this name.
+pub fn spatial_estimator(name: &str) -> Option<&'static SpatialEstimatorRow> {
+    SPATIAL_ESTIMATORS.iter().find(|row| row.name == name)
+}

@@ -1,0 +1,136 @@
+//! A contact that slides along a straight rod or edge at rest in the world.
+
+use std::f64::consts::PI;
+
+use filters::Gaussian;
+use nalgebra::{Matrix3, SVector, Unit, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
+use super::{Motion, Radius, check_wander, describe_normal, extended};
+use crate::frames::Base;
+use crate::settings::{SettingsError, within};
+use crate::space::estimators::side::Side;
+use crate::space::estimators::{Direction, Estimate, Sample};
+use crate::space::frames::Pose;
+use crate::space::sensor::Around;
+
+/// Length by which the condition on the direction of the force is compared with distances.
+const LEVER_M: f64 = 0.05;
+
+/// Indices in the state of the rod's direction and of the logarithm of the radius.
+const ANGLE: usize = 4;
+const RADIUS: usize = 5;
+
+/// A straight rod of radius `r` at rest; the state is `(s, u, v, beta, psi, ln rho)`, with `rho` the sum of `r` and the radius of
+/// the wire.
+///
+/// With the axes of [`super::rolling`] at the contact `p`, the rod's direction is `e = t cos psi + (nu x t) sin psi`, and its
+/// axis passes through `p - rho nu`. When the base moves, the new contact `p'` fulfils
+///
+/// ```text
+/// nu(p') . e = 0    p' - rho nu(p') on the axis
+/// ```
+///
+/// it slides along the rod until the force is again across it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(in crate::space::estimators) struct Line {
+    /// Random walk of the contact in the world along each axis, as the standard deviation after one second.
+    pub(super) wander_m_sqrt_s: f64,
+    /// Random walk of the rod's direction, as the standard deviation after one second.
+    pub(super) turn_rad_sqrt_s: f64,
+    /// Number of Gaussians over the half circle of directions at the touch.
+    pub(super) directions: usize,
+    /// Prior of the radius of rod and wire together.
+    pub(super) radius: Radius,
+}
+
+impl Default for Line {
+    fn default() -> Self {
+        Self { wander_m_sqrt_s: 3e-5, turn_rad_sqrt_s: 1e-3, directions: 4, radius: Radius::THIN }
+    }
+}
+
+impl Line {
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        check_wander(self.wander_m_sqrt_s)?;
+        within("turn_rad_sqrt_s", self.turn_rad_sqrt_s, 1e-9..=10.0)?;
+        within("directions", self.directions as f64, 1.0..=100.0)?;
+        self.radius.validate()
+    }
+}
+
+impl Motion<6> for Line {
+    type Step<'a> = Roll<'a, Self, 6>;
+
+    fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<6>> {
+        let stretch = PI / self.directions as f64;
+        let angles = (0..self.directions).map(|i| ((i as f64 + 0.5) * stretch, 0.5 * stretch));
+        let tilt = (0.0, FIRST_TILT_RAD);
+        let part = |angle| self.radius.logarithms().map(move |radius| extended(place, [tilt, angle, radius]));
+        angles.flat_map(part).collect()
+    }
+
+    fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Roll<'a, Self, 6> {
+        Roll::new(*self, side, sample, unrest)
+    }
+
+    fn describe(&self, side: &Side, belief: &Gaussian<6>, estimate: &mut Estimate) {
+        let Some(place) = Place::new(side, Around::of_state(&belief.mean)) else { return };
+        describe_normal(&place, belief, estimate);
+        let Axes { tangent, across, .. } = place.axes(belief.mean[TILT]);
+        let (sin, cos) = belief.mean[ANGLE].sin_cos();
+        let sd_rad = belief.covariance[(ANGLE, ANGLE)].max(0.0).sqrt();
+        estimate.direction = Some(Direction { along: tangent * cos + across * sin, sd_rad });
+    }
+}
+
+/// A rod at the present instant.
+#[derive(Clone, Copy)]
+pub(in crate::space::estimators) struct Rod {
+    /// A point of its axis, and its direction.
+    axis: Vector3<f64>,
+    along: Vector3<f64>,
+    /// Radius of rod and wire together.
+    radius_m: f64,
+    tilt_rad: f64,
+}
+
+impl Shape<6> for Line {
+    type Object = Rod;
+
+    fn object(&self, x: &SVector<f64, 6>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Rod {
+        let Axes { normal, tangent, across } = place.axes(x[TILT]);
+        let (sin, cos) = x[ANGLE].sin_cos();
+        let radius_m = x[RADIUS].exp();
+        let axis = carried(place.contact - normal * radius_m, motion);
+        Rod { axis, along: motion.turn_vector(tangent * cos + across * sin), radius_m, tilt_rad }
+    }
+
+    fn equations(&self, rod: &Rod, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
+        let Rod { axis, along, radius_m, tilt_rad } = *rod;
+        let one = Unit::new_normalize(along.cross(&Vector3::ith(along.iamin(), 1.0))).into_inner();
+        let other = along.cross(&one);
+        let (normal, normal_slopes) = (place.axes(tilt_rad).normal, place.normal_slopes(tilt_rad));
+        let off = place.contact - normal * radius_m - axis;
+        let off_slopes = place.slopes - normal_slopes * radius_m;
+        let residual = Vector3::new(one.dot(&off), other.dot(&off), LEVER_M * along.dot(&normal));
+        let rows = [off_slopes.tr_mul(&one), off_slopes.tr_mul(&other), normal_slopes.tr_mul(&along) * LEVER_M];
+        (residual, Matrix3::from_columns(&rows).transpose())
+    }
+
+    fn state(&self, rod: &Rod, place: &Place, before: &SVector<f64, 6>) -> SVector<f64, 6> {
+        let Axes { tangent, across, .. } = place.axes(rod.tilt_rad);
+        let angle = rod.along.dot(&across).atan2(rod.along.dot(&tangent));
+        // The direction has no sign: the angle nearest to the former one.
+        let angle = angle + PI * ((before[ANGLE] - angle) / PI).round();
+        let [s, u, v] = place.at.vector().into();
+        [s, u, v, rod.tilt_rad, angle, before[RADIUS]].into()
+    }
+
+    fn variances(&self, dt_s: f64) -> SVector<f64, 6> {
+        let wander_m2 = self.wander_m_sqrt_s.powi(2) * dt_s;
+        [wander_m2, wander_m2, wander_m2, 0.0, self.turn_rad_sqrt_s.powi(2) * dt_s, 0.0].into()
+    }
+}

@@ -1,0 +1,144 @@
+//! Models of the contact's motion in space while the base moves: one file and one variant of [`MotionSettings`] per model.
+//!
+//! The state begins with the contact's coordinates `(s, u, v)`; a model may append properties of the object.
+
+mod line;
+mod resting;
+mod rolling;
+mod sphere;
+
+use filters::{Gaussian, Process};
+use nalgebra::{Matrix3, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+use super::follower::{Config, Follower, Tracker};
+use super::side::Side;
+use super::{Estimate, Knowledge, Sample};
+use crate::settings::{SettingsError, within};
+use line::Line;
+use resting::Resting;
+use rolling::{Axes, Place, TILT};
+use sphere::Sphere;
+
+/// A model of the contact's motion with a state of `N` entries.
+pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
+    /// Process of one step.
+    type Step<'a>: Process<N>;
+
+    /// The initial beliefs from one about the contact's coordinates, each narrow enough for a filter that linearises.
+    fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<N>>;
+
+    /// The process of the step to a sample, with the second moment of the base's recent acceleration (m2/s4).
+    fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Self::Step<'a>;
+
+    /// Adds to the estimate what the model states about the object.
+    fn describe(&self, _side: &Side, _belief: &Gaussian<N>, _estimate: &mut Estimate) {}
+}
+
+/// The registry of motion models, with their settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub(super) enum MotionSettings {
+    /// The contact rests in the world.
+    Resting(Resting),
+    /// The contact slides along a straight rod or edge at rest.
+    Line(Line),
+    /// The contact slides over a sphere at rest.
+    Sphere(Sphere),
+}
+
+impl MotionSettings {
+    pub(super) fn resting() -> Self {
+        Self::Resting(Resting::default())
+    }
+
+    pub(super) fn line() -> Self {
+        Self::Line(Line::default())
+    }
+
+    pub(super) fn cylinder() -> Self {
+        Self::Line(Line { radius: Radius::ANY, ..Line::default() })
+    }
+
+    pub(super) fn sphere() -> Self {
+        Self::Sphere(Sphere::default())
+    }
+
+    /// Checks every value.
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        match self {
+            Self::Resting(model) => model.validate(),
+            Self::Line(model) => model.validate(),
+            Self::Sphere(model) => model.validate(),
+        }
+    }
+
+    /// Begins to track a contact under this model.
+    pub(super) fn begin(self, config: &Config, knowledge: &Knowledge) -> Box<dyn Tracker> {
+        match self {
+            Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(config, model, knowledge)),
+            Self::Line(model) => Box::new(Follower::<Line, 6>::new(config, model, knowledge)),
+            Self::Sphere(model) => Box::new(Follower::<Sphere, 5>::new(config, model, knowledge)),
+        }
+    }
+}
+
+/// Prior of the radius of object and wire together: log-uniform, as a sum of equal Gaussians of the logarithm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Radius {
+    /// Smallest radius.
+    pub(super) least_m: f64,
+    /// Largest radius.
+    pub(super) most_m: f64,
+    /// Number of Gaussians.
+    pub(super) parts: usize,
+}
+
+impl Radius {
+    /// Thin rods and edges.
+    pub(super) const THIN: Self = Self { least_m: 0.1e-3, most_m: 1.5e-3, parts: 1 };
+    /// From a thin rod to nearly a plane.
+    pub(super) const ANY: Self = Self { least_m: 0.3e-3, most_m: 0.2, parts: 4 };
+
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("radius.least_m", self.least_m, 1e-6..=10.0)?;
+        within("radius.most_m", self.most_m, self.least_m..=10.0)?;
+        within("radius.parts", self.parts as f64, 1.0..=100.0)
+    }
+
+    /// Mean and standard deviation of the logarithm of each part.
+    fn logarithms(&self) -> impl Iterator<Item = (f64, f64)> {
+        let (low, range) = (self.least_m.ln(), (self.most_m / self.least_m).ln());
+        let stretch = range / self.parts as f64;
+        (0..self.parts).map(move |i| (low + (i as f64 + 0.5) * stretch, 0.5 * stretch))
+    }
+}
+
+/// A belief about the contact's coordinates followed by independent entries, given by mean and standard deviation.
+fn extended<const N: usize, const E: usize>(place: &Gaussian<3>, entries: [(f64, f64); E]) -> Gaussian<N> {
+    let (mut mean, mut covariance) = (SVector::<f64, N>::zeros(), SMatrix::<f64, N, N>::zeros());
+    mean.fixed_rows_mut::<3>(0).copy_from(&place.mean);
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&place.covariance);
+    for (i, (value, sd)) in entries.into_iter().enumerate() {
+        mean[3 + i] = value;
+        covariance[(3 + i, 3 + i)] = sd * sd;
+    }
+    Gaussian::new(mean, covariance)
+}
+
+/// States the tilted normal of a belief, whose entries begin with the contact's coordinates and the tilt, and its covariance.
+fn describe_normal<const N: usize>(place: &Place, belief: &Gaussian<N>, estimate: &mut Estimate) {
+    let tilt_rad = belief.mean[TILT];
+    let Axes { normal, across, .. } = place.axes(tilt_rad);
+    let mut slopes = SMatrix::<f64, 3, 4>::zeros();
+    slopes.fixed_columns_mut::<3>(0).copy_from(&place.normal_slopes(tilt_rad));
+    slopes.set_column(TILT, &across);
+    estimate.normal = normal;
+    estimate.normal_covariance = slopes * belief.covariance.fixed_view::<4, 4>(0, 0) * slopes.transpose();
+}
+
+/// Checks the random walk of the contact: without process noise a covariance can lose its last digits.
+fn check_wander(wander_m_sqrt_s: f64) -> Result<(), SettingsError> {
+    within("wander_m_sqrt_s", wander_m_sqrt_s, 1e-9..=0.1)
+}

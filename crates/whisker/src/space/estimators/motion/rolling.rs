@@ -1,0 +1,223 @@
+//! A contact that slides without friction over an object at rest, common to objects of all shapes.
+//!
+//! Without friction the force at the contact `p` is along the normal of wire and object. In equilibrium it has the direction `n(p)`
+//! of the rod's mechanics. While the base accelerates, the wire lags behind and rings along the surface for a moment: inertia
+//! then turns the normal about the wire's tangent `t`, across which the force stays, by an angle `beta`,
+//!
+//! ```text
+//! nu = n cos beta + (n x t) sin beta
+//! ```
+//!
+//! an Ornstein-Uhlenbeck process with the standard deviation `m a / F`: the inertial force of the wire with mass `m` under the
+//! recent acceleration `a` of the base across wire and force, relative to the force of the contact. An object is moved with the
+//! base's motion, and the new contact solves three equations, by Newton's method. The Jacobian follows from the same equations by
+//! the implicit function theorem.
+
+use filters::Process;
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use crate::frames::Base;
+use crate::space::estimators::Sample;
+use crate::space::estimators::side::Side;
+use crate::space::frames::{Point, Pose};
+use crate::space::sensor::{Around, Directions};
+
+/// Most iterations, and the step after which the next one would change nothing.
+const ITERATIONS: usize = 8;
+const CONVERGED_M: f64 = 1e-7;
+
+/// Longest step of the iteration, a guard against steps out of the table.
+const LONGEST_M: f64 = 2e-3;
+
+/// Correlation time of the tilt: about a quarter of a period of the oscillation.
+const TILT_S: f64 = 0.02;
+
+/// Smallest and largest standard deviation of the tilt, and that at the touch.
+const LEAST_TILT_RAD: f64 = 5e-4;
+const MOST_TILT_RAD: f64 = 0.3;
+pub(super) const FIRST_TILT_RAD: f64 = 0.05;
+
+/// Index of the tilt in the state, which begins with the contact's coordinates.
+pub(super) const TILT: usize = 3;
+
+/// Steps of the differences: lengths, and angles or logarithms.
+const STEP_M: f64 = 1e-7;
+const STEP: f64 = 1e-6;
+
+/// A contact with its geometry in Base.
+pub(in crate::space::estimators) struct Place {
+    pub(super) at: Around,
+    /// Contact on the centre line (m), and its derivatives by the coordinates about the whisker.
+    pub(super) contact: Vector3<f64>,
+    pub(super) slopes: Matrix3<f64>,
+    /// Directions of the equilibrium.
+    directions: Directions,
+}
+
+/// Axes at a contact: normal of the touched surface, tangent of the wire, and the direction across both.
+pub(super) struct Axes {
+    pub(super) normal: Vector3<f64>,
+    pub(super) tangent: Vector3<f64>,
+    pub(super) across: Vector3<f64>,
+}
+
+impl Place {
+    pub(super) fn new(side: &Side, at: Around) -> Option<Self> {
+        let (contact, slopes) = at.contact_with_jacobian(side.rest());
+        Some(Self { at, contact: contact.vector(), slopes, directions: side.directions(at)? })
+    }
+
+    /// Axes with the normal tilted by `tilt_rad`.
+    pub(super) fn axes(&self, tilt_rad: f64) -> Axes {
+        let Directions { normal, tangent, .. } = self.directions;
+        let across = normal.cross(&tangent).normalize();
+        let tangent = across.cross(&normal);
+        let (sin, cos) = tilt_rad.sin_cos();
+        Axes { normal: normal * cos + across * sin, tangent, across: across * cos - normal * sin }
+    }
+
+    /// Derivatives of the tilted normal by the coordinates about the whisker.
+    pub(super) fn normal_slopes(&self, tilt_rad: f64) -> Matrix3<f64> {
+        let Directions { normal, normal_slopes, tangent, tangent_slopes, .. } = self.directions;
+        let across = normal.cross_matrix() * tangent_slopes - tangent.cross_matrix() * normal_slopes;
+        normal_slopes * tilt_rad.cos() + across * tilt_rad.sin()
+    }
+}
+
+/// The shape of an object at rest, with a state of `N` entries.
+pub(in crate::space::estimators) trait Shape<const N: usize>:
+    Copy + Send + Sync + 'static
+{
+    /// The object in Base, at the present instant.
+    type Object: Copy;
+
+    /// The object that is touched at a place by a state, moved with the base's motion, and the tilt at the present instant.
+    fn object(&self, x: &SVector<f64, N>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self::Object;
+
+    /// The equations of a contact with an object, in metres, and their derivatives by the coordinates about the whisker.
+    fn equations(&self, object: &Self::Object, place: &Place) -> (Vector3<f64>, Matrix3<f64>);
+
+    /// The state of a contact with an object, from the former state.
+    fn state(&self, object: &Self::Object, place: &Place, before: &SVector<f64, N>) -> SVector<f64, N>;
+
+    /// Variance that one step of `dt_s` adds to each entry, except for the tilt.
+    fn variances(&self, dt_s: f64) -> SVector<f64, N>;
+}
+
+/// Process of one step.
+pub(in crate::space::estimators) struct Roll<'a, Object, const N: usize> {
+    side: &'a Side,
+    motion: Pose<Base, Base>,
+    shape: Object,
+    dt_s: f64,
+    /// Second moment of the base's recent acceleration (m2/s4).
+    unrest: Matrix3<f64>,
+}
+
+impl<'a, Object: Shape<N>, const N: usize> Roll<'a, Object, N> {
+    pub(super) fn new(shape: Object, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Self {
+        Self { side, motion: sample.motion, shape, dt_s: sample.dt_s, unrest: *unrest }
+    }
+
+    /// Factor of the tilt from one instant to the next.
+    fn decay(&self) -> f64 {
+        (-self.dt_s / TILT_S).exp()
+    }
+
+    fn object(&self, x: &SVector<f64, N>, place: &Place) -> Object::Object {
+        self.shape.object(x, place, &self.motion, self.decay() * x[TILT])
+    }
+
+    /// The contact with an object nearest to `start`. `None` if the iteration does not converge.
+    fn solve(&self, object: &Object::Object, start: Around) -> Option<(Place, Matrix3<f64>)> {
+        let mut at = start.vector();
+        for _ in 0..ITERATIONS {
+            let place = Place::new(self.side, Around::of_state(&at))?;
+            let (residual, jacobian) = self.shape.equations(object, &place);
+            let inverse = jacobian.try_inverse()?;
+            let step = inverse * residual;
+            let length_m = step.norm();
+            if !length_m.is_finite() {
+                return None;
+            }
+            at -= step * (LONGEST_M / length_m).min(1.0);
+            // Newton's steps shrink quadratically.
+            if length_m < CONVERGED_M {
+                return Some((Place::new(self.side, Around::of_state(&at))?, inverse));
+            }
+        }
+        None
+    }
+
+    fn start(&self, x: &SVector<f64, N>) -> Around {
+        let contact = Around::of_state(x).contact(self.side.rest());
+        Around::of(self.side.rest(), self.motion.apply(contact))
+    }
+
+    /// The state after the step, and its derivatives.
+    fn moved(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>)> {
+        let here = Place::new(self.side, Around::of_state(x))?;
+        let object = self.object(x, &here);
+        let (found, inverse) = self.solve(&object, self.start(x))?;
+        let mut jacobian = SMatrix::<f64, N, N>::zeros();
+        for i in 0..N {
+            let step = if i < 3 { STEP_M } else { STEP };
+            let change = SVector::<f64, N>::from_fn(|row, _| if row == i { step } else { 0.0 });
+            let side = |x: SVector<f64, N>, sign: f64| {
+                let moved = if i < 3 { Some(Place::new(self.side, Around::of_state(&x))?) } else { None };
+                let object = self.object(&x, moved.as_ref().unwrap_or(&here));
+                let at = found.at.vector() - inverse * self.shape.equations(&object, &found).0;
+                let place = Place::new(self.side, Around::of_state(&at))?;
+                Some(self.shape.state(&object, &place, &x) * sign)
+            };
+            let slope = (side(x + change, 1.0)? + side(x - change, -1.0)?) / (2.0 * step);
+            jacobian.set_column(i, &slope);
+        }
+        Some((self.shape.state(&object, &found, x), jacobian))
+    }
+
+    /// A step in which the contact rests: where the equations have no solution.
+    fn rested(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
+        let mut moved = *x;
+        moved.fixed_rows_mut::<3>(0).copy_from(&self.start(x).vector());
+        moved[TILT] *= self.decay();
+        moved
+    }
+}
+
+impl<Object: Shape<N>, const N: usize> Process<N> for Roll<'_, Object, N> {
+    fn predict(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
+        let solved = || {
+            let here = Place::new(self.side, Around::of_state(x))?;
+            let object = self.object(x, &here);
+            let (found, _) = self.solve(&object, self.start(x))?;
+            Some(self.shape.state(&object, &found, x))
+        };
+        solved().unwrap_or_else(|| self.rested(x))
+    }
+
+    fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let mut variances = self.shape.variances(self.dt_s);
+        let tilt = Place::new(self.side, Around::of_state(x)).map_or(MOST_TILT_RAD, |place| {
+            let across = place.axes(0.0).across;
+            let acceleration_m_s2 = across.dot(&(self.unrest * across)).max(0.0).sqrt();
+            (self.side.mass_kg * acceleration_m_s2 / place.directions.force_n).clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
+        });
+        variances[TILT] = tilt.powi(2) * (1.0 - self.decay().powi(2));
+        SMatrix::from_diagonal(&variances)
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        self.linearised(x).1
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
+        let (moved, jacobian) = self.moved(x).unwrap_or_else(|| (self.rested(x), SMatrix::identity()));
+        (moved, jacobian, self.noise(x))
+    }
+}
+
+/// A point of Base, moved with the motion of the base.
+pub(super) fn carried(point: Vector3<f64>, motion: &Pose<Base, Base>) -> Vector3<f64> {
+    motion.apply(Point::from_vector(point)).vector()
+}

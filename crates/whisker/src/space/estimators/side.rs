@@ -1,0 +1,170 @@
+//! Measurement model of a contact in space, and the estimate that belongs to a belief.
+//!
+//! A contact is written `(s, u, v)`: along the undeflected whisker, and displaced to its left and upwards ([`Around`]). In these
+//! coordinates the prior at the touch is Gaussian even on a strongly curved whisker, as in the plane.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use filters::unscented::{self, Spread};
+use filters::{Gaussian, Innovation, Measurement, Process};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+use super::{Estimate, Knowledge};
+use crate::RestShape;
+use crate::space::frames::Point;
+use crate::space::sensor::{Around, CalibratedSpace, Directions};
+
+/// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
+const MARGIN: f64 = 0.1;
+
+/// Relative standard deviation of the part of a reading that is extrapolated beyond the calibrated domain.
+const BEYOND_SD: f64 = 0.3;
+
+/// Moment at the root of a wire held at both ends, by its inertia, relative to mass, acceleration and length: that of a uniform
+/// load on a beam clamped at one end and supported at the other.
+const INERTIA: f64 = 0.125;
+
+/// The whisker in contact.
+#[derive(Clone)]
+pub(super) struct Side {
+    pub(super) calibrated: Arc<CalibratedSpace>,
+    /// Mass of the wire.
+    pub(super) mass_kg: f64,
+    /// Variance of the measurement noise of each moment.
+    noise_n2_m2: f64,
+}
+
+impl Side {
+    pub(super) fn new(knowledge: &Knowledge) -> Self {
+        // Tabulated at the first call, so that no step has to.
+        knowledge.calibrated.geometry();
+        let whisker = &knowledge.calibrated.whisker.whisker;
+        let (root_m, tip_m) = (whisker.root_diameter_m, whisker.tip_diameter_m);
+        let section_m2 = PI / 12.0 * (root_m * root_m + root_m * tip_m + tip_m * tip_m);
+        Self {
+            calibrated: knowledge.calibrated.clone(),
+            mass_kg: whisker.density_kg_m3 * section_m2 * whisker.length_m,
+            noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
+        }
+    }
+
+    pub(super) fn rest(&self) -> &RestShape {
+        &self.calibrated.rest
+    }
+
+    /// Directions at a contact. `None` if the whisker has none.
+    pub(super) fn directions(&self, at: Around) -> Option<Directions> {
+        Some(self.calibrated.geometry()?.at(at))
+    }
+
+    /// Expected readings and their derivatives by the coordinates about the whisker. Beyond the calibrated domain they are
+    /// extrapolated linearly from the nearest calibrated contact, so that a belief that extends over the border is drawn back.
+    pub(super) fn expect(&self, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
+        let held = self.calibrated.domain.clamp(at);
+        let (reading_n_m, slopes) = self.calibrated.model.predict_around(self.rest(), held);
+        (reading_n_m + slopes * (at.vector() - held.vector()), slopes)
+    }
+
+    /// Covariance of the readings of a contact: measurement noise, model error, and error of the part that is extrapolated.
+    pub(super) fn covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
+        let held = self.calibrated.domain.clamp(at);
+        let beyond = if held == at {
+            Vector2::zeros()
+        } else {
+            let slopes = self.calibrated.model.predict_around(self.rest(), held).1;
+            slopes * (at.vector() - held.vector()) * BEYOND_SD
+        };
+        Matrix2::identity() * self.noise_n2_m2
+            + self.calibrated.model_covariance_n2_m2(held)
+            + beyond * beyond.transpose()
+    }
+
+    /// Limits the distance of a contact from the calibrated domain, which objects may push the whisker beyond.
+    pub(super) fn hold<const N: usize>(&self, x: &mut SVector<f64, N>) {
+        let held = self.calibrated.domain.clamp(Around::of_state(x)).vector();
+        let (low_m, high_m) = self.calibrated.domain.arc_range_m();
+        let most_m = MARGIN * (high_m - low_m);
+        for axis in 0..3 {
+            x[axis] = x[axis].clamp(held[axis] - most_m, held[axis] + most_m);
+        }
+    }
+
+    /// The estimate that belongs to a belief, whose first three entries are the contact's coordinates. `None` if the geometry of
+    /// the whisker is unknown.
+    pub(super) fn estimate<const N: usize>(
+        &self,
+        belief: &Gaussian<N>,
+        innovation: Option<Innovation<2>>,
+    ) -> Option<Estimate> {
+        let at = Around::of_state(&belief.mean);
+        let covariance: Matrix3<f64> = belief.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let place = self.in_base(&Gaussian::new(at.vector(), covariance));
+        let Directions { normal, normal_slopes, .. } = self.directions(at)?;
+        Some(Estimate {
+            contact: Point::from_vector(place.mean),
+            covariance_m2: place.covariance,
+            normal,
+            normal_covariance: normal_slopes * covariance * normal_slopes.transpose(),
+            direction: None,
+            calibrated: self.calibrated.domain.contains(at),
+            innovation,
+        })
+    }
+
+    /// The belief about the contact's position, transformed to Base by sigma points: at the touch its support is bent along a
+    /// curved whisker.
+    fn in_base(&self, place: &Gaussian<3>) -> Gaussian<3> {
+        const SPREAD: Spread = Spread { alpha: 1.0, beta: 0.0, kappa: 0.0 };
+        let mut found = *place;
+        if unscented::predict(&mut found, &Placing(self.rest()), &SPREAD).is_ok() {
+            return found;
+        }
+        let (contact, jacobian) = Around::of_state(&place.mean).contact_with_jacobian(self.rest());
+        Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
+    }
+}
+
+/// The map from coordinates about the whisker to Base.
+struct Placing<'a>(&'a RestShape);
+
+impl Process<3> for Placing<'_> {
+    fn predict(&self, x: &Vector3<f64>) -> Vector3<f64> {
+        Around::of_state(x).contact(self.0).vector()
+    }
+
+    fn noise(&self, _: &Vector3<f64>) -> Matrix3<f64> {
+        Matrix3::zeros()
+    }
+}
+
+/// Measurement model of a contact whose coordinates are the first three entries of the state.
+#[derive(Clone, Copy)]
+pub(super) struct ContactReading<'a> {
+    pub(super) side: &'a Side,
+    /// Acceleration of the base (m/s2), by which the inertia of the wire bends it.
+    pub(super) acceleration_m_s2: f64,
+}
+
+impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
+    fn predict(&self, x: &SVector<f64, N>) -> Option<Vector2<f64>> {
+        Some(self.side.expect(Around::of_state(x)).0)
+    }
+
+    fn noise(&self, x: &SVector<f64, N>) -> Matrix2<f64> {
+        let at = Around::of_state(x);
+        let inertia_n_m = INERTIA * self.side.mass_kg * self.acceleration_m_s2 * at.along_m;
+        self.side.covariance_n2_m2(at) + Matrix2::identity() * inertia_n_m.powi(2)
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 2, N>> {
+        Some(Measurement::<N, 2>::linearised(self, x)?.1)
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector2<f64>, SMatrix<f64, 2, N>)> {
+        let (expected, slopes) = self.side.expect(Around::of_state(x));
+        let mut jacobian = SMatrix::<f64, 2, N>::zeros();
+        jacobian.fixed_columns_mut::<3>(0).copy_from(&slopes);
+        Some((expected, jacobian))
+    }
+}

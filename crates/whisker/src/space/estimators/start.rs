@@ -1,0 +1,43 @@
+//! Initial belief at a touch: hypotheses along the whisker, with the displacement from the first readings.
+
+use filters::Gaussian;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::side::Side;
+use crate::space::sensor::Around;
+
+/// Newton steps for the displacement that explains the readings.
+const NEWTON_STEPS: usize = 8;
+
+/// Gaussians of the contact at the touch: the calibrated part of the whisker is divided into `count` equal intervals; the
+/// standard deviation along the whisker is half an interval. The displacement follows from the two readings, with their
+/// uncertainty, so no position along the whisker is favoured before it is known how the readings grow.
+pub(super) fn beliefs(side: &Side, count: usize, reading_n_m: Vector2<f64>) -> Vec<Gaussian<3>> {
+    let (low_m, high_m) = side.calibrated.domain.arc_range_m();
+    let stretch_m = (high_m - low_m) / count as f64;
+    let along_m = (0..count).map(|i| low_m + (i as f64 + 0.5) * stretch_m);
+    along_m.filter_map(|along_m| pushed(side, along_m, 0.5 * stretch_m, reading_n_m)).collect()
+}
+
+/// The belief that the contact lies about `along_m`, displaced so that it has these readings. `None` if no displacement does.
+fn pushed(side: &Side, along_m: f64, sd_m: f64, reading_n_m: Vector2<f64>) -> Option<Gaussian<3>> {
+    let mut at = Around::new(along_m, 0.0, 0.0);
+    for _ in 0..NEWTON_STEPS {
+        let (expected_n_m, slopes) = side.expect(at);
+        let across = slopes.fixed_columns::<2>(1).try_inverse()?;
+        let step = across * (reading_n_m - expected_n_m);
+        at = Around::new(along_m, at.left_m + step.x, at.up_m + step.y);
+        let mut x = at.vector();
+        side.hold(&mut x);
+        at = Around::of_state(&x);
+    }
+    let (_, slopes) = side.expect(at);
+    let across = slopes.fixed_columns::<2>(1).try_inverse()?;
+    // Along a line of equal readings, and across it.
+    let shift = -across * slopes.column(0);
+    let line = Vector3::new(1.0, shift.x, shift.y) * sd_m;
+    let mut covariance: Matrix3<f64> = line * line.transpose();
+    let of_reading = across * side.covariance_n2_m2(at) * across.transpose();
+    covariance.fixed_view_mut::<2, 2>(1, 1).zip_apply(&of_reading, |entry, added| *entry += added);
+    Some(Gaussian::new(at.vector(), covariance))
+}

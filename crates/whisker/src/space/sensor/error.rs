@@ -1,0 +1,159 @@
+//! Error of a sensor model over its calibrated domain, as a covariance of the two bending moments.
+
+use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::{Around, SpatialDomain, SpatialShares};
+
+/// Nodes along and away.
+const NODES: (usize, usize) = (4, 4);
+
+/// Weight of the region's mean at each node, in samples of an average node.
+const SHRINKAGE: f64 = 0.5;
+
+/// Covariance of the error on nodes spread evenly over the calibrated domain, along the whisker and away from it; linear in
+/// between.
+///
+/// Its axes turn with the direction of the contact about the whisker: the first is the moment that bends a straight whisker in
+/// this direction, the second the moment across it. A calibration has few lines in each direction, so that the covariance is
+/// taken as the same in all.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialErrorMap {
+    /// Nodes along the whisker, from the first calibrated arc length to the last.
+    pub along: usize,
+    /// Nodes away from it, from the undeflected whisker to the largest calibrated distance.
+    pub away: usize,
+    /// Variance in the first axis, covariance, and variance in the second (N2 m2), those of one arc length in sequence.
+    pub covariances_n2_m2: Vec<[f64; 3]>,
+}
+
+/// A residual on held-out data.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Residual {
+    pub(super) at: Around,
+    /// Error of the bending moments about y and z.
+    pub(super) error_n_m: Vector2<f64>,
+    /// Variance of each of them by the noise of the reference.
+    pub(super) noise_n2_m2: f64,
+}
+
+/// Rotation from the axes of the direction of a contact to those of Base, 2x2. At the left of the whisker the first axis is the
+/// moment about z, above it the negative one about y.
+fn axes(at: Around) -> Matrix2<f64> {
+    let (sin, cos) = at.azimuth_rad().sin_cos();
+    Matrix2::new(-sin, cos, cos, sin)
+}
+
+/// Indices and weights of the four nodes around a position.
+fn corners(along: usize, away: usize, shares: SpatialShares) -> [(usize, f64); 4] {
+    let split = |share: f64, nodes: usize| {
+        let position = share * (nodes - 1) as f64;
+        let node = (position as usize).min(nodes - 2);
+        (node, position - node as f64)
+    };
+    let ((i, u), (j, v)) = (split(shares.along, along), split(shares.away, away));
+    let index = i * away + j;
+    [
+        (index, (1.0 - u) * (1.0 - v)),
+        (index + 1, (1.0 - u) * v),
+        (index + away, u * (1.0 - v)),
+        (index + away + 1, u * v),
+    ]
+}
+
+impl SpatialErrorMap {
+    /// The map of residuals on held-out data. `least` is the smallest variance of each moment.
+    pub(super) fn new(domain: &SpatialDomain, residuals: &[Residual], least: f64) -> Self {
+        let (along, away) = NODES;
+        let mut weights = vec![0.0; along * away];
+        let mut sums = vec![Matrix2::zeros(); along * away];
+        for residual in residuals {
+            let turned = axes(residual.at).transpose() * residual.error_n_m;
+            let square = turned * turned.transpose() - Matrix2::identity() * residual.noise_n2_m2;
+            for (node, weight) in corners(along, away, domain.shares(residual.at)) {
+                weights[node] += weight;
+                sums[node] += square * weight;
+            }
+        }
+        let count = residuals.len() as f64;
+        let mean = sums.iter().sum::<Matrix2<f64>>() / count;
+        let prior = SHRINKAGE * count / sums.len() as f64;
+        let at_node = |(sum, weight): (&Matrix2<f64>, &f64)| raised((sum + mean * prior) / (weight + prior), least);
+        let covariances = sums.iter().zip(&weights).map(at_node);
+        let covariances_n2_m2 = covariances.map(|c| [c[(0, 0)], c[(0, 1)], c[(1, 1)]]).collect();
+        Self { along, away, covariances_n2_m2 }
+    }
+
+    /// Whether the lists describe a map.
+    pub fn is_valid(&self) -> bool {
+        let is_definite = |&[first, mixed, second]: &[f64; 3]| {
+            first.is_finite() && second.is_finite() && first > 0.0 && second > 0.0 && mixed * mixed < first * second
+        };
+        self.along >= 2
+            && self.away >= 2
+            && Some(self.covariances_n2_m2.len()) == self.along.checked_mul(self.away)
+            && self.covariances_n2_m2.iter().all(is_definite)
+    }
+
+    /// Covariance of the errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2.
+    pub fn covariance_n2_m2(&self, domain: &SpatialDomain, at: Around) -> Matrix2<f64> {
+        let mut covariance = Matrix2::zeros();
+        for (node, weight) in corners(self.along, self.away, domain.shares(at)) {
+            let [first, mixed, second] = self.covariances_n2_m2[node];
+            covariance += Matrix2::new(first, mixed, mixed, second) * weight;
+        }
+        let axes = axes(at);
+        axes * covariance * axes.transpose()
+    }
+}
+
+/// A covariance whose principal variances are at least `least`.
+fn raised(covariance: Matrix2<f64>, least: f64) -> Matrix2<f64> {
+    let mut parts = covariance.symmetric_eigen();
+    parts.eigenvalues.iter_mut().for_each(|variance| *variance = variance.max(least));
+    parts.recompose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn domain() -> SpatialDomain {
+        SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![5e-3; 8] }
+    }
+
+    /// Errors along the direction of the contact alone, three times as large far from the whisker as near it.
+    fn residuals() -> Vec<Residual> {
+        let mut residuals = Vec::new();
+        for i in 0..200_i32 {
+            for j in 0..40 {
+                let (azimuth, away_m) = (0.31 * f64::from(i), 1.2e-4 * (f64::from(j) + 0.5));
+                let at = Around::new(0.045, away_m * azimuth.cos(), away_m * azimuth.sin());
+                let size = if i % 2 == 0 { 1.0 } else { -1.0 } * (1.0 + 2.0 * f64::from(j) / 40.0);
+                let error_n_m = axes(at).column(0) * size;
+                residuals.push(Residual { at, error_n_m, noise_n2_m2: 0.0 });
+            }
+        }
+        residuals
+    }
+
+    #[test]
+    fn verif_the_map_follows_the_residuals_and_turns_with_the_contact() {
+        let map = SpatialErrorMap::new(&domain(), &residuals(), 1e-6);
+        assert!(map.is_valid());
+        let near = map.covariance_n2_m2(&domain(), Around::new(0.045, 0.5e-3, 0.0));
+        let far = map.covariance_n2_m2(&domain(), Around::new(0.045, 4.5e-3, 0.0));
+        let above = map.covariance_n2_m2(&domain(), Around::new(0.045, 0.0, 4.5e-3));
+        assert!(far[(1, 1)] > 2.0 * near[(1, 1)] && far[(0, 0)] < 1e-3, "{far} {near}");
+        assert!((above[(0, 0)] - far[(1, 1)]).abs() < 1e-9 && (above[(1, 1)] - far[(0, 0)]).abs() < 1e-9);
+    }
+
+    #[test]
+    fn robust_an_error_below_the_noise_is_not_zero() {
+        let noisy = residuals().into_iter().map(|residual| Residual { noise_n2_m2: 100.0, ..residual });
+        let map = SpatialErrorMap::new(&domain(), &noisy.collect::<Vec<_>>(), 0.25);
+        let covariance = map.covariance_n2_m2(&domain(), Around::new(0.05, 1e-3, 1e-3));
+        assert!((covariance - Matrix2::identity() * 0.25).norm() < 1e-9, "{covariance}");
+    }
+}

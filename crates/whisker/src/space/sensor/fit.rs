@@ -1,0 +1,148 @@
+//! Fit of a sensor model in space, with cross-validation over whole lines and their neighbours.
+
+use nalgebra::Vector3;
+use serde_json::Value;
+
+use super::error::Residual;
+use super::{
+    Around, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion, SpatialSample,
+    SpatialWhisker,
+};
+use crate::sensor::ModelError;
+use crate::space::frames::Point;
+
+/// Way of the contact over which readings are averaged.
+const BLOCK_M: f64 = 0.25e-3;
+
+/// Distance of a neighbouring line, relative to that of the nearest one.
+const NEIGHBOUR: f64 = 1.5;
+
+/// Lower bound of a model's error, relative to the largest reading.
+const SMALLEST_ERROR: f64 = 1e-6;
+
+/// Smallest number of lines that can be cross-validated.
+const LEAST_LINES: usize = 4;
+
+/// A fitted model and its error on held-out lines.
+#[derive(Clone, Debug)]
+pub struct SpatialFit {
+    /// The calibrated model.
+    pub calibrated: CalibratedSpace,
+    /// Number of fitted samples.
+    pub samples: usize,
+    /// Number of lines of contacts.
+    pub lines: usize,
+}
+
+/// Data of a fit.
+#[derive(Clone, Copy, Debug)]
+pub struct SpatialFitData<'a> {
+    /// The whisker.
+    pub whisker: &'a SpatialWhisker,
+    /// Samples of each line of contacts, in order of time.
+    pub lines: &'a [Vec<SpatialSample>],
+    /// Standard deviation of the remaining noise of each reference reading (N m).
+    pub reference_noise_sd_n_m: f64,
+}
+
+/// Fits the model `row` with `config`.
+///
+/// Each line of contacts is compared with the model fitted without it and without its neighbours, the lines that are at most
+/// 1.5 times as far away as the nearest one: a line between two others of the training data would show interpolation
+/// only.
+///
+/// # Errors
+/// [`ModelError`] if the settings are invalid or the data do not determine the model: for example, if no contacts lie out of the
+/// plane of the whisker.
+pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> Result<SpatialFit, ModelError> {
+    let rest = data.whisker.whisker.rest_shape();
+    let all: Vec<SpatialSample> = data.lines.concat();
+    let around: Vec<Around> = all.iter().map(|sample| Around::of(&rest, sample.contact)).collect();
+    let domain = SpatialDomain::covering(&around).ok_or_else(|| {
+        let most_mm = 1e3 * around.iter().map(|at| at.up_m.abs()).fold(0.0, f64::max);
+        ModelError::Data(format!(
+            "the calibration's contacts do not surround the whisker: found contacts up to {most_mm:.3} mm out of its plane, \
+            expected lines of contacts in several directions, and at several distances from the root, as in the scenes \
+            `calibration_space_*`"
+        ))
+    })?;
+    let lines: Vec<Vec<SpatialSample>> = data.lines.iter().map(|line| blocks(line)).collect();
+    if lines.len() < LEAST_LINES {
+        let found = lines.len();
+        return Err(ModelError::Data(format!(
+            "the calibration has {found} lines of contacts, expected at least {LEAST_LINES}"
+        )));
+    }
+    let region = SpatialRegion { whisker: data.whisker, domain: &domain };
+    let learnt = (row.fit)(&region, &lines, config)?;
+    let neighbours = neighbours(&lines);
+    let mut residuals = Vec::new();
+    for (line, samples) in lines.iter().enumerate() {
+        let predicted = (learnt.without)(line, &neighbours[line])?;
+        residuals.extend(samples.iter().zip(predicted).map(|(sample, predicted_n_m)| Residual {
+            at: Around::of(&rest, sample.contact),
+            error_n_m: predicted_n_m - sample.reference_n_m,
+            noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
+        }));
+    }
+    let largest_reading_n_m = all.iter().map(|sample| sample.reference_n_m.norm()).fold(0.0, f64::max);
+    let count = residuals.len() as f64;
+    let noise_n2_m2 = residuals.iter().map(|residual| residual.noise_n2_m2).sum::<f64>() / count;
+    // An error that the noise of so many samples may hide counts as error, and so does a millionth of the range.
+    let least_n2_m2 = (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2));
+    let mean_square = residuals.iter().map(|residual| residual.error_n_m.norm_squared()).sum::<f64>() / (2.0 * count);
+    let error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
+    let calibrated = CalibratedSpace {
+        whisker: data.whisker.clone(),
+        rest,
+        domain,
+        label: learnt.model.label(),
+        model: learnt.model.into(),
+        error,
+        heldout_rms_n_m: (mean_square - noise_n2_m2).max(least_n2_m2).sqrt(),
+        heldout_worst_n_m: residuals.iter().map(|residual| residual.error_n_m.amax()).fold(0.0, f64::max),
+        largest_reading_n_m,
+        geometry: Default::default(),
+    };
+    Ok(SpatialFit { calibrated, samples: all.len(), lines: lines.len() })
+}
+
+/// Means of consecutive samples over which the contact moved by less than [`BLOCK_M`].
+fn blocks(line: &[SpatialSample]) -> Vec<SpatialSample> {
+    let mut found: Vec<SpatialSample> = Vec::new();
+    let mut start: Option<Point<_>> = None;
+    for sample in line {
+        let joins = start.is_some_and(|start: Point<_>| start.distance(&sample.contact) < BLOCK_M);
+        match found.last_mut().filter(|_| joins) {
+            Some(block) => {
+                let share = sample.count / (block.count + sample.count);
+                block.contact = Point::from_vector(block.contact.vector().lerp(&sample.contact.vector(), share));
+                block.reading_n_m = block.reading_n_m.lerp(&sample.reading_n_m, share);
+                block.reference_n_m = block.reference_n_m.lerp(&sample.reference_n_m, share);
+                block.count += sample.count;
+            }
+            None => {
+                found.push(*sample);
+                start = Some(sample.contact);
+            }
+        }
+    }
+    found
+}
+
+/// Indices of each line and its neighbours.
+fn neighbours(lines: &[Vec<SpatialSample>]) -> Vec<Vec<usize>> {
+    let center = |line: &Vec<SpatialSample>| {
+        line.iter().map(|sample| sample.contact.vector()).sum::<Vector3<f64>>() / line.len() as f64
+    };
+    let centers: Vec<Vector3<f64>> = lines.iter().map(center).collect();
+    let near = |line: usize| {
+        let distances = centers.iter().map(|other| (other - centers[line]).norm()).enumerate();
+        let distances: Vec<(usize, f64)> = distances.collect();
+        let others = distances.iter().filter(|(other, _)| *other != line);
+        let nearest = others.map(|(_, distance)| *distance).fold(f64::INFINITY, f64::min);
+        let is_near = |&&(other, distance): &&(usize, f64)| other == line || distance <= NEIGHBOUR * nearest;
+        distances.iter().filter(is_near).map(|(other, _)| *other).collect()
+    };
+    (0..lines.len()).map(near).collect()
+}

@@ -1,0 +1,234 @@
+//! Sensor models in space: the expected bending moments of a contact.
+//!
+//! The reading consists of the bending moments at the root about y and z of Base. A calibration presses a pin against the
+//! whisker along lines in several directions; a [`SpatialModel`] is a formula fitted to these contacts, and a
+//! [`CalibratedSpace`] that formula with its [`SpatialDomain`], outside which there is no prediction, and its error.
+//!
+//! To add a model: one file beside `polynomial.rs`, and one row in [`SPATIAL_MODELS`].
+
+mod coordinates;
+mod domain;
+mod error;
+mod fit;
+mod geometry;
+mod polynomial;
+mod rod;
+mod table;
+
+use std::fmt::Debug;
+use std::sync::{Arc, OnceLock};
+
+use nalgebra::{Matrix2, Matrix2x3, Vector2};
+use serde_json::Value;
+
+use crate::frames::Base;
+use crate::rod::{Rod, Suspension};
+use crate::sensor::ModelError;
+use crate::space::frames::Point;
+use crate::{Invalid, RestShape, Whisker};
+
+pub use coordinates::Around;
+pub use domain::{SpatialDomain, SpatialShares};
+pub use error::SpatialErrorMap;
+pub use fit::{SpatialFit, SpatialFitData, fit};
+pub use geometry::{Directions, Geometry};
+
+/// Names of the readings, in order, as in the columns of a trace in space.
+pub const READINGS: [&str; 2] = ["moment_y_n_m", "moment_z_n_m"];
+
+/// A whisker with its properties out of its plane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpatialWhisker {
+    /// The whisker in its plane.
+    pub whisker: Whisker,
+    /// Springs at the root.
+    pub suspension: Suspension,
+    /// Poisson ratio of the wire.
+    pub poisson_ratio: f64,
+}
+
+impl SpatialWhisker {
+    /// Mechanics of the whisker.
+    ///
+    /// # Errors
+    /// [`Invalid`] if a parameter is out of its range.
+    pub fn rod(&self) -> Result<Rod, Invalid> {
+        Rod::new(&self.whisker, self.suspension, self.poisson_ratio)
+    }
+}
+
+/// One calibration sample: a known contact and its readings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpatialSample {
+    /// Contact on the centre line.
+    pub contact: Point<Base>,
+    /// Bending moments about y and z of Base as the sensor read them (N m), 2x1.
+    pub reading_n_m: Vector2<f64>,
+    /// Bending moments that held-out predictions are compared with: free of noise, if known (N m), 2x1.
+    pub reference_n_m: Vector2<f64>,
+    /// Number of readings of which this is the mean.
+    pub count: f64,
+}
+
+/// Prediction of a model for a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpatialPrediction {
+    /// Expected bending moments about y and z of Base (N m), 2x1.
+    pub reading_n_m: Vector2<f64>,
+    /// Their derivatives by the contact in Base, 2x3, in N m per m.
+    pub gradient_n: Matrix2x3<f64>,
+}
+
+/// A formula from contact to readings. It is defined everywhere; [`CalibratedSpace`] restricts it to the calibrated domain.
+pub trait SpatialModel: Debug + Send + Sync {
+    /// Name in the registry.
+    fn kind(&self) -> &'static str;
+
+    /// Unique name within a calibration: the kind, and the settings that distinguish it.
+    fn label(&self) -> String {
+        self.kind().into()
+    }
+
+    /// Expected readings and their derivatives.
+    fn predict(&self, contact: Point<Base>) -> SpatialPrediction;
+
+    /// Expected readings of a contact given by its coordinates about the undeflected whisker, and their derivatives by these.
+    /// By default from [`Self::predict`].
+    fn predict_around(&self, rest: &RestShape, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
+        let (contact, jacobian) = at.contact_with_jacobian(rest);
+        let SpatialPrediction { reading_n_m, gradient_n } = self.predict(contact);
+        (reading_n_m, gradient_n * jacobian)
+    }
+
+    /// The stored model, which the registry's `load` restores.
+    fn to_json(&self) -> Value;
+
+    /// One-line description.
+    fn about(&self) -> String;
+}
+
+/// The part of space around a whisker that a calibration covers.
+#[derive(Clone, Copy, Debug)]
+pub struct SpatialRegion<'a> {
+    /// The whisker.
+    pub whisker: &'a SpatialWhisker,
+    /// The calibrated domain.
+    pub domain: &'a SpatialDomain,
+}
+
+/// Readings at the contacts of a line (its index), predicted by a model fitted without the lines of the given indices.
+pub type Without = Box<dyn Fn(usize, &[usize]) -> Result<Vec<Vector2<f64>>, ModelError>>;
+
+/// Result of a fit.
+pub struct FittedSpatialModel {
+    /// The model.
+    pub model: Box<dyn SpatialModel>,
+    /// Predictions on held-out lines.
+    pub without: Without,
+}
+
+/// Fits a model with settings to the lines of a calibration.
+pub type FitLines = fn(&SpatialRegion<'_>, &[Vec<SpatialSample>], &Value) -> Result<FittedSpatialModel, ModelError>;
+
+/// Result of loading a model.
+pub type SpatialLoaded = Result<Box<dyn SpatialModel>, ModelError>;
+
+/// A row of the registry of sensor models in space.
+pub struct SpatialModelRow {
+    /// Name.
+    pub kind: &'static str,
+    /// One-line description.
+    pub about: &'static str,
+    /// Default settings.
+    pub defaults: fn() -> Value,
+    /// Settings that a calibration compares to select the best model.
+    pub candidates: fn() -> Vec<Value>,
+    /// Fits the model to the lines of a calibration.
+    pub fit: FitLines,
+    /// Loads a model stored by [`SpatialModel::to_json`].
+    pub load: fn(&SpatialRegion<'_>, &Value) -> SpatialLoaded,
+}
+
+/// The registry of sensor models in space.
+pub const SPATIAL_MODELS: &[SpatialModelRow] = &[
+    SpatialModelRow {
+        kind: polynomial::KIND,
+        about: "trivariate polynomial of any total degree in the contact's coordinates (Lin et al. 2024, degree 5)",
+        defaults: polynomial::defaults,
+        candidates: polynomial::candidates,
+        fit: polynomial::fit,
+        load: polynomial::load,
+    },
+    SpatialModelRow {
+        kind: rod::KIND,
+        about: "Kirchhoff rod whose stiffnesses, pre-curvature, gains, offsets and mounting are fitted",
+        defaults: rod::defaults,
+        candidates: rod::candidates,
+        fit: rod::fit,
+        load: rod::load,
+    },
+];
+
+/// The registry's row of this name.
+///
+/// # Errors
+/// [`ModelError::Unknown`] lists the known names.
+pub fn spatial_model(kind: &str) -> Result<&'static SpatialModelRow, ModelError> {
+    SPATIAL_MODELS.iter().find(|row| row.kind == kind).ok_or_else(|| ModelError::Unknown {
+        found: kind.into(),
+        known: SPATIAL_MODELS.iter().map(|row| row.kind).collect::<Vec<_>>().join(", "),
+    })
+}
+
+/// A sensor model in space and the region for which it was calibrated.
+#[derive(Clone, Debug)]
+pub struct CalibratedSpace {
+    /// The whisker.
+    pub whisker: SpatialWhisker,
+    /// The undeflected whisker, on which the domain is based.
+    pub rest: RestShape,
+    /// The calibrated domain.
+    pub domain: SpatialDomain,
+    /// Name of the formula within the calibration.
+    pub label: String,
+    /// The formula.
+    pub model: Arc<dyn SpatialModel>,
+    /// Error of the formula over the region.
+    pub error: SpatialErrorMap,
+    /// Root mean square residual of a moment on held-out lines.
+    pub heldout_rms_n_m: f64,
+    /// Largest residual of a moment on held-out lines.
+    pub heldout_worst_n_m: f64,
+    /// Largest bending moment of the calibration.
+    pub largest_reading_n_m: f64,
+    /// Directions at the contacts, computed on first use.
+    pub geometry: OnceGeometry,
+}
+
+/// Geometry of the contacts with a whisker, tabulated on first use and shared by all estimators.
+#[derive(Clone, Debug, Default)]
+pub struct OnceGeometry(Arc<OnceLock<Option<Geometry>>>);
+
+impl CalibratedSpace {
+    /// Coordinates of a contact about the undeflected whisker.
+    pub fn around(&self, contact: Point<Base>) -> Around {
+        Around::of(&self.rest, contact)
+    }
+
+    /// Expected readings and their derivatives. `None` outside the calibrated domain.
+    pub fn predict(&self, contact: Point<Base>) -> Option<SpatialPrediction> {
+        self.domain.contains(self.around(contact)).then(|| self.model.predict(contact))
+    }
+
+    /// Covariance of the true readings about the expected ones, without measurement noise (N2 m2), 2x2. Outside the calibrated
+    /// domain, that at its border.
+    pub fn model_covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
+        self.error.covariance_n2_m2(&self.domain, at)
+    }
+
+    /// Directions of surface normal and wire at the contacts. `None` if the nominal whisker has no equilibrium somewhere in the
+    /// calibrated domain.
+    pub fn geometry(&self) -> Option<&Geometry> {
+        self.geometry.0.get_or_init(|| Geometry::new(&self.whisker, &self.domain)).as_ref()
+    }
+}

@@ -1,0 +1,209 @@
+//! Tabulated smooth functions of the coordinates about a whisker.
+//!
+//! The table spans the calibrated domain in the coordinates `s`, `u / a(s)` and `v / a(s)`, with the arc length `s`, the
+//! displacements `u` to the left and `v` upwards, and an extent `a(s) = c s^k`, in which readings are nearly linear. Between
+//! the nodes the function is the cubic polynomial through the four nearest nodes along each axis, whose error decreases with
+//! the fourth power of the pitch. Beyond the table it is that of the nearest cell.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::{Around, SpatialDomain};
+
+/// Nodes along the whisker and across.
+const NODES: [usize; 3] = [13, 13, 13];
+
+/// Extent of the table across the whisker, relative to the calibrated domain.
+const MARGIN: f64 = 1.05;
+
+/// Exponents `k` of the extent.
+const EXPONENTS: [f64; 5] = [0.0, 0.5, 1.0, 1.5, 2.0];
+
+/// The grid of a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Grid {
+    first_m: f64,
+    pitch_m: f64,
+    /// `c` and `k` of the extent.
+    extent: (f64, f64),
+}
+
+/// Values and derivatives of a function at a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Looked<const C: usize> {
+    pub(crate) values: SVector<f64, C>,
+    /// Derivatives by the coordinates about the whisker, one row per value.
+    pub(crate) slopes: SMatrix<f64, C, 3>,
+}
+
+/// A function with `C` values.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Table<const C: usize> {
+    grid: Grid,
+    nodes: Vec<SVector<f64, C>>,
+}
+
+impl Grid {
+    /// The grid around a calibrated domain: of the extents that contain it, the one that exceeds it least.
+    pub(crate) fn new(domain: &SpatialDomain) -> Self {
+        let (first_m, last_m) = domain.arc_range_m();
+        let node = |i: usize| (domain.arc_m[i].max(1e-3 * last_m), domain.most_at_node_m(i));
+        let fitted = |k: f64| {
+            let c = (0..domain.arc_m.len()).map(|i| node(i).1 / node(i).0.powf(k)).fold(0.0, f64::max);
+            let excess = (0..domain.arc_m.len()).map(|i| c * node(i).0.powf(k)).sum::<f64>();
+            (excess, (c, k))
+        };
+        let fits = EXPONENTS.map(fitted);
+        let (_, (c, k)) = fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are exponents");
+        Self { first_m, pitch_m: (last_m - first_m) / (NODES[0] - 1) as f64, extent: (MARGIN * c, k) }
+    }
+
+    /// `a(s)` and its derivative.
+    fn extent_m(&self, along_m: f64) -> (f64, f64) {
+        let (c, k) = self.extent;
+        let value = c * along_m.max(0.1 * self.first_m.max(self.pitch_m)).powf(k);
+        (value, k * value / along_m.max(f64::MIN_POSITIVE))
+    }
+
+    /// Coordinates of the node with these indices.
+    fn node(&self, index: [usize; 3]) -> Around {
+        let along_m = self.first_m + index[0] as f64 * self.pitch_m;
+        let across = |axis: usize| 2.0 * index[axis] as f64 / (NODES[axis] - 1) as f64 - 1.0;
+        let extent_m = self.extent_m(along_m).0;
+        Around::new(along_m, across(1) * extent_m, across(2) * extent_m)
+    }
+}
+
+/// Order in which the nodes across the whisker are computed: from the middle outwards, so that each has a computed neighbour
+/// nearer to the undeflected whisker.
+fn outwards() -> Vec<[usize; 2]> {
+    let middle = |i: usize, axis: usize| i.abs_diff(NODES[axis] / 2);
+    let mut order: Vec<[usize; 2]> = (0..NODES[1]).flat_map(|j| (0..NODES[2]).map(move |k| [j, k])).collect();
+    order.sort_by_key(|&[j, k]| (middle(j, 1).pow(2) + middle(k, 2).pow(2), j, k));
+    order
+}
+
+impl<const C: usize> Table<C> {
+    /// Tabulates `values`, which may be computed from the result of a neighbouring node. `None` if it has no values somewhere.
+    pub(crate) fn new<State: Copy>(
+        grid: Grid,
+        mut values: impl FnMut(Around, Option<State>) -> Option<(SVector<f64, C>, State)>,
+    ) -> Option<Self> {
+        let [_, columns, depth] = NODES;
+        let mut nodes = vec![SVector::zeros(); NODES.iter().product()];
+        let inwards = |i: usize, axis: usize| {
+            let middle = NODES[axis] / 2;
+            i - usize::from(i > middle) + usize::from(i < middle)
+        };
+        let order = outwards();
+        let mut along: Option<State> = None;
+        for i in 0..NODES[0] {
+            let mut states: Vec<Option<State>> = vec![None; columns * depth];
+            for &[j, k] in &order {
+                let near = states[inwards(j, 1) * depth + inwards(k, 2)].or(along);
+                let (value, state) = values(grid.node([i, j, k]), near)?;
+                nodes[(i * columns + j) * depth + k] = value;
+                states[j * depth + k] = Some(state);
+            }
+            along = states[columns / 2 * depth + depth / 2];
+        }
+        Some(Self { grid, nodes })
+    }
+
+    /// The function at a contact.
+    pub(crate) fn look(&self, at: Around) -> Looked<C> {
+        let (extent_m, growth) = self.grid.extent_m(at.along_m);
+        let half = [NODES[1], NODES[2]].map(|nodes| 0.5 * (nodes - 1) as f64);
+        let along = (at.along_m - self.grid.first_m) / self.grid.pitch_m;
+        let (left, up) = (at.left_m / extent_m, at.up_m / extent_m);
+        let [u, v, w] = [
+            stencil(along, NODES[0]),
+            stencil((left + 1.0) * half[0], NODES[1]),
+            stencil((up + 1.0) * half[1], NODES[2]),
+        ];
+        let mut found = [SVector::<f64, C>::zeros(); 4];
+        for i in 0..4 {
+            let mut plane = [SVector::<f64, C>::zeros(); 3];
+            for j in 0..4 {
+                let start = ((u.first + i) * NODES[1] + v.first + j) * NODES[2] + w.first;
+                let row = &self.nodes[start..start + 4];
+                let level =
+                    row[0] * w.weights[0] + row[1] * w.weights[1] + row[2] * w.weights[2] + row[3] * w.weights[3];
+                let slope = row[0] * w.slopes[0] + row[1] * w.slopes[1] + row[2] * w.slopes[2] + row[3] * w.slopes[3];
+                plane[0] += level * v.weights[j];
+                plane[1] += level * v.slopes[j];
+                plane[2] += slope * v.weights[j];
+            }
+            found[0] += plane[0] * u.weights[i];
+            found[1] += plane[0] * u.slopes[i];
+            found[2] += plane[1] * u.weights[i];
+            found[3] += plane[2] * u.weights[i];
+        }
+        // From the coordinates of the grid, in nodes, to those about the whisker.
+        let shrink = growth / extent_m;
+        let by_grid = SMatrix::<f64, C, 3>::from_columns(&[found[1], found[2], found[3]]);
+        let of_coordinates = Matrix3::from_rows(&[
+            Vector3::new(1.0 / self.grid.pitch_m, 0.0, 0.0).transpose(),
+            (Vector3::new(-left * shrink, 1.0 / extent_m, 0.0) * half[0]).transpose(),
+            (Vector3::new(-up * shrink, 0.0, 1.0 / extent_m) * half[1]).transpose(),
+        ]);
+        Looked { values: found[0], slopes: by_grid * of_coordinates }
+    }
+}
+
+/// Four neighbouring nodes with the weights of their values, and the derivatives of the weights by the position.
+struct Stencil {
+    first: usize,
+    weights: [f64; 4],
+    slopes: [f64; 4],
+}
+
+/// The cubic polynomial through four of `nodes` nodes at a position (Lagrange).
+fn stencil(position: f64, nodes: usize) -> Stencil {
+    let first = (position.floor() - 1.0).clamp(0.0, (nodes - 4) as f64) as usize;
+    let t = position - first as f64;
+    let (a, b, c, d) = (t, t - 1.0, t - 2.0, t - 3.0);
+    Stencil {
+        first,
+        weights: [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0],
+        slopes: [
+            -(b * c + b * d + c * d) / 6.0,
+            (a * c + a * d + c * d) / 2.0,
+            -(a * b + a * d + b * d) / 2.0,
+            (a * b + a * c + b * c) / 6.0,
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+
+    #[test]
+    fn val_values_and_slopes_of_a_smooth_function() {
+        let domain = SpatialDomain {
+            arc_m: vec![0.03, 0.045, 0.06],
+            directions: 4,
+            away_m: vec![2e-3, 1e-3, 1.5e-3, 2e-3, 4e-3, 3e-3, 4e-3, 4e-3, 7e-3, 6e-3, 5e-3, 7e-3],
+        };
+        let exact = |at: Around| {
+            let (u, v) = (at.left_m / at.along_m, at.up_m / at.along_m);
+            Vector2::new((8.0 * u + 3.0 * v).sin() / at.along_m, u * u * v * 300.0)
+        };
+        let table = Table::new(Grid::new(&domain), |at, _: Option<()>| Some((exact(at), ()))).unwrap();
+        for at in
+            [Around::new(0.0311, 1.5e-3, -0.5e-3), Around::new(0.052, -2.1e-3, 3.3e-3), Around::new(0.0599, 0.0, -4e-3)]
+        {
+            let found = table.look(at);
+            assert!((found.values - exact(at)).norm() < 2e-3, "{at:?}: {} {}", found.values, exact(at));
+            for axis in 0..3 {
+                let step = 1e-7 * Vector3::ith(axis, 1.0);
+                let [after, before] =
+                    [at.vector() + step, at.vector() - step].map(|x| table.look(Around::of_state(&x)).values);
+                let slope = found.slopes.column(axis);
+                assert!(((after - before) / 2e-7 - slope).norm() < 1e-4 * (1.0 + slope.norm()), "{at:?} {axis}");
+            }
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! Estimators in space on exact contacts of the rod: a fixed point, a straight rod, registry and refused settings.
+
+use std::f64::consts::TAU;
+use std::sync::{Arc, LazyLock};
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+use serde_json::json;
+use whisker::Whisker;
+use whisker::events::TouchConfig;
+use whisker::frames::{Base, World};
+use whisker::rod::{Rod, SpatialContact, Suspension};
+use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
+use whisker::space::frames::{Point, Pose};
+use whisker::space::sensor::{
+    Around, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialRegion, SpatialWhisker, spatial_model,
+};
+
+const RATE_HZ: f64 = 250.0;
+const ROWS: u32 = 500;
+
+/// A calibration with the exact parameters, from 30 to 62 mm along the whisker and up to 3 s^2 away from it.
+fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
+    let k = whisker.root_stiffness_n_m_rad;
+    let values = [1.0, 1.0, whisker.youngs_modulus_pa, k, k, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let names = [
+        "gain_y",
+        "gain_z",
+        "youngs_modulus_pa",
+        "yaw_stiffness_n_m_rad",
+        "pitch_stiffness_n_m_rad",
+        "curvature_scale",
+        "reading_offset_y_n_m",
+        "reading_offset_z_n_m",
+        "root_x_m",
+        "root_y_m",
+        "root_z_m",
+        "root_roll_rad",
+        "root_pitch_rad",
+        "root_yaw_rad",
+    ];
+    let parameters = names.iter().zip(values).map(
+        |(name, value)| json!({"name": name, "value": value, "sd": 0.0, "prior_sd": 0.0, "informed_by_data": false}),
+    );
+    let mut samples = Vec::new();
+    for node in 0..9 {
+        for turn in 0..16 {
+            let (along_m, azimuth) = (0.03 + 0.004 * f64::from(node), TAU * f64::from(turn) / 16.0);
+            let away_m = 3.0 * along_m * along_m;
+            samples.push(Around::new(along_m, away_m * azimuth.cos(), away_m * azimuth.sin()));
+        }
+    }
+    let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
+    let rest = whisker.rest_shape();
+    let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
+    let domain = SpatialDomain::covering(&samples).unwrap();
+    let stored = json!({"kind": "rod", "parameters": parameters.collect::<Vec<_>>()});
+    let model = (spatial_model("rod").unwrap().load)(&SpatialRegion { whisker: &whisker, domain: &domain }, &stored);
+    let calibrated = CalibratedSpace {
+        whisker,
+        rest,
+        label: "rod".into(),
+        model: model.unwrap().into(),
+        error: SpatialErrorMap { along: 2, away: 2, covariances_n2_m2: vec![[1e-18, 0.0, 1e-18]; 4] },
+        heldout_rms_n_m: 1e-9,
+        heldout_worst_n_m: 1e-9,
+        largest_reading_n_m: 2e-5,
+        geometry: Default::default(),
+        domain,
+    };
+    Arc::new(Knowledge { calibrated: Arc::new(calibrated), noise_sd_n_m: 1.5e-7, rate_hz: RATE_HZ })
+}
+
+static STRAIGHT: LazyLock<Arc<Knowledge>> = LazyLock::new(|| knowledge(Whisker::straight()));
+static CURVED: LazyLock<Arc<Knowledge>> = LazyLock::new(|| knowledge(Whisker::curved()));
+
+/// Pose of World in Base at a row: a push of 5 mm in 0.5 s, then slow turns and strokes.
+fn to_base(row: u32) -> Pose<World, Base> {
+    let t_s = f64::from(row) / RATE_HZ;
+    let push = 0.5 - 0.5 * (std::f64::consts::PI * (t_s / 0.5).min(1.0)).cos();
+    let roam = (t_s - 0.5).max(0.0).powi(2) / ((t_s - 0.5).max(0.0) + 0.2);
+    let position = Vector3::new(
+        1.5e-3 * (5.0 * roam).sin(),
+        5.5e-3 * push - 0.5e-3 + 0.8e-3 * (7.0 * roam).sin(),
+        1.5e-3 * push + 1.5e-3 * (6.0 * roam).sin(),
+    );
+    let turned = Rotation3::new(Vector3::new(0.03, 0.02, 0.03) * (4.0 * roam).sin());
+    Pose::<Base, World>::new(position, turned).inverse()
+}
+
+/// Contact of the whisker with the point of a line at which the force is across `along`, sought from the distance `shift_m` along
+/// it. A zero direction stands for a point.
+fn touched(
+    rod: &Rod,
+    to_base: &Pose<World, Base>,
+    point: Vector3<f64>,
+    along: Vector3<f64>,
+    shift_m: &mut f64,
+) -> SpatialContact {
+    let along = to_base.turn_vector(along);
+    let from = to_base.apply(Point::from_vector(point)).vector();
+    let at = |shift_m: f64| rod.at_point(from + along * shift_m).unwrap();
+    if along != Vector3::zeros() {
+        let across = |shift_m: f64| at(shift_m).deflection.force_n.normalize().dot(&along);
+        for _ in 0..30 {
+            let here = across(*shift_m);
+            let step_m = (here / ((across(*shift_m + 1e-6) - here) / 1e-6)).clamp(-5e-4, 5e-4);
+            *shift_m -= step_m;
+            if step_m.abs() < 1e-8 {
+                break;
+            }
+        }
+    }
+    at(*shift_m)
+}
+
+/// Replays a point or line that is touched at 48 mm; estimates with the true contacts.
+fn replayed(
+    knowledge: &Arc<Knowledge>,
+    name: &str,
+    along: Vector3<f64>,
+    noise: f64,
+) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
+    let rod = knowledge.calibrated.whisker.rod().unwrap();
+    let mut random = Pcg64::seed_from_u64(3);
+    let row = spatial_estimator(name).unwrap();
+    let mut estimator = row.build(&row.defaults(), TouchConfig::default(), knowledge).unwrap();
+    let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
+    let (mut found, mut shift_m) = (Vec::new(), 0.0);
+    for i in 0..ROWS {
+        // The object is touched after a tenth of the push.
+        let to_base = to_base(i.max(50));
+        let truth = (i >= 50).then(|| touched(&rod, &to_base, point, along, &mut shift_m));
+        let moment = truth.map_or(Vector2::zeros(), |truth| truth.deflection.moment_n_m.yz());
+        let mut draw = || noise * knowledge.noise_sd_n_m * random.sample::<f64, _>(StandardNormal);
+        let motion = self::to_base(i.max(51) - 1).inverse().then(&to_base);
+        let sample = Sample { motion, dt_s: 1.0 / RATE_HZ, reading_n_m: moment + Vector2::new(draw(), draw()) };
+        if let (Some(estimate), Some(truth)) = (estimator.step(&sample), truth) {
+            found.push((estimate, truth, to_base));
+        }
+    }
+    assert!(found.len() > 350, "{} estimates", found.len());
+    found
+}
+
+fn error(estimate: &Estimate, truth: &SpatialContact) -> Vector3<f64> {
+    estimate.contact.vector() - truth.deflection.point
+}
+
+#[test]
+fn verif_a_fixed_point_is_located_with_its_covariance() {
+    for knowledge in [&*STRAIGHT, &*CURVED] {
+        let found = replayed(knowledge, "point", Vector3::zeros(), 1.0);
+        let late = &found[found.len() - 100..];
+        for (estimate, truth, _) in late {
+            let error = error(estimate, truth);
+            let nees = error.dot(&estimate.covariance_m2.cholesky().unwrap().solve(&error));
+            assert!(error.norm() < 0.3e-3 && nees < 25.0, "{error} {nees}");
+            let normal = truth.deflection.force_n.normalize();
+            assert!(normal.angle(&estimate.normal) < 0.02);
+        }
+    }
+}
+
+#[test]
+fn verif_without_noise_the_errors_of_point_and_rod_vanish() {
+    for (name, along) in [("point", Vector3::zeros()), ("line", Vector3::new(0.2, -0.3, 0.9).normalize())] {
+        let found = replayed(&STRAIGHT, name, along, 0.0);
+        let (estimate, truth, _) = found.last().unwrap();
+        assert!(error(estimate, truth).norm() < 0.1e-3, "{name}: {}", error(estimate, truth));
+    }
+}
+
+#[test]
+fn verif_a_rod_is_located_with_its_direction() {
+    for along in [Vector3::new(0.1, 0.2, 0.97), Vector3::new(0.3, -0.2, 0.9)] {
+        let along = along.normalize();
+        for knowledge in [&*STRAIGHT, &*CURVED] {
+            let found = replayed(knowledge, "line", along, 1.0);
+            for (estimate, truth, to_base) in &found[found.len() - 50..] {
+                assert!(error(estimate, truth).norm() < 0.4e-3, "{along}: {}", error(estimate, truth));
+                let direction = estimate.direction.unwrap();
+                let cosine = to_base.turn_vector(along).dot(&direction.along).abs().min(1.0);
+                assert!(cosine.acos() < (5.0 * direction.sd_rad).max(0.02), "{along}: {direction:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn robust_every_estimator_survives_glitches_and_the_free_whisker() {
+    for row in SPATIAL_ESTIMATORS {
+        let mut estimator = row.build(&row.defaults(), TouchConfig::default(), &STRAIGHT).unwrap();
+        let sample = |reading_n_m| Sample { motion: Pose::identity(), dt_s: 1.0 / RATE_HZ, reading_n_m };
+        for i in 0..20 {
+            let reading = if i % 5 == 4 { Vector2::new(f64::NAN, 1.0) } else { Vector2::zeros() };
+            assert!(estimator.step(&sample(reading)).is_none(), "{}", row.name);
+        }
+        let touched = (0..60).filter_map(|i| {
+            let reading = if i % 7 == 6 { Vector2::new(0.0, 1.0) } else { Vector2::new(-4e-6, 3e-6) };
+            estimator.step(&sample(reading))
+        });
+        let last = touched.last().expect("a touch is detected");
+        assert!(last.covariance_m2.cholesky().is_some() && (last.normal.norm() - 1.0).abs() < 1e-9, "{}", row.name);
+    }
+}
+
+#[test]
+fn robust_wrong_settings_are_refused() {
+    let row = spatial_estimator("line").unwrap();
+    for (key, value) in [("gate_sds", json!(0.0)), ("hypotheses", json!(0)), ("other", json!(1))] {
+        let mut config = row.defaults();
+        config[key] = value;
+        let refused = row.build(&config, TouchConfig::default(), &STRAIGHT);
+        assert!(refused.err().is_some_and(|error| error.to_string().contains(key)), "{key}");
+    }
+    assert!(spatial_estimator("edge").is_none());
+}
