@@ -14,7 +14,7 @@ from math import ceil
 import mujoco
 import numpy as np
 
-from whisker_sim.model import G_PER_KG, MM_PER_M, NNM_PER_NM, add_contact_sensors, compiled, new_model
+from whisker_sim.model import G_PER_KG, MM_PER_M, NNM_PER_NM, add_capsule, add_contact_sensors, compiled, new_model
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.rotation import quaternion_of, undone
 from whisker_sim.space.solids import Solid
@@ -36,7 +36,6 @@ _CURVED_CAPSULES = 240
 """Capsules along a curved whisker, as many as a planar whisker of 40 segments has."""
 _TAPER_CAPSULES = 8
 """Capsules around a tapered link. Between two of them the surface is lower by a thirteenth of the change of radius."""
-_CONTACT_DAMPING_RATIO = 1.5
 _BASE_MASS_G = 100.0
 _BASE_INERTIA_G_MM2 = 1e5
 _BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
@@ -113,20 +112,7 @@ def add_whisker(base: ET.Element, whisker: SpatialWhisker, timestep_s: float) ->
             _add_joints(body, f"hinge_{index}", hinge_order(index - 1), axes, stiffness, wire.damping_s)
         _add_inertial(body, whisker, (next_origin_m, next_frame), start_m, end_m)
         for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), np.linspace(start_m, end_m, pieces + 1)):
-            ET.SubElement(
-                body,
-                "geom",
-                type="capsule",
-                fromto=mjcf(*a, *b),
-                size=mjcf(radius_mm),
-                contype="1",
-                conaffinity="0",
-                condim="1",
-                priority="1",
-                solref=mjcf(2.0 * timestep_s, _CONTACT_DAMPING_RATIO),
-                solimp="0.99 0.999 0.001 0.5 2",
-                rgba="0.85 0.33 0.10 1",
-            )
+            add_capsule(body, a, b, radius_mm, timestep_s)
         parent, origin_m, frame = body, next_origin_m, next_frame
 
 
