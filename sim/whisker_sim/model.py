@@ -38,6 +38,8 @@ NNM_PER_NM = 1e9
 _CAPSULES_PER_LINK_AND_SEGMENT = 0.15
 """The surface of a capsule is tilted against the rod by up to half of its share of the curvature. With six capsules per link at 40
 segments the tilt is negligible; in finer chains it decreases with the square of the segment length, as all other errors do."""
+IMPEDANCE = "0.99 0.999 0.001 0.5 2"
+"""Impedance of contacts, MuJoCo's `solimp`."""
 _CONTACT_DAMPING_RATIO = 1.5
 """Above one, so that a whisker dragged along the object does not lose contact between two capsules."""
 # With this mass and stiffness the whisker deflects the base by a micrometre at most; the base lags behind its command by 4 ms.
@@ -173,8 +175,18 @@ def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: s
         parent, frame = body, link_frame
 
 
-def add_capsule(body: ET.Element, start_mm: Sequence[float], end_mm: Sequence[float], radius_mm: float, timestep_s: float) -> None:
-    """Adds a capsule of the whisker's surface to the link `body`, between two points (3,) in its frame."""
+def add_capsule(
+    body: ET.Element,
+    start_mm: Sequence[float],
+    end_mm: Sequence[float],
+    radius_mm: float,
+    timestep_s: float,
+    impedance: str = IMPEDANCE,
+) -> None:
+    """Adds a capsule of the whisker's surface to the link `body`, between two points (3,) in its frame.
+
+    `impedance` is that of its contacts, MuJoCo's `solimp`.
+    """
     ET.SubElement(
         body,
         "geom",
@@ -186,7 +198,7 @@ def add_capsule(body: ET.Element, start_mm: Sequence[float], end_mm: Sequence[fl
         condim="1",
         priority="1",
         solref=mjcf(2.0 * timestep_s, _CONTACT_DAMPING_RATIO),
-        solimp="0.99 0.999 0.001 0.5 2",
+        solimp=impedance,
         rgba="0.85 0.33 0.10 1",
     )
 

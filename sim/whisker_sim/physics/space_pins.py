@@ -16,7 +16,8 @@ from whisker_sim.runs import load_runs
 from whisker_sim.space.simulate import simulate_in_space
 
 PINS = 20
-SEED = 2026
+SEED = 3
+"""The settings of the whisker's surface (`space.model`) were chosen on the pins of the seeds 18 and 2026."""
 _STEEPEST = 0.6
 """Largest share of the axis along the whisker at the start, along which a pin would be missed."""
 _ALONG = 0.5

@@ -40,12 +40,15 @@ ROOT_FORCE = "root_force"
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1")
 _LETTERS = ("x", "y", "z")
-_CURVED_CAPSULES = 240
-"""Capsules along each chain of a curved whisker, as many as a planar whisker of 40 segments has."""
+_CURVED_CAPSULES = 480
+"""Capsules along each chain of a curved whisker. Of 80 mm and a radius of 80 mm, their middles are 0.04 um below its surface."""
 _CHAINS = 4
 """Chains of capsules in parallel. Their joints are a quarter of a capsule of a curved whisker apart."""
 _GAP_MM = 0.015
 """Distance of a capsule's end from the joint: sqrt(R d) for R of 0.6 mm, a wire on a pin, and d of 0.4 um."""
+_IMPEDANCE = "0.95 0.999 0.001 0.5 2"
+"""Impedance of contacts (MuJoCo's `solimp`). It grows with the penetration more than in the plane, so that capsules in parallel
+which lie deeper take less of the load."""
 _TAPER_CAPSULES = 8
 """Capsules around a tapered link. Between two of them the surface is lower by a thirteenth of the change of radius."""
 _BASE_MASS_G = 100.0
@@ -123,7 +126,7 @@ def add_whisker(base: ET.Element, whisker: SpatialWhisker, timestep_s: float) ->
         _add_inertial(body, whisker, (next_origin_m, next_frame), start_m, end_m)
         for cuts_m in _cuts_m(wire, index, start_m, end_m):
             for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), cuts_m):
-                add_capsule(body, a, b, radius_mm, timestep_s)
+                add_capsule(body, a, b, radius_mm, timestep_s, _IMPEDANCE)
         parent, origin_m, frame = body, next_origin_m, next_frame
 
 
