@@ -6,11 +6,11 @@ three joints, which bend about two axes and twist; so does the root.
 Contact. Near the joint of two capsules that follow each other, both press on the object, the second with its round end: with the
 penetration d, and the radii R of wire and object in sum, within sqrt(2 R d) of the joint, inclined by up to sqrt(2 d / R). The
 contact is twice as stiff there, so that the surface of the whisker has in effect a bump of half the penetration, on whose flanks a
-frictionless contact comes to rest. Capsules therefore end before the joint, with a gap of sqrt(R d) on both sides, so that both
-together press at the joint as hard as one beside it. What remains is divided by `_CHAINS`: the surface consists of as many chains
-of capsules in parallel, whose joints lie at different places. A curved link carries short capsules along its undeflected arc; the
-chains then average the inclination of the chords to the arc. A tapered link carries capsules around its cone, all with the radius
-of the thinner end.
+frictionless contact comes to rest. Capsules therefore end before the joint, with a gap of sqrt(R d) on both sides (7 um for an
+edge, 16 um for a pin), so that both together press at the joint as hard as one beside it. What remains is divided by `_CHAINS`:
+the surface consists of as many chains of capsules in parallel, whose joints lie at different places. A curved link carries short
+capsules along its undeflected arc; the chains then average the inclination of the chords to the arc. A tapered link carries
+capsules around its cone, all with the radius of the thinner end.
 """
 
 import functools
@@ -44,8 +44,8 @@ _CURVED_CAPSULES = 480
 """Capsules along each chain of a curved whisker. Of 80 mm and a radius of 80 mm, their middles are 0.04 um below its surface."""
 _CHAINS = 4
 """Chains of capsules in parallel. Their joints are a quarter of a capsule of a curved whisker apart."""
-_GAP_MM = 0.015
-"""Distance of a capsule's end from the joint: sqrt(R d) for R of 0.6 mm, a wire on a pin, and d of 0.4 um."""
+_PENETRATION_M = 0.4e-6
+"""Typical penetration, for which capsules end at the right distance from their joint."""
 _IMPEDANCE = "0.95 0.999 0.001 0.5 2"
 """Impedance of contacts (MuJoCo's `solimp`). It grows with the penetration more than in the plane, so that capsules in parallel
 which lie deeper take less of the load."""
@@ -80,7 +80,7 @@ def build_mjcf(whisker: SpatialWhisker, solid: Solid, start: tuple[float, ...], 
     body = ET.SubElement(world, "body", pose, name="object")
     for geom in solid.geoms():
         ET.SubElement(body, "geom", geom, contype="0", conaffinity="1", condim="1", rgba="0.60 0.66 0.74 1")
-    add_whisker(_add_base(world, start), whisker, timestep_s)
+    add_whisker(_add_base(world, start), whisker, solid.sharpest_radius_m, timestep_s)
     _add_actuators(root)
     sensor = ET.SubElement(root, "sensor")
     add_contact_sensors(sensor, {"subtree1": "base", "body2": "object"})
@@ -100,8 +100,8 @@ def _add_base(world: ET.Element, start: tuple[float, ...]) -> ET.Element:
     return base
 
 
-def add_whisker(base: ET.Element, whisker: SpatialWhisker, timestep_s: float) -> None:
-    """Adds `whisker` to the body `base`, whose frame is its Base."""
+def add_whisker(base: ET.Element, whisker: SpatialWhisker, solid_radius_m: float, timestep_s: float) -> None:
+    """Adds `whisker` to the body `base`, whose frame is its Base, for contacts with a surface of the radius `solid_radius_m`."""
     wire, nodes_m = whisker.whisker, whisker.node_arcs_m
     ends_m = np.concatenate(([0.0], whisker.hinge_arcs_m, [wire.length_m]))
     parent, origin_m, frame = base, np.zeros(3), np.eye(3)
@@ -125,7 +125,7 @@ def add_whisker(base: ET.Element, whisker: SpatialWhisker, timestep_s: float) ->
             _add_joints(body, f"hinge_{index}", hinge_order(index - 1), axes, stiffness, wire.damping_s)
         _add_inertial(body, whisker, (next_origin_m, next_frame), start_m, end_m)
         for cuts_m in _cuts_m(wire, index, start_m, end_m):
-            for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), cuts_m):
+            for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), cuts_m, solid_radius_m):
                 add_capsule(body, a, b, radius_mm, timestep_s, _IMPEDANCE)
         parent, origin_m, frame = body, next_origin_m, next_frame
 
@@ -164,7 +164,9 @@ def _cuts_m(wire: Whisker, index: int, start_m: float, end_m: float) -> Iterator
         yield cuts_m
 
 
-def _capsules(whisker: SpatialWhisker, frame: tuple[Array, Array], cuts_m: Array) -> Iterator[tuple[Array, Array, float]]:
+def _capsules(
+    whisker: SpatialWhisker, frame: tuple[Array, Array], cuts_m: Array, solid_radius_m: float
+) -> Iterator[tuple[Array, Array, float]]:
     """End points (3,), in `frame` (origin and directors), and radii (mm) of the capsules between the arc lengths `cuts_m`."""
     origin_m, directors = frame
     points_mm = MM_PER_M * undone(directors, whisker.rest_point_m(cuts_m) - origin_m)
@@ -173,7 +175,8 @@ def _capsules(whisker: SpatialWhisker, frame: tuple[Array, Array], cuts_m: Array
         length_mm = np.linalg.norm(b - a)
         along = (b - a) / length_mm
         slope = (b_mm - a_mm) / length_mm
-        gap_mm = min(_GAP_MM, 0.25 * length_mm) * along
+        gap_mm = MM_PER_M * np.sqrt((solid_radius_m + whisker.whisker.radius_m(end_m)) * _PENETRATION_M)
+        gap_mm = min(gap_mm, 0.25 * length_mm) * along
         # At the tip the wire ends with the capsule.
         a, b = a + gap_mm, b if end_m == whisker.whisker.length_m else b - gap_mm
         if slope == 0.0:
