@@ -103,9 +103,10 @@ impl<'a> SpatialInput<'a> {
     pub(in crate::front_end) fn moments_n_m(&self) -> impl Iterator<Item = Vector3<f64>> {
         let mut standard = ["torsion", "bending y", "bending z"].map(|component| self.standard(component));
         let noise_n_m = self.noise.moment_n_m;
-        self.recording.instants.iter().map(move |instant| {
-            moment_n_m(instant) + noise_n_m * Vector3::from_fn(|axis, _| standard[axis]())
-        })
+        self.recording
+            .instants
+            .iter()
+            .map(move |instant| moment_n_m(instant) + noise_n_m * Vector3::from_fn(|axis, _| standard[axis]()))
     }
 
     /// Directions of the root in Base, one entry per instant: the x axis as yaw and pitch turn it. Twist about it does

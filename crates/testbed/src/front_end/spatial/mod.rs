@@ -7,11 +7,12 @@ mod chain;
 mod white;
 
 use anyhow::{Context, ensure};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::{FrontEndConfig, hall};
 use crate::settings::merged;
 
+pub(super) use chain::moment_n_m;
 pub use chain::{BendingAxes, SpatialChain, SpatialInput, SpatialNoise, SpatialReading};
 pub use hall::{SpatialCharacteristic, SpatialSensor};
 
@@ -101,6 +102,9 @@ fn check_keys(config: &Value, known: &Value) -> anyhow::Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+pub(super) use tests::{golden, spiral};
 
 #[cfg(test)]
 mod tests;
