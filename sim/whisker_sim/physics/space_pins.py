@@ -26,6 +26,11 @@ _ARCS_M = (0.043, 0.055)
 _STROKE_M = 0.003
 
 
+def stream(whisker: str) -> np.random.Generator:
+    """The random stream of the pins of a whisker."""
+    return np.random.Generator(np.random.PCG64([SEED, len(whisker)]))
+
+
 def drawn(rng: np.random.Generator, name: str, whisker: str) -> dict[str, Any]:
     """A scene with a random pin: any direction of its axis and of the push that is across whisker and pin."""
     while True:
@@ -57,7 +62,7 @@ def write_pins(folder: Path) -> int:
     """Writes the scenes of all pins into `folder`; returns the number of drawn pins that are not possible."""
     impossible = 0
     for whisker in ("straight", "curved"):
-        rng = np.random.Generator(np.random.PCG64([SEED, len(whisker)]))
+        rng = stream(whisker)
         for number in range(PINS):
             path = folder / f"pin_{number:02d}_{whisker}.json"
             while True:
