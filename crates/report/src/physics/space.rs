@@ -8,8 +8,9 @@ use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
 use crate::style::{CURVE_PX, INK, LABEL, LegendEntry, Look, MUTED, legend};
 
-/// Arrangement of the joints that the generator uses; the table also has others.
+/// Arrangement of the joints that the generator uses, and one for comparison; the table also has others.
 const ARRANGEMENT: &str = "alternating";
+const COMPARED: &str = "same order";
 /// Height of the row of one trace.
 const TRACE_PX: f64 = 15.0;
 
@@ -31,10 +32,9 @@ pub(crate) fn chain(data: &Data) -> Result<Option<Picture>> {
         return Ok(None);
     }
     let segments = sorted(rows.iter().map(|row| row.segments));
-    let lines = |alternating: bool, error: fn(&ChainRow) -> f64| -> Vec<Vec<(f64, f64)>> {
+    let lines = |arrangement: &str, error: fn(&ChainRow) -> f64| -> Vec<Vec<(f64, f64)>> {
         let of_one = |whisker: &String| {
-            let found =
-                rows.iter().filter(|row| &row.whisker == whisker && (row.arrangement == ARRANGEMENT) == alternating);
+            let found = rows.iter().filter(|row| &row.whisker == whisker && row.arrangement == arrangement);
             found.map(|row| (row.segments, error(row))).collect()
         };
         whiskers.iter().map(of_one).collect()
@@ -42,8 +42,8 @@ pub(crate) fn chain(data: &Data) -> Result<Option<Picture>> {
     let moment: fn(&ChainRow) -> f64 = |row| 1e2 * row.moment_error;
     let point: fn(&ChainRow) -> f64 = |row| 1e3 * row.point_error_m;
     let panels = [
-        ("base moment", "error (% of range)", lines(true, moment), lines(false, moment)),
-        ("contact", "error (mm)", lines(true, point), lines(false, point)),
+        ("base moment", "error (% of range)", lines(ARRANGEMENT, moment), lines(COMPARED, moment)),
+        ("contact", "error (mm)", lines(ARRANGEMENT, point), lines(COMPARED, point)),
     ];
 
     let paint = move |canvas: &Canvas| {
@@ -101,7 +101,7 @@ pub(crate) fn scenes(data: &Data) -> Result<Option<Picture>> {
     };
     let panels = [
         panel_of("segments", "twice the segments", "number of segments", 1.0, -2),
-        panel_of("timestep_s", "half the time step", "time step (ms)", 1e3, 1),
+        panel_of("timestep_s", "half the time step", "time step (us)", 1e6, 1),
     ];
 
     let paint = move |canvas: &Canvas| {
