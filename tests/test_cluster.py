@@ -22,6 +22,7 @@ from whisker_sim.paths import whisker_program  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 TRACES = 16
+SPATIAL_TRACES = 10
 LONGEST_S = 120.0
 """Longer than any command of these tests on a slow machine."""
 
@@ -117,6 +118,21 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def spatial_suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A suite in space of short traces on a mesh, whose file is relative to the scene."""
+    folder = tmp_path_factory.mktemp("spatial")
+    (folder / "meshes").mkdir()
+    shutil.copy(ROOT / "scenes/space/meshes/icosahedron.obj", folder / "meshes")
+    scene = json.loads((ROOT / "scenes/space/mesh_straight.json").read_text())
+    motion = {"kind": "smooth", "contact_arc_m": 0.0487, "depth_m": 0.003, "translation_m": 3e-4, "rotation_rad": 3e-3}
+    scene |= {"name": "short", "motion": motion, "duration_s": 1.8, "simulation": "fast"}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    suite = {"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(SPATIAL_TRACES))}]}
+    (folder / "suite.json").write_text(json.dumps(suite))
+    return folder / "suite.json"
+
+
+@pytest.fixture(scope="module")
 def local(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Traces of the suite by one machine."""
     folder = tmp_path_factory.mktemp("local")
@@ -142,6 +158,28 @@ def test_verif_traces_equal_those_of_one_machine_with_a_killed_and_a_slow_worker
     assert contents(out) == contents(local)
     client = generator("cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out)
     assert {line.split(": ")[1] for line in stderr_lines(client)} == {"up to date"}
+
+
+def test_verif_traces_in_space_equal_those_of_one_machine_with_a_killed_worker_and_client(
+    cluster: Cluster, spatial_suite: Path, tmp_path: Path
+) -> None:
+    """Paths are relative to the client's working directory; the second client resumes where the first was killed."""
+    suite = os.path.relpath(spatial_suite, ROOT)
+    stderr_lines(generator("simulate", suite, "--out", tmp_path / "local"))
+    killed, _ = cluster.add_workers(2)
+    out = tmp_path / "cluster"
+    command = ["cluster", "simulate", "--scheduler", cluster.address, suite, "--out", out]
+    client = generator(*command)
+    wait_for(lambda: len(list(out.glob("*.json"))) >= 2, client)
+    end(client)
+    kept = len(list(out.glob("*.json")))
+    client = generator(*command)
+    wait_for(lambda: len(list(out.glob("*.json"))) > kept, client)
+    killed.kill()
+    lines = stderr_lines(client)
+    assert sorted(line.split(":")[0] for line in lines) == [f"short_{seed:02d}" for seed in range(SPATIAL_TRACES)]
+    assert sum(line.endswith("up to date") for line in lines) == kept
+    assert contents(out) == contents(tmp_path / "local")
 
 
 @pytest.fixture(scope="module")

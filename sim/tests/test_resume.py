@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from whisker_sim.arm.recording import is_up_to_date, write_recording
 from whisker_sim.arm.simulate import simulate_passage
 from whisker_sim.cli import main
 from whisker_sim.model import build_model
-from whisker_sim.products import make_trace
+from whisker_sim.products import make_trace, product_of
 from whisker_sim.runs import load_runs
 from whisker_sim.trace import remove_leftovers
 
@@ -67,6 +68,34 @@ def test_verif_killed_twenty_times_same_bytes(suite, uninterrupted, tmp_path):
         _assert_whole(tmp_path)
     assert _start(suite, tmp_path).wait(timeout=LONGEST_S) == 0
     assert _contents(tmp_path) == uninterrupted
+
+
+def test_verif_a_killed_suite_in_space_has_the_same_bytes(tmp_path):
+    """SIGKILL of all processes at three times, on a mesh whose file belongs to the inputs of the traces."""
+    scene = json.loads((SCENES / "space/mesh_straight.json").read_text())
+    (tmp_path / "meshes").mkdir()
+    mesh = tmp_path / "meshes/icosahedron.obj"
+    shutil.copy(SCENES / "space/meshes/icosahedron.obj", mesh)
+    motion = {"kind": "smooth", "contact_arc_m": 0.0487, "depth_m": 0.003, "translation_m": 3e-4, "rotation_rad": 3e-3}
+    scene |= {"name": "short", "motion": motion, "duration_s": 1.8, "simulation": "fast"}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    suite = tmp_path / "suite.json"
+    suite.write_text(json.dumps({"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(8))}]}))
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    assert _start(suite, whole).wait(timeout=LONGEST_S) == 0
+    for count in (1, 3, 5):
+        process = _start(suite, out)
+        _wait_for(lambda count=count: len(list(out.glob("*.json"))) >= count, process)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        _assert_whole(out)
+    assert _start(suite, out).wait(timeout=LONGEST_S) == 0
+    assert _contents(out) == _contents(whole)
+    # Another mesh gives other traces.
+    mesh.write_text(mesh.read_text().replace("v ", "v  ", 1))
+    assert _untouched(out, suite) == 8
+    mesh.write_text("".join(f"v {1.01 * float(x)} {y} {z}\n" for x, y, z in _vertices(mesh)) + _faces(mesh))
+    assert _untouched(out, suite) == 0
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
@@ -182,6 +211,19 @@ def test_verif_only_own_leftovers_are_removed(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {".pin_00.csv.x3.tmp", "pin.csv"}
 
 
+def _untouched(folder: Path, suite: Path) -> int:
+    """Number of up-to-date traces."""
+    return sum(product_of(run).is_up_to_date(folder, run) for run in load_runs(suite)[1])
+
+
+def _vertices(mesh: Path) -> list[list[str]]:
+    return [line.split()[1:] for line in mesh.read_text().splitlines() if line.startswith("v ")]
+
+
+def _faces(mesh: Path) -> str:
+    return "".join(line for line in mesh.read_text().splitlines(keepends=True) if line.startswith("f "))
+
+
 def _start(suite: Path, folder: Path, **options) -> subprocess.Popen:
     command = [sys.executable, "-m", "whisker_sim", "simulate", str(suite), "--out", str(folder), "--jobs", "2"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "sim")}
@@ -216,7 +258,9 @@ def _assert_whole(folder: Path) -> None:
     for path in folder.glob("*.json"):
         sidecar = json.loads(path.read_text())
         assert hashlib.sha256((folder / f"{path.stem}.csv").read_bytes()).hexdigest() == sidecar["csv_sha256"]
-        contour = sidecar["contour"]
+        contour = sidecar.get("contour")
+        if contour is None:
+            continue
         assert hashlib.sha256((folder / contour["file"]).read_bytes()).hexdigest() == contour["sha256"]
 
 

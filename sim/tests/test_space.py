@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from whisker_sim.cli import main
 from whisker_sim.errors import InputError
-from whisker_sim.physics import space_chain
+from whisker_sim.physics import space_chain, space_pins
 from whisker_sim.physics.cases import WHISKERS
 from whisker_sim.rod import Suspension, spatially_loaded
 from whisker_sim.runs import Run, load_runs
@@ -408,3 +408,19 @@ def test_regress_the_golden_trace_in_space(tmp_path):
 def test_verif_every_scene_of_the_suite_can_be_planned(capsys):
     assert main(["check", str(SCENES / "suites/spatial.json")]) == 0
     assert "suite of 62 runs" in capsys.readouterr().out
+
+
+def test_robust_a_gigantic_mesh_file_is_not_read(tmp_path):
+    path = tmp_path / "mesh.stl"
+    with path.open("wb") as file:
+        file.truncate(65 << 20)
+    with pytest.raises(ValueError, match="expected at most 64 MiB, found 65 MiB"):
+        read_mesh(path, 1e-3)
+
+
+@pytest.mark.parametrize("whisker", ["straight", "curved"])
+def test_verif_the_pins_of_the_suite_are_those_drawn(whisker):
+    rng = space_pins.stream(whisker)
+    for number in range(space_pins.PINS):
+        name = f"pin_{number:02d}_{whisker}"
+        assert json.loads((SCENES / f"space/{name}.json").read_text()) == space_pins.drawn(rng, name, whisker)

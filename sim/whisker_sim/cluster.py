@@ -24,6 +24,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+import msgspec
 from distributed import Client, Future, KilledWorker, as_completed, get_worker
 
 from whisker_sim.errors import InputError, WhiskerSimError
@@ -48,7 +49,7 @@ def cluster_executor(address: str) -> Executor:
 
 def _on_cluster(address: str, job: Job, items: Items, progress: Progress) -> Iterator[Outcome]:
     # Workers have another working directory.
-    items = [(folder.resolve(), run) for folder, run in items]
+    items = [(folder.resolve(), msgspec.structs.replace(run, path=run.path.resolve())) for folder, run in items]
     with _part_folders({folder for folder, _ in items}) as parts, _connected(address) as client:
         progress.start(())
         expected = _generator()

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from whisker_sim.model import MM_PER_M
@@ -87,17 +88,8 @@ class SweepRenderer:
 
     def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
         """Frames at `rows`, which ascend; each shows the previous contact points."""
-        truth, touching = self._simulated.truth, self._simulated.touching
-        background = self._background()
-        traced = 0
-        for row in rows:
-            pen = Pen(background)
-            for surface_m in truth.surface_m[traced : row + 1][touching[traced : row + 1]]:
-                pen.dot(self._to_pixels(surface_m), _TRACE_RADIUS, GREEN)
-            traced = row + 1
-            picture = background.copy()
-            self._draw_instant(Pen(picture), row)
-            yield picture.reduce(OVERSAMPLING).quantize(palette=palette(), dither=Image.Dither.NONE)
+        touched = (self._simulated.truth.surface_m, self._simulated.touching)
+        return frames(rows, self._background(), touched, lambda surface_m: [self._to_pixels(surface_m)], self._draw_instant)
 
     def _draw_instant(self, pen: "Pen", row: int) -> None:
         simulated = self._simulated
@@ -191,6 +183,31 @@ class SweepRenderer:
             draw(x)
             pen.text((x + sample_width + gap, y), text, self._font, anchor="lm")
             x += width + between
+
+
+def frames(
+    rows: Iterable[int],
+    background: Image.Image,
+    touched: tuple[Array, NDArray[np.bool_]],
+    to_pixels: Callable[[Array], list[Array]],
+    draw_instant: Callable[["Pen", int], None],
+) -> Iterator[Image.Image]:
+    """Frames at `rows`, which ascend: `draw_instant` on the oversampled `background`, with the previous contact points.
+
+    `touched` holds the surface points (n, k) of all instants and the mask (n,) of those in contact; `to_pixels` returns the places
+    of a point in the frame.
+    """
+    surface_m, touching = touched
+    traced = 0
+    for row in rows:
+        pen = Pen(background)
+        for point_m in surface_m[traced : row + 1][touching[traced : row + 1]]:
+            for place in to_pixels(point_m):
+                pen.dot(place, _TRACE_RADIUS, GREEN)
+        traced = row + 1
+        picture = background.copy()
+        draw_instant(Pen(picture), row)
+        yield picture.reduce(OVERSAMPLING).quantize(palette=palette(), dither=Image.Dither.NONE)
 
 
 class Pen:

@@ -17,7 +17,7 @@ contact normal deviates by several times the cone's half angle.
 
 import functools
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
@@ -38,6 +38,8 @@ NNM_PER_NM = 1e9
 _CAPSULES_PER_LINK_AND_SEGMENT = 0.15
 """The surface of a capsule is tilted against the rod by up to half of its share of the curvature. With six capsules per link at 40
 segments the tilt is negligible; in finer chains it decreases with the square of the segment length, as all other errors do."""
+IMPEDANCE = "0.99 0.999 0.001 0.5 2"
+"""Impedance of contacts, MuJoCo's `solimp`."""
 _CONTACT_DAMPING_RATIO = 1.5
 """Above one, so that a whisker dragged along the object does not lose contact between two capsules."""
 # With this mass and stiffness the whisker deflects the base by a micrometre at most; the base lags behind its command by 4 ms.
@@ -169,21 +171,36 @@ def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: s
         )
         _add_inertial(body, whisker, link_frame, start_m, end_m)
         for a, b, radius_mm in _capsules(whisker, link_frame, np.linspace(start_m, end_m, pieces + 1)):
-            ET.SubElement(
-                body,
-                "geom",
-                type="capsule",
-                fromto=mjcf(*a, 0.0, *b, 0.0),
-                size=mjcf(radius_mm),
-                contype="1",
-                conaffinity="0",
-                condim="1",
-                priority="1",
-                solref=mjcf(2.0 * timestep_s, _CONTACT_DAMPING_RATIO),
-                solimp="0.99 0.999 0.001 0.5 2",
-                rgba="0.85 0.33 0.10 1",
-            )
+            add_capsule(body, (*a, 0.0), (*b, 0.0), radius_mm, timestep_s)
         parent, frame = body, link_frame
+
+
+def add_capsule(
+    body: ET.Element,
+    start_mm: Sequence[float],
+    end_mm: Sequence[float],
+    radius_mm: float,
+    timestep_s: float,
+    impedance: str = IMPEDANCE,
+) -> None:
+    """Adds a capsule of the whisker's surface to the link `body`, between two points (3,) in its frame.
+
+    `impedance` is that of its contacts, MuJoCo's `solimp`.
+    """
+    ET.SubElement(
+        body,
+        "geom",
+        type="capsule",
+        fromto=mjcf(*start_mm, *end_mm),
+        size=mjcf(radius_mm),
+        contype="1",
+        conaffinity="0",
+        condim="1",
+        priority="1",
+        solref=mjcf(2.0 * timestep_s, _CONTACT_DAMPING_RATIO),
+        solimp=impedance,
+        rgba="0.85 0.33 0.10 1",
+    )
 
 
 def _capsules(whisker: Whisker, frame: "_RestFrame", cuts_m: Array) -> Iterator[tuple[Array, Array, float]]:

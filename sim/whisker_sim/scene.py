@@ -66,7 +66,31 @@ class SceneBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
         return round(1.0 / (self.rate_hz * self.simulation.timestep_s))
 
 
-class Scene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+class SweepScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """Properties of scenes of one whisker, which also have the fields `motion` and `duration_s`."""
+
+    def __post_init__(self) -> None:
+        resolve_whisker(self.whisker)
+        msgspec.structs.force_setattr(self, "simulation", resolve_simulation(self.simulation))
+        if self.motion.needs_duration and self.duration_s is None:
+            raise ValueError(f"duration_s: the motion '{self.motion_kind}' needs it, found none")
+        if not self.motion.needs_duration and self.duration_s is not None:
+            raise ValueError(
+                f"duration_s: expected none, for the motion '{self.motion_kind}' ends by itself, found {self.duration_s}"
+            )
+        check_rate(self.rate_hz, self.simulation)
+
+    @property
+    def motion_kind(self) -> str:
+        """Name of the motion in its registry."""
+        return self.motion.__struct_config__.tag
+
+    def names(self, name: str) -> tuple[str, ...]:
+        """Names in the dataset of the files of a run called `name`."""
+        return (name,)
+
+
+class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """One experiment: whisker, object and motion."""
 
     format: Format
@@ -86,30 +110,10 @@ class Scene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=Fa
     replay: Replay | msgspec.UnsetType = msgspec.UNSET
     """Effects that are added at replay; omitted from sidecars if not stated."""
 
-    def __post_init__(self) -> None:
-        resolve_whisker(self.whisker)
-        msgspec.structs.force_setattr(self, "simulation", resolve_simulation(self.simulation))
-        if self.motion.needs_duration and self.duration_s is None:
-            raise ValueError(f"duration_s: the motion '{self.motion_kind}' needs it, found none")
-        if not self.motion.needs_duration and self.duration_s is not None:
-            raise ValueError(
-                f"duration_s: expected none, for the motion '{self.motion_kind}' ends by itself, found {self.duration_s}"
-            )
-        check_rate(self.rate_hz, self.simulation)
-
-    @property
-    def motion_kind(self) -> str:
-        """Name of the motion in its registry."""
-        return self.motion.__struct_config__.tag
-
     @property
     def shape(self) -> str:
         """Name of the object's shape in its registry."""
         return self.object.__struct_config__.tag
-
-    def names(self, name: str) -> tuple[str, ...]:
-        """Names in the dataset of the files of a run called `name`."""
-        return (name,)
 
     def plan(self) -> Plan:
         """The motion with the added vibration; raises `ValueError` if the geometry of the scene does not allow it."""

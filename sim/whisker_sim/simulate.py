@@ -1,7 +1,8 @@
 """Simulation of a scene: plans the motion, integrates the physics, computes the ground truth."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import mujoco.rollout
@@ -84,7 +85,7 @@ def simulate(run: Run) -> Simulated:
         split=is_split(sensors),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
-    _check(simulated, plan)
+    check_contacts(simulated, plan.touching, _slipping(simulated, plan))
     return simulated
 
 
@@ -168,26 +169,51 @@ def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:
         raise SimulationError(f"state is not finite at {start_s + timestep_s * (int(np.argmin(finite)) + 1):.4f} s")
 
 
-def _check(simulated: Simulated, plan: Plan) -> None:
+class _Contacts(Protocol):
+    """Contacts of a simulated trace of one whisker: n rows."""
+
+    @property
+    def time_s(self) -> Array: ...
+
+    @property
+    def touching(self) -> NDArray[np.bool_]: ...
+
+    @property
+    def penetration_m(self) -> Array: ...
+
+
+def check_contacts(simulated: _Contacts, guaranteed: Iterable[tuple[float, float]], slipping: NDArray[np.bool_]) -> None:
+    """Raises `SimulationError` unless the contacts are those of the plan.
+
+    The whisker must be free until the motion starts, and in contact in the `guaranteed` intervals (s), with a penetration of at
+    most `PENETRATION_LIMIT_M`. `slipping` marks rows (n,) with a contact at the tip that the plan does not allow.
+    """
     time_s, touching = simulated.time_s, simulated.touching
     early = touching & (time_s <= REST_S)
     if np.any(early):
         raise SimulationError(f"whisker touches the object at {time_s[np.argmax(early)]:.3f} s, before the motion starts")
-    for start_s, end_s in plan.touching:
-        lost = ~touching & (time_s >= start_s) & (time_s <= end_s)
+    for start_s, end_s in guaranteed:
+        within = (time_s >= start_s) & (time_s <= end_s)
+        lost = ~touching & within
         if np.any(lost):
             raise SimulationError(
                 f"contact lost at {time_s[np.argmax(lost)]:.3f} s, expected from {start_s:.3f} s to {end_s:.3f} s"
             )
-        deep = (simulated.penetration_m > PENETRATION_LIMIT_M) & (time_s >= start_s) & (time_s <= end_s)
+        deep = (simulated.penetration_m > PENETRATION_LIMIT_M) & within
         if np.any(deep):
             raise SimulationError(
                 f"penetration of {simulated.penetration_m[np.argmax(deep)]:.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
                 f"expected at most {PENETRATION_LIMIT_M:.0e} m; a slower motion or a shorter time step may help"
             )
-    at_tip = touching & simulated.truth.tip
+    if np.any(slipping):
+        raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(slipping)]:.3f} s")
+
+
+def _slipping(simulated: Simulated, plan: Plan) -> NDArray[np.bool_]:
+    """Rows (n,) with a contact at the tip; only those in guaranteed intervals if the plan allows the whisker to slip off."""
+    time_s = simulated.time_s
+    at_tip = simulated.touching & simulated.truth.tip
     if plan.may_slip_off:
         guaranteed = [(time_s >= start_s) & (time_s <= end_s) for start_s, end_s in plan.touching]
         at_tip &= np.any(guaranteed, axis=0)
-    if np.any(at_tip):
-        raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")
+    return at_tip

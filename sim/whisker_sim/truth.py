@@ -9,6 +9,7 @@ the minimum of the clearance dist(P(s)) - r(s), where its derivative t . n - r' 
 n of the object. On a tapered whisker the contact normal is thus inclined to the centre line as the surface is.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from whisker_sim.shapes import Shape
 from whisker_sim.whisker import Array, Whisker
 
 _ARC_TOLERANCE_M = 1e-10
-_TIP_M = 1e-6
+TIP_M = 1e-6
 """A contact within this distance of the end is at the tip."""
 
 
@@ -85,8 +86,7 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
     """Finds the point of each centre line at which the surface of the whisker is nearest to `shape`.
 
     Between the neighbours of the nearest node the clearance has a minimum. Its derivative along the centre line, the cosine of the
-    angle between the tangent and the outward normal less the slope of the radius, is solved for zero by regula falsi (Illinois
-    variant). If the derivative does not change sign, the nearest point is an end of the whisker.
+    angle between the tangent and the outward normal less the slope of the radius, is zero there (`zero_of_slope`).
     """
     count, nodes, _ = line.points_m.shape
     _, distance_m = shape.closest(line.points_m.reshape(-1, 2))
@@ -101,7 +101,19 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
         away_x, away_y = ((point_m - nearest_m) / distance_m[:, None]).T
         return away_x * np.cos(tangent_rad) + away_y * np.sin(tangent_rad) - line.radius_slope
 
-    rows, arc_m = np.arange(count), node * line.step_m
+    arc_m = zero_of_slope(slope_at, node * line.step_m, low, high)
+    contact_m, tangent_rad = line.at(arc_m)
+    surface_m, _ = shape.closest(contact_m)
+    return ContactTruth(contact_m, surface_m, arc_m, tangent_rad, arc_m > line.step_m * (nodes - 1) - TIP_M)
+
+
+def zero_of_slope(slope_at: Callable[[NDArray[np.intp], Array], Array], arc_m: Array, low: Array, high: Array) -> Array:
+    """Arc lengths (n,) between `low` and `high` at which a slope vanishes, by regula falsi (Illinois variant).
+
+    `slope_at` returns the slopes (k,) at the instants `rows` (k,) and arc lengths (k,). Where the slope does not change sign, the
+    nearest point is an end of the whisker, and the result is the given `arc_m`.
+    """
+    rows, arc_m = np.arange(len(arc_m)), arc_m.copy()
     slope_low, slope_high = slope_at(rows, low), slope_at(rows, high)
     fell = slope_low > 0.0
     moving = (slope_low < 0.0) & (slope_high > 0.0)
@@ -115,9 +127,7 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
         slope_low, slope_high = np.where(falls, slope, fading * slope_low), np.where(falls, fading * slope_high, slope)
         moving = np.abs(probe - arc_m[rows]) > _ARC_TOLERANCE_M
         arc_m[rows], fell = probe, falls
-    contact_m, tangent_rad = line.at(arc_m)
-    surface_m, _ = shape.closest(contact_m)
-    return ContactTruth(contact_m, surface_m, arc_m, tangent_rad, arc_m > line.step_m * (nodes - 1) - _TIP_M)
+    return arc_m
 
 
 def turned(vectors_m: Array, angle_rad: Array) -> Array:

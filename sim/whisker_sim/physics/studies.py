@@ -9,6 +9,7 @@ from whisker_sim.physics import (
     rig,
     ringing,
     space_chain,
+    space_scenes,
     space_suite,
     speeds,
     standing,
@@ -29,6 +30,7 @@ STUDIES = (
     disturbance.STUDY,
     rig.STUDY,
     space_chain.STUDY,
+    space_scenes.STUDY,
     space_suite.STUDY,
 )
 """Studies in the order of the report."""

@@ -1,8 +1,16 @@
 """MuJoCo model of a whisker in space on a base with six degrees of freedom, and of one fixed solid.
 
 The chain, the units, the contact and the servos of the base are those of `whisker_sim.model`. Each hinge of the chain consists of
-three joints, which bend about two axes and twist; so does the root. A curved link carries short capsules along its undeflected
-arc. A tapered link carries capsules around its cone, all with the radius of the thinner end.
+three joints, which bend about two axes and twist; so does the root.
+
+Contact. Near the joint of two capsules that follow each other, both press on the object, the second with its round end: with the
+penetration d, and the radii R of wire and object in sum, within sqrt(2 R d) of the joint, inclined by up to sqrt(2 d / R). The
+contact is twice as stiff there, so that the surface of the whisker has in effect a bump of half the penetration, on whose flanks a
+frictionless contact comes to rest. Capsules therefore end before the joint, with a gap of sqrt(R d) on both sides (7 um for an
+edge, 16 um for a pin), so that both together press at the joint as hard as one beside it. What remains is divided by `_CHAINS`:
+the surface consists of as many chains of capsules in parallel, whose joints lie at different places. A curved link carries short
+capsules along its undeflected arc; the chains then average the inclination of the chords to the arc. A tapered link carries
+capsules around its cone, all with the radius of the thinner end.
 """
 
 import functools
@@ -14,12 +22,12 @@ from math import ceil
 import mujoco
 import numpy as np
 
-from whisker_sim.model import G_PER_KG, MM_PER_M, NNM_PER_NM, add_contact_sensors, compiled, new_model
+from whisker_sim.model import G_PER_KG, MM_PER_M, NNM_PER_NM, add_capsule, add_contact_sensors, compiled, new_model
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.rotation import quaternion_of, undone
 from whisker_sim.space.solids import Solid
 from whisker_sim.space.whisker import ROOT_ORDER, SpatialWhisker, hinge_order
-from whisker_sim.whisker import Array
+from whisker_sim.whisker import Array, Whisker
 
 BASE_COORDINATES = 6
 """Coordinates of the base: position along the axes of the start pose (mm), then yaw, pitch and roll relative to it (rad)."""
@@ -32,11 +40,17 @@ ROOT_FORCE = "root_force"
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1")
 _LETTERS = ("x", "y", "z")
-_CURVED_CAPSULES = 240
-"""Capsules along a curved whisker, as many as a planar whisker of 40 segments has."""
+_CURVED_CAPSULES = 480
+"""Capsules along each chain of a curved whisker. Of 80 mm and a radius of 80 mm, their middles are 0.04 um below its surface."""
+_CHAINS = 4
+"""Chains of capsules in parallel. Their joints are a quarter of a capsule of a curved whisker apart."""
+_PENETRATION_M = 0.4e-6
+"""Typical penetration, for which capsules end at the right distance from their joint."""
+_IMPEDANCE = "0.95 0.999 0.001 0.5 2"
+"""Impedance of contacts (MuJoCo's `solimp`). It grows with the penetration more than in the plane, so that capsules in parallel
+which lie deeper take less of the load."""
 _TAPER_CAPSULES = 8
 """Capsules around a tapered link. Between two of them the surface is lower by a thirteenth of the change of radius."""
-_CONTACT_DAMPING_RATIO = 1.5
 _BASE_MASS_G = 100.0
 _BASE_INERTIA_G_MM2 = 1e5
 _BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
@@ -66,7 +80,7 @@ def build_mjcf(whisker: SpatialWhisker, solid: Solid, start: tuple[float, ...], 
     body = ET.SubElement(world, "body", pose, name="object")
     for geom in solid.geoms():
         ET.SubElement(body, "geom", geom, contype="0", conaffinity="1", condim="1", rgba="0.60 0.66 0.74 1")
-    add_whisker(_add_base(world, start), whisker, timestep_s)
+    add_whisker(_add_base(world, start), whisker, solid.sharpest_radius_m, timestep_s)
     _add_actuators(root)
     sensor = ET.SubElement(root, "sensor")
     add_contact_sensors(sensor, {"subtree1": "base", "body2": "object"})
@@ -86,12 +100,10 @@ def _add_base(world: ET.Element, start: tuple[float, ...]) -> ET.Element:
     return base
 
 
-def add_whisker(base: ET.Element, whisker: SpatialWhisker, timestep_s: float) -> None:
-    """Adds `whisker` to the body `base`, whose frame is its Base."""
+def add_whisker(base: ET.Element, whisker: SpatialWhisker, solid_radius_m: float, timestep_s: float) -> None:
+    """Adds `whisker` to the body `base`, whose frame is its Base, for contacts with a surface of the radius `solid_radius_m`."""
     wire, nodes_m = whisker.whisker, whisker.node_arcs_m
     ends_m = np.concatenate(([0.0], whisker.hinge_arcs_m, [wire.length_m]))
-    curved = any(arc.curvature_per_m != 0.0 for arc in wire.curvature)
-    pieces = ceil(_CURVED_CAPSULES / wire.segments) if curved else 1
     parent, origin_m, frame = base, np.zeros(3), np.eye(3)
     for index, node_m in enumerate(nodes_m):
         start_m, end_m = ends_m[index], ends_m[index + 1]
@@ -112,21 +124,9 @@ def add_whisker(base: ET.Element, whisker: SpatialWhisker, timestep_s: float) ->
             stiffness = whisker.stiffness_n_m_rad(index - 1)
             _add_joints(body, f"hinge_{index}", hinge_order(index - 1), axes, stiffness, wire.damping_s)
         _add_inertial(body, whisker, (next_origin_m, next_frame), start_m, end_m)
-        for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), np.linspace(start_m, end_m, pieces + 1)):
-            ET.SubElement(
-                body,
-                "geom",
-                type="capsule",
-                fromto=mjcf(*a, *b),
-                size=mjcf(radius_mm),
-                contype="1",
-                conaffinity="0",
-                condim="1",
-                priority="1",
-                solref=mjcf(2.0 * timestep_s, _CONTACT_DAMPING_RATIO),
-                solimp="0.99 0.999 0.001 0.5 2",
-                rgba="0.85 0.33 0.10 1",
-            )
+        for cuts_m in _cuts_m(wire, index, start_m, end_m):
+            for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), cuts_m, solid_radius_m):
+                add_capsule(body, a, b, radius_mm, timestep_s, _IMPEDANCE)
         parent, origin_m, frame = body, next_origin_m, next_frame
 
 
@@ -147,15 +147,38 @@ def _add_joints(
         )
 
 
-def _capsules(whisker: SpatialWhisker, frame: tuple[Array, Array], cuts_m: Array) -> Iterator[tuple[Array, Array, float]]:
+def _cuts_m(wire: Whisker, index: int, start_m: float, end_m: float) -> Iterator[Array]:
+    """Arc lengths between which the link `index`, from `start_m` to `end_m`, has capsules; one array for each chain.
+
+    The chains are shifted along the wire, beyond the ends of the link by less than a capsule of a curved whisker.
+    """
+    curved = any(arc.curvature_per_m != 0.0 for arc in wire.curvature)
+    pieces = ceil(_CURVED_CAPSULES / wire.segments)
+    for chain in range(_CHAINS):
+        shift_m = (chain - 0.5 * (_CHAINS - 1)) * wire.segment_m / pieces / _CHAINS
+        cuts_m = shift_m + np.linspace(start_m, end_m, (pieces if curved else 1) + 1)
+        if index == 0:
+            cuts_m[0] = 0.0
+        if index == wire.segments:
+            cuts_m[-1] = wire.length_m
+        yield cuts_m
+
+
+def _capsules(
+    whisker: SpatialWhisker, frame: tuple[Array, Array], cuts_m: Array, solid_radius_m: float
+) -> Iterator[tuple[Array, Array, float]]:
     """End points (3,), in `frame` (origin and directors), and radii (mm) of the capsules between the arc lengths `cuts_m`."""
     origin_m, directors = frame
     points_mm = MM_PER_M * undone(directors, whisker.rest_point_m(cuts_m) - origin_m)
     radii_mm = MM_PER_M * whisker.whisker.radius_m(cuts_m)
-    for (a, a_mm), (b, b_mm) in pairwise(zip(points_mm, radii_mm, strict=True)):
+    for (a, a_mm, _), (b, b_mm, end_m) in pairwise(zip(points_mm, radii_mm, cuts_m, strict=True)):
         length_mm = np.linalg.norm(b - a)
         along = (b - a) / length_mm
         slope = (b_mm - a_mm) / length_mm
+        gap_mm = MM_PER_M * np.sqrt((solid_radius_m + whisker.whisker.radius_m(end_m)) * _PENETRATION_M)
+        gap_mm = min(gap_mm, 0.25 * length_mm) * along
+        # At the tip the wire ends with the capsule.
+        a, b = a + gap_mm, b if end_m == whisker.whisker.length_m else b - gap_mm
         if slope == 0.0:
             yield a, b, a_mm
             continue

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, ImageFont
 
 from whisker_sim import drawing
-from whisker_sim.drawing import BLUE, EDGE, GREEN, INK, OVERSAMPLING, PAPER, VERMILION, Pen, largest_round
+from whisker_sim.drawing import BLUE, EDGE, INK, OVERSAMPLING, PAPER, VERMILION, Pen, largest_round
 from whisker_sim.model import MM_PER_M
 from whisker_sim.runs import Run
 from whisker_sim.space.model import BASE_COORDINATES
@@ -68,18 +68,8 @@ class SpatialRenderer:
 
     def frames(self, rows: Iterable[int]) -> Iterator[Image.Image]:
         """Frames at `rows`, which ascend; each shows the previous contact points."""
-        truth, touching = self._simulated.truth, self._simulated.touching
-        background = self._background()
-        traced = 0
-        for row in rows:
-            pen = Pen(background)
-            for surface_m in truth.surface_m[traced : row + 1][touching[traced : row + 1]]:
-                for view in range(len(_VIEWS)):
-                    pen.dot(self._to_pixels(surface_m, view), 2.0, GREEN)
-            traced = row + 1
-            picture = background.copy()
-            self._draw_instant(Pen(picture), row)
-            yield picture.reduce(OVERSAMPLING).quantize(palette=drawing.palette(), dither=Image.Dither.NONE)
+        touched = (self._simulated.truth.surface_m, self._simulated.touching)
+        return drawing.frames(rows, self._background(), touched, self._in_views, self._draw_instant)
 
     def _draw_instant(self, pen: Pen, row: int) -> None:
         simulated = self._simulated
@@ -111,6 +101,10 @@ class SpatialRenderer:
         right, up, _ = _VIEWS[view]
         center = (0.5 * _WIDTH, _CAPTION_HEIGHT + (view + 0.5) * _FIELD_HEIGHT)
         return center + self._per_m * (points_m - self._center_m)[..., [right, up]] * (1.0, -1.0)
+
+    def _in_views(self, point_m: Array) -> list[Array]:
+        """A point (3,) of World in pixels of each view."""
+        return [self._to_pixels(point_m, view) for view in range(len(_VIEWS))]
 
     def _background(self) -> Image.Image:
         """Constant part of all frames, oversampled: solid, names of the views, scale."""

@@ -5,17 +5,17 @@ from typing import Annotated, Literal
 import msgspec
 
 from whisker_sim.rod import Suspension
-from whisker_sim.scene import SceneBase, Seed, Simulation, check_rate, random_stream, resolve_simulation
+from whisker_sim.scene import Seed, Simulation, SweepScene, random_stream
 from whisker_sim.space.motions import AnySpatialMotion, SpatialPlan, SpatialStage
 from whisker_sim.space.solids import AnySolid, Solid
 from whisker_sim.space.whisker import SpatialWhisker
-from whisker_sim.whisker import Name, Positive, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Name, Positive, Whisker, WhiskerOverride
 
 _SEGMENTS = 24
 """Segments of a whisker in space unless the scene states others, by the convergence study `space_chain`."""
 
 
-class SpatialScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+class SpatialScene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """One experiment in space: whisker, solid and motion.
 
     The root's springs `suspension` are by default equally stiff about every axis, with the whisker's `root_stiffness_n_m_rad`. The
@@ -37,21 +37,10 @@ class SpatialScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defa
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
     simulation: str | Simulation = Simulation()
 
-    def __post_init__(self) -> None:
-        resolve_whisker(self.whisker)
-        msgspec.structs.force_setattr(self, "simulation", resolve_simulation(self.simulation))
-        if self.motion.needs_duration and self.duration_s is None:
-            raise ValueError(f"duration_s: the motion '{self.motion_kind}' needs it, found none")
-        if not self.motion.needs_duration and self.duration_s is not None:
-            raise ValueError(
-                f"duration_s: expected none, for the motion '{self.motion_kind}' ends by itself, found {self.duration_s}"
-            )
-        check_rate(self.rate_hz, self.simulation)
-
     @property
     def resolved_whisker(self) -> Whisker:
         """Parameters of the whisker in its own plane, with the segments of this scene."""
-        return msgspec.structs.replace(resolve_whisker(self.whisker), segments=self.segments)
+        return msgspec.structs.replace(super().resolved_whisker, segments=self.segments)
 
     @property
     def resolved_suspension(self) -> Suspension:
@@ -65,18 +54,9 @@ class SpatialScene(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defa
         return SpatialWhisker(self.resolved_whisker, self.resolved_suspension, self.poisson_ratio)
 
     @property
-    def motion_kind(self) -> str:
-        """Name of the motion in its registry."""
-        return self.motion.__struct_config__.tag
-
-    @property
     def shape(self) -> str:
         """Name of the solid in its registry."""
         return self.solid.__struct_config__.tag
-
-    def names(self, name: str) -> tuple[str, ...]:
-        """Names in the dataset of the files of a run called `name`."""
-        return (name,)
 
     def plan(self, solid: Solid) -> SpatialPlan:
         """The motion about `solid`, that of the scene with its files; raises `ValueError` if the geometry does not allow it."""

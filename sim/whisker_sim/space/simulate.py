@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whisker_sim.documents import located
-from whisker_sim.errors import SimulationError
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
-from whisker_sim.motions.base import REST_S
 from whisker_sim.runs import Run
-from whisker_sim.simulate import PENETRATION_LIMIT_M, is_split, logged
+from whisker_sim.simulate import check_contacts, is_split, logged
 from whisker_sim.space.model import BASE_COORDINATES, ROOT, build_model
 from whisker_sim.space.motions import SpatialPlan
 from whisker_sim.space.rotation import about, applied, from_yaw_pitch_roll, quaternion_of, undone
@@ -101,7 +99,7 @@ def simulate_in_space(run: Run) -> SpatialSimulated:
         split=is_split(sensors),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
-    _check(simulated, plan)
+    check_contacts(simulated, plan.touching, simulated.touching & simulated.truth.tip)
     return simulated
 
 
@@ -127,26 +125,3 @@ def _angular(angles_rad: Array, rates_rad_s: Array) -> Array:
     zero = np.zeros_like(yaw)
     pitched = undone(about(1, angles_rad[:, 1]), np.stack((zero, zero, yaw), axis=-1)) + np.stack((zero, pitch, zero), axis=-1)
     return undone(about(0, angles_rad[:, 2]), pitched) + np.stack((roll, zero, zero), axis=-1)
-
-
-def _check(simulated: SpatialSimulated, plan: SpatialPlan) -> None:
-    time_s, touching = simulated.time_s, simulated.touching
-    early = touching & (time_s <= REST_S)
-    if np.any(early):
-        raise SimulationError(f"whisker touches the solid at {time_s[np.argmax(early)]:.3f} s, before the motion starts")
-    for start_s, end_s in plan.touching:
-        within = (time_s >= start_s) & (time_s <= end_s)
-        lost = ~touching & within
-        if np.any(lost):
-            raise SimulationError(
-                f"contact lost at {time_s[np.argmax(lost)]:.3f} s, expected from {start_s:.3f} s to {end_s:.3f} s"
-            )
-        deep = (simulated.penetration_m > PENETRATION_LIMIT_M) & within
-        if np.any(deep):
-            raise SimulationError(
-                f"penetration of {simulated.penetration_m[np.argmax(deep)]:.1e} m at {time_s[np.argmax(deep)]:.3f} s, "
-                f"expected at most {PENETRATION_LIMIT_M:.0e} m; a slower motion or a shorter time step may help"
-            )
-    at_tip = touching & simulated.truth.tip
-    if np.any(at_tip):
-        raise SimulationError(f"contact slips to the tip at {time_s[np.argmax(at_tip)]:.3f} s")

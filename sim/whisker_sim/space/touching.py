@@ -87,9 +87,9 @@ class Touch:
                 break
         state = self._state(unknown, np.arange(len(arc_m)))
         inside = (unknown[:, 0] > 1e-3) & (unknown[:, 0] < 1.0)
-        pushes = np.sum(applied(self._rotation, applied(state.load.directors, state.force)) * state.normal, axis=1) > 0.0
-        solved = inside & pushes & np.all(np.abs(state.residual) < 1e2 * _TOLERANCE, axis=1)
         force_n = applied(self._rotation, applied(state.load.directors, state.force))
+        pushes = np.sum(force_n * state.normal, axis=1) > 0.0
+        solved = inside & pushes & np.all(np.abs(state.residual) < 1e2 * _TOLERANCE, axis=1)
         arc_m = unknown[:, 0] * self._scale[0]
         return SpatiallyTouching(arc_m, force_n, state.contact_m, state.surface_m, state.normal, state.load.moment_n_m, solved)
 

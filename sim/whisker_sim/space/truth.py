@@ -4,7 +4,6 @@ As in the plane (`whisker_sim.truth`), the centre line is the cubic Hermite curv
 is at the minimum of the clearance dist(P(s)) - r(s), where t . n - r' vanishes.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +12,9 @@ from numpy.typing import NDArray
 from whisker_sim.space.rotation import about, unit
 from whisker_sim.space.solids import Solid
 from whisker_sim.space.whisker import ROOT_ORDER, SpatialWhisker, hinge_order
+from whisker_sim.truth import TIP_M, zero_of_slope
 from whisker_sim.whisker import Array
 
-_ARC_TOLERANCE_M = 1e-10
-_TIP_M = 1e-6
-"""A contact within this distance of the end is at the tip."""
 _POINTS_AT_ONCE = 20_000
 
 
@@ -91,8 +88,7 @@ class SpatialContactTruth:
 def nearest_contact(line: CenterCurve, solid: Solid) -> SpatialContactTruth:
     """Finds the point of each centre line at which the surface of the whisker is nearest to `solid`.
 
-    The derivative of the clearance is solved for zero by regula falsi (Illinois variant) between the neighbours of the nearest
-    node. If it does not change sign there, the nearest point is an end of the whisker.
+    The zero of the derivative of the clearance is sought between the neighbours of the nearest node.
     """
     count, nodes, _ = line.points_m.shape
     distance_m = distances_m(solid, line.points_m.reshape(-1, 3)).reshape(count, nodes)
@@ -105,11 +101,11 @@ def nearest_contact(line: CenterCurve, solid: Solid) -> SpatialContactTruth:
         away = (point_m - nearest.point_m) / nearest.distance_m[:, None]
         return np.sum(away * tangent, axis=1) - line.radius_slope
 
-    arc_m = _zero(slope_at, node * line.step_m, low, high)
+    arc_m = zero_of_slope(slope_at, node * line.step_m, low, high)
     contact_m, tangent = line.at(arc_m)
     nearest = solid.closest(contact_m)
     normal = (contact_m - nearest.point_m) / nearest.distance_m[:, None]
-    tip = arc_m > line.step_m * (nodes - 1) - _TIP_M
+    tip = arc_m > line.step_m * (nodes - 1) - TIP_M
     return SpatialContactTruth(contact_m, nearest.point_m, normal, arc_m, tangent, nearest.feature, tip)
 
 
@@ -117,25 +113,6 @@ def distances_m(solid: Solid, points_m: Array) -> Array:
     """Signed distances (n,) of points (n, 3) from the solid, in portions that fit into memory."""
     portions = [points_m[start : start + _POINTS_AT_ONCE] for start in range(0, len(points_m), _POINTS_AT_ONCE)]
     return np.concatenate([solid.closest(portion).distance_m for portion in portions])
-
-
-def _zero(slope_at: Callable[[NDArray[np.intp], Array], Array], arc_m: Array, low: Array, high: Array) -> Array:
-    """Arc lengths between `low` and `high` at which the slope vanishes; `arc_m` where it does not change sign."""
-    rows, arc_m = np.arange(len(arc_m)), arc_m.copy()
-    slope_low, slope_high = slope_at(rows, low), slope_at(rows, high)
-    fell = slope_low > 0.0
-    moving = (slope_low < 0.0) & (slope_high > 0.0)
-    while np.any(moving):
-        rows, low, high, slope_low, slope_high, fell = (values[moving] for values in (rows, low, high, slope_low, slope_high, fell))
-        probe = low + slope_low / (slope_low - slope_high) * (high - low)
-        slope = slope_at(rows, probe)
-        falls = slope < 0.0
-        fading = np.where(falls == fell, 0.5, 1.0)
-        low, high = np.where(falls, probe, low), np.where(falls, high, probe)
-        slope_low, slope_high = np.where(falls, slope, fading * slope_low), np.where(falls, fading * slope_high, slope)
-        moving = np.abs(probe - arc_m[rows]) > _ARC_TOLERANCE_M
-        arc_m[rows], fell = probe, falls
-    return arc_m
 
 
 def root_moment_n_m(whisker: SpatialWhisker, root_rad: Array) -> Array:

@@ -11,6 +11,7 @@ mod page;
 mod panels;
 mod rig;
 mod ringing;
+mod space;
 mod speeds;
 mod steps;
 mod sweeps;
@@ -112,5 +113,28 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
                   between 1 and 6 mm with that of the linear beam. The two nearly coincide. Grey: rotation with a \
                   rigid shaft.",
         draw: rig::draw,
+    },
+    Figure {
+        name: "space_chain",
+        title: "Convergence of the chain in space",
+        caption: "Error of the chain at rest relative to the Kirchhoff rod, RMS over 100 loads in all directions, as a \
+                  function of the number of its segments. Grey: the same chains with one order of the joints at every \
+                  hinge, which converge with the first order only.",
+        draw: space::chain,
+    },
+    Figure {
+        name: "space_scenes",
+        title: "Convergence of scenes in space",
+        caption: "Change of the reading, RMS over the settled contact and relative to its largest value, if the number \
+                  of segments is doubled (left) or the time step is halved (right), as functions of the coarser \
+                  value.",
+        draw: space::scenes,
+    },
+    Figure {
+        name: "space_suite",
+        title: "Errors of the suite in space",
+        caption: "Deviation of every trace of the suite of scenes in space from the Kirchhoff rod at quasi-static \
+                  instants, RMS: worst component of the base moment, contact on the surface, and normal.",
+        draw: space::suite,
     },
 ];

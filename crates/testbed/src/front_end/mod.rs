@@ -5,6 +5,7 @@
 mod chain;
 mod hall;
 mod mounting;
+mod spatial;
 mod white;
 mod whole;
 
@@ -20,6 +21,10 @@ use chain::noise;
 pub use chain::{Chain, Reader, SensorInput};
 pub use hall::{Config as HallConfig, shift_counts};
 pub use mounting::{BoardSlot, Mounting};
+pub use spatial::{
+    BendingAxes, SPATIAL_FRONT_ENDS, SpatialChain, SpatialCharacteristic, SpatialFrontEnd, SpatialFrontEndRow,
+    SpatialInput, SpatialNoise, SpatialReading, SpatialSensor,
+};
 pub use whole::Reading;
 
 /// Entry of the registry of front ends.

@@ -8,7 +8,7 @@ use platform::calibration::logs::LAYOUTS;
 use platform::calibration::regression::REGRESSIONS;
 use platform::sensor::FORMATS;
 use serde_json::{Value, json};
-use testbed::front_end::FRONT_ENDS;
+use testbed::front_end::{FRONT_ENDS, SPATIAL_FRONT_ENDS, SpatialFrontEndRow};
 use testbed::metrics::METRICS;
 use testbed::plausibility::{SPATIAL_TESTS, TESTS};
 use whisker::estimators::ESTIMATORS;
@@ -101,6 +101,14 @@ const REGISTRIES: &[Registry] = &[
         name: "front-ends",
         about: "sensor between moment and reading: --front-end",
         rows: || FRONT_ENDS.iter().map(|row| Row::new(row.name, row.about).with_defaults((row.defaults)())).collect(),
+    },
+    Registry {
+        name: "spatial-front-ends",
+        about: "sensor between loads and reading of traces in space",
+        rows: || {
+            let row = |row: &SpatialFrontEndRow| Row::new(row.name, row.about).with_defaults((row.defaults)());
+            SPATIAL_FRONT_ENDS.iter().map(row).collect()
+        },
     },
     Registry {
         name: "importers",

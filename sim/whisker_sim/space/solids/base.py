@@ -42,6 +42,11 @@ class Solid(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         """Rotation (3, 3) from the frame of the solid to World."""
         return np.eye(3)
 
+    @property
+    def sharpest_radius_m(self) -> float:
+        """Smallest radius of curvature at which a whisker is expected to touch; zero for edges."""
+        return 0.0
+
     def placed(self, folder: Path) -> "Solid":
         """The solid with the content of its files, whose names are relative to `folder`; itself if it has none.
 

@@ -17,6 +17,11 @@ class Cylinder(Turned, frozen=True, forbid_unknown_fields=True, tag="cylinder"):
 
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.015, "axis": (0.0, 0.5, 1.0)}
 
+    @property
+    def sharpest_radius_m(self) -> float:
+        """That of the side."""
+        return self.radius_m
+
     def geoms(self) -> list[dict[str, str]]:
         """A cylinder."""
         return [{"type": "cylinder", "size": mjcf(1e3 * self.radius_m, 500.0 * self.length_m)}]

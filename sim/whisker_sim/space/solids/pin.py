@@ -18,6 +18,11 @@ class ThinRod(Axial, frozen=True, forbid_unknown_fields=True, tag="pin"):
 
     example: ClassVar[dict[str, Any]] = {"axis": (0.3, -0.2, 1.0)}
 
+    @property
+    def sharpest_radius_m(self) -> float:
+        """That of the rod."""
+        return self.radius_m
+
     def geoms(self) -> list[dict[str, str]]:
         """A capsule, whose collision with capsules has a closed form."""
         return [{"type": "capsule", "size": mjcf(1e3 * self.radius_m, 500.0 * self.length_m)}]

@@ -16,6 +16,11 @@ class Sphere(Solid, frozen=True, forbid_unknown_fields=True, tag="sphere"):
 
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.02}
 
+    @property
+    def sharpest_radius_m(self) -> float:
+        """That of the sphere."""
+        return self.radius_m
+
     def geoms(self) -> list[dict[str, str]]:
         """A sphere, whose collision with capsules has a closed form."""
         return [{"type": "sphere", "size": mjcf(1e3 * self.radius_m)}]

@@ -28,6 +28,11 @@ class Torus(Axial, frozen=True, forbid_unknown_fields=True, tag="torus"):
         if self.tube_m >= self.radius_m:
             raise ValueError(f"tube_m: expected less than radius_m = {self.radius_m}, found {self.tube_m}")
 
+    @property
+    def sharpest_radius_m(self) -> float:
+        """That of the tube."""
+        return self.tube_m
+
     def geoms(self) -> list[dict[str, str]]:
         """Capsules, whose collision with capsules has a closed form."""
         angle = 2.0 * np.pi * np.arange(_PIECES) / _PIECES

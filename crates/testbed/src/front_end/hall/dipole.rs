@@ -27,7 +27,11 @@ impl Magnet {
     /// Field at a position in Base for a given rotation of the root.
     pub(super) fn field_t(&self, rotation_rad: f64, place_m: Vector3<f64>) -> Vector3<f64> {
         let (sin, cos) = rotation_rad.sin_cos();
-        let along = Vector3::new(cos, sin, 0.0);
+        self.field_along_t(Vector3::new(cos, sin, 0.0), place_m)
+    }
+
+    /// Field at a position in Base for a given direction of the root, a unit vector.
+    pub(super) fn field_along_t(&self, along: Vector3<f64>, place_m: Vector3<f64>) -> Vector3<f64> {
         dipole_field_t(self.moment_a_m2 * along, place_m + self.lever_m * along)
     }
 }

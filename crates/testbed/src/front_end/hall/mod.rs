@@ -22,6 +22,7 @@ mod config;
 mod dipole;
 mod noise;
 mod sensor;
+mod spatial;
 mod turn;
 
 use anyhow::Context;
@@ -36,6 +37,8 @@ use crate::statistics::{mean, rms};
 use board::{Board, BoardReader, samples_in};
 
 pub use config::Config;
+pub(super) use spatial::build as build_spatial;
+pub use spatial::{SpatialCharacteristic, SpatialSensor};
 pub use turn::shift_counts;
 
 /// Degree of the characteristic. For a dipole at this distance, the residual of a lower degree exceeds the noise.
