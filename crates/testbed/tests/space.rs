@@ -86,8 +86,7 @@ fn dataset(folder: &Path, directions: u32) -> Dataset {
     let rod = golden().sidecar.rod().unwrap();
     trace("lines", Role::Calibration, &rod, &lines(directions)).write(folder).unwrap();
     let mut places = vec![None; 50];
-    let at = |row: i32| Around::new(0.048, 1e-5 * f64::from(row.min(400)), 6e-6 * f64::from(row.min(400)));
-    places.extend((1..=500).map(|row| Some(at(row))));
+    places.extend([Some(Around::new(0.045, 2e-3, 1.2e-3)); 500]);
     trace("press", Role::Trial, &rod, &places).write(folder).unwrap();
     Dataset::open(folder, None).unwrap()
 }

@@ -207,3 +207,20 @@ fn robust_wrong_usage_exits_with_two() {
         assert_eq!(whisker(arguments).status.code(), Some(2), "{arguments:?}");
     }
 }
+
+#[test]
+fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let space = "datasets/golden/space";
+    fails(&["fit", space, "--out", out], &["found no traces with the role `calibration`"]);
+    fails(&["fit", space, "--out", out, "--sensors", "left/left_1"], &["--sensors", "`white`"]);
+    let evaluate = |options: &[&str], words: &[&str]| {
+        let arguments = [&["evaluate", space, "--results", out], options].concat();
+        fails(&arguments, words);
+    };
+    evaluate(&["--estimators", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
+    evaluate(&["--noise", "0.01,0.02"], &["--noise: found 2 levels, expected one"]);
+    evaluate(&["--exec", "true"], &["--exec", "do not apply to traces in space"]);
+    evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
+}

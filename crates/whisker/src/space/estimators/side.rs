@@ -18,6 +18,9 @@ use crate::space::sensor::{Around, CalibratedSpace, Directions};
 /// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
 
+/// Largest distance from the calibrated domain of a contact that is stated.
+const STATED_M: f64 = 1e-3;
+
 /// Relative standard deviation of the part of a reading that is extrapolated beyond the calibrated domain.
 const BEYOND_SD: f64 = 0.3;
 
@@ -90,8 +93,9 @@ impl Side {
         }
     }
 
-    /// The estimate that belongs to a belief, whose first three entries are the contact's coordinates. `None` if the geometry of
-    /// the whisker is unknown.
+    /// The estimate that belongs to a belief, whose first three entries are the contact's coordinates. The distance from the
+    /// calibrated domain is added to its standard deviation. `None` beyond 1 mm from it, or if the geometry of the whisker is
+    /// unknown.
     pub(super) fn estimate<const N: usize>(
         &self,
         belief: &Gaussian<N>,
@@ -100,10 +104,14 @@ impl Side {
         let at = Around::of_state(&belief.mean);
         let covariance: Matrix3<f64> = belief.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let place = self.in_base(&Gaussian::new(at.vector(), covariance));
+        let outside_m = (at.vector() - self.calibrated.domain.clamp(at).vector()).norm();
+        if outside_m > STATED_M {
+            return None;
+        }
         let Directions { normal, normal_slopes, .. } = self.directions(at)?;
         Some(Estimate {
             contact: Point::from_vector(place.mean),
-            covariance_m2: place.covariance,
+            covariance_m2: place.covariance + Matrix3::identity() * outside_m.powi(2),
             normal,
             normal_covariance: normal_slopes * covariance * normal_slopes.transpose(),
             direction: None,
