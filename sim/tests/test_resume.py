@@ -77,7 +77,7 @@ def test_verif_a_killed_suite_in_space_has_the_same_bytes(tmp_path):
     mesh = tmp_path / "meshes/icosahedron.obj"
     shutil.copy(SCENES / "space/meshes/icosahedron.obj", mesh)
     motion = {"kind": "smooth", "contact_arc_m": 0.0487, "depth_m": 0.003, "translation_m": 3e-4, "rotation_rad": 3e-3}
-    scene |= {"name": "short", "motion": motion, "duration_s": 1.8, "simulation": "fast"}
+    scene |= {"name": "short", "motion": motion, "duration_s": 2.5, "simulation": "fast"}
     (tmp_path / "scene.json").write_text(json.dumps(scene))
     suite = tmp_path / "suite.json"
     suite.write_text(json.dumps({"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(8))}]}))
