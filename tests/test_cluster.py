@@ -125,7 +125,7 @@ def spatial_suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "scenes/space/meshes/icosahedron.obj", folder / "meshes")
     scene = json.loads((ROOT / "scenes/space/mesh_straight.json").read_text())
     motion = {"kind": "smooth", "contact_arc_m": 0.0487, "depth_m": 0.003, "translation_m": 3e-4, "rotation_rad": 3e-3}
-    scene |= {"name": "short", "motion": motion, "duration_s": 1.8, "simulation": "fast"}
+    scene |= {"name": "short", "motion": motion, "duration_s": 2.5, "simulation": "fast"}
     (folder / "scene.json").write_text(json.dumps(scene))
     suite = {"format": 1, "name": "suite", "scenes": [{"scene": "scene.json", "seeds": list(range(SPATIAL_TRACES))}]}
     (folder / "suite.json").write_text(json.dumps(suite))

@@ -117,7 +117,7 @@ impl Dataset {
         Self { paths: self.paths.iter().filter(is_named).cloned().collect(), ..self.clone() }
     }
 
-    /// Whether the traces are traces in space, as the first one.
+    /// Whether the traces are traces in space, judged by the first one.
     ///
     /// # Errors
     /// If its sidecar cannot be read.

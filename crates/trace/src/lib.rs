@@ -69,7 +69,7 @@ pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, data_sha256, is_p
 pub use spatial::{
     Feature, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialCertificate, SpatialContactTruth,
     SpatialInstant, SpatialModelFile, SpatialPose, SpatialRecording, SpatialSidecar, SpatialTrace, SpatialTruth,
-    SpatialTruthInstant, SpatialTwist, StatedSuspension, is_spatial, is_spatial_calibration,
+    SpatialTruthInstant, SpatialTwist, StatedSuspension, is_spatial,
 };
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
 pub use table::{COLUMNS, FARTHEST_M, Instant, Recording, Trace, Truth, TruthInstant};

@@ -1,7 +1,7 @@
 """Pins in random directions of the suite `spatial`: `python -m whisker_sim.physics.space_pins DIR` writes their scenes.
 
-Nothing but the geometry selects the pins: each is drawn once, and again only if the motion does not fit the scene, or leads away
-from the pin or to the tip. The accuracy of the traces plays no part.
+A pin is drawn again only if its trace cannot be simulated: the motion does not fit the scene, the contact is lost or slips to the
+tip, or the penetration exceeds its limit. The deviation from the rod plays no part.
 """
 
 import json

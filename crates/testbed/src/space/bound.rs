@@ -28,13 +28,6 @@ pub struct SpatialBoundAt {
     pub covariance_m2: Matrix3<f64>,
 }
 
-impl SpatialBoundAt {
-    /// Square root of the trace of the bound: lower bound of the RMS error.
-    pub fn sd_m(&self) -> f64 {
-        self.covariance_m2.trace().sqrt()
-    }
-}
-
 /// Bound at every instant of a trace; `None` while the whisker is free.
 pub fn bound(trace: &SpatialTrace, face: &CalibratedSpace, noise_sd_n_m: f64) -> Vec<Option<SpatialBoundAt>> {
     let mut touch: Option<(f64, Bound<3>)> = None;

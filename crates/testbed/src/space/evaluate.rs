@@ -323,7 +323,7 @@ impl Prepared {
             answered: answered as f64 / sums.instants.max(1) as f64,
             rmse_m: rms(sums.contact),
             out_of_plane_m: rms(sums.out_of_plane),
-            bound_m: rms(sums.bound),
+            bound_m: rms(sums.bound).filter(|_| self.noise_sd_n_m > 0.0),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
             normal_rad: rms(sums.normal),

@@ -239,13 +239,3 @@ impl SpatialModelFile {
         Ok(())
     }
 }
-
-/// Whether a file states the kind and format of calibrations in space.
-///
-/// # Errors
-/// [`Error`] if it cannot be read as JSON.
-pub fn is_spatial_calibration(path: &Path) -> Result<bool, Error> {
-    let value: Value = read_json(path)?;
-    let format = value.get("format").and_then(Value::as_u64);
-    Ok(value["kind"] == "calibration" && format == Some(SPATIAL_FORMAT.into()))
-}

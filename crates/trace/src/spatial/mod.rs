@@ -11,7 +11,7 @@ mod table;
 
 pub(crate) use sidecar::other_format;
 
-pub use calibration::{SpatialCalibrationFile, SpatialModelFile, is_spatial_calibration};
+pub use calibration::{SpatialCalibrationFile, SpatialModelFile};
 pub use certificate::SpatialCertificate;
 pub use columns::SPATIAL_COLUMNS;
 pub use sidecar::{SPATIAL_FORMAT, SpatialSidecar, StatedSuspension, is_spatial};

@@ -99,7 +99,7 @@ pub(super) struct Arguments {
     /// other than the default]
     #[arg(long)]
     calibrations: Option<PathBuf>,
-    /// Estimators, separated by commas (`whisker list estimators`) [default: all]
+    /// Estimators, separated by commas (`whisker list estimators`; for traces in space `space-estimators`) [default: all]
     #[arg(long, value_delimiter = ',')]
     estimators: Option<Vec<String>>,
     /// External estimator, a program that reads samples and writes estimates as JSON lines (docs/your-estimator.md);
@@ -252,10 +252,11 @@ fn in_space(
         || !arguments.encoders.is_empty()
         || arguments.share.is_some()
         || arguments.noise_unit.is_some_and(|unit| !matches!(unit, Unit::Set))
+        || matches!(arguments.starts, Starts::Wrong)
         || front_end.row.name != FRONT_ENDS[0].name;
     if has_options {
         bail!(
-            "--exec, --miscalibrate, --encoders, --share, --noise-unit, --front-end: do not apply to traces in space, which \
+            "--exec, --miscalibrate, --encoders, --share, --starts, --noise-unit, --front-end: do not apply to traces in space, which \
             are evaluated with white noise relative to each set"
         );
     }

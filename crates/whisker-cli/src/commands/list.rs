@@ -103,7 +103,7 @@ const REGISTRIES: &[Registry] = &[
         rows: || FRONT_ENDS.iter().map(|row| Row::new(row.name, row.about).with_defaults((row.defaults)())).collect(),
     },
     Registry {
-        name: "spatial-front-ends",
+        name: "space-front-ends",
         about: "sensor between loads and reading of traces in space",
         rows: || {
             let row = |row: &SpatialFrontEndRow| Row::new(row.name, row.about).with_defaults((row.defaults)());

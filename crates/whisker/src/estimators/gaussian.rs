@@ -44,7 +44,7 @@ pub(super) trait GaussianFilter:
 /// from a linear function over such a way.
 pub(super) const ONSET_WAY_M: f64 = 0.3e-3;
 
-/// Probability of the methods of `recommended` that a new touch is one of the same object. Chosen on the training suite of random
+/// Probability, in the methods of `recommended`, that a new touch is one of the same object. Chosen on the training suite of random
 /// scenes.
 pub(super) const KEPT_SHARE: f64 = 0.8;
 
@@ -186,10 +186,10 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     bank: Option<Bank<N>>,
     /// Pose of the base at the last sample.
     base: Pose<Base, FirstBase>,
-    /// Time of the last sample, without gaps between touches that are longer than their history.
+    /// Time of the last sample. Of a gap between touches only the part in the history counts.
     time_s: f64,
-    /// The bank some time ago, and that before it, which a new touch of the same object begins with: between the release and its
-    /// detection readings contradict the belief.
+    /// Banks stored during the touch, the newer one first. A new touch of the same object begins with the older one, because
+    /// readings between a release and its detection contradict the belief.
     recent: Option<Kept<N>>,
     settled: Option<Kept<N>>,
     doubt: Doubt,
@@ -248,7 +248,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         bank
     }
 
-    /// Keeps the bank from time to time. Allocates at the first two times of a touch only.
+    /// Stores the bank every [`SETTLING_S`]. Allocates at most twice per touch.
     fn keep(&mut self) {
         let is_due = self.recent.as_ref().is_none_or(|recent| self.time_s - recent.time_s >= SETTLING_S);
         let Some(bank) = self.bank.as_ref().filter(|_| self.config.kept_share > 0.0 && is_due) else { return };
@@ -399,7 +399,7 @@ struct Kept<const N: usize> {
     time_s: f64,
 }
 
-/// Time between two kept banks. The release of a contact is detected within it.
+/// Time between two stored banks, within which a release is detected.
 const SETTLING_S: f64 = 0.05;
 
 /// Result of one step.

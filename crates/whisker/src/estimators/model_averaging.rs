@@ -96,8 +96,8 @@ impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
     /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration, with
     /// an even chance nearly, and is considered. Odds, powers and factor were chosen on the training suite of random scenes
-    /// and on the standard suite. Readings before a touch are averaged, so that
-    /// its first step is short; the belief of an object is kept from touch to touch.
+    /// and on the standard suite. Readings before a touch are averaged, so that its first step is short;
+    /// the belief of an object is kept from touch to touch.
     fn default() -> Self {
         let mut average = Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0)]);
         for candidate in
@@ -422,7 +422,7 @@ impl AveragingTracker {
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), lead))
         };
         let places: Option<Vec<_>> = parts.iter().filter(|part| share(part) > 0.0).map(place).collect();
-        // That of a thin object is known, so that its candidate states none: given any other, it is that of the others.
+        // The candidate for thin objects states no radius. If others state one, the radius is the mean over those that do.
         let size = Gaussian::of_mixture(moving().filter_map(size));
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;

@@ -21,7 +21,7 @@ pub(super) struct Reading {
     pub(super) reading_n_m: f64,
     /// Number of readings.
     pub(super) count: f64,
-    /// `tau` of the contact when last computed.
+    /// `tau` from which the contact is sought: that at the last of the readings.
     pub(super) near_m: f64,
     /// Whether the readings contradict the prediction. They are not averaged with others, which may be those of another
     /// object or of a whisker that has not settled.
@@ -76,7 +76,7 @@ impl Readings {
             return;
         }
         self.means.push(reading);
-        while self.means.len() > MOST {
+        while self.means.len() > MOST && self.scale.is_finite() {
             self.scale *= COARSER;
             for mean in std::mem::take(&mut self.means) {
                 match self.beside(&mean) {

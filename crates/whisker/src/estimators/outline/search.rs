@@ -45,7 +45,8 @@ const SETTINGS: Settings = Settings {
     step: 0.0,
 };
 
-/// Number of readings that are compared with a curve in one step of an estimator; each takes about half a microsecond.
+/// Number of readings by which the iterations in one step of an estimator are limited: as many as this number holds, and one
+/// more. An iteration compares every reading with at least two curves; each takes about half a microsecond.
 const MOST_READINGS: usize = 500;
 
 /// Difference of cost by which the result of a distant search must be better.

@@ -176,6 +176,8 @@ impl SpatialEstimatorRow {
         touch: TouchConfig,
         knowledge: &Arc<Knowledge>,
     ) -> Result<Estimator, SettingsError> {
+        // Tabulated here, so that no step has to.
+        knowledge.calibrated.geometry();
         let sensing = knowledge.sensing();
         Ok(Estimator {
             config: parse(config)?,

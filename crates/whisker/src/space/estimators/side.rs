@@ -40,8 +40,6 @@ pub(super) struct Side {
 
 impl Side {
     pub(super) fn new(knowledge: &Knowledge) -> Self {
-        // Tabulated at the first call, so that no step has to.
-        knowledge.calibrated.geometry();
         let whisker = &knowledge.calibrated.whisker.whisker;
         let (root_m, tip_m) = (whisker.root_diameter_m, whisker.tip_diameter_m);
         let section_m2 = PI / 12.0 * (root_m * root_m + root_m * tip_m + tip_m * tip_m);

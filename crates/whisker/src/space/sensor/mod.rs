@@ -102,9 +102,6 @@ pub trait SpatialModel: Debug + Send + Sync {
 
     /// The stored model, which the registry's `load` restores.
     fn to_json(&self) -> Value;
-
-    /// One-line description.
-    fn about(&self) -> String;
 }
 
 /// The part of space around a whisker that a calibration covers.

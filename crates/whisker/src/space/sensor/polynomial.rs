@@ -108,10 +108,6 @@ impl SpatialModel for Polynomial {
     fn to_json(&self) -> Value {
         serde_json::to_value(self).expect("numbers and names serialise")
     }
-
-    fn about(&self) -> String {
-        format!("two trivariate polynomials of degree {}, {} coefficients each", self.degree, count(self.degree))
-    }
 }
 
 pub(super) fn defaults() -> Value {

@@ -382,11 +382,6 @@ impl SpatialModel for RodModel {
         let stored = Stored { kind: KIND.into(), parameters: self.stated.clone() };
         serde_json::to_value(stored).expect("numbers and names serialise")
     }
-
-    fn about(&self) -> String {
-        let informed = self.stated.iter().filter(|parameter| parameter.informed_by_data).count();
-        format!("Kirchhoff rod, {informed} of its {COUNT} parameters determined by the calibration")
-    }
 }
 
 pub(super) fn defaults() -> Value {

@@ -60,8 +60,9 @@ impl Grid {
     /// `a(s)` and its derivative.
     fn extent_m(&self, along_m: f64) -> (f64, f64) {
         let (c, k) = self.extent;
-        let value = c * along_m.max(0.1 * self.first_m.max(self.pitch_m)).powf(k);
-        (value, k * value / along_m.max(f64::MIN_POSITIVE))
+        let least_m = 0.1 * self.first_m.max(self.pitch_m);
+        let value = c * along_m.max(least_m).powf(k);
+        (value, if along_m > least_m { k * value / along_m } else { 0.0 })
     }
 
     /// Coordinates of the node with these indices.
