@@ -59,7 +59,7 @@ impl Domain {
             upper_m[node] = away_m.max(upper_m[node]);
         }
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
-        counts.iter().all(|&count| count >= least).then(|| Self { arc_m, lower_m, upper_m: closed(&upper_m) })
+        counts.iter().all(|&count| count >= least).then(|| Self { arc_m, lower_m, upper_m: closed_line(&upper_m) })
     }
 
     /// Whether the lists describe a region beside a whisker of this length.
@@ -68,13 +68,7 @@ impl Domain {
         if nodes < 2 || self.lower_m.len() != nodes || self.upper_m.len() != nodes {
             return false;
         }
-        let (low, high) = self.arc_range_m();
-        let pitch = (high - low) / (nodes - 1) as f64;
-        let is_even = |pair: &[f64]| (pair[1] - pair[0] - pitch).abs() < 1e-6 * pitch;
-        low >= 0.0
-            && high > low
-            && high <= length_m * (1.0 + 1e-9)
-            && self.arc_m.windows(2).all(is_even)
+        are_even_nodes(&self.arc_m, length_m)
             && self.lower_m.iter().zip(&self.upper_m).all(|(&lower, &upper)| lower <= 0.0 && lower <= upper)
             && self.upper_m.iter().all(|&upper| upper <= length_m)
     }
@@ -86,11 +80,7 @@ impl Domain {
 
     /// Calibrated range of the distance at an arc length within [`Self::arc_range_m`].
     pub fn away_range_m(&self, arc_m: f64) -> (f64, f64) {
-        let (low, high) = self.arc_range_m();
-        let last = self.arc_m.len() - 1;
-        let position = ((arc_m - low) / (high - low)).clamp(0.0, 1.0) * last as f64;
-        let node = (position as usize).min(last - 1);
-        let part = position - node as f64;
+        let (node, part) = node_below(&self.arc_m, arc_m);
         let between = |values: &[f64]| values[node] + part * (values[node + 1] - values[node]);
         (between(&self.lower_m), between(&self.upper_m))
     }
@@ -123,17 +113,36 @@ impl Domain {
     }
 }
 
-/// Fills gaps of up to [`GAP`] nodes: each value is raised to the lower of the maxima within that distance on either
-/// side (a morphological closing).
-fn closed(values: &[f64]) -> Vec<f64> {
-    let highest = |range: &[f64]| range.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    (0..values.len())
-        .map(|i| {
-            let before = highest(&values[i.saturating_sub(GAP)..i]);
-            let after = highest(&values[i + 1..(i + 1 + GAP).min(values.len())]);
-            values[i].max(before.min(after))
-        })
-        .collect()
+/// Fills gaps of up to [`GAP`] nodes along one axis, whose neighbours `beside` gives by their node and number of steps:
+/// each value is raised to the lower of the maxima within that distance on either side (a morphological closing).
+pub(crate) fn closed(values: &[f64], beside: impl Fn(usize, isize) -> Option<usize>) -> Vec<f64> {
+    let highest = |node: usize, sign: isize| {
+        let neighbours = (1..=GAP as isize).filter_map(|step| beside(node, sign * step));
+        neighbours.map(|node| values[node]).fold(f64::NEG_INFINITY, f64::max)
+    };
+    (0..values.len()).map(|node| values[node].max(highest(node, -1).min(highest(node, 1)))).collect()
+}
+
+/// [`closed`] along a line of nodes.
+fn closed_line(values: &[f64]) -> Vec<f64> {
+    closed(values, |node, steps| node.checked_add_signed(steps).filter(|beside| *beside < values.len()))
+}
+
+/// Whether nodes, at least two, are evenly spaced along a whisker of this length.
+pub(crate) fn are_even_nodes(arc_m: &[f64], length_m: f64) -> bool {
+    let (low, high) = (arc_m[0], arc_m[arc_m.len() - 1]);
+    let pitch = (high - low) / (arc_m.len() - 1) as f64;
+    let is_even = |pair: &[f64]| (pair[1] - pair[0] - pitch).abs() < 1e-6 * pitch;
+    low >= 0.0 && high > low && high <= length_m * (1.0 + 1e-9) && arc_m.windows(2).all(is_even)
+}
+
+/// Node below an arc length, moved into the range of the evenly spaced nodes, and the part of the way to the next.
+pub(crate) fn node_below(nodes: &[f64], arc_m: f64) -> (usize, f64) {
+    let last = nodes.len() - 1;
+    let (low, high) = (nodes[0], nodes[last]);
+    let position = ((arc_m - low) / (high - low)).clamp(0.0, 1.0) * last as f64;
+    let node = (position as usize).min(last - 1);
+    (node, position - node as f64)
 }
 
 #[cfg(test)]
@@ -155,7 +164,7 @@ mod tests {
 
     #[test]
     fn verif_gaps_between_lines_are_closed_and_slopes_unchanged() {
-        assert_eq!(closed(&[1.0, 2.0, 0.5, 3.0, 1.0, 1.0, 2.5, 0.0]), [1.0, 2.0, 2.0, 3.0, 2.5, 2.5, 2.5, 0.0]);
+        assert_eq!(closed_line(&[1.0, 2.0, 0.5, 3.0, 1.0, 1.0, 2.5, 0.0]), [1.0, 2.0, 2.0, 3.0, 2.5, 2.5, 2.5, 0.0]);
     }
 
     #[test]

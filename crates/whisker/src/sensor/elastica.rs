@@ -24,12 +24,13 @@
 
 use std::sync::Arc;
 
-use filters::least_squares::{Damping, Method, Outcome, Problem, Quadratic, Settings, minimise};
+use filters::least_squares::{Problem, Quadratic, minimise};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::mechanics::{Mechanics, Parameter, Sensitivities};
+use super::physical::{INFORMED_SHARE, SETTINGS, check_sds, check_settled, moved, no_solution, read};
 use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::Whisker;
 use crate::frames::{Base, Point, Pose};
@@ -57,21 +58,7 @@ const NAMES: [&str; COUNT] = [
 /// Number of leading parameters that are positive and fitted by their logarithms.
 const POSITIVE: usize = 3;
 
-/// Levenberg-Marquardt method, until the negative logarithm of the posterior density decreases by less than 0.005: a
-/// tenth of a standard deviation.
-const SETTINGS: Settings = Settings {
-    method: Method::LevenbergMarquardt(Damping { restart: 1e-3, highest: 1e5, ..Damping::MARQUARDT }),
-    iterations: 60,
-    absolute: 5e-3,
-    relative: 0.0,
-    step: 0.0,
-};
-
 const POSITIVE_DEFINITE: &str = "a sum of squares and the identity is positive definite";
-
-/// Share of its prior standard deviation to which the data must reduce that of a parameter that counts as informed by
-/// them.
-const INFORMED_SHARE: f64 = 0.5;
 
 /// Lower bound of the noise, relative to the largest reading: the error of the tabulated mechanics.
 const SMALLEST_NOISE: f64 = 1e-6;
@@ -159,7 +146,7 @@ impl Parameters {
 
     /// The parameters changed by a step, which is one of the logarithm for a positive parameter.
     fn moved(&self, step: Vector) -> Self {
-        Self(Vector::from_fn(|i, _| if i < POSITIVE { self.0[i] * step[i].exp() } else { self.0[i] + step[i] }))
+        Self(moved(&self.0, POSITIVE, &step))
     }
 
     /// The step from other parameters to these.
@@ -305,10 +292,6 @@ fn check_response(response: usize) -> Result<(), ModelError> {
     Err(ModelError::Data(format!("`response`: found {response}, expected 1 or 3")))
 }
 
-fn no_solution() -> ModelError {
-    ModelError::Data("the whisker's parameters have no equilibrium over the calibrated domain".into())
-}
-
 pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
     let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_response(config.response)?;
@@ -322,10 +305,7 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
     let calibration = Calibration { prior: &prior, region, samples, largest_n_m };
     let start = calibration.look(prior.mean).ok_or_else(no_solution)?;
     let solution = minimise(&calibration, start, &SETTINGS).ok_or_else(no_solution)?;
-    if solution.outcome == Outcome::IterationLimit {
-        let steps = SETTINGS.iterations;
-        return Err(ModelError::Data(format!("the whisker's parameters do not settle in {steps} steps")));
-    }
+    check_settled(solution.outcome)?;
     prior.learnt(region, config.response, solution.state)
 }
 
@@ -362,9 +342,7 @@ impl Config {
             ("root_sd_m", self.root_sd_m),
             ("root_yaw_sd_rad", self.root_yaw_sd_rad),
         ];
-        if let Some((key, found)) = values.iter().find(|(_, sd)| !(sd.is_finite() && *sd >= 0.0)) {
-            return Err(ModelError::Data(format!("`{key}`: found {found}, expected a number of 0 or more")));
-        }
+        check_sds(values)?;
         let mut sd = Vector::from(values.map(|(_, sd)| sd));
         sd[5] *= largest_n_m;
         Ok(sd)
@@ -486,17 +464,8 @@ pub(super) fn load(region: &Region<'_>, value: &Value) -> Loaded {
     let Stored { response, parameters: stated, .. } =
         Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_response(response)?;
-    if stated.iter().map(|parameter| parameter.name.as_str()).ne(NAMES) {
-        return Err(ModelError::Data(format!("expected the parameters {}, in this order", NAMES.join(", "))));
-    }
-    let mut parameters = Parameters(Vector::zeros());
-    for (i, StoredParameter { name, value, .. }) in stated.iter().enumerate() {
-        let value = *value;
-        if !value.is_finite() || (i < POSITIVE && value <= 0.0) {
-            return Err(ModelError::Data(format!("`{name}`: found {value}, expected what a whisker can have")));
-        }
-        parameters.0[i] = value;
-    }
+    let stored = stated.iter().map(|parameter| (parameter.name.as_str(), parameter.value));
+    let parameters = Parameters(read(&NAMES, POSITIVE, stored)?);
     let tuned = Arc::new(Tuned::new(region, parameters).ok_or_else(no_solution)?);
     Ok(Box::new(ElasticaModel { response, tuned, stated }))
 }

@@ -36,8 +36,8 @@ pub(super) struct Residual {
     pub(super) squared: f64,
 }
 
-/// Indices and weights of the four nodes around a position.
-fn corners(along: usize, away: usize, shares: Shares) -> [(usize, f64); 4] {
+/// Indices and weights of the four of `along` x `away` nodes around a position.
+pub(crate) fn corners(along: usize, away: usize, shares: Shares) -> [(usize, f64); 4] {
     let split = |share: f64, nodes: usize| {
         let position = share * (nodes - 1) as f64;
         let node = (position as usize).min(nodes - 2);

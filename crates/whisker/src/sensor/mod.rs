@@ -7,11 +7,12 @@
 //! To add a model: one file beside `polynomial.rs`, and one row in [`MODELS`].
 
 mod along_away;
-mod domain;
+pub(crate) mod domain;
 mod elastica;
-mod error_map;
+pub(crate) mod error_map;
 mod fit;
 mod mechanics;
+pub(crate) mod physical;
 mod polar;
 mod polynomial;
 pub(crate) mod regression;

@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use super::Around;
+use crate::sensor::Shares;
+use crate::sensor::domain::{are_even_nodes, closed, node_below};
 
 /// Number of directions about the whisker.
 const DIRECTIONS: usize = 16;
@@ -14,9 +16,6 @@ const MOST_NODES: usize = 16;
 
 /// Smallest share of the directions with contacts that each node along the whisker has contacts in.
 const LEAST_SHARE: f64 = 0.75;
-
-/// Number of directions, or of nodes along the whisker, that a gap between two lines of a calibration may span.
-const GAP: usize = 2;
 
 /// Smallest distance, relative to the largest of the calibration, of a contact whose direction counts.
 const DIRECTED: f64 = 0.05;
@@ -33,15 +32,6 @@ pub struct SpatialDomain {
     pub directions: usize,
     /// Largest calibrated distance at each node and direction, those of one node in sequence. 0 where there are no contacts.
     pub away_m: Vec<f64>,
-}
-
-/// Position within the calibrated domain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpatialShares {
-    /// Share of the way from the first calibrated arc length to the last, from 0 to 1.
-    pub along: f64,
-    /// Share of the largest calibrated distance at that arc length and direction, from 0 to 1.
-    pub away: f64,
 }
 
 impl SpatialDomain {
@@ -98,13 +88,7 @@ impl SpatialDomain {
         if nodes < 2 || self.directions < 4 || Some(self.away_m.len()) != nodes.checked_mul(self.directions) {
             return false;
         }
-        let (low, high) = self.arc_range_m();
-        let pitch = (high - low) / (nodes - 1) as f64;
-        let is_even = |pair: &[f64]| (pair[1] - pair[0] - pitch).abs() < 1e-6 * pitch;
-        low >= 0.0
-            && high > low
-            && high <= length_m * (1.0 + 1e-9)
-            && self.arc_m.windows(2).all(is_even)
+        are_even_nodes(&self.arc_m, length_m)
             && self.away_m.iter().all(|away_m| (0.0..=length_m).contains(away_m))
             && self.away_m.iter().any(|away_m| *away_m > 0.0)
     }
@@ -116,13 +100,10 @@ impl SpatialDomain {
 
     /// Largest calibrated distance at the arc length and in the direction of a contact.
     pub fn most_away_m(&self, at: Around) -> f64 {
-        let (low, high) = self.arc_range_m();
-        let last = self.arc_m.len() - 1;
-        let along = ((at.along_m - low) / (high - low)).clamp(0.0, 1.0) * last as f64;
-        let node = (along as usize).min(last - 1);
+        let (node, part) = node_below(&self.arc_m, at.along_m);
         let turns = (at.azimuth_rad() / TAU).rem_euclid(1.0) * self.directions as f64;
         let direction = turns as usize % self.directions;
-        let (part, turn) = (along - node as f64, turns.fract());
+        let turn = turns.fract();
         let at_node = |node: usize| {
             let value = |direction: usize| self.away_m[node * self.directions + direction % self.directions];
             value(direction) + turn * (value(direction + 1) - value(direction))
@@ -154,23 +135,13 @@ impl SpatialDomain {
         Around { left_m: share * held.left_m, up_m: share * held.up_m, ..held }
     }
 
-    /// Position of a contact within the region. Positions outside are moved to the border.
-    pub fn shares(&self, at: Around) -> SpatialShares {
+    /// Position of a contact within the region, away by the share of the largest distance. Positions outside are moved to the border.
+    pub fn shares(&self, at: Around) -> Shares {
         let (low, high) = self.arc_range_m();
         let most_m = self.most_away_m(at);
         let away = if most_m > 0.0 { (at.away_m() / most_m).min(1.0) } else { 0.0 };
-        SpatialShares { along: ((at.along_m - low) / (high - low)).clamp(0.0, 1.0), away }
+        Shares { along: ((at.along_m - low) / (high - low)).clamp(0.0, 1.0), away }
     }
-}
-
-/// Fills gaps of up to [`GAP`] cells along one axis, whose neighbours `beside` gives: each value is raised to the lower of the
-/// maxima within that distance on either side (a morphological closing).
-fn closed(values: &[f64], beside: impl Fn(usize, isize) -> Option<usize>) -> Vec<f64> {
-    let highest = |cell: usize, sign: isize| {
-        let neighbours = (1..=GAP as isize).filter_map(|step| beside(cell, sign * step));
-        neighbours.map(|cell| values[cell]).fold(0.0, f64::max)
-    };
-    (0..values.len()).map(|cell| values[cell].max(highest(cell, -1).min(highest(cell, 1)))).collect()
 }
 
 #[cfg(test)]

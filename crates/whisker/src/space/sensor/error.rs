@@ -3,7 +3,8 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::{Around, SpatialDomain, SpatialShares};
+use super::{Around, SpatialDomain};
+use crate::sensor::error_map::corners;
 
 /// Nodes along and away.
 const NODES: (usize, usize) = (4, 4);
@@ -43,23 +44,6 @@ pub(super) struct Residual {
 fn axes(at: Around) -> Matrix2<f64> {
     let (sin, cos) = at.azimuth_rad().sin_cos();
     Matrix2::new(-sin, cos, cos, sin)
-}
-
-/// Indices and weights of the four nodes around a position.
-fn corners(along: usize, away: usize, shares: SpatialShares) -> [(usize, f64); 4] {
-    let split = |share: f64, nodes: usize| {
-        let position = share * (nodes - 1) as f64;
-        let node = (position as usize).min(nodes - 2);
-        (node, position - node as f64)
-    };
-    let ((i, u), (j, v)) = (split(shares.along, along), split(shares.away, away));
-    let index = i * away + j;
-    [
-        (index, (1.0 - u) * (1.0 - v)),
-        (index + 1, (1.0 - u) * v),
-        (index + away, u * (1.0 - v)),
-        (index + away + 1, u * v),
-    ]
 }
 
 impl SpatialErrorMap {

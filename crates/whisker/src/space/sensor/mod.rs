@@ -28,7 +28,7 @@ use crate::space::frames::Point;
 use crate::{Invalid, RestShape, Whisker};
 
 pub use coordinates::Around;
-pub use domain::{SpatialDomain, SpatialShares};
+pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
 pub use fit::{SpatialFit, SpatialFitData, fit};
 pub use geometry::{Directions, Geometry};

@@ -21,7 +21,7 @@
 
 use std::sync::Arc;
 
-use filters::least_squares::{Damping, Evaluated, Method, Outcome, Residuals, Settings, minimise};
+use filters::least_squares::{Evaluated, Residuals, minimise};
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -34,6 +34,7 @@ use super::{
 use crate::frames::Base;
 use crate::rod::{Rod, SpatialLoad, Suspension};
 use crate::sensor::ModelError;
+use crate::sensor::physical::{INFORMED_SHARE, SETTINGS, check_sds, check_settled, moved, no_solution, read};
 use crate::space::frames::Point;
 use crate::{RestShape, Whisker};
 
@@ -69,22 +70,9 @@ const MECHANICAL: std::ops::Range<usize> = 2..6;
 /// Step of these differences, in units of the parameter's logarithm or scale.
 const STEP: f64 = 1e-4;
 
-/// Levenberg-Marquardt method, until the negative logarithm of the posterior density decreases by less than 0.005: a tenth of a
-/// standard deviation.
-const SETTINGS: Settings = Settings {
-    method: Method::LevenbergMarquardt(Damping { restart: 1e-3, highest: 1e5, ..Damping::MARQUARDT }),
-    iterations: 60,
-    absolute: 5e-3,
-    relative: 0.0,
-    step: 0.0,
-};
-
 /// Noise of the first fit, and lower bound of the estimated noise, relative to the largest reading.
 const FIRST_NOISE: f64 = 1e-2;
 const SMALLEST_NOISE: f64 = 1e-5;
-
-/// Share of its prior standard deviation to which the data must reduce that of a parameter that counts as informed by them.
-const INFORMED_SHARE: f64 = 0.5;
 
 type Vector = SVector<f64, COUNT>;
 
@@ -133,9 +121,7 @@ impl Config {
             ("root_sd_m", self.root_sd_m, 3),
             ("root_turn_sd_rad", self.root_turn_sd_rad, 3),
         ];
-        if let Some((key, found, _)) = values.iter().find(|(_, sd, _)| !(sd.is_finite() && *sd >= 0.0)) {
-            return Err(ModelError::Data(format!("`{key}`: found {found}, expected a number of 0 or more")));
-        }
+        check_sds(values.iter().map(|&(key, sd, _)| (key, sd)))?;
         let each = values.iter().flat_map(|&(_, sd, count)| std::iter::repeat_n(sd, count));
         Ok(Vector::from_iterator(each))
     }
@@ -183,7 +169,7 @@ impl Parameters {
 
     /// The parameters changed by a step, which is one of the logarithm for a positive parameter.
     fn moved(&self, step: Vector) -> Self {
-        Self(Vector::from_fn(|i, _| if i < POSITIVE { self.0[i] * step[i].exp() } else { self.0[i] + step[i] }))
+        Self(moved(&self.0, POSITIVE, &step))
     }
 
     /// Mechanics with these parameters. `None` if there is no such whisker.
@@ -392,10 +378,6 @@ pub(super) fn candidates() -> Vec<Value> {
     vec![json!({})]
 }
 
-fn no_solution() -> ModelError {
-    ModelError::Data("the whisker's parameters have no equilibrium over the calibrated domain".into())
-}
-
 pub(super) fn fit(
     region: &SpatialRegion<'_>,
     lines: &[Vec<SpatialSample>],
@@ -440,10 +422,7 @@ pub(super) fn fit(
 fn solved(calibration: &Calibration<'_>, start: DVector<f64>) -> Result<Evaluated, ModelError> {
     let start = Evaluated::new(calibration, start).ok_or_else(no_solution)?;
     let solution = minimise(calibration, start, &SETTINGS).ok_or_else(no_solution)?;
-    if solution.outcome == Outcome::IterationLimit {
-        let steps = SETTINGS.iterations;
-        return Err(ModelError::Data(format!("the whisker's parameters do not settle in {steps} steps")));
-    }
+    check_settled(solution.outcome)?;
     Ok(solution.state)
 }
 
@@ -502,18 +481,8 @@ impl Linearised {
 pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
     let Stored { parameters: stated, .. } =
         Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
-    if stated.iter().map(|parameter| parameter.name.as_str()).ne(NAMES) {
-        return Err(ModelError::Data(format!("expected the parameters {}, in this order", NAMES.join(", "))));
-    }
-    let mut parameters = Parameters(Vector::zeros());
-    for (i, StoredParameter { name, value, .. }) in stated.iter().enumerate() {
-        let value = *value;
-        if !value.is_finite() || (i < POSITIVE && value <= 0.0) {
-            let expected = if i < POSITIVE { "a positive number" } else { "a finite number" };
-            return Err(ModelError::Data(format!("`{name}`: found {value}, expected {expected}")));
-        }
-        parameters.0[i] = value;
-    }
+    let stored = stated.iter().map(|parameter| (parameter.name.as_str(), parameter.value));
+    let parameters = Parameters(read(&NAMES, POSITIVE, stored)?);
     Ok(Box::new(RodModel::new(region, parameters, stated).ok_or_else(no_solution)?))
 }
 
