@@ -5,5 +5,7 @@ pub mod evaluate;
 pub mod fit;
 mod readings;
 pub mod replay;
+mod run;
 
 pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
+pub use run::{SpatialWritten, evaluate_into};
