@@ -6,7 +6,6 @@ mod data;
 mod page;
 mod replay;
 mod scores;
-mod solid;
 #[cfg(test)]
 mod tests;
 

@@ -4,11 +4,11 @@ use anyhow::{Context, Result};
 use maud::{Markup, html};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
+use testbed::space::solid::Solid;
 use testbed::space::{SpatialEstimateRow, SpatialRunWhisker};
 use whisker::rod::{Rod, SpatialLoad};
 
 use super::Data;
-use super::solid::curves_m;
 use crate::replay::{Whole, micrometres, player};
 use crate::style::plain;
 
@@ -95,6 +95,7 @@ fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
     }
     let Some((_, rows)) = replayed.first() else { return Ok(None) };
     let wire = Wire::new(&trial.whisker)?;
+    let curves = Solid::of_scene(&trial.solid).map_or_else(Vec::new, |solid| solid.curves_m());
     Ok(Some(Trial {
         name: format!("{}, {whisker} whisker", plain(group)),
         trace: trial.trace.clone(),
@@ -102,7 +103,7 @@ fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
         base_um: rows.iter().map(|row| spot(row.base_m())).collect(),
         wire_um: rows.iter().map(|row| wire.spots(row)).collect(),
         truth_um: rows.iter().map(|row| row.truth_contact_m().map(spot)).collect(),
-        solid_um: curves_m(&trial.solid).into_iter().map(|curve| curve.into_iter().map(spot).collect()).collect(),
+        solid_um: curves.into_iter().map(|curve| curve.into_iter().map(spot).collect()).collect(),
         runs: replayed.iter().map(|(name, rows)| Replayed::new(name, rows)).collect(),
     }))
 }

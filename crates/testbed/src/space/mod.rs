@@ -7,6 +7,7 @@ pub mod fit;
 mod readings;
 pub mod replay;
 mod run;
+pub mod solid;
 
 pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
 pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
