@@ -22,6 +22,13 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         draw: scores::errors,
     },
     Figure {
+        name: "space_surfaces",
+        title: "Distance of the surface",
+        caption: "Mean distance of the estimated points of the surface from the true solid, inside or outside, from one second \
+                  after the touch. It says nothing about the place along the surface, which the error of the contact includes.",
+        draw: scores::surfaces,
+    },
+    Figure {
         name: "space_coverage",
         title: "Coverage",
         caption: "Share of the instants from one second after the touch at which the 95 % ellipsoid of the estimate contains the \

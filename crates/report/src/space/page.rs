@@ -21,7 +21,7 @@ struct Column {
     decimals: usize,
 }
 
-const COLUMNS: [Column; 8] = [
+const COLUMNS: [Column; 9] = [
     Column {
         heading: "RMSE",
         unit: "mm",
@@ -63,6 +63,13 @@ const COLUMNS: [Column; 8] = [
         meaning: "share of the scored instants without an estimate",
         value: |row| Some(100.0 * (1.0 - row.answered)),
         decimals: 1,
+    },
+    Column {
+        heading: "surface",
+        unit: "mm",
+        meaning: "mean distance of the estimated points of the surface from the true solid, inside or outside; a dash for meshes",
+        value: |row| row.surface_m.map(|value| 1e3 * value),
+        decimals: 3,
     },
     Column {
         heading: "normal",

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use maud::{Markup, html};
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use testbed::space::solid::Solid;
 use testbed::space::{SpatialEstimateRow, SpatialRunWhisker};
@@ -124,7 +124,7 @@ impl Wire {
     /// The whisker through the true contact, or through the estimated one if that is unknown; undeflected while it is free.
     /// `None` if the contact is out of its reach.
     fn spots(&self, row: &SpatialEstimateRow) -> Option<Vec<Spot>> {
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(row.base_qw, row.base_qx, row.base_qy, row.base_qz));
+        let turn = row.rotation();
         let load = match row.truth_contact_m().or(row.contact_m()) {
             None => SpatialLoad { arc_m: self.length_m, force_n: Vector3::zeros() },
             Some(contact) => self.rod.at_point(turn.inverse() * (contact - row.base_m())).ok()?.load,

@@ -40,6 +40,17 @@ pub(crate) fn errors(data: &Data) -> Result<Option<Picture>> {
     picture(data, score, limit)
 }
 
+/// Lays out the distances of the estimated surface from the true solid.
+pub(crate) fn surfaces(data: &Data) -> Result<Option<Picture>> {
+    let score = Score {
+        title: "surface",
+        axis: |label, values| Axis::logarithmic(label, values),
+        label: "mean distance from the true solid (mm)",
+        value: |row| row.surface_m.map(|distance_m| 1e3 * distance_m),
+    };
+    picture(data, score, Limit { name: "", value: |_| None })
+}
+
 /// Lays out the coverage of the ellipsoids.
 pub(crate) fn coverage(data: &Data) -> Result<Option<Picture>> {
     let score = Score {

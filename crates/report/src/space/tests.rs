@@ -34,6 +34,9 @@ fn estimate(instant: u32) -> SpatialEstimateRow {
         contact_x_m: of(0, 1e-4),
         contact_y_m: of(1, 0.0),
         contact_z_m: of(2, 2e-4),
+        surface_x_m: of(0, 1e-4),
+        surface_y_m: of(1, 1e-4),
+        surface_z_m: of(2, 2e-4),
         cov_xx_m2: contact.map(|_| 1e-8),
         cov_xy_m2: contact.map(|_| 0.0),
         cov_xz_m2: contact.map(|_| 0.0),
@@ -89,6 +92,7 @@ fn write_run(folder: &Path) {
         bound_m: Some(1e-4),
         nees: Some(3.0),
         coverage: Some(0.9),
+        surface_m: Some(2e-5),
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
     };
@@ -105,6 +109,7 @@ fn write_run(folder: &Path) {
         nees_low: 0.1,
         nees_high: 3.0,
         coverage: Some(0.9),
+        surface_m: Some(2e-5),
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
     };
