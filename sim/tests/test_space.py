@@ -217,7 +217,8 @@ def test_verif_features_of_solids():
         (OCTAHEDRON, 1e-6, ["found 3e-05 m", "unit_m"]),
         (OCTAHEDRON.replace("f 1 3 5", "f 1 3 50"), 1e-3, ["line 8", "one of 6 vertices", "50"]),
         (OCTAHEDRON.replace("v 15 0 0", "v 15 0"), 1e-3, ["line 2", "three coordinates"]),
-        (OCTAHEDRON.replace("v 15 0 0", "v 15 0 nan"), 1e-3, ["finite"]),
+        (OCTAHEDRON.replace("v 15 0 0", "v 15 0 nan"), 1e-3, ["line 2", "finite number", "nan"]),
+        (OCTAHEDRON.replace("v 15 0 0", "v 15 0 l"), 1e-3, ["line 2", "finite number", "found 'l'"]),
         ("", 1e-3, ["vertices and faces"]),
         (OCTAHEDRON + 6000 * "f 1 3 5\n", 1e-3, ["at most 5000 triangles"]),
         (None, 1e-3, ["No such file"]),
@@ -235,6 +236,24 @@ def test_robust_wrong_meshes_are_one_clear_error(tmp_path, text, unit_m, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"solid\nfacet\nvertex 0 0\n", ["line 3", "three coordinates", "found 2"]),
+        (b"solid\nvertex 0 0 x\n", ["line 2", "finite number", "found 'x'"]),
+        (b"solid\nvertex 0 0 1\n", ["three vertices a triangle", "found 1 vertices"]),
+        (b"not a mesh", ["expected an STL file"]),
+        (bytes(80) + (1).to_bytes(4, "little") + np.full(12, np.nan, "<f4").tobytes() + bytes(2), ["triangle 1", "finite"]),
+        (b"solid\n" + 15003 * b"vertex 0 0 1\n", ["at most 5000 triangles"]),
+    ],
+)
+def test_robust_wrong_stl_files_are_one_clear_error(tmp_path, content, words):
+    (tmp_path / "mesh.stl").write_bytes(content)
+    with pytest.raises(ValueError, match="expected") as raised:
+        read_mesh(tmp_path / "mesh.stl", 1e-3)
+    assert all(word in str(raised.value) for word in words), raised.value
 
 
 def test_verif_stl_and_obj_files_of_a_solid_are_equal(tmp_path):
