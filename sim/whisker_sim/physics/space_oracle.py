@@ -31,6 +31,8 @@ _TASKS = 7
 """Tasks for each whisker."""
 _ARCS = (0.3, 1.0)
 """Range of the contacts, relative to the length of the whisker."""
+_LINEAR = 1.3
+"""Largest depth by the theory of small deflections, relative to `DEEPEST`."""
 _POISSON_RATIO = 0.33
 _AGREEMENT = 1e-9
 
@@ -64,8 +66,8 @@ class Agreement(NamedTuple):
 def contacts(whisker: Whisker, count: int, rng: np.random.Generator) -> tuple[Suspension, Array, Array, SpatiallyLoaded]:
     """Suspension, arc lengths (count,), forces (count, 3) in the frame of the contact, and their equilibria.
 
-    The forces are across the wire in any direction. Their size is that of a random depth by the theory of small deflections; cases
-    whose displacement is larger than `DEEPEST` are drawn again.
+    The forces are across the wire in any direction. Their size is that of a random depth by the theory of small deflections, which
+    exceeds the displacement; cases whose displacement is larger than `DEEPEST` are drawn again.
     """
     stiffness = whisker.root_stiffness_n_m_rad
     suspension = Suspension(stiffness, 1.7 * stiffness, 0.6 * stiffness)
@@ -73,7 +75,7 @@ def contacts(whisker: Whisker, count: int, rng: np.random.Generator) -> tuple[Su
     while sum(len(arc_m) for arc_m, *_ in kept) < count:
         arc_m = whisker.length_m * rng.uniform(*_ARCS, count)
         wire_m_n = np.array([_cantilever_m_n(whisker, float(at_m)) for at_m in arc_m])
-        depth_m = DEEPEST * whisker.length_m * rng.uniform(0.0, 1.0, count)
+        depth_m = DEEPEST * whisker.length_m * rng.uniform(0.0, _LINEAR, count)
         size_n = depth_m / (wire_m_n + arc_m**2 / stiffness)
         about_rad = rng.uniform(0.0, 2.0 * np.pi, count)
         force_n = np.stack((np.zeros(count), size_n * np.cos(about_rad), size_n * np.sin(about_rad)), axis=-1)
