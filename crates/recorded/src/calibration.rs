@@ -1,0 +1,141 @@
+//! Sensor models of a calibration: the samples of its lines, and the selection of the covariance.
+
+use anyhow::{Context, ensure};
+use importers::SpatialCalibration;
+use nalgebra::{Vector2, Vector3};
+
+use crate::kernel::{Kernel, Sample};
+use crate::process::{HeldOut, Process, neighbours};
+
+/// Distance below which two stage positions are the same (m).
+const SAME_M: f64 = 1e-6;
+
+/// Largest number of samples from which the covariance is selected; of a larger calibration, every second line is taken.
+const MOST_SELECTED: usize = 1000;
+
+/// A calibration with its Gaussian process.
+#[derive(Clone, Debug)]
+pub struct Calibrated {
+    /// Name of the calibration.
+    pub name: String,
+    /// All samples.
+    pub samples: Vec<Sample>,
+    /// Rest reading of the calibration above that of its first row (counts): the median over the visits of the first place.
+    pub rest_counts: Vector2<f64>,
+    /// The process.
+    pub process: Process,
+    /// Number of samples left out as outliers.
+    pub outliers: usize,
+    /// Lines that are left out with each line.
+    pub neighbours: Vec<Vec<usize>>,
+}
+
+/// Samples of the lines of a calibration, and its rest reading.
+pub fn samples(calibration: &SpatialCalibration) -> (Vec<Sample>, Vector2<f64>) {
+    let rows = &calibration.rows;
+    let visits: Vec<Vector2<f64>> =
+        rows.iter().filter(|row| (row.contact_m - rows[0].contact_m).norm() < SAME_M).map(|row| row.counts).collect();
+    let median = |channel: usize| {
+        let mut values: Vec<f64> = visits.iter().map(|counts| counts[channel]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let rest = Vector2::new(median(0), median(1));
+    let mut found = Vec::new();
+    let long = calibration.lines.iter().filter(|line| line.len() > 2);
+    for (index, line) in long.enumerate() {
+        let (first, last) = (rows[line[0]].contact_m, rows[line[line.len() - 1]].contact_m);
+        let direction = (last - first).try_normalize(SAME_M).unwrap_or_else(Vector3::zeros);
+        found.extend(line.iter().map(|&row| Sample {
+            contact_m: rows[row].contact_m,
+            direction,
+            counts: rows[row].counts - rest,
+            line: index,
+        }));
+    }
+    (found, rest)
+}
+
+impl Calibrated {
+    /// Selects the covariance of each channel and fits the process.
+    ///
+    /// # Errors
+    /// If the samples do not determine a process.
+    pub fn new(calibration: &SpatialCalibration) -> anyhow::Result<Self> {
+        let (samples, rest_counts) = samples(calibration);
+        let place = || calibration.path.display().to_string();
+        ensure!(samples.len() >= 100, "{}: found {} rows on lines, expected at least 100", place(), samples.len());
+        let kernels = selected(&samples).with_context(place)?;
+        let (process, outliers) =
+            Process::robust(&samples, kernels).with_context(|| format!("{}: rows: singular covariance", place()))?;
+        let neighbours = neighbours(&samples);
+        Ok(Self { name: calibration.name.clone(), samples, rest_counts, process, outliers, neighbours })
+    }
+}
+
+/// Mean logarithm of the predicted density of held-out samples, by channel, bounded so that outliers do not decide.
+fn score(held: &[HeldOut], largest_counts: f64) -> [f64; 2] {
+    const MOST_SDS: f64 = 4.0;
+    [0, 1].map(|channel| {
+        let of = |one: &HeldOut| {
+            let sd = one.sd[channel];
+            -0.5 * (one.error[channel] / sd).powi(2).min(MOST_SDS.powi(2)) - (sd / largest_counts).ln()
+        };
+        held.iter().map(of).sum::<f64>() / held.len() as f64
+    })
+}
+
+/// Changes that the selection tries, in turn, on each channel.
+const CHANGES: [fn(&mut Kernel, f64); 5] = [
+    |kernel, factor| kernel.length_m.iter_mut().for_each(|length_m| *length_m *= factor),
+    |kernel, factor| kernel.length_m[2] *= factor,
+    |kernel, factor| kernel.line = kernel.line.map(|sd| sd * factor),
+    |kernel, factor| kernel.noise = kernel.noise.map(|sd| sd * factor),
+    |kernel, factor| kernel.line_length_m *= factor,
+];
+const FACTORS: [f64; 2] = [0.7, 1.4];
+
+/// The covariance of each channel with the largest predicted density of held-out lines, by a coordinate search.
+fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
+    let thinned: Vec<Sample>;
+    let samples = if samples.len() > MOST_SELECTED {
+        thinned = samples
+            .iter()
+            .filter(|sample| sample.line % 2 == 0)
+            .map(|sample| Sample { line: sample.line / 2, ..*sample })
+            .collect();
+        &thinned
+    } else {
+        samples
+    };
+    let (first, _) = Process::robust(samples, [Kernel::START; 2]).context("singular covariance")?;
+    // The lines of the kept samples, numbered again without gaps.
+    let mut lines: Vec<usize> = first.samples.iter().map(|sample| sample.line).collect();
+    lines.dedup();
+    let number = |line: usize| lines.iter().position(|known| *known == line).expect("a known line");
+    let samples: Vec<Sample> =
+        first.samples.iter().map(|sample| Sample { line: number(sample.line), ..*sample }).collect();
+    let near = neighbours(&samples);
+    let start = Kernel { friction: std::env::var("FR").ok().and_then(|v| v.parse().ok()).unwrap_or(0.03), ..Kernel::START };
+    let scored = |kernels: [Kernel; 2]| {
+        let process = Process::new(&samples, kernels)?;
+        Some(score(&process.held_out(&near), process.largest_counts))
+    };
+    let mut kernels = [start; 2];
+    let mut best = scored(kernels).context("singular covariance")?;
+    for _ in 0..2 {
+        for change in CHANGES {
+            for factor in FACTORS {
+                let mut tried = kernels;
+                tried.iter_mut().for_each(|kernel| change(kernel, factor));
+                let Some(found) = scored(tried) else { continue };
+                for channel in 0..2 {
+                    if found[channel] > best[channel] {
+                        (kernels[channel], best[channel]) = (tried[channel], found[channel]);
+                    }
+                }
+            }
+        }
+    }
+    Ok(kernels)
+}

@@ -1,0 +1,312 @@
+//! Gaussian process from a contact to both readings, with friction (Rasmussen and Williams, "Gaussian Processes for Machine
+//! Learning", 2006, chapter 2; predictions on held-out groups of samples by section 5.4.2).
+
+use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, SVector, Vector2, Vector3};
+
+use crate::kernel::{Kernel, Sample};
+
+/// Terms of the quadratic trend.
+const TERMS: usize = 10;
+
+/// Residual of a held-out sample over its predicted standard deviation beyond which the sample is left out as an outlier: the
+/// pin slipped off, or the wire jumped to another equilibrium.
+const OUTLIER_SDS: f64 = 6.0;
+
+/// A fitted sensor model.
+#[derive(Clone, Debug)]
+pub struct Process {
+    /// Covariance of each channel.
+    pub kernels: [Kernel; 2],
+    /// Samples of the fit.
+    pub samples: Vec<Sample>,
+    /// Largest reading of a channel, `R` (counts).
+    pub largest_counts: f64,
+    loads: Vec<f64>,
+    trend: Trend,
+    /// Inverse covariance of the samples, and its product with their deviations from the trend, over `R`, by channel.
+    inverse: [DMatrix<f64>; 2],
+    weights: [DVector<f64>; 2],
+}
+
+/// The quadratic trend, over `R`.
+#[derive(Clone, Debug)]
+struct Trend {
+    center_m: Vector3<f64>,
+    scale_m: Vector3<f64>,
+    coefficients: SMatrix<f64, TERMS, 2>,
+}
+
+impl Trend {
+    fn scaled(&self, contact_m: &Vector3<f64>) -> Vector3<f64> {
+        (contact_m - self.center_m).component_div(&self.scale_m)
+    }
+
+    fn terms(u: &Vector3<f64>) -> SVector<f64, TERMS> {
+        let [x, y, z] = (*u).into();
+        SVector::from([1.0, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+    }
+
+    fn slopes(u: &Vector3<f64>) -> SMatrix<f64, TERMS, 3> {
+        let [x, y, z] = (*u).into();
+        SMatrix::<f64, 3, TERMS>::from_column_slice(&[
+            0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 2.0 * x, 0.0, 0.0, 0.0, 2.0 * y, 0.0, 0.0, 0.0,
+            2.0 * z, y, x, 0.0, 0.0, z, y, z, 0.0, x,
+        ])
+        .transpose()
+    }
+
+    fn new(samples: &[Sample], largest: f64) -> Option<Self> {
+        let fold = |pick: fn(f64, f64) -> f64, from: f64| {
+            Vector3::from_fn(|axis, _| samples.iter().map(|sample| sample.contact_m[axis]).fold(from, pick))
+        };
+        let (low, high) = (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY));
+        let mut trend = Self {
+            center_m: (low + high) * 0.5,
+            scale_m: (high - low) * 0.5,
+            coefficients: SMatrix::zeros(),
+        };
+        let mut square = SMatrix::<f64, TERMS, TERMS>::zeros();
+        let mut mixed = SMatrix::<f64, TERMS, 2>::zeros();
+        for sample in samples {
+            let terms = Self::terms(&trend.scaled(&sample.contact_m));
+            square += terms * terms.transpose();
+            mixed += terms * sample.counts.transpose() / largest;
+        }
+        trend.coefficients = square.cholesky()?.solve(&mixed);
+        Some(trend)
+    }
+
+    fn at(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
+        let u = self.scaled(contact_m);
+        let mut slopes = self.coefficients.tr_mul(&Self::slopes(&u));
+        for axis in 0..3 {
+            slopes.column_mut(axis).scale_mut(1.0 / self.scale_m[axis]);
+        }
+        (self.coefficients.tr_mul(&Self::terms(&u)), slopes)
+    }
+}
+
+/// Residual of a held-out sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOut {
+    /// Index of the sample.
+    pub sample: usize,
+    /// Reading minus prediction (counts), 2x1.
+    pub error: Vector2<f64>,
+    /// Predicted standard deviation of each (counts), 2x1.
+    pub sd: Vector2<f64>,
+}
+
+impl Process {
+    /// Fits a process to samples. `None` if their covariance is singular.
+    pub fn new(samples: &[Sample], kernels: [Kernel; 2]) -> Option<Self> {
+        let largest_counts = samples.iter().map(|sample| sample.counts.amax()).fold(0.0, f64::max);
+        let trend = Trend::new(samples, largest_counts)?;
+        let loads: Vec<f64> = samples.iter().map(|sample| sample.counts.norm() / largest_counts).collect();
+        let solve = |channel: usize| {
+            let kernel = &kernels[channel];
+            let covariance = covariance(samples, &loads, kernel);
+            let inverse = covariance.cholesky()?.inverse();
+            let deviation = |i: usize| samples[i].counts[channel] / largest_counts - trend.at(&samples[i].contact_m).0[channel];
+            let weights = &inverse * DVector::from_fn(samples.len(), |i, _| deviation(i));
+            Some((inverse, weights))
+        };
+        let (first, second) = rayon::join(|| solve(0), || solve(1));
+        let ((first, first_weights), (second, second_weights)) = (first?, second?);
+        Some(Self {
+            kernels,
+            samples: samples.to_vec(),
+            largest_counts,
+            loads,
+            trend,
+            inverse: [first, second],
+            weights: [first_weights, second_weights],
+        })
+    }
+
+    /// Fits a process without outliers, and returns the number of samples that were left out.
+    pub fn robust(samples: &[Sample], kernels: [Kernel; 2]) -> Option<(Self, usize)> {
+        let first = Self::new(samples, kernels)?;
+        let is_outlier = |held: &HeldOut| held.error.component_div(&held.sd).amax() > OUTLIER_SDS;
+        let outliers: Vec<usize> =
+            first.held_out(&neighbours(samples)).iter().filter(|held| is_outlier(held)).map(|held| held.sample).collect();
+        if outliers.is_empty() {
+            return Some((first, 0));
+        }
+        let kept = samples.iter().enumerate().filter(|(i, _)| !outliers.contains(i)).map(|(_, sample)| *sample);
+        Some((Self::new(&kept.collect::<Vec<_>>(), kernels)?, outliers.len()))
+    }
+
+    /// Residuals of every sample, predicted without the lines that `neighbours` lists for its line.
+    pub fn held_out(&self, neighbours: &[Vec<usize>]) -> Vec<HeldOut> {
+        let mut found = Vec::new();
+        for (line, held) in neighbours.iter().enumerate() {
+            let rows: Vec<usize> = (0..self.samples.len()).filter(|&i| held.contains(&self.samples[i].line)).collect();
+            let own: Vec<usize> = (0..rows.len()).filter(|&i| self.samples[rows[i]].line == line).collect();
+            if own.is_empty() {
+                continue;
+            }
+            let mut of_channel = Vec::new();
+            for channel in 0..2 {
+                let block = self.inverse[channel].select_rows(&rows).select_columns(&rows);
+                let Some(covariance) = block.try_inverse() else { return found };
+                let error = &covariance * self.weights[channel].select_rows(&rows);
+                of_channel.push((error, covariance));
+            }
+            found.extend(own.iter().map(|&i| HeldOut {
+                sample: rows[i],
+                error: Vector2::new(of_channel[0].0[i], of_channel[1].0[i]) * self.largest_counts,
+                sd: Vector2::from_fn(|channel, _| of_channel[channel].1[(i, i)].max(0.0).sqrt()) * self.largest_counts,
+            }));
+        }
+        found
+    }
+
+    /// The predictor without the samples of some lines.
+    pub fn without(&self, lines: &[usize]) -> Predictor<'_> {
+        let rows: Vec<usize> = (0..self.samples.len()).filter(|&i| lines.contains(&self.samples[i].line)).collect();
+        let mut predictor = Predictor {
+            process: self,
+            weights: self.weights.clone(),
+            dropped: [0, 1].map(|_| DMatrix::zeros(0, 0)),
+            is_kept: (0..self.samples.len()).map(|i| !rows.contains(&i)).collect(),
+            rows: rows.clone(),
+        };
+        if rows.is_empty() {
+            return predictor;
+        }
+        for channel in 0..2 {
+            let columns = self.inverse[channel].select_columns(&rows);
+            let block = columns.select_rows(&rows);
+            let Some(inverse) = block.try_inverse() else { continue };
+            predictor.weights[channel] -= columns * (&inverse * self.weights[channel].select_rows(&rows));
+            predictor.dropped[channel] = inverse;
+        }
+        for &row in &rows {
+            predictor.weights.iter_mut().for_each(|weights| weights[row] = 0.0);
+        }
+        predictor
+    }
+}
+
+fn covariance(samples: &[Sample], loads: &[f64], kernel: &Kernel) -> DMatrix<f64> {
+    let count = samples.len();
+    let mut covariance = DMatrix::zeros(count, count);
+    for i in 0..count {
+        for j in 0..=i {
+            let (a, b) = (&samples[i], &samples[j]);
+            let amplitude = kernel.amplitude(loads[i], &a.direction, loads[j], &b.direction);
+            let mut value = amplitude * kernel.near(&a.contact_m, &b.contact_m);
+            if a.line == b.line {
+                let along = kernel.along((a.contact_m - b.contact_m).norm());
+                value += kernel.line_sd(loads[i]) * kernel.line_sd(loads[j]) * along;
+            }
+            if i == j {
+                value += kernel.noise_variance(loads[i]);
+            }
+            covariance[(i, j)] = value;
+            covariance[(j, i)] = value;
+        }
+    }
+    covariance
+}
+
+/// Lines that are left out with each line: itself and those whose centre is at most 1.5 times as far away as the nearest.
+pub fn neighbours(samples: &[Sample]) -> Vec<Vec<usize>> {
+    const NEIGHBOUR: f64 = 1.5;
+    let count = samples.iter().map(|sample| sample.line + 1).max().unwrap_or(0);
+    let center = |line: usize| {
+        let points: Vec<_> = samples.iter().filter(|sample| sample.line == line).map(|sample| sample.contact_m).collect();
+        points.iter().sum::<Vector3<f64>>() / points.len() as f64
+    };
+    let centers: Vec<Vector3<f64>> = (0..count).map(center).collect();
+    let near = |line: usize| {
+        let distance = |other: usize| (centers[other] - centers[line]).norm();
+        let nearest = (0..count).filter(|&other| other != line).map(distance).fold(f64::INFINITY, f64::min);
+        (0..count).filter(|&other| other == line || distance(other) <= NEIGHBOUR * nearest).collect()
+    };
+    (0..count).map(near).collect()
+}
+
+/// Predicts readings from the samples of a process, or from a part of them.
+#[derive(Clone, Debug)]
+pub struct Predictor<'a> {
+    /// The process.
+    pub process: &'a Process,
+    weights: [DVector<f64>; 2],
+    /// Inverse of the block of the inverse covariance that belongs to the dropped samples.
+    dropped: [DMatrix<f64>; 2],
+    rows: Vec<usize>,
+    is_kept: Vec<bool>,
+}
+
+/// Motion and load of a contact, on which its friction depends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slide {
+    /// Direction of the contact's motion relative to the sensor, a unit vector, or zero.
+    pub direction: Vector3<f64>,
+    /// Norm of the reading over the largest of the calibration.
+    pub load: f64,
+}
+
+impl Predictor<'_> {
+    /// Samples from which the readings are predicted.
+    pub fn samples(&self) -> impl Iterator<Item = &Sample> {
+        self.process.samples.iter().zip(&self.is_kept).filter(|(_, is_kept)| **is_kept).map(|(sample, _)| sample)
+    }
+
+    /// Distance of a contact from the nearest calibrated one (m).
+    pub fn distance_m(&self, contact_m: &Vector3<f64>) -> f64 {
+        self.samples().map(|sample| (sample.contact_m - contact_m).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()
+    }
+
+    /// Expected reading (counts), and its derivatives by the contact (counts/m), 2x3.
+    pub fn predict(&self, contact_m: &Vector3<f64>, slide: &Slide) -> (Vector2<f64>, Matrix2x3<f64>) {
+        let process = self.process;
+        let (mut reading, mut slopes) = process.trend.at(contact_m);
+        for (i, sample) in process.samples.iter().enumerate() {
+            if !self.is_kept[i] {
+                continue;
+            }
+            let offset = sample.contact_m - contact_m;
+            for channel in 0..2 {
+                let kernel = &process.kernels[channel];
+                let amplitude = kernel.amplitude(slide.load, &slide.direction, process.loads[i], &sample.direction);
+                let part = amplitude * kernel.near(contact_m, &sample.contact_m) * self.weights[channel][i];
+                reading[channel] += part;
+                for axis in 0..3 {
+                    slopes[(channel, axis)] += part * offset[axis] / kernel.length_m[axis].powi(2);
+                }
+            }
+        }
+        (reading * process.largest_counts, slopes * process.largest_counts)
+    }
+
+    /// Covariance of the errors of one channel at several contacts of one touch (counts2): of map and friction given the
+    /// calibration, of the touch's own line, and noise.
+    pub fn covariance(&self, channel: usize, at: &[(Vector3<f64>, Slide)]) -> DMatrix<f64> {
+        let process = self.process;
+        let kernel = &process.kernels[channel];
+        let count = process.samples.len();
+        let value = |row: usize, (contact_m, slide): &(Vector3<f64>, Slide)| {
+            let sample = &process.samples[row];
+            let amplitude = kernel.amplitude(slide.load, &slide.direction, process.loads[row], &sample.direction);
+            if self.is_kept[row] { amplitude * kernel.near(contact_m, &sample.contact_m) } else { 0.0 }
+        };
+        let cross = DMatrix::from_fn(count, at.len(), |row, i| value(row, &at[i]));
+        let solved = &process.inverse[channel] * &cross;
+        let mut explained = cross.tr_mul(&solved);
+        if !self.rows.is_empty() {
+            let of_dropped = solved.select_rows(&self.rows);
+            explained -= of_dropped.tr_mul(&(&self.dropped[channel] * &of_dropped));
+        }
+        let prior = |i: usize, j: usize| {
+            let ((a, slide), (b, other)) = (&at[i], &at[j]);
+            let amplitude = kernel.amplitude(slide.load, &slide.direction, other.load, &other.direction);
+            let line = kernel.line_sd(slide.load) * kernel.line_sd(other.load) * kernel.along((a - b).norm());
+            let noise = if i == j { kernel.noise_variance(slide.load) } else { 0.0 };
+            amplitude * kernel.near(a, b) + line + noise
+        };
+        (DMatrix::from_fn(at.len(), at.len(), prior) - explained) * process.largest_counts.powi(2)
+    }
+}
