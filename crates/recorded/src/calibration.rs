@@ -26,6 +26,8 @@ pub struct Calibrated {
     pub process: Process,
     /// Number of samples left out as outliers.
     pub outliers: usize,
+    /// Point about which the root of the wire rotates, in the frame of the sensor (m), 3x1.
+    pub root_m: Vector3<f64>,
     /// Lines that are left out with each line.
     pub neighbours: Vec<Vec<usize>>,
 }
@@ -44,11 +46,8 @@ pub fn samples(calibration: &SpatialCalibration) -> (Vec<Sample>, Vector2<f64>) 
     let mut found = Vec::new();
     let long = calibration.lines.iter().filter(|line| line.len() > 2);
     for (index, line) in long.enumerate() {
-        let (first, last) = (rows[line[0]].contact_m, rows[line[line.len() - 1]].contact_m);
-        let direction = (last - first).try_normalize(SAME_M).unwrap_or_else(Vector3::zeros);
         found.extend(line.iter().map(|&row| Sample {
             contact_m: rows[row].contact_m,
-            direction,
             counts: rows[row].counts - rest,
             line: index,
         }));
@@ -69,7 +68,7 @@ impl Calibrated {
         let (process, outliers) =
             Process::robust(&samples, kernels).with_context(|| format!("{}: rows: singular covariance", place()))?;
         let neighbours = neighbours(&samples);
-        Ok(Self { name: calibration.name.clone(), samples, rest_counts, process, outliers, neighbours })
+        Ok(Self { name: calibration.name.clone(), samples, rest_counts, process, outliers, root_m: calibration.root_m, neighbours })
     }
 }
 
@@ -86,9 +85,11 @@ fn score(held: &[HeldOut], largest_counts: f64) -> [f64; 2] {
 }
 
 /// Changes that the selection tries, in turn, on each channel.
-const CHANGES: [fn(&mut Kernel, f64); 5] = [
+const CHANGES: [fn(&mut Kernel, f64); 7] = [
     |kernel, factor| kernel.length_m.iter_mut().for_each(|length_m| *length_m *= factor),
     |kernel, factor| kernel.length_m[2] *= factor,
+    |kernel, factor| kernel.length_m[1] *= factor,
+    |kernel, factor| kernel.map_sd *= factor,
     |kernel, factor| kernel.line = kernel.line.map(|sd| sd * factor),
     |kernel, factor| kernel.noise = kernel.noise.map(|sd| sd * factor),
     |kernel, factor| kernel.line_length_m *= factor,
@@ -116,12 +117,11 @@ fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
     let samples: Vec<Sample> =
         first.samples.iter().map(|sample| Sample { line: number(sample.line), ..*sample }).collect();
     let near = neighbours(&samples);
-    let start = Kernel { friction: std::env::var("FR").ok().and_then(|v| v.parse().ok()).unwrap_or(0.03), ..Kernel::START };
     let scored = |kernels: [Kernel; 2]| {
         let process = Process::new(&samples, kernels)?;
         Some(score(&process.held_out(&near), process.largest_counts))
     };
-    let mut kernels = [start; 2];
+    let mut kernels = [Kernel::START; 2];
     let mut best = scored(kernels).context("singular covariance")?;
     for _ in 0..2 {
         for change in CHANGES {

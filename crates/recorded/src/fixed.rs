@@ -7,7 +7,8 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::process::{Predictor, Slide};
+use crate::kernel::Place;
+use crate::process::Predictor;
 
 /// Settings of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,13 +21,16 @@ pub struct Settings {
     pub readings: usize,
     /// Distance from the nearest calibrated contact beyond which a contact is not calibrated (m).
     pub reach_m: f64,
+    /// Standard deviation of the sensor model, over the largest reading of the calibration, beyond which a contact is not
+    /// calibrated.
+    pub known: f64,
     /// Squared normalised residual at which a reading counts as outlier.
     pub outlier: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { rest_sd: 0.002, place_sd_m: 0.1e-3, readings: 24, reach_m: 3e-3, outlier: 16.0 }
+        Self { rest_sd: 0.002, place_sd_m: 0.1e-3, readings: 24, reach_m: 4e-3, known: 0.03, outlier: 16.0 }
     }
 }
 
@@ -84,9 +88,6 @@ const REFINEMENTS: usize = 4;
 /// Standard deviation of the prior of the contact about the sensor (m).
 const PRIOR_SD_M: f64 = 0.05;
 
-/// Smallest distance between two readings whose motion has a direction (m).
-const MOVED_M: f64 = 1e-6;
-
 impl<'a> FixedPoint<'a> {
     /// An estimator at a touch. `before` is the last reading before it.
     pub fn new(predictor: &'a Predictor<'a>, settings: Settings, before: Reading) -> Self {
@@ -120,7 +121,9 @@ impl<'a> FixedPoint<'a> {
             let off = one.place_m - contact_m;
             covariance_m2 += (one.covariance_m2 + off * off.transpose()) * (weight / total);
         }
-        let is_calibrated = self.predictor.distance_m(&reading.to_sensor(&contact_m)) <= self.settings.reach_m;
+        let contact = reading.to_sensor(&contact_m);
+        let is_known = |channel: usize| self.predictor.map_sd(channel, &contact) <= self.settings.known;
+        let is_calibrated = self.predictor.distance_m(&contact) <= self.settings.reach_m && is_known(0) && is_known(1);
         (!refined.is_empty()).then_some(Estimate { contact_m, covariance_m2, is_calibrated })
     }
 
@@ -155,14 +158,11 @@ impl<'a> FixedPoint<'a> {
         starts.iter().map(|contact_m| largest.rotation * contact_m + largest.origin_m).collect()
     }
 
-    /// Contact and motion of a reading for a contact in World.
-    fn slide(&self, i: usize, place_m: &Vector3<f64>) -> (Vector3<f64>, Slide) {
+    /// Contact and load of a reading, for a contact in World.
+    fn place(&self, i: usize, place_m: &Vector3<f64>) -> Place {
         let contact_m = self.readings[i].to_sensor(place_m);
-        let moved = contact_m - self.readings[i - 1].to_sensor(place_m);
-        let length_m = moved.norm();
-        let direction = if length_m > MOVED_M { moved / length_m } else { Vector3::zeros() };
         let load = self.readings[i].counts.norm() / self.predictor.process.largest_counts;
-        (contact_m, Slide { direction, load })
+        Place { contact_m, load }
     }
 
     /// Variance of a reading on its own.
@@ -170,8 +170,7 @@ impl<'a> FixedPoint<'a> {
         let process = self.predictor.process;
         Vector2::from_fn(|channel, _| {
             let kernel = &process.kernels[channel];
-            let friction = (kernel.friction * load).powi(2);
-            let share = kernel.line_sd(load).powi(2) + kernel.noise_variance(load) + self.settings.rest_sd.powi(2) + friction;
+            let share = kernel.line_sd(load).powi(2) + kernel.noise_variance(load) + self.settings.rest_sd.powi(2);
             share * process.largest_counts.powi(2)
         })
     }
@@ -181,14 +180,14 @@ impl<'a> FixedPoint<'a> {
         let linearised = |place_m: &Vector3<f64>| {
             let (mut cost, mut normal, mut gradient) = (0.0, Matrix3::zeros(), Vector3::zeros());
             for &i in used {
-                let (contact_m, slide) = self.slide(i, place_m);
-                if self.predictor.distance_m(&contact_m) > self.settings.reach_m {
+                let place = self.place(i, place_m);
+                if self.predictor.distance_m(&place.contact_m) > self.settings.reach_m {
                     cost += self.settings.outlier;
                     continue;
                 }
-                let (expected, slopes) = self.predictor.predict(&contact_m, &slide);
+                let (expected, slopes) = self.predictor.predict(&place.contact_m);
                 let residual = self.readings[i].counts - expected;
-                let variance = self.variance(slide.load);
+                let variance = self.variance(place.load);
                 let square = residual.component_div(&variance).dot(&residual);
                 // Geman-McClure: bounded by the cost of an outlier.
                 let share = self.settings.outlier / (self.settings.outlier + square);
@@ -231,18 +230,18 @@ impl<'a> FixedPoint<'a> {
     fn refine(&self, start_m: Vector3<f64>, used: &[usize]) -> Option<Refined> {
         let process = self.predictor.process;
         let is_kept = |&&i: &&usize| {
-            let (contact_m, slide) = self.slide(i, &start_m);
-            if self.predictor.distance_m(&contact_m) > self.settings.reach_m {
+            let place = self.place(i, &start_m);
+            if self.predictor.distance_m(&place.contact_m) > self.settings.reach_m {
                 return false;
             }
-            let residual = self.readings[i].counts - self.predictor.predict(&contact_m, &slide).0;
-            residual.component_div(&self.variance(slide.load)).dot(&residual) < 2.0 * self.settings.outlier
+            let residual = self.readings[i].counts - self.predictor.predict(&place.contact_m).0;
+            residual.component_div(&self.variance(place.load)).dot(&residual) < 2.0 * self.settings.outlier
         };
         let kept: Vec<usize> = used.iter().filter(is_kept).copied().collect();
         if kept.is_empty() {
             return None;
         }
-        let at: Vec<(Vector3<f64>, Slide)> = kept.iter().map(|&i| self.slide(i, &start_m)).collect();
+        let at: Vec<Place> = kept.iter().map(|&i| self.place(i, &start_m)).collect();
         let rest = (self.settings.rest_sd * process.largest_counts).powi(2);
         let factor = |channel: usize| {
             let covariance = self.predictor.covariance(channel, &at) + DMatrix::from_element(at.len(), at.len(), rest);
@@ -255,8 +254,8 @@ impl<'a> FixedPoint<'a> {
             let rows: Vec<_> = kept
                 .iter()
                 .map(|&i| {
-                    let (contact_m, slide) = self.slide(i, place_m);
-                    let (expected, slopes) = self.predictor.predict(&contact_m, &slide);
+                    let place = self.place(i, place_m);
+                    let (expected, slopes) = self.predictor.predict(&place.contact_m);
                     (self.readings[i].counts - expected, slopes * self.readings[i].rotation.inverse().matrix())
                 })
                 .collect();

@@ -7,6 +7,8 @@
 //! | [`calibration`] | labelled contacts of a calibration, selection of the covariance |
 //! | [`fixed`] | estimator of a fixed contact |
 //! | [`paper`] | the published unscented filter |
+//! | [`sweep`] | contacts of a sweep over an object |
+//! | [`mesh`] | distance from a mesh |
 //! | [`pins`] | scores on pins, mounting learnt at a known place |
 //!
 //! The sensor model is fitted to labelled contacts, in the frame of the sensor and in counts: neither the shape of the wire nor
@@ -15,6 +17,8 @@
 pub mod calibration;
 pub mod fixed;
 pub mod kernel;
+pub mod mesh;
 pub mod paper;
 pub mod pins;
 pub mod process;
+pub mod sweep;

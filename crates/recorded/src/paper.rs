@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::fixed::{Estimate, Reading};
 use crate::kernel::Kernel;
-use crate::process::{Predictor, Slide};
+use crate::process::Predictor;
 
 /// Standard deviation of the start along each axis (m).
 const START_SD_M: f64 = 5e-3;
@@ -28,7 +28,6 @@ const SPREAD: Spread = Spread { alpha: 1.0, beta: 2.0, kappa: 0.0 };
 pub fn kernel() -> Kernel {
     Kernel {
         length_m: [10e-3; 3],
-        friction: 0.0,
         line: [1e-9, 0.0],
         noise: [READING_SD, 0.0],
         ..Kernel::START
@@ -91,8 +90,7 @@ struct Sensor<'a> {
 
 impl Measurement<3, 2> for Sensor<'_> {
     fn predict(&self, x: &Vector3<f64>) -> Option<Vector2<f64>> {
-        let slide = Slide { direction: Vector3::zeros(), load: 0.0 };
-        Some(self.predictor.predict(&(x / MM), &slide).0)
+        Some(self.predictor.predict(&(x / MM)).0)
     }
 
     fn noise(&self, _: &Vector3<f64>) -> Matrix2<f64> {

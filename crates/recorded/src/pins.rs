@@ -5,8 +5,9 @@ use serde::Serialize;
 
 use crate::calibration::Calibrated;
 use crate::fixed::{Estimate, FixedPoint, Reading, Settings};
+use crate::kernel::Place;
 use crate::paper::PaperUkf;
-use crate::process::{Predictor, Slide};
+use crate::process::Predictor;
 
 /// Contact threshold, as a share of the largest reading of the calibration.
 pub const TOUCH: f64 = 0.02;
@@ -76,15 +77,14 @@ impl Mounting {
         };
         for _ in 0..ITERATIONS {
             let mounting = Self::of(&x);
-            let at: Vec<(Vector3<f64>, Slide)> = used
+            let at: Vec<Place> = used
                 .iter()
                 .map(|&i| {
-                    let [now, before] = [i, i - 1].map(|i| mounting.corrected(&touch[i]).to_sensor(place_m));
-                    let load = touch[i].counts.norm() / predictor.process.largest_counts;
-                    (now, Slide { direction: (now - before).try_normalize(1e-9).unwrap_or_default(), load })
+                    let contact_m = mounting.corrected(&touch[i]).to_sensor(place_m);
+                    Place { contact_m, load: touch[i].counts.norm() / predictor.process.largest_counts }
                 })
                 .collect();
-            let kept: Vec<usize> = (0..at.len()).filter(|&i| predictor.distance_m(&at[i].0) < Settings::default().reach_m).collect();
+            let kept: Vec<usize> = (0..at.len()).filter(|&i| predictor.distance_m(&at[i].contact_m) < Settings::default().reach_m).collect();
             let near: Vec<_> = kept.iter().map(|&i| at[i]).collect();
             let (mut normal, mut gradient) =
                 (SMatrix::<f64, 8, 8>::from_diagonal(&prior.map(|sd| 1.0 / (sd * sd))), SVector::<f64, 8>::zeros());
@@ -93,9 +93,9 @@ impl Mounting {
                 let Some(factor) = predictor.covariance(channel, &near).cholesky() else { return Self::default() };
                 let mut jacobian = nalgebra::DMatrix::zeros(near.len(), 8);
                 let mut residual = nalgebra::DVector::zeros(near.len());
-                for (row, (&i, (contact_m, slide))) in kept.iter().zip(&near).enumerate() {
+                for (row, (&i, place)) in kept.iter().zip(&near).enumerate() {
                     let nominal = touch[used[i]].to_sensor(place_m);
-                    let (expected, slopes) = predictor.predict(contact_m, slide);
+                    let (expected, slopes) = predictor.predict(&place.contact_m);
                     let by_turn: Matrix3<f64> = -nominal.cross_matrix();
                     let by_mounting = Matrix3x6::from_fn(|r, c| if c < 3 { f64::from(u8::from(r == c)) } else { by_turn[(r, c - 3)] });
                     let slope = slopes.row(channel) * by_mounting;

@@ -1,9 +1,9 @@
-//! Gaussian process from a contact to both readings, with friction (Rasmussen and Williams, "Gaussian Processes for Machine
+//! Gaussian process from a contact to both readings (Rasmussen and Williams, "Gaussian Processes for Machine
 //! Learning", 2006, chapter 2; predictions on held-out groups of samples by section 5.4.2).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::kernel::{Kernel, Sample};
+use crate::kernel::{Kernel, Place, Sample};
 
 /// Terms of the quadratic trend.
 const TERMS: usize = 10;
@@ -21,7 +21,7 @@ pub struct Process {
     pub samples: Vec<Sample>,
     /// Largest reading of a channel, `R` (counts).
     pub largest_counts: f64,
-    loads: Vec<f64>,
+    places: Vec<Place>,
     trend: Trend,
     /// Inverse covariance of the samples, and its product with their deviations from the trend, over `R`, by channel.
     inverse: [DMatrix<f64>; 2],
@@ -102,10 +102,14 @@ impl Process {
     pub fn new(samples: &[Sample], kernels: [Kernel; 2]) -> Option<Self> {
         let largest_counts = samples.iter().map(|sample| sample.counts.amax()).fold(0.0, f64::max);
         let trend = Trend::new(samples, largest_counts)?;
-        let loads: Vec<f64> = samples.iter().map(|sample| sample.counts.norm() / largest_counts).collect();
+        let place = |sample: &Sample| Place {
+            contact_m: sample.contact_m,
+            load: sample.counts.norm() / largest_counts,
+        };
+        let places: Vec<Place> = samples.iter().map(place).collect();
         let solve = |channel: usize| {
             let kernel = &kernels[channel];
-            let covariance = covariance(samples, &loads, kernel);
+            let covariance = covariance(samples, &places, kernel);
             let inverse = covariance.cholesky()?.inverse();
             let deviation = |i: usize| samples[i].counts[channel] / largest_counts - trend.at(&samples[i].contact_m).0[channel];
             let weights = &inverse * DVector::from_fn(samples.len(), |i, _| deviation(i));
@@ -117,7 +121,7 @@ impl Process {
             kernels,
             samples: samples.to_vec(),
             largest_counts,
-            loads,
+            places,
             trend,
             inverse: [first, second],
             weights: [first_weights, second_weights],
@@ -189,20 +193,18 @@ impl Process {
     }
 }
 
-fn covariance(samples: &[Sample], loads: &[f64], kernel: &Kernel) -> DMatrix<f64> {
+fn covariance(samples: &[Sample], places: &[Place], kernel: &Kernel) -> DMatrix<f64> {
     let count = samples.len();
     let mut covariance = DMatrix::zeros(count, count);
     for i in 0..count {
         for j in 0..=i {
-            let (a, b) = (&samples[i], &samples[j]);
-            let amplitude = kernel.amplitude(loads[i], &a.direction, loads[j], &b.direction);
-            let mut value = amplitude * kernel.near(&a.contact_m, &b.contact_m);
-            if a.line == b.line {
-                let along = kernel.along((a.contact_m - b.contact_m).norm());
-                value += kernel.line_sd(loads[i]) * kernel.line_sd(loads[j]) * along;
+            let (a, b) = (&places[i], &places[j]);
+            let mut value = kernel.map(&a.contact_m, &b.contact_m);
+            if samples[i].line == samples[j].line {
+                value += kernel.line_sd(a.load) * kernel.line_sd(b.load) * kernel.along((a.contact_m - b.contact_m).norm());
             }
             if i == j {
-                value += kernel.noise_variance(loads[i]);
+                value += kernel.noise_variance(a.load);
             }
             covariance[(i, j)] = value;
             covariance[(j, i)] = value;
@@ -240,15 +242,6 @@ pub struct Predictor<'a> {
     is_kept: Vec<bool>,
 }
 
-/// Motion and load of a contact, on which its friction depends.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Slide {
-    /// Direction of the contact's motion relative to the sensor, a unit vector, or zero.
-    pub direction: Vector3<f64>,
-    /// Norm of the reading over the largest of the calibration.
-    pub load: f64,
-}
-
 impl Predictor<'_> {
     /// Samples from which the readings are predicted.
     pub fn samples(&self) -> impl Iterator<Item = &Sample> {
@@ -261,18 +254,17 @@ impl Predictor<'_> {
     }
 
     /// Expected reading (counts), and its derivatives by the contact (counts/m), 2x3.
-    pub fn predict(&self, contact_m: &Vector3<f64>, slide: &Slide) -> (Vector2<f64>, Matrix2x3<f64>) {
+    pub fn predict(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let process = self.process;
         let (mut reading, mut slopes) = process.trend.at(contact_m);
-        for (i, sample) in process.samples.iter().enumerate() {
+        for (i, sample) in process.places.iter().enumerate() {
             if !self.is_kept[i] {
                 continue;
             }
             let offset = sample.contact_m - contact_m;
             for channel in 0..2 {
                 let kernel = &process.kernels[channel];
-                let amplitude = kernel.amplitude(slide.load, &slide.direction, process.loads[i], &sample.direction);
-                let part = amplitude * kernel.near(contact_m, &sample.contact_m) * self.weights[channel][i];
+                let part = self.weights[channel][i] * kernel.map(contact_m, &sample.contact_m);
                 reading[channel] += part;
                 for axis in 0..3 {
                     slopes[(channel, axis)] += part * offset[axis] / kernel.length_m[axis].powi(2);
@@ -282,18 +274,23 @@ impl Predictor<'_> {
         (reading * process.largest_counts, slopes * process.largest_counts)
     }
 
-    /// Covariance of the errors of one channel at several contacts of one touch (counts2): of map and friction given the
+    /// Standard deviation of the map of a channel at a contact given the calibration, over the largest reading.
+    pub fn map_sd(&self, channel: usize, contact_m: &Vector3<f64>) -> f64 {
+        let kernel = &self.process.kernels[channel];
+        let place = Place { contact_m: *contact_m, load: 0.0 };
+        let own = kernel.line_sd(0.0).powi(2) + kernel.noise_variance(0.0);
+        let all = self.covariance(channel, &[place])[(0, 0)] / self.process.largest_counts.powi(2);
+        (all - own).max(0.0).sqrt()
+    }
+
+    /// Covariance of the errors of one channel at several contacts of one touch (counts2): of the map given the
     /// calibration, of the touch's own line, and noise.
-    pub fn covariance(&self, channel: usize, at: &[(Vector3<f64>, Slide)]) -> DMatrix<f64> {
+    pub fn covariance(&self, channel: usize, at: &[Place]) -> DMatrix<f64> {
         let process = self.process;
         let kernel = &process.kernels[channel];
-        let count = process.samples.len();
-        let value = |row: usize, (contact_m, slide): &(Vector3<f64>, Slide)| {
-            let sample = &process.samples[row];
-            let amplitude = kernel.amplitude(slide.load, &slide.direction, process.loads[row], &sample.direction);
-            if self.is_kept[row] { amplitude * kernel.near(contact_m, &sample.contact_m) } else { 0.0 }
-        };
-        let cross = DMatrix::from_fn(count, at.len(), |row, i| value(row, &at[i]));
+        let value =
+            |row: usize, place: &Place| if self.is_kept[row] { kernel.map(&place.contact_m, &process.places[row].contact_m) } else { 0.0 };
+        let cross = DMatrix::from_fn(process.samples.len(), at.len(), |row, i| value(row, &at[i]));
         let solved = &process.inverse[channel] * &cross;
         let mut explained = cross.tr_mul(&solved);
         if !self.rows.is_empty() {
@@ -301,11 +298,10 @@ impl Predictor<'_> {
             explained -= of_dropped.tr_mul(&(&self.dropped[channel] * &of_dropped));
         }
         let prior = |i: usize, j: usize| {
-            let ((a, slide), (b, other)) = (&at[i], &at[j]);
-            let amplitude = kernel.amplitude(slide.load, &slide.direction, other.load, &other.direction);
-            let line = kernel.line_sd(slide.load) * kernel.line_sd(other.load) * kernel.along((a - b).norm());
-            let noise = if i == j { kernel.noise_variance(slide.load) } else { 0.0 };
-            amplitude * kernel.near(a, b) + line + noise
+            let (a, b) = (&at[i], &at[j]);
+            let along = kernel.along((a.contact_m - b.contact_m).norm());
+            let noise = if i == j { kernel.noise_variance(a.load) } else { 0.0 };
+            kernel.map(&a.contact_m, &b.contact_m) + kernel.line_sd(a.load) * kernel.line_sd(b.load) * along + noise
         };
         (DMatrix::from_fn(at.len(), at.len(), prior) - explained) * process.largest_counts.powi(2)
     }

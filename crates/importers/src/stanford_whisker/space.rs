@@ -10,7 +10,7 @@ use files::Error;
 use nalgebra::{Vector2, Vector3};
 
 use super::{
-    FOLDER, MESHES, MESHES_MM, M_PER_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table, Test, attempt, folders,
+    Calibrated, FOLDER, MESHES, MESHES_MM, M_PER_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table, Test, attempt, folders,
     lines, stem, tables,
 };
 use crate::mesh::{self, Triangle};
@@ -61,6 +61,8 @@ pub struct SpatialCalibration {
     pub rows: Vec<Labelled>,
     /// Indices of the rows of each line.
     pub lines: Vec<Vec<usize>>,
+    /// Point about which the root of the wire rotates, by the planar registration (m), 3x1.
+    pub root_m: Vector3<f64>,
 }
 
 /// A pin trial.
@@ -148,7 +150,9 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
         return Err(Error::value(path, "pz", found, "lines of contacts on both sides of the plane, for a model in space"));
     }
     let lines = lines(&table.rows);
-    Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines })
+    let root = Calibrated::read(sensor, path)?.registration.mounted.base.origin();
+    let root_m = Vector3::new(root.x(), root.y(), 0.0);
+    Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines, root_m })
 }
 
 fn test(
