@@ -1,7 +1,7 @@
 //! Sensor models of a calibration: the samples of its lines, and the selection of the covariance.
 
 use anyhow::{Context, ensure};
-use importers::SpatialCalibration;
+use importers::{Labelled, SpatialCalibration};
 use nalgebra::{Vector2, Vector3};
 
 use crate::kernel::{Kernel, Sample};
@@ -20,8 +20,6 @@ pub struct Calibrated {
     pub name: String,
     /// All samples.
     pub samples: Vec<Sample>,
-    /// Rest reading of the calibration above that of its first row (counts): the median over the visits of the first place.
-    pub rest_counts: Vector2<f64>,
     /// The process.
     pub process: Process,
     /// Number of samples left out as outliers.
@@ -32,11 +30,12 @@ pub struct Calibrated {
     pub neighbours: Vec<Vec<usize>>,
 }
 
-/// Samples of the lines of a calibration, and its rest reading.
-pub fn samples(calibration: &SpatialCalibration) -> (Vec<Sample>, Vector2<f64>) {
+/// Samples of the lines of a calibration, above the sensor's rest reading.
+pub fn samples(calibration: &SpatialCalibration) -> Vec<Sample> {
     let rows = &calibration.rows;
-    let visits: Vec<Vector2<f64>> =
-        rows.iter().filter(|row| (row.contact_m - rows[0].contact_m).norm() < SAME_M).map(|row| row.counts).collect();
+    // The rest reading is the median over the visits of the first place, because the first readings drift.
+    let is_first = |row: &&Labelled| (row.contact_m - rows[0].contact_m).norm() < SAME_M;
+    let visits: Vec<Vector2<f64>> = rows.iter().filter(is_first).map(|row| row.counts).collect();
     let median = |channel: usize| {
         let mut values: Vec<f64> = visits.iter().map(|counts| counts[channel]).collect();
         values.sort_by(f64::total_cmp);
@@ -52,7 +51,7 @@ pub fn samples(calibration: &SpatialCalibration) -> (Vec<Sample>, Vector2<f64>) 
             line: index,
         }));
     }
-    (found, rest)
+    found
 }
 
 impl Calibrated {
@@ -61,14 +60,15 @@ impl Calibrated {
     /// # Errors
     /// If the samples do not determine a process.
     pub fn new(calibration: &SpatialCalibration) -> anyhow::Result<Self> {
-        let (samples, rest_counts) = samples(calibration);
+        let samples = samples(calibration);
         let place = || calibration.path.display().to_string();
         ensure!(samples.len() >= 100, "{}: found {} rows on lines, expected at least 100", place(), samples.len());
         let kernels = selected(&samples).with_context(place)?;
-        let (process, outliers) =
+        let (mut process, outliers) =
             Process::robust(&samples, kernels).with_context(|| format!("{}: rows: singular covariance", place()))?;
         let neighbours = neighbours(&samples);
-        Ok(Self { name: calibration.name.clone(), samples, rest_counts, process, outliers, root_m: calibration.root_m, neighbours })
+        process.inflate(&neighbours);
+        Ok(Self { name: calibration.name.clone(), samples, process, outliers, root_m: calibration.root_m, neighbours })
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! | module | contents |
 //! | --- | --- |
+//! | [`benchmark`] | sensor models, pins and objects scored |
 //! | [`kernel`] | covariance of the readings of a calibration: map, friction, error of a line, noise |
 //! | [`process`] | Gaussian process from a contact to both bending channels, and predictions on held-out lines |
 //! | [`calibration`] | labelled contacts of a calibration, selection of the covariance |
@@ -14,6 +15,7 @@
 //! The sensor model is fitted to labelled contacts, in the frame of the sensor and in counts: neither the shape of the wire nor
 //! forces are known of such recordings.
 
+pub mod benchmark;
 pub mod calibration;
 pub mod fixed;
 pub mod kernel;

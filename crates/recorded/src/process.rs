@@ -22,6 +22,8 @@ pub struct Process {
     /// Largest reading of a channel, `R` (counts).
     pub largest_counts: f64,
     places: Vec<Place>,
+    /// Factor on the predicted covariance of each channel, by which held-out lines agree with it.
+    inflation: [f64; 2],
     trend: Trend,
     /// Inverse covariance of the samples, and its product with their deviations from the trend, over `R`, by channel.
     inverse: [DMatrix<f64>; 2],
@@ -122,6 +124,7 @@ impl Process {
             samples: samples.to_vec(),
             largest_counts,
             places,
+            inflation: [1.0; 2],
             trend,
             inverse: [first, second],
             weights: [first_weights, second_weights],
@@ -139,6 +142,16 @@ impl Process {
         }
         let kept = samples.iter().enumerate().filter(|(i, _)| !outliers.contains(i)).map(|(_, sample)| *sample);
         Some((Self::new(&kept.collect::<Vec<_>>(), kernels)?, outliers.len()))
+    }
+
+    /// Multiplies the predicted covariance of each channel by the mean normalised squared error on held-out lines, if it is
+    /// larger than one.
+    pub fn inflate(&mut self, neighbours: &[Vec<usize>]) {
+        let held = self.held_out(neighbours);
+        for (channel, inflation) in self.inflation.iter_mut().enumerate() {
+            let squares = held.iter().map(|one| (one.error[channel] / one.sd[channel]).powi(2));
+            *inflation = (squares.sum::<f64>() / held.len().max(1) as f64).max(1.0);
+        }
     }
 
     /// Residuals of every sample, predicted without the lines that `neighbours` lists for its line.
@@ -279,8 +292,9 @@ impl Predictor<'_> {
         let kernel = &self.process.kernels[channel];
         let place = Place { contact_m: *contact_m, load: 0.0 };
         let own = kernel.line_sd(0.0).powi(2) + kernel.noise_variance(0.0);
-        let all = self.covariance(channel, &[place])[(0, 0)] / self.process.largest_counts.powi(2);
-        (all - own).max(0.0).sqrt()
+        let inflation = self.process.inflation[channel];
+        let all = self.covariance(channel, &[place])[(0, 0)] / (inflation * self.process.largest_counts.powi(2));
+        (inflation * (all - own).max(0.0)).sqrt()
     }
 
     /// Covariance of the errors of one channel at several contacts of one touch (counts2): of the map given the
@@ -303,6 +317,6 @@ impl Predictor<'_> {
             let noise = if i == j { kernel.noise_variance(a.load) } else { 0.0 };
             kernel.map(&a.contact_m, &b.contact_m) + kernel.line_sd(a.load) * kernel.line_sd(b.load) * along + noise
         };
-        (DMatrix::from_fn(at.len(), at.len(), prior) - explained) * process.largest_counts.powi(2)
+        (DMatrix::from_fn(at.len(), at.len(), prior) - explained) * (process.inflation[channel] * process.largest_counts.powi(2))
     }
 }

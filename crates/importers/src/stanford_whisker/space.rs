@@ -15,14 +15,14 @@ use super::{
 };
 use crate::mesh::{self, Triangle};
 
-/// Published mesh of an object, by a word of its name.
-const FIXTURES: [(&str, &str); 6] = [
-    ("cylinder", "ConeFixture.stl"),
-    ("cone", "ConeFixture.stl"),
-    ("square", "SquareFixture.stl"),
-    ("surface", "FlatFixture.stl"),
-    ("step", "StepFixture.stl"),
-    ("star", "StarFixture2.stl"),
+/// Published mesh of an object, by a word of its name, and the direction of its z on the stage.
+const FIXTURES: [(&str, &str, f64); 6] = [
+    ("cylinder", "ConeFixture.stl", 1.0),
+    ("cone", "ConeFixture.stl", 1.0),
+    ("square", "SquareFixture.stl", 1.0),
+    ("surface", "FlatFixture.stl", 1.0),
+    ("step", "StepFixture.stl", 1.0),
+    ("star", "StarFixture2.stl", -1.0),
 ];
 
 /// Largest extent of a mesh below which its unit cannot be the millimetre.
@@ -155,6 +155,7 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
     Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines, root_m })
 }
 
+/// Reads a test, unless its name is that of no test.
 fn test(
     folder: &Path,
     session: &Path,
@@ -197,18 +198,18 @@ fn mesh(
     object: &str,
     known: &mut BTreeMap<&'static str, Vec<Triangle>>,
 ) -> Result<Option<Vec<Triangle>>, Error> {
-    let Some(&(_, file)) = FIXTURES.iter().find(|(word, _)| object.contains(word)) else { return Ok(None) };
+    let Some(&(_, file, up)) = FIXTURES.iter().find(|(word, ..)| object.contains(word)) else { return Ok(None) };
     let path = folder.join(MESHES).join(file);
     if !path.is_file() {
         return Ok(None);
     }
     if !known.contains_key(file) {
-        known.insert(file, placed(&path)?);
+        known.insert(file, placed(&path, up)?);
     }
     Ok(known.get(file).cloned())
 }
 
-fn placed(path: &Path) -> Result<Vec<Triangle>, Error> {
+fn placed(path: &Path, up: f64) -> Result<Vec<Triangle>, Error> {
     let triangles = mesh::triangles(path)?;
     let extent = |axis: usize| {
         let values = || triangles.iter().flatten().map(|corner| corner[axis]);
@@ -221,6 +222,6 @@ fn placed(path: &Path) -> Result<Vec<Triangle>, Error> {
     }
     // Here z has the direction of the stage, against which the authors measure the heights of contacts.
     let [x_mm, y_mm, z_mm] = MESHES_MM;
-    let place = |[x, y, z]: [f64; 3]| [(x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM, (z - z_mm) * M_PER_MM];
+    let place = |[x, y, z]: [f64; 3]| [(x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM, (up * z - z_mm) * M_PER_MM];
     Ok(triangles.into_iter().map(|corners| corners.map(place)).collect())
 }
