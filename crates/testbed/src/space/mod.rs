@@ -1,11 +1,13 @@
 //! Fit and evaluation of traces in space.
 
 pub mod bound;
+mod estimates;
 pub mod evaluate;
 pub mod fit;
 mod readings;
 pub mod replay;
 mod run;
 
+pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
 pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
-pub use run::{SpatialWritten, evaluate_into};
+pub use run::{SpatialRun, SpatialRunTrial, SpatialRunWhisker, SpatialWritten, evaluate_into};

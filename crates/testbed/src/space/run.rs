@@ -9,9 +9,11 @@ use files::{Watermark, read_json, sha256_of_file, write_atomically, write_json};
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use trace::{Role, SpatialSidecar};
+use trace::{Role, SpatialSidecar, StatedSuspension};
+use whisker::Whisker;
 
-use super::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTrialRow, estimators, evaluate};
+use super::SpatialEstimateRow;
+use super::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTrialRow, estimators, evaluate_keeping};
 use crate::dataset::Dataset;
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
 use crate::provenance::evaluation_watermark;
@@ -20,17 +22,58 @@ use crate::results::{csv_bytes, read_rows};
 const RUN: &str = "space_run.json";
 const TRIALS: &str = "space_trials.csv";
 const SUMMARY: &str = "space_summary.csv";
+const ESTIMATES: &str = "space_estimates";
+
+/// Estimates of a run that is being evaluated.
+const ESTIMATES_PART: &str = ".space_estimates.part";
+
+/// Name of the table of the estimates of one estimator on one trace.
+pub(super) fn estimates_file(trace: &str, estimator: &str) -> String {
+    format!("{trace}.{estimator}.csv")
+}
+
+/// A trial of a run in space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialRunTrial {
+    /// Name of the trace.
+    pub trace: String,
+    /// Group of the trace.
+    pub group: String,
+    /// Whisker of the trace.
+    pub whisker: SpatialRunWhisker,
+    /// Description of the touched solid. Its schema belongs to the generator.
+    pub solid: Value,
+}
+
+/// A whisker of a run in space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialRunWhisker {
+    /// Whisker in its own plane.
+    pub whisker: Whisker,
+    /// Springs at the root.
+    pub suspension: StatedSuspension,
+    /// Poisson ratio of the wire.
+    pub poisson_ratio: f64,
+}
 
 /// Description of a run in space, `space_run.json`.
-#[derive(Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct SpatialRun {
-    watermark: Watermark,
-    noise: f64,
-    seeds: Vec<u64>,
+pub struct SpatialRun {
+    /// Program and hash of the inputs.
+    pub watermark: Watermark,
+    /// Name of the dataset.
+    pub name: String,
+    /// Measurement noise of both moments, as a fraction of the largest moment of each group of trials with one whisker.
+    pub noise: f64,
+    /// Seeds of the noise.
+    pub seeds: Vec<u64>,
     /// Estimators by name, with their settings.
-    estimators: BTreeMap<String, Value>,
-    traces: Vec<String>,
+    pub estimators: BTreeMap<String, Value>,
+    /// The trials.
+    pub trials: Vec<SpatialRunTrial>,
 }
 
 impl SpatialRun {
@@ -42,30 +85,67 @@ impl SpatialRun {
         let rows = estimators(settings)?;
         let estimators: BTreeMap<String, Value> =
             rows.into_iter().map(|(row, config)| (row.name.to_owned(), config)).collect();
-        let (mut traces, mut data) = (Vec::new(), Vec::new());
+        let (mut trials, mut data) = (Vec::new(), Vec::new());
         let folder = settings.calibrations(dataset);
         for path in &dataset.paths {
             let sidecar = SpatialSidecar::read(path)?;
             if sidecar.role == Role::Trial {
                 data.push(sidecar.data_sha256());
                 data.push(sha256_of_file(&folder.join(format!("{}.json", sidecar.whisker.name)))?);
-                traces.push(sidecar.name);
+                let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
+                let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };
+                let solid = scene.get("solid").cloned().unwrap_or_default();
+                trials.push(SpatialRunTrial { trace: name, group, whisker, solid });
             }
         }
         data.push(serde_json::to_string(&(settings.noise, &settings.seeds, &estimators))?);
         Ok(Self {
             watermark: evaluation_watermark(data.iter().map(String::as_str)),
+            name: dataset.name.clone(),
             noise: settings.noise,
             seeds: settings.seeds.clone(),
             estimators,
-            traces,
+            trials,
         })
+    }
+
+    /// Reads the description of the run in a folder. `None` if the folder holds no run in space.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn read(folder: &Path) -> anyhow::Result<Option<Self>> {
+        let path = folder.join(RUN);
+        Ok(if path.is_file() { Some(read_json(&path)?) } else { None })
+    }
+
+    /// One row per group, whisker and estimator of the run in a folder.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn summary(folder: &Path) -> anyhow::Result<Vec<SpatialSummaryRow>> {
+        read_rows(&folder.join(SUMMARY))
+    }
+
+    /// One row per trace, estimator and seed of the run in a folder.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn trials(folder: &Path) -> anyhow::Result<Vec<SpatialTrialRow>> {
+        read_rows(&folder.join(TRIALS))
+    }
+
+    /// Estimates of one estimator on one trace with the first seed, at evenly spaced instants.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn estimates(folder: &Path, trace: &str, estimator: &str) -> anyhow::Result<Vec<SpatialEstimateRow>> {
+        read_rows(&folder.join(ESTIMATES).join(estimates_file(trace, estimator)))
     }
 
     /// Differences in settings from another run.
     fn differences(&self, new: &Self) -> Vec<String> {
         let names = |run: &Self| run.estimators.keys().cloned().collect();
-        let traces = |run: &Self| run.traces.iter().cloned().collect();
+        let traces = |run: &Self| run.trials.iter().map(|trial| trial.trace.clone()).collect();
         let changed = |(name, config): &(&String, &Value)| new.estimators.get(*name).is_some_and(|new| new != *config);
         let lists = [
             difference("noise", &self.noise.to_string(), &new.noise.to_string()),
@@ -92,7 +172,7 @@ pub struct SpatialWritten {
 /// if `force` is set.
 ///
 /// # Errors
-/// As [`evaluate()`], and if a finished run has other settings or a file cannot be written.
+/// As [`super::evaluate::evaluate()`], and if a finished run has other settings or a file cannot be written.
 pub fn evaluate_into(
     folder: &Path,
     dataset: &Dataset,
@@ -105,7 +185,7 @@ pub fn evaluate_into(
     if run_path.is_file() {
         let old: Result<SpatialRun, _> = read_json(&run_path);
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
-            && let (Ok(_), Ok(summary)) = (read_rows::<SpatialTrialRow>(&trials_path), read_rows(&summary_path))
+            && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
         {
             return Ok(SpatialWritten { summary, step_us: None });
         }
@@ -113,15 +193,29 @@ pub fn evaluate_into(
             check_same(folder, old.map(|old| old.differences(&run)).map_err(Into::into))?;
         }
     }
-    let evaluated = evaluate(dataset, settings, progress)?;
+    // Estimates are written while they are computed, beside those of a former run, which is complete until the tables come.
+    let [estimates, part] = [ESTIMATES, ESTIMATES_PART].map(|name| folder.join(name));
+    remove(&part)?;
+    fs::create_dir_all(&part).with_context(|| part.display().to_string())?;
+    let evaluated = evaluate_keeping(dataset, settings, Some(&part), progress)?;
     // The description goes first and comes last, so that it never stands beside tables of another run.
     if run_path.is_file() {
         fs::remove_file(&run_path).with_context(|| run_path.display().to_string())?;
     }
+    remove(&estimates)?;
+    fs::rename(&part, &estimates).with_context(|| estimates.display().to_string())?;
     write_atomically(&trials_path, &csv_bytes(&evaluated.trials)?)?;
     write_atomically(&summary_path, &csv_bytes(&evaluated.summary)?)?;
     write_json(&run_path, &run)?;
     Ok(SpatialWritten { summary: evaluated.summary, step_us: Some(evaluated.step_us) })
+}
+
+/// Removes a folder, if it is there.
+fn remove(folder: &Path) -> anyhow::Result<()> {
+    if folder.is_dir() {
+        fs::remove_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
+    Ok(())
 }
 
 impl SpatialEvaluateSettings {
