@@ -70,6 +70,63 @@ pub struct SweepScore {
     pub shift_m: Option<f64>,
 }
 
+/// Scores of an estimator on a group of pins.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PinSummary {
+    /// Group of the pins.
+    pub group: String,
+    /// Name of the estimator.
+    pub estimator: String,
+    /// Number of pins.
+    pub pins: usize,
+    /// Share of the scored rows with an estimate within the calibrated domain.
+    pub answered: f64,
+    /// Mean over the pins of their mean errors (m).
+    pub mean_m: f64,
+    /// Median over the pins of their mean errors (m).
+    pub median_m: f64,
+    /// Largest error of a row (m).
+    pub worst_m: f64,
+    /// Mean over the pins of the normalised squared error per degree of freedom.
+    pub nees: f64,
+    /// Mean over the pins of the coverage of the 95 % ellipsoids.
+    pub coverage: f64,
+}
+
+impl Benchmark {
+    /// Scores by group and estimator, in order of their first pin.
+    pub fn summary(&self) -> Vec<PinSummary> {
+        let mut keys: Vec<(&str, &str)> = Vec::new();
+        for pin in &self.pins {
+            let key = (pin.group.as_str(), pin.estimator.as_str());
+            if !keys.contains(&key) {
+                keys.push(key);
+            }
+        }
+        let of_key = |(group, estimator): (&str, &str)| {
+            let of = |pin: &&PinScore| pin.group == group && pin.estimator == estimator;
+            let pins: Vec<&PinScore> = self.pins.iter().filter(of).collect();
+            let mean = |value: fn(&PinScore) -> f64| pins.iter().map(|pin| value(pin)).sum::<f64>() / pins.len() as f64;
+            let mut means: Vec<f64> = pins.iter().map(|pin| pin.mean_m).collect();
+            means.sort_by(f64::total_cmp);
+            let (rows, all): (usize, usize) =
+                (pins.iter().map(|pin| pin.rows).sum(), pins.iter().map(|pin| pin.all_rows).sum());
+            PinSummary {
+                group: group.into(),
+                estimator: estimator.into(),
+                pins: pins.len(),
+                answered: rows as f64 / all as f64,
+                mean_m: mean(|pin| pin.mean_m),
+                median_m: 0.5 * (means[(means.len() - 1) / 2] + means[means.len() / 2]),
+                worst_m: pins.iter().map(|pin| pin.worst_m).fold(0.0, f64::max),
+                nees: mean(|pin| pin.nees),
+                coverage: mean(|pin| pin.coverage),
+            }
+        };
+        keys.into_iter().map(of_key).collect()
+    }
+}
+
 /// Results of the benchmark.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Benchmark {
@@ -91,14 +148,15 @@ struct Stated {
     kernels: Vec<(String, [Kernel; 2])>,
 }
 
-/// Evaluates the recordings of a clone and writes `space_maps.csv`, `space_pins.csv`, `space_sweeps.csv` and
-/// `space_settings.json` into `out`. The result does not depend on the number of threads.
+/// Evaluates the recordings of a clone and writes `space_maps.csv`, `space_pins.csv`, `space_pins_summary.csv`,
+/// `space_sweeps.csv` and `space_settings.json` into `out`. The result does not depend on the number of threads.
 ///
 /// # Errors
 /// If the recordings cannot be read, or a table cannot be written.
 pub fn run(folder: &Path, out: &Path, progress: &dyn Fn(&str)) -> anyhow::Result<Benchmark> {
     let recordings = stanford_in_space(folder)?;
-    let mut benchmark = Benchmark { failures: recordings.failures.iter().map(ToString::to_string).collect(), ..Benchmark::default() };
+    let mut benchmark =
+        Benchmark { failures: recordings.failures.iter().map(ToString::to_string).collect(), ..Benchmark::default() };
     let mut kernels = Vec::new();
     for (index, calibration) in recordings.calibrations.iter().enumerate() {
         progress(&calibration.name);
@@ -114,6 +172,7 @@ pub fn run(folder: &Path, out: &Path, progress: &dyn Fn(&str)) -> anyhow::Result
     write_json(&out.join("space_settings.json"), &stated)?;
     write_atomically(&out.join("space_maps.csv"), &table(&benchmark.maps)?)?;
     write_atomically(&out.join("space_pins.csv"), &table(&benchmark.pins)?)?;
+    write_atomically(&out.join("space_pins_summary.csv"), &table(&benchmark.summary())?)?;
     write_atomically(&out.join("space_sweeps.csv"), &table(&benchmark.sweeps)?)?;
     Ok(benchmark)
 }
@@ -142,7 +201,12 @@ fn map_score(calibrated: &Calibrated, model: &str, process: &Process) -> MapScor
     }
 }
 
-fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrated, benchmark: &mut Benchmark) -> anyhow::Result<()> {
+fn evaluate(
+    recordings: &SpatialRecordings,
+    index: usize,
+    calibrated: &Calibrated,
+    benchmark: &mut Benchmark,
+) -> anyhow::Result<()> {
     let published = Process::new(&calibrated.process.samples, [paper::kernel(); 2]).context("singular covariance")?;
     benchmark.maps.push(map_score(calibrated, "gaussian-process", &calibrated.process));
     benchmark.maps.push(map_score(calibrated, "gaussian-process of paper-ukf-3d", &published));
@@ -151,7 +215,8 @@ fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrate
         .into_par_iter()
         .map(|index| {
             let Some(touch) = touch(&line(calibrated, index), least_counts) else { return Vec::new() };
-            let [ours, theirs] = [&calibrated.process, &published].map(|process| process.without(&calibrated.neighbours[index]));
+            let [ours, theirs] =
+                [&calibrated.process, &published].map(|process| process.without(&calibrated.neighbours[index]));
             // The sensor did not move between a line and the others.
             let settings = Settings { place_sd_m: 0.0, ..Settings::default() };
             let (group, name) = (format!("left-out lines, {}", calibrated.name), format!("line {index}"));
@@ -179,12 +244,11 @@ fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrate
                 .collect();
             // The first trial of a session is the touch at a known place.
             let first = trials.iter().find(|(other, ..)| other == session);
-            if let Some((_, known, readings)) = first.filter(|(_, known, _)| known != name) {
+            if let Some((.., readings)) = first.filter(|(_, known, _)| known != name) {
                 let mounting = Mounting::learnt(&ours, readings, &Vector3::zeros());
                 let corrected: Vec<Reading> = touch.iter().map(|reading| mounting.corrected(reading)).collect();
                 let group = format!("{group}, mounting learnt");
                 scores.extend(score(&group, name, FIXED, &replay(fixed, &corrected)));
-                let _ = known;
             }
             scores
         })
@@ -237,7 +301,8 @@ fn shift(contacts: &[Vector3<f64>], mesh: &[Triangle]) -> Vector3<f64> {
     const ITERATIONS: usize = 40;
     let mut shift = Vector3::zeros();
     for _ in 0..ITERATIONS {
-        let off: Vector3<f64> = contacts.iter().map(|contact| nearest(&(contact + shift), mesh) - (contact + shift)).sum();
+        let off: Vector3<f64> =
+            contacts.iter().map(|contact| nearest(&(contact + shift), mesh) - (contact + shift)).sum();
         let step = off / contacts.len() as f64;
         shift += step;
         if step.norm() < 1e-7 {

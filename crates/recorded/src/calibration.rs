@@ -72,13 +72,12 @@ impl Calibrated {
     }
 }
 
-/// Mean logarithm of the predicted density of held-out samples, by channel, bounded so that outliers do not decide.
+/// Mean logarithm of the predicted density of held-out samples, by channel.
 fn score(held: &[HeldOut], largest_counts: f64) -> [f64; 2] {
-    const MOST_SDS: f64 = 4.0;
     [0, 1].map(|channel| {
         let of = |one: &HeldOut| {
             let sd = one.sd[channel];
-            -0.5 * (one.error[channel] / sd).powi(2).min(MOST_SDS.powi(2)) - (sd / largest_counts).ln()
+            -0.5 * (one.error[channel] / sd).powi(2) - (sd / largest_counts).ln()
         };
         held.iter().map(of).sum::<f64>() / held.len() as f64
     })
@@ -95,6 +94,9 @@ const CHANGES: [fn(&mut Kernel, f64); 7] = [
     |kernel, factor| kernel.line_length_m *= factor,
 ];
 const FACTORS: [f64; 2] = [0.7, 1.4];
+
+/// Number of times that all changes are tried.
+const ROUNDS: usize = 3;
 
 /// The covariance of each channel with the largest predicted density of held-out lines, by a coordinate search.
 fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
@@ -123,7 +125,7 @@ fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
     };
     let mut kernels = [Kernel::START; 2];
     let mut best = scored(kernels).context("singular covariance")?;
-    for _ in 0..2 {
+    for _ in 0..ROUNDS {
         for change in CHANGES {
             for factor in FACTORS {
                 let mut tried = kernels;

@@ -103,19 +103,24 @@ impl<'a> FixedPoint<'a> {
             places_m.extend(self.starts());
         }
         let thinned = self.thinned();
-        let mut found: Vec<(f64, Vector3<f64>)> =
-            places_m.iter().map(|place_m| self.search(*place_m, &thinned)).filter(|(cost, _)| cost.is_finite()).collect();
+        let mut found: Vec<(f64, Vector3<f64>)> = places_m
+            .iter()
+            .map(|place_m| self.search(*place_m, &thinned))
+            .filter(|(cost, _)| cost.is_finite())
+            .collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (_, place_m) in found {
             if self.places_m.len() < KEPT && self.places_m.iter().all(|known| (known - place_m).norm() > SAME_M) {
                 self.places_m.push(place_m);
             }
         }
-        let refined: Vec<Refined> = self.places_m.iter().filter_map(|place_m| self.refine(*place_m, &thinned)).collect();
+        let refined: Vec<Refined> =
+            self.places_m.iter().filter_map(|place_m| self.refine(*place_m, &thinned)).collect();
         let most = refined.iter().map(|one| one.log_weight).fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = refined.iter().map(|one| (one.log_weight - most).exp()).collect();
         let total: f64 = weights.iter().sum();
-        let contact_m = refined.iter().zip(&weights).map(|(one, weight)| one.place_m * (weight / total)).sum::<Vector3<f64>>();
+        let contact_m =
+            refined.iter().zip(&weights).map(|(one, weight)| one.place_m * (weight / total)).sum::<Vector3<f64>>();
         let mut covariance_m2 = Matrix3::identity() * self.settings.place_sd_m.powi(2);
         for (one, weight) in refined.iter().zip(&weights) {
             let off = one.place_m - contact_m;
@@ -193,7 +198,8 @@ impl<'a> FixedPoint<'a> {
                 let share = self.settings.outlier / (self.settings.outlier + square);
                 cost += square * share;
                 let jacobian = slopes * self.readings[i].rotation.inverse().matrix();
-                let scaled = jacobian.transpose() * nalgebra::Matrix2::from_diagonal(&variance.map(|v| share * share / v));
+                let scaled =
+                    jacobian.transpose() * nalgebra::Matrix2::from_diagonal(&variance.map(|v| share * share / v));
                 normal += scaled * jacobian;
                 gradient += scaled * residual;
             }
@@ -203,7 +209,9 @@ impl<'a> FixedPoint<'a> {
         let (mut cost, mut normal, mut gradient) = linearised(&place_m);
         let mut damping = 1e-2;
         for _ in 0..ITERATIONS {
-            let damped = normal + Matrix3::from_diagonal(&(normal.diagonal() * damping)) + Matrix3::identity() / PRIOR_SD_M.powi(2);
+            let damped = normal
+                + Matrix3::from_diagonal(&(normal.diagonal() * damping))
+                + Matrix3::identity() / PRIOR_SD_M.powi(2);
             let Some(factor) = damped.cholesky() else { break };
             let step = factor.solve(&gradient);
             let next_m = place_m + step * (APART_M / step.norm().max(APART_M));
@@ -306,4 +314,29 @@ struct Refined {
     place_m: Vector3<f64>,
     covariance_m2: Matrix3<f64>,
     log_weight: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::Kernel;
+    use crate::process::Process;
+    use crate::process::tests::{reading, samples};
+
+    #[test]
+    fn verif_a_fixed_contact_is_found_without_a_start() {
+        let process = Process::new(&samples(), [Kernel::START; 2]).unwrap();
+        let predictor = process.without(&[]);
+        let place_m = Vector3::new(0.1, -0.2, 0.05);
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.4);
+        let at = |step: usize| {
+            let contact_m = Vector3::new(-0.02 - 2e-4 * step as f64, -0.001 - 4e-4 * step as f64, 0.002);
+            Reading { rotation: turn, origin_m: place_m - turn * contact_m, counts: reading(&contact_m) }
+        };
+        let mut estimator = FixedPoint::new(&predictor, Settings::default(), at(0));
+        let last = (1..30).filter_map(|step| estimator.step(at(step))).last().expect("an estimate");
+        assert!(last.is_calibrated);
+        let error_m = (last.contact_m - place_m).norm();
+        assert!(error_m < 0.2e-3 && error_m < 3.0 * last.covariance_m2.trace().sqrt(), "{error_m}");
+    }
 }

@@ -55,9 +55,13 @@ mod tests {
     #[test]
     fn verif_distances_to_face_edge_and_corner() {
         let mesh: [Triangle; 1] = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]];
-        for (point, expected) in
-            [([0.2, 0.2, 0.5], 0.5), ([0.5, -0.3, 0.4], 0.5), ([2.0, 0.0, 0.0], 1.0), ([0.25, 0.25, 0.0], 0.0), ([1.0, 1.0, 0.0], 0.5_f64.sqrt())]
-        {
+        for (point, expected) in [
+            ([0.2, 0.2, 0.5], 0.5),
+            ([0.5, -0.3, 0.4], 0.5),
+            ([2.0, 0.0, 0.0], 1.0),
+            ([0.25, 0.25, 0.0], 0.0),
+            ([1.0, 1.0, 0.0], 0.5_f64.sqrt()),
+        ] {
             assert!((distance_m(&Vector3::from(point), &mesh) - expected).abs() < 1e-12, "{point:?}");
         }
     }

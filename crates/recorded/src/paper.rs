@@ -26,12 +26,7 @@ const SPREAD: Spread = Spread { alpha: 1.0, beta: 2.0, kappa: 0.0 };
 
 /// The covariance of its sensor model: a map and white noise, one length for all axes.
 pub fn kernel() -> Kernel {
-    Kernel {
-        length_m: [10e-3; 3],
-        line: [1e-9, 0.0],
-        noise: [READING_SD, 0.0],
-        ..Kernel::START
-    }
+    Kernel { length_m: [10e-3; 3], line: [1e-9, 0.0], noise: [READING_SD, 0.0], ..Kernel::START }
 }
 
 /// The filter. Its state is the contact in the frame of the sensor (mm), for numbers of the order of one.
@@ -59,7 +54,8 @@ impl<'a> PaperUkf<'a> {
         let sensor = Sensor { predictor: self.predictor };
         unscented::update(&mut self.belief, &sensor, &SPREAD, &reading.counts).ok()?;
         let contact_m = self.belief.mean / MM;
-        let turned = reading.rotation.matrix() * self.belief.covariance * reading.rotation.matrix().transpose() / MM.powi(2);
+        let turned =
+            reading.rotation.matrix() * self.belief.covariance * reading.rotation.matrix().transpose() / MM.powi(2);
         Some(Estimate {
             contact_m: reading.rotation * contact_m + reading.origin_m,
             covariance_m2: turned,

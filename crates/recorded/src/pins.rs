@@ -60,7 +60,11 @@ impl Mounting {
         // A contact `c` in the nominal frame has the coordinates `T c + t` in that of the calibration.
         let turn = Rotation3::new(self.turn_rad);
         let rotation = reading.rotation * turn.inverse();
-        Reading { rotation, origin_m: reading.origin_m - rotation * self.shift_m, counts: reading.counts - self.offset_counts }
+        Reading {
+            rotation,
+            origin_m: reading.origin_m - rotation * self.shift_m,
+            counts: reading.counts - self.offset_counts,
+        }
     }
 
     /// Estimates a mounting from the readings of a touch at a known place: generalised least squares with the joint covariance
@@ -84,7 +88,9 @@ impl Mounting {
                     Place { contact_m, load: touch[i].counts.norm() / predictor.process.largest_counts }
                 })
                 .collect();
-            let kept: Vec<usize> = (0..at.len()).filter(|&i| predictor.distance_m(&at[i].contact_m) < Settings::default().reach_m).collect();
+            let kept: Vec<usize> = (0..at.len())
+                .filter(|&i| predictor.distance_m(&at[i].contact_m) < Settings::default().reach_m)
+                .collect();
             let near: Vec<_> = kept.iter().map(|&i| at[i]).collect();
             let (mut normal, mut gradient) =
                 (SMatrix::<f64, 8, 8>::from_diagonal(&prior.map(|sd| 1.0 / (sd * sd))), SVector::<f64, 8>::zeros());
@@ -97,13 +103,17 @@ impl Mounting {
                     let nominal = touch[used[i]].to_sensor(place_m);
                     let (expected, slopes) = predictor.predict(&place.contact_m);
                     let by_turn: Matrix3<f64> = -nominal.cross_matrix();
-                    let by_mounting = Matrix3x6::from_fn(|r, c| if c < 3 { f64::from(u8::from(r == c)) } else { by_turn[(r, c - 3)] });
+                    let by_mounting =
+                        Matrix3x6::from_fn(
+                            |r, c| if c < 3 { f64::from(u8::from(r == c)) } else { by_turn[(r, c - 3)] },
+                        );
                     let slope = slopes.row(channel) * by_mounting;
                     for column in 0..6 {
                         jacobian[(row, column)] = slope[column];
                     }
                     jacobian[(row, 6 + channel)] = 1.0;
-                    residual[row] = touch[used[i]].counts[channel] - mounting.offset_counts[channel] - expected[channel];
+                    residual[row] =
+                        touch[used[i]].counts[channel] - mounting.offset_counts[channel] - expected[channel];
                 }
                 let solved = factor.solve(&jacobian);
                 normal += (jacobian.transpose() * &solved).fixed_view::<8, 8>(0, 0);

@@ -51,8 +51,36 @@ impl Trend {
     fn slopes(u: &Vector3<f64>) -> SMatrix<f64, TERMS, 3> {
         let [x, y, z] = (*u).into();
         SMatrix::<f64, 3, TERMS>::from_column_slice(&[
-            0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 2.0 * x, 0.0, 0.0, 0.0, 2.0 * y, 0.0, 0.0, 0.0,
-            2.0 * z, y, x, 0.0, 0.0, z, y, z, 0.0, x,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            2.0 * x,
+            0.0,
+            0.0,
+            0.0,
+            2.0 * y,
+            0.0,
+            0.0,
+            0.0,
+            2.0 * z,
+            y,
+            x,
+            0.0,
+            0.0,
+            z,
+            y,
+            z,
+            0.0,
+            x,
         ])
         .transpose()
     }
@@ -62,11 +90,8 @@ impl Trend {
             Vector3::from_fn(|axis, _| samples.iter().map(|sample| sample.contact_m[axis]).fold(from, pick))
         };
         let (low, high) = (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY));
-        let mut trend = Self {
-            center_m: (low + high) * 0.5,
-            scale_m: (high - low) * 0.5,
-            coefficients: SMatrix::zeros(),
-        };
+        let mut trend =
+            Self { center_m: (low + high) * 0.5, scale_m: (high - low) * 0.5, coefficients: SMatrix::zeros() };
         let mut square = SMatrix::<f64, TERMS, TERMS>::zeros();
         let mut mixed = SMatrix::<f64, TERMS, 2>::zeros();
         for sample in samples {
@@ -104,16 +129,15 @@ impl Process {
     pub fn new(samples: &[Sample], kernels: [Kernel; 2]) -> Option<Self> {
         let largest_counts = samples.iter().map(|sample| sample.counts.amax()).fold(0.0, f64::max);
         let trend = Trend::new(samples, largest_counts)?;
-        let place = |sample: &Sample| Place {
-            contact_m: sample.contact_m,
-            load: sample.counts.norm() / largest_counts,
-        };
+        let place =
+            |sample: &Sample| Place { contact_m: sample.contact_m, load: sample.counts.norm() / largest_counts };
         let places: Vec<Place> = samples.iter().map(place).collect();
         let solve = |channel: usize| {
             let kernel = &kernels[channel];
             let covariance = covariance(samples, &places, kernel);
             let inverse = covariance.cholesky()?.inverse();
-            let deviation = |i: usize| samples[i].counts[channel] / largest_counts - trend.at(&samples[i].contact_m).0[channel];
+            let deviation =
+                |i: usize| samples[i].counts[channel] / largest_counts - trend.at(&samples[i].contact_m).0[channel];
             let weights = &inverse * DVector::from_fn(samples.len(), |i, _| deviation(i));
             Some((inverse, weights))
         };
@@ -135,8 +159,12 @@ impl Process {
     pub fn robust(samples: &[Sample], kernels: [Kernel; 2]) -> Option<(Self, usize)> {
         let first = Self::new(samples, kernels)?;
         let is_outlier = |held: &HeldOut| held.error.component_div(&held.sd).amax() > OUTLIER_SDS;
-        let outliers: Vec<usize> =
-            first.held_out(&neighbours(samples)).iter().filter(|held| is_outlier(held)).map(|held| held.sample).collect();
+        let outliers: Vec<usize> = first
+            .held_out(&neighbours(samples))
+            .iter()
+            .filter(|held| is_outlier(held))
+            .map(|held| held.sample)
+            .collect();
         if outliers.is_empty() {
             return Some((first, 0));
         }
@@ -214,7 +242,8 @@ fn covariance(samples: &[Sample], places: &[Place], kernel: &Kernel) -> DMatrix<
             let (a, b) = (&places[i], &places[j]);
             let mut value = kernel.map(&a.contact_m, &b.contact_m);
             if samples[i].line == samples[j].line {
-                value += kernel.line_sd(a.load) * kernel.line_sd(b.load) * kernel.along((a.contact_m - b.contact_m).norm());
+                value +=
+                    kernel.line_sd(a.load) * kernel.line_sd(b.load) * kernel.along((a.contact_m - b.contact_m).norm());
             }
             if i == j {
                 value += kernel.noise_variance(a.load);
@@ -231,7 +260,8 @@ pub fn neighbours(samples: &[Sample]) -> Vec<Vec<usize>> {
     const NEIGHBOUR: f64 = 1.5;
     let count = samples.iter().map(|sample| sample.line + 1).max().unwrap_or(0);
     let center = |line: usize| {
-        let points: Vec<_> = samples.iter().filter(|sample| sample.line == line).map(|sample| sample.contact_m).collect();
+        let points: Vec<_> =
+            samples.iter().filter(|sample| sample.line == line).map(|sample| sample.contact_m).collect();
         points.iter().sum::<Vector3<f64>>() / points.len() as f64
     };
     let centers: Vec<Vector3<f64>> = (0..count).map(center).collect();
@@ -302,8 +332,9 @@ impl Predictor<'_> {
     pub fn covariance(&self, channel: usize, at: &[Place]) -> DMatrix<f64> {
         let process = self.process;
         let kernel = &process.kernels[channel];
-        let value =
-            |row: usize, place: &Place| if self.is_kept[row] { kernel.map(&place.contact_m, &process.places[row].contact_m) } else { 0.0 };
+        let value = |row: usize, place: &Place| {
+            if self.is_kept[row] { kernel.map(&place.contact_m, &process.places[row].contact_m) } else { 0.0 }
+        };
         let cross = DMatrix::from_fn(process.samples.len(), at.len(), |row, i| value(row, &at[i]));
         let solved = &process.inverse[channel] * &cross;
         let mut explained = cross.tr_mul(&solved);
@@ -317,6 +348,88 @@ impl Predictor<'_> {
             let noise = if i == j { kernel.noise_variance(a.load) } else { 0.0 };
             kernel.map(&a.contact_m, &b.contact_m) + kernel.line_sd(a.load) * kernel.line_sd(b.load) * along + noise
         };
-        (DMatrix::from_fn(at.len(), at.len(), prior) - explained) * (process.inflation[channel] * process.largest_counts.powi(2))
+        (DMatrix::from_fn(at.len(), at.len(), prior) - explained)
+            * (process.inflation[channel] * process.largest_counts.powi(2))
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Readings of a smooth map.
+    pub(crate) fn reading(contact_m: &Vector3<f64>) -> Vector2<f64> {
+        let [x, y, z] = (contact_m * 100.0).into();
+        Vector2::new(900.0 * z * (1.0 + 0.3 * x), 1500.0 * y * (1.0 - 0.4 * x + 0.2 * x * x) + 60.0 * z * z)
+    }
+
+    /// Contacts on lines that leave an undeflected wire along x.
+    pub(crate) fn samples() -> Vec<Sample> {
+        let mut samples = Vec::new();
+        for along in 0..7 {
+            for height in 0..5 {
+                for step in 0..8 {
+                    let [x, z] = [-0.01 - 0.005 * f64::from(along), 0.004 * f64::from(height - 2)];
+                    let contact_m = Vector3::new(x, -0.002 * f64::from(step), z);
+                    let line = (5 * along + height) as usize;
+                    samples.push(Sample { contact_m, counts: reading(&contact_m), line });
+                }
+            }
+        }
+        samples
+    }
+
+    fn process() -> Process {
+        Process::new(&samples(), [Kernel::START; 2]).expect("a regular covariance")
+    }
+
+    #[test]
+    fn verif_derivatives_are_those_of_differences() {
+        let process = process();
+        let predictor = process.without(&[3, 4]);
+        let at = Vector3::new(-0.023, -0.0071, 0.0023);
+        let slopes = predictor.predict(&at).1;
+        for axis in 0..3 {
+            let step = Vector3::ith(axis, 1e-6);
+            let difference = (predictor.predict(&(at + step)).0 - predictor.predict(&(at - step)).0) / 2e-6;
+            assert!((slopes.column(axis) - difference).norm() < 1e-5 * (1.0 + difference.norm()), "{axis}");
+        }
+    }
+
+    #[test]
+    fn verif_predictions_without_lines_are_those_of_a_fit_without_them() {
+        let (process, dropped) = (process(), [5, 6, 12]);
+        let kept: Vec<Sample> = samples().into_iter().filter(|sample| !dropped.contains(&sample.line)).collect();
+        let mut fitted = Process::new(&kept, [Kernel::START; 2]).unwrap();
+        // The trend is that of all samples, as for the residuals on held-out lines.
+        fitted.trend = process.trend.clone();
+        fitted.largest_counts = process.largest_counts;
+        for channel in 0..2 {
+            let deviation = |i: usize| {
+                kept[i].counts[channel] / process.largest_counts - process.trend.at(&kept[i].contact_m).0[channel]
+            };
+            fitted.weights[channel] = &fitted.inverse[channel] * DVector::from_fn(kept.len(), |i, _| deviation(i));
+        }
+        let (one, other) = (process.without(&dropped), fitted.without(&[]));
+        let place = Place { contact_m: Vector3::new(-0.022, -0.004, 0.001), load: 0.3 };
+        assert!((one.predict(&place.contact_m).0 - other.predict(&place.contact_m).0).norm() < 1e-4);
+        let held = process
+            .held_out(&(0..35).map(|line| if line == 5 { dropped.to_vec() } else { vec![line] }).collect::<Vec<_>>());
+        for found in held.iter().filter(|found| process.samples[found.sample].line == 5) {
+            let sample = &process.samples[found.sample];
+            assert!((sample.counts - found.error - one.predict(&sample.contact_m).0).norm() < 1e-4);
+        }
+        for channel in 0..2 {
+            let [a, b] = [&one, &other].map(|predictor| predictor.covariance(channel, &[place])[(0, 0)]);
+            assert!((a - b).abs() < 1e-6 * a, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn robust_readings_of_a_pin_that_slipped_off_are_left_out() {
+        let mut damaged = samples();
+        damaged[100].counts = Vector2::zeros();
+        let (process, outliers) = Process::robust(&damaged, [Kernel::START; 2]).unwrap();
+        assert_eq!((process.samples.len(), outliers), (damaged.len() - 1, 1));
     }
 }

@@ -47,8 +47,13 @@ pub fn normal(predictor: &Predictor<'_>, root_m: &Vector3<f64>, contact_m: &Vect
     let (radius_m, angle) = (arm.x.hypot(arm.y), arm.y.atan2(arm.x));
     let at = |angle: f64| {
         let (sin, cos) = angle.sin_cos();
-        let (reading, slopes) = predictor.predict(&Vector3::new(root_m.x + radius_m * cos, root_m.y + radius_m * sin, contact_m.z));
-        (reading.y, slopes[(1, 0)] * cos + slopes[(1, 1)] * sin, slopes[(1, 1)] * cos * radius_m - slopes[(1, 0)] * sin * radius_m)
+        let (reading, slopes) =
+            predictor.predict(&Vector3::new(root_m.x + radius_m * cos, root_m.y + radius_m * sin, contact_m.z));
+        (
+            reading.y,
+            slopes[(1, 0)] * cos + slopes[(1, 1)] * sin,
+            slopes[(1, 1)] * cos * radius_m - slopes[(1, 0)] * sin * radius_m,
+        )
     };
     let (moment, mut by_radius, turning) = at(angle);
     // Towards the undeflected wire the size of the moment decreases.
@@ -72,7 +77,12 @@ pub fn normal(predictor: &Predictor<'_>, root_m: &Vector3<f64>, contact_m: &Vect
 
 /// Contacts in World of every row of a touch, whose first reading is the last one before it. `None` for contacts outside the
 /// calibrated domain.
-pub fn contacts(predictor: &Predictor<'_>, root_m: &Vector3<f64>, touch: &[Reading], settings: &SweepSettings) -> Vec<Option<Vector3<f64>>> {
+pub fn contacts(
+    predictor: &Predictor<'_>,
+    root_m: &Vector3<f64>,
+    touch: &[Reading],
+    settings: &SweepSettings,
+) -> Vec<Option<Vector3<f64>>> {
     const FIRST: usize = 8;
     let rows = &touch[1..];
     let count = rows.len();
@@ -143,7 +153,8 @@ fn solve(
             let step_m = (rows[i].origin_m - rows[i - 1].origin_m).norm().max(1e-5);
             let moved = places[i] - places[i - 1];
             let up = Vector3::z() * Vector3::z().transpose();
-            let mut weight = (Matrix3::identity() - up) / (settings.slip * step_m).powi(2) + up / settings.height_m.powi(2);
+            let mut weight =
+                (Matrix3::identity() - up) / (settings.slip * step_m).powi(2) + up / settings.height_m.powi(2);
             if let (Some(one), Some(other)) = (normals[i - 1], normals[i])
                 && let Some(mean) = (one + other).try_normalize(0.1)
             {
@@ -175,6 +186,40 @@ fn solve(
         }
         if most_m < 1e-6 {
             break;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::kernel::{Kernel, Sample};
+    use crate::process::Process;
+
+    /// With the energy `E = r^-3 (theta - t0)^2`, the moment is `2 r^-3 (theta - t0)` and the force the gradient.
+    #[test]
+    fn verif_the_force_is_the_gradient_of_the_energy() {
+        let polar = |r: f64, bend: f64, z: f64| Vector3::new(-r * bend.cos(), -r * bend.sin(), z);
+        let mut samples = Vec::new();
+        for along in 0..10 {
+            for height in 0..3 {
+                for step in 0..10 {
+                    let (r, bend) = (0.015 + 0.003 * f64::from(along), 0.06 * f64::from(step));
+                    let counts = Vector2::new(50.0 * f64::from(height - 1), bend * (0.03 / r).powi(3) * 1000.0);
+                    let contact_m = polar(r, bend, 0.003 * f64::from(height - 1));
+                    samples.push(Sample { contact_m, counts, line: (3 * along + height) as usize });
+                }
+            }
+        }
+        let process = Process::new(&samples, [Kernel::START; 2]).unwrap();
+        for (r, bend) in [(0.025, 0.3), (0.033, 0.4)] {
+            let found = normal(&process.without(&[]), &Vector3::zeros(), &polar(r, bend, 0.0)).unwrap();
+            // In the direction of the pin's motion: the pin is pushed back by the wire.
+            let (along, across) = (polar(1.0, bend, 0.0), Vector3::new(bend.sin(), -bend.cos(), 0.0));
+            let expected = (across * 2.0 * bend / r - along * 3.0 * bend * bend / r).normalize();
+            assert!(found.dot(&expected).abs() > 0.999, "{found} {expected}");
         }
     }
 }

@@ -10,8 +10,8 @@ use files::Error;
 use nalgebra::{Vector2, Vector3};
 
 use super::{
-    Calibrated, FOLDER, MESHES, MESHES_MM, M_PER_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table, Test, attempt, folders,
-    lines, stem, tables,
+    Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table,
+    Test, attempt, folders, lines, stem, tables,
 };
 use crate::mesh::{self, Triangle};
 
@@ -147,7 +147,12 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
     let most_m = rows.iter().map(|row| row.contact_m.z.abs()).fold(0.0, f64::max);
     if most_m < PLANE_M {
         let found = format!("contacts up to {:.3} mm out of the whisker's plane", most_m / M_PER_MM);
-        return Err(Error::value(path, "pz", found, "lines of contacts on both sides of the plane, for a model in space"));
+        return Err(Error::value(
+            path,
+            "pz",
+            found,
+            "lines of contacts on both sides of the plane, for a model in space",
+        ));
     }
     let lines = lines(&table.rows);
     let root = Calibrated::read(sensor, path)?.registration.mounted.base.origin();
@@ -224,4 +229,63 @@ fn placed(path: &Path, up: f64) -> Result<Vec<Triangle>, Error> {
     let [x_mm, y_mm, z_mm] = MESHES_MM;
     let place = |[x, y, z]: [f64; 3]| [(x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM, (up * z - z_mm) * M_PER_MM];
     Ok(triangles.into_iter().map(|corners| corners.map(place)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+    use std::fs;
+
+    use super::*;
+
+    /// A calibration whose lines have these heights, and whose first channel reads `sx`.
+    fn table(height_mm: f64, sx: impl Fn(i32) -> f64) -> String {
+        let mut text = String::from(",px,py,pz,sx,sy,sz\n");
+        for row in 0..40_i32 {
+            let (line, step) = (f64::from(row / 8), f64::from(row % 8));
+            let (x, y, z) = (50.0 - 2.0 * line, 95.0 - step, 16.1023935 + height_mm * (line - 2.0));
+            writeln!(text, "{row},{x},{y},{z},{},{},-550", sx(row), 40.0 * step * line).unwrap();
+        }
+        text
+    }
+
+    fn clone_with(calibration: &str) -> tempfile::TempDir {
+        let home = tempfile::tempdir().unwrap();
+        let data = home.path().join(FOLDER);
+        fs::create_dir_all(data.join("calibration")).unwrap();
+        fs::create_dir_all(data.join("test")).unwrap();
+        fs::write(data.join("calibration/sensor1_tip_calib_May_04.csv"), calibration).unwrap();
+        home
+    }
+
+    #[test]
+    fn robust_a_calibration_in_a_plane_is_named() {
+        let home = clone_with(&table(0.1, f64::from));
+        let message = stanford_in_space(home.path()).unwrap_err().to_string();
+        assert!(
+            message.contains("sensor1_tip_calib_May_04.csv: pz: found contacts up to 0.200 mm out of"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn robust_a_recording_with_one_channel_is_named() {
+        let home = clone_with(&table(3.0, |_| 0.0));
+        let message = stanford_in_space(home.path()).unwrap_err().to_string();
+        assert!(message.contains("sx: found 0 in all 40 rows, expected the readings of two bending"), "{message}");
+        let home = clone_with(&table(3.0, f64::from).replace("sx,sy,sz", "sy,sz"));
+        assert!(stanford_in_space(home.path()).is_err());
+    }
+
+    #[test]
+    fn robust_a_mesh_in_metres_is_named() {
+        let mut bytes = vec![0u8; 80];
+        bytes.extend(1u32.to_le_bytes());
+        let numbers = [0.0_f32, 0.0, 1.0, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.04, 0.0];
+        bytes.extend(numbers.into_iter().flat_map(f32::to_le_bytes).chain([0, 0]));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(file.path(), bytes).unwrap();
+        let message = placed(file.path(), 1.0).unwrap_err().to_string();
+        assert!(message.contains("expected coordinates in mm, not in m"), "{message}");
+    }
 }
