@@ -8,9 +8,12 @@ use crate::kernel::{Kernel, Place, Sample};
 /// Terms of the quadratic trend.
 const TERMS: usize = 10;
 
-/// Residual of a held-out sample over its predicted standard deviation beyond which the sample is left out as an outlier: the
+/// Residual of a sample, predicted from all others, over its standard deviation, beyond which it is left out as an outlier: the
 /// pin slipped off, or the wire jumped to another equilibrium.
 const OUTLIER_SDS: f64 = 6.0;
+
+/// Largest number of rounds in which outliers are left out.
+const OUTLIER_ROUNDS: usize = 10;
 
 /// A fitted sensor model.
 #[derive(Clone, Debug)]
@@ -155,21 +158,29 @@ impl Process {
         })
     }
 
-    /// Fits a process without outliers, and returns the number of samples that were left out.
+    /// Fits a process without outliers, and returns the number of samples that were left out. An outlier impairs the predictions
+    /// of its neighbours, so that those with more than half of the largest normalised residual are left out first.
     pub fn robust(samples: &[Sample], kernels: [Kernel; 2]) -> Option<(Self, usize)> {
-        let first = Self::new(samples, kernels)?;
-        let is_outlier = |held: &HeldOut| held.error.component_div(&held.sd).amax() > OUTLIER_SDS;
-        let outliers: Vec<usize> = first
-            .held_out(&neighbours(samples))
-            .iter()
-            .filter(|held| is_outlier(held))
-            .map(|held| held.sample)
-            .collect();
-        if outliers.is_empty() {
-            return Some((first, 0));
+        let mut process = Self::new(samples, kernels)?;
+        for _ in 0..OUTLIER_ROUNDS {
+            let sizes: Vec<f64> = (0..process.samples.len()).map(|i| process.left_out_sds(i)).collect();
+            let most = sizes.iter().copied().fold(0.0, f64::max);
+            let least = OUTLIER_SDS.max(0.5 * most);
+            if most <= least {
+                break;
+            }
+            let kept =
+                process.samples.iter().zip(&sizes).filter(|(_, size)| **size <= least).map(|(sample, _)| *sample);
+            process = Self::new(&kept.collect::<Vec<_>>(), kernels)?;
         }
-        let kept = samples.iter().enumerate().filter(|(i, _)| !outliers.contains(i)).map(|(_, sample)| *sample);
-        Some((Self::new(&kept.collect::<Vec<_>>(), kernels)?, outliers.len()))
+        let outliers = samples.len() - process.samples.len();
+        Some((process, outliers))
+    }
+
+    /// Residual of a sample, predicted from all others, in standard deviations; the larger of both channels.
+    fn left_out_sds(&self, i: usize) -> f64 {
+        let of_channel = |channel: usize| (self.weights[channel][i] / self.inverse[channel][(i, i)].sqrt()).abs();
+        of_channel(0).max(of_channel(1))
     }
 
     /// Multiplies the predicted covariance of each channel by the mean normalised squared error on held-out lines, if it is
