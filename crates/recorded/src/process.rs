@@ -432,7 +432,8 @@ pub(crate) mod tests {
         }
         for channel in 0..2 {
             let [a, b] = [&one, &other].map(|predictor| predictor.covariance(channel, &[place])[(0, 0)]);
-            assert!((a - b).abs() < 1e-6 * a, "{a} {b}");
+            // The covariance of the samples is nearly singular; rounding is amplified.
+            assert!((a - b).abs() < 1e-5 * a, "{a} {b}");
         }
     }
 
