@@ -72,14 +72,25 @@ impl Calibrated {
     }
 }
 
-/// Mean logarithm of the predicted density of held-out samples, by channel.
-fn score(held: &[HeldOut], largest_counts: f64) -> [f64; 2] {
+/// Scores of a channel on held-out samples.
+#[derive(Clone, Copy)]
+struct Score {
+    /// Negative logarithm of the mean squared error.
+    accuracy: f64,
+    /// Mean logarithm of the predicted density.
+    density: f64,
+}
+
+/// Scores of both channels.
+fn score(held: &[HeldOut], largest_counts: f64) -> [Score; 2] {
+    let count = held.len() as f64;
     [0, 1].map(|channel| {
-        let of = |one: &HeldOut| {
+        let square: f64 = held.iter().map(|one| (one.error[channel] / largest_counts).powi(2)).sum();
+        let density = |one: &HeldOut| {
             let sd = one.sd[channel];
             -0.5 * (one.error[channel] / sd).powi(2) - (sd / largest_counts).ln()
         };
-        held.iter().map(of).sum::<f64>() / held.len() as f64
+        Score { accuracy: -(square / count).ln(), density: held.iter().map(density).sum::<f64>() / count }
     })
 }
 
@@ -93,12 +104,17 @@ const CHANGES: [fn(&mut Kernel, f64); 6] = [
     |kernel, factor| kernel.noise = kernel.noise.map(|sd| sd * factor),
     |kernel, factor| kernel.line_length_m *= factor,
 ];
+/// Number of these changes, the first ones, that concern the map: they are judged by the error on held-out lines, the others by
+/// its predicted density.
+const OF_MAP: usize = 3;
+
 const FACTORS: [f64; 2] = [0.7, 1.4];
 
 /// Number of times that all changes are tried.
 const ROUNDS: usize = 3;
 
-/// The covariance of each channel with the largest predicted density of held-out lines, by a coordinate search.
+/// The covariance of each channel by a coordinate search: the map with the least error on held-out lines, errors and noise with the
+/// largest predicted density.
 fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
     let thinned: Vec<Sample>;
     let samples = if samples.len() > MOST_SELECTED {
@@ -126,13 +142,16 @@ fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
     let mut kernels = [Kernel::START; 2];
     let mut best = scored(kernels).context("singular covariance")?;
     for _ in 0..ROUNDS {
-        for change in CHANGES {
+        for (index, change) in CHANGES.into_iter().enumerate() {
             for factor in FACTORS {
                 let mut tried = kernels;
                 tried.iter_mut().for_each(|kernel| change(kernel, factor));
                 let Some(found) = scored(tried) else { continue };
                 for channel in 0..2 {
-                    if found[channel] > best[channel] {
+                    let (new, old) = (found[channel], best[channel]);
+                    let is_better =
+                        if index < OF_MAP { new.accuracy > old.accuracy } else { new.density > old.density };
+                    if is_better {
                         (kernels[channel], best[channel]) = (tried[channel], found[channel]);
                     }
                 }
