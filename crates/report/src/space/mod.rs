@@ -6,7 +6,6 @@ mod data;
 mod page;
 mod replay;
 mod scores;
-mod solid;
 #[cfg(test)]
 mod tests;
 
@@ -21,6 +20,13 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         caption: "Root mean square error of the contact over the trials of each group, from one second after the touch, and the \
                   posterior Cramér–Rao bound, which takes the sliding of the contact as known.",
         draw: scores::errors,
+    },
+    Figure {
+        name: "space_surfaces",
+        title: "Distance of the surface",
+        caption: "Mean distance of the estimated points of the surface from the true solid, inside or outside, from one second \
+                  after the touch. It says nothing about the place along the surface, which the error of the contact includes.",
+        draw: scores::surfaces,
     },
     Figure {
         name: "space_coverage",

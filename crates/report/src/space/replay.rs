@@ -1,14 +1,17 @@
 //! Interactive replay of one trial of each group: whisker, solid, true and estimated contact, and error over time.
 
+use std::cmp::Ordering;
+
 use anyhow::{Context, Result};
 use maud::{Markup, html};
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
+use testbed::results::RECOMMENDED;
+use testbed::space::solid::Solid;
 use testbed::space::{SpatialEstimateRow, SpatialRunWhisker};
 use whisker::rod::{Rod, SpatialLoad};
 
 use super::Data;
-use super::solid::curves_m;
 use crate::replay::{Whole, micrometres, player};
 use crate::style::plain;
 
@@ -18,7 +21,7 @@ const FRAMES: usize = 160;
 /// Points along the whisker.
 const WIRE_POINTS: usize = 24;
 
-/// Number of estimators of a trial, the most accurate ones.
+/// Number of estimators of a trial: the recommended one, and the most accurate ones.
 const ESTIMATORS: usize = 4;
 
 /// Square of the semi-axes of the ellipsoid that contains 95 % of a normal distribution in space, in standard deviations: that
@@ -70,7 +73,7 @@ pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
     }
     Ok(Some(html! {
         p {
-            "One trial of each group: that with the median error. Left: the whisker (black) on its base (square), in equilibrium "
+            "One trial of each group: that with the median error of the first estimator. Left: the whisker (black) on its base (square), in equilibrium "
             "according to the Kirchhoff rod, and the solid (grey). Right: detail around the true contact. Drag a view to turn both. "
             span.key.truth {} " true contact, "
             span.key.estimate {} " estimated contact with its 95 % ellipsoid, "
@@ -84,7 +87,8 @@ pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
 fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
     let mut scores: Vec<_> =
         data.scores(group, whisker).filter_map(|row| Some((row.rmse_m?, row.estimator.as_str()))).collect();
-    scores.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let rank = |(rmse_m, name): &(f64, &str)| (*name != RECOMMENDED, *rmse_m);
+    scores.sort_by(|a, b| rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal));
     let Some(&(_, best)) = scores.first() else { return Ok(None) };
     let Some(trial) = data.typical(group, whisker, best) else { return Ok(None) };
     let mut replayed = Vec::new();
@@ -95,6 +99,7 @@ fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
     }
     let Some((_, rows)) = replayed.first() else { return Ok(None) };
     let wire = Wire::new(&trial.whisker)?;
+    let curves = Solid::of_scene(&trial.solid).map_or_else(Vec::new, |solid| solid.curves_m());
     Ok(Some(Trial {
         name: format!("{}, {whisker} whisker", plain(group)),
         trace: trial.trace.clone(),
@@ -102,7 +107,7 @@ fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
         base_um: rows.iter().map(|row| spot(row.base_m())).collect(),
         wire_um: rows.iter().map(|row| wire.spots(row)).collect(),
         truth_um: rows.iter().map(|row| row.truth_contact_m().map(spot)).collect(),
-        solid_um: curves_m(&trial.solid).into_iter().map(|curve| curve.into_iter().map(spot).collect()).collect(),
+        solid_um: curves.into_iter().map(|curve| curve.into_iter().map(spot).collect()).collect(),
         runs: replayed.iter().map(|(name, rows)| Replayed::new(name, rows)).collect(),
     }))
 }
@@ -123,7 +128,7 @@ impl Wire {
     /// The whisker through the true contact, or through the estimated one if that is unknown; undeflected while it is free.
     /// `None` if the contact is out of its reach.
     fn spots(&self, row: &SpatialEstimateRow) -> Option<Vec<Spot>> {
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(row.base_qw, row.base_qx, row.base_qy, row.base_qz));
+        let turn = row.rotation();
         let load = match row.truth_contact_m().or(row.contact_m()) {
             None => SpatialLoad { arc_m: self.length_m, force_n: Vector3::zeros() },
             Some(contact) => self.rod.at_point(turn.inverse() * (contact - row.base_m())).ok()?.load,

@@ -11,6 +11,9 @@ use crate::style::{INK, LABEL, LegendEntry, Look, MARKER_PX, MUTED, legend, plai
 /// Height of the row of one group.
 const GROUP_PX: f64 = 30.0;
 
+/// Smallest height of a picture.
+const LEAST_PX: f64 = 300.0;
+
 /// Share of the height of a row over which the markers of the estimators are spread.
 const SPREAD: f64 = 0.6;
 
@@ -38,6 +41,17 @@ pub(crate) fn errors(data: &Data) -> Result<Option<Picture>> {
     };
     let limit = Limit { name: "posterior Cramér–Rao bound", value: |row| row.bound_m.map(|bound_m| 1e3 * bound_m) };
     picture(data, score, limit)
+}
+
+/// Lays out the distances of the estimated surface from the true solid.
+pub(crate) fn surfaces(data: &Data) -> Result<Option<Picture>> {
+    let score = Score {
+        title: "surface",
+        axis: |label, values| Axis::logarithmic(label, values),
+        label: "mean distance from the true solid (mm)",
+        value: |row| row.surface_m.map(|distance_m| 1e3 * distance_m),
+    };
+    picture(data, score, Limit { name: "", value: |_| None })
 }
 
 /// Lays out the coverage of the ellipsoids.
@@ -102,7 +116,7 @@ fn picture(data: &Data, score: Score, limit: Limit) -> Result<Option<Picture>> {
     }
     let axis = (score.axis)(score.label, values);
     let groups: Vec<String> = groups.into_iter().map(plain).collect();
-    let height_px = GROUP_PX * groups.len() as f64 + 130.0;
+    let height_px = (GROUP_PX * groups.len() as f64 + 130.0).max(LEAST_PX);
 
     let paint = move |canvas: &Canvas| {
         let mut entries: Vec<_> = estimators

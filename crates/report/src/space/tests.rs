@@ -12,7 +12,6 @@ use trace::StatedSuspension;
 use whisker::Whisker;
 
 use super::FIGURES;
-use super::solid::curves_m;
 use crate::tests::{files_of_report, report};
 
 const ESTIMATORS: [&str; 2] = ["line", "point"];
@@ -35,6 +34,9 @@ fn estimate(instant: u32) -> SpatialEstimateRow {
         contact_x_m: of(0, 1e-4),
         contact_y_m: of(1, 0.0),
         contact_z_m: of(2, 2e-4),
+        surface_x_m: of(0, 1e-4),
+        surface_y_m: of(1, 1e-4),
+        surface_z_m: of(2, 2e-4),
         cov_xx_m2: contact.map(|_| 1e-8),
         cov_xy_m2: contact.map(|_| 0.0),
         cov_xz_m2: contact.map(|_| 0.0),
@@ -90,6 +92,7 @@ fn write_run(folder: &Path) {
         bound_m: Some(1e-4),
         nees: Some(3.0),
         coverage: Some(0.9),
+        surface_m: Some(2e-5),
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
     };
@@ -106,6 +109,7 @@ fn write_run(folder: &Path) {
         nees_low: 0.1,
         nees_high: 3.0,
         coverage: Some(0.9),
+        surface_m: Some(2e-5),
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
     };
@@ -132,6 +136,7 @@ fn verif_every_figure_of_a_run_in_space_is_drawn_and_the_trial_is_replayed() {
     assert!(page.contains("\"t_s\":[0.0,0.01") && page.contains("function stageOf"));
     // The whisker ends at its tip, 80 mm from the base, while it is free.
     assert!(page.contains("[80000,0,0]]"), "the free whisker is drawn");
+    assert!(!page.contains("<td class=\"number\"><b class=\"best\">"), "equal values are not ranked");
     assert_eq!(files_of_report(folder.path()), files_of_report(folder.path()));
 }
 
@@ -142,34 +147,4 @@ fn robust_a_run_in_space_without_its_estimates_is_one_error() {
     fs::remove_file(folder.path().join("space_estimates/edge.line.csv")).expect("removed");
     let message = format!("{:#}", report(folder.path()).expect_err("refused"));
     assert!(message.contains("edge.line.csv: cannot be read"), "{message}");
-}
-
-#[test]
-fn verif_curves_of_a_solid_lie_on_its_surface() {
-    let center = [0.01, -0.02, 0.03];
-    let axis = [0.3, -0.2, 1.0];
-    let along = nalgebra::Vector3::from(axis).normalize();
-    let from_center = |point: &nalgebra::Vector3<f64>| point - nalgebra::Vector3::from(center);
-    let sphere = curves_m(&json!({"shape": "sphere", "radius_m": 0.02, "center_m": center}));
-    assert!(sphere.iter().flatten().all(|point| (from_center(point).norm() - 0.02).abs() < 1e-12));
-    let cylinder = curves_m(&json!({
-        "shape": "cylinder", "radius_m": 0.01, "length_m": 0.1, "center_m": center, "axis": axis
-    }));
-    assert!(!cylinder.is_empty());
-    for point in cylinder.iter().flatten().map(from_center) {
-        assert!(((point - along * along.dot(&point)).norm() - 0.01).abs() < 1e-12);
-        assert!(along.dot(&point).abs() < 0.05 + 1e-12);
-    }
-    let torus =
-        json!({"shape": "torus", "radius_m": 0.03, "tube_m": 0.005, "center_m": center, "axis": [0.0, 0.0, -1.0]});
-    for point in curves_m(&torus).iter().flatten().map(from_center) {
-        assert!(((point.xy().norm() - 0.03).hypot(point.z) - 0.005).abs() < 1e-12);
-    }
-    let edges = curves_m(&json!({
-        "shape": "box", "size_m": [0.02, 0.04, 0.06], "center_m": center, "orientation": [1.0, 0.0, 0.0, 0.0]
-    }));
-    assert_eq!(edges.len(), 12);
-    let total = edges.iter().map(|edge| (edge[1] - edge[0]).norm()).sum::<f64>();
-    assert!((total - 4.0 * (0.02 + 0.04 + 0.06)).abs() < 1e-12);
-    assert!(curves_m(&json!({"shape": "mesh", "file": "solid.stl"})).is_empty(), "meshes are not in the run");
 }

@@ -1,11 +1,12 @@
 //! Estimates in space as a table.
 
-use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use trace::SpatialTrace;
 use whisker::frames::{Base, World};
 use whisker::space::estimators::Estimate;
 use whisker::space::frames::Pose;
+use whisker::space::sensor::CalibratedSpace;
 
 /// One instant of a replay in space. Positions and directions are in World, moments in Base.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,6 +38,12 @@ pub struct SpatialEstimateRow {
     pub contact_y_m: Option<f64>,
     /// Estimated contact, z.
     pub contact_z_m: Option<f64>,
+    /// Estimated point of the object's surface, x.
+    pub surface_x_m: Option<f64>,
+    /// Estimated point of the object's surface, y.
+    pub surface_y_m: Option<f64>,
+    /// Estimated point of the object's surface, z.
+    pub surface_z_m: Option<f64>,
     /// Posterior variance of the contact along x.
     pub cov_xx_m2: Option<f64>,
     /// Posterior covariance of the contact between x and y.
@@ -90,6 +97,21 @@ impl SpatialEstimateRow {
         Some(Vector3::new(self.contact_x_m?, self.contact_y_m?, self.contact_z_m?))
     }
 
+    /// Rotation from Base to World.
+    pub fn rotation(&self) -> UnitQuaternion<f64> {
+        UnitQuaternion::from_quaternion(Quaternion::new(self.base_qw, self.base_qx, self.base_qy, self.base_qz))
+    }
+
+    /// Estimated point of the object's surface, 3x1.
+    pub fn surface_m(&self) -> Option<Vector3<f64>> {
+        Some(Vector3::new(self.surface_x_m?, self.surface_y_m?, self.surface_z_m?))
+    }
+
+    /// Estimated unit normal out of the object, 3x1.
+    pub fn normal(&self) -> Option<Vector3<f64>> {
+        Some(Vector3::new(self.normal_x?, self.normal_y?, self.normal_z?))
+    }
+
     /// Posterior covariance of the contact (m2), 3x3.
     pub fn covariance_m2(&self) -> Option<Matrix3<f64>> {
         let (xx, xy, xz) = (self.cov_xx_m2?, self.cov_xy_m2?, self.cov_xz_m2?);
@@ -116,6 +138,7 @@ impl SpatialEstimateRow {
 /// Row of one instant of a trace with the readings given to the estimator (N m, 2x1) and its answer.
 pub fn spatial_estimate_row(
     trace: &SpatialTrace,
+    calibrated: &CalibratedSpace,
     instant: usize,
     reading_n_m: Vector2<f64>,
     estimate: Option<&Estimate>,
@@ -123,6 +146,8 @@ pub fn spatial_estimate_row(
     let now = &trace.recording.instants[instant];
     let base: Pose<Base, World> = Pose::new(now.base.position, Rotation3::from(now.base.rotation));
     let contact = estimate.map(|estimate| base.apply(estimate.contact).vector());
+    let surface = estimate.map(|estimate| calibrated.surface(estimate.contact, estimate.normal));
+    let surface = surface.map(|surface| base.apply(surface).vector());
     let covariance = estimate.map(|estimate| base.turn(estimate.covariance_m2));
     let normal = estimate.map(|estimate| base.turn_vector(estimate.normal));
     let direction = estimate.and_then(|estimate| estimate.direction);
@@ -143,6 +168,9 @@ pub fn spatial_estimate_row(
         contact_x_m: contact.map(|at| at.x),
         contact_y_m: contact.map(|at| at.y),
         contact_z_m: contact.map(|at| at.z),
+        surface_x_m: surface.map(|at| at.x),
+        surface_y_m: surface.map(|at| at.y),
+        surface_z_m: surface.map(|at| at.z),
         cov_xx_m2: covariance.map(|of| of.m11),
         cov_xy_m2: covariance.map(|of| of.m12),
         cov_xz_m2: covariance.map(|of| of.m13),

@@ -19,6 +19,7 @@ use whisker::space::sensor::CalibratedSpace;
 use super::bound::{SpatialBoundAt, bound};
 use super::replay::{calibrated, registered, replay, samples};
 use super::run::estimates_file;
+use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
 use crate::dataset::Dataset;
 use crate::results::write_rows;
@@ -80,6 +81,8 @@ pub struct SpatialTrialRow {
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
     pub coverage: Option<f64>,
+    /// Mean distance of the estimated points of the surface from the true solid. `None` for meshes.
+    pub surface_m: Option<f64>,
     /// RMS angle between estimated and true normal.
     pub normal_rad: Option<f64>,
     /// RMS angle between the estimated and the true direction of the edge or rod. `None` for other objects and methods.
@@ -113,6 +116,8 @@ pub struct SpatialSummaryRow {
     pub nees_high: f64,
     /// Mean coverage of the 95 % ellipsoids.
     pub coverage: Option<f64>,
+    /// Mean over the replays of the distance of the surface.
+    pub surface_m: Option<f64>,
     /// RMS over the replays of the angle of the normal.
     pub normal_rad: Option<f64>,
     /// The same of the angle of the edge.
@@ -140,6 +145,7 @@ struct Prepared {
     noise_sd_n_m: f64,
     bound: Vec<Option<SpatialBoundAt>>,
     edge: Option<Vector3<f64>>,
+    solid: Option<Solid>,
 }
 
 /// Replays every trial of a dataset through the estimators. The unit of progress is one trial with one seed. The result does not
@@ -230,7 +236,8 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         let calibrated = faces[&trace.sidecar.whisker.name].clone();
         let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
         let bound = bound(&trace, &calibrated, noise_sd_n_m);
-        Prepared { calibrated, noise_sd_n_m, bound, edge: edge(&trace), trace }
+        let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
+        Prepared { calibrated, noise_sd_n_m, bound, edge: edge(&trace), solid, trace }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
 }
@@ -259,6 +266,7 @@ struct Sums {
     out_of_plane: f64,
     bound: f64,
     covered: usize,
+    surface: f64,
     normal: f64,
     direction: f64,
     directions: usize,
@@ -284,7 +292,9 @@ impl Prepared {
         if let Some(folder) = folder {
             let every = readings_n_m.len().div_ceil(KEPT).max(1);
             let kept = (0..readings_n_m.len()).step_by(every);
-            let row_of = |i| spatial_estimate_row(&self.trace, i, readings_n_m[i], replayed.estimates[i].as_ref());
+            let row_of = |i| {
+                spatial_estimate_row(&self.trace, &self.calibrated, i, readings_n_m[i], replayed.estimates[i].as_ref())
+            };
             write_rows(&folder.join(estimates_file(&self.trace.sidecar.name, row.name)), kept.map(row_of))?;
         }
         let within = ChiSquared::new(3.0)?.inverse_cdf(PROBABILITY);
@@ -314,6 +324,7 @@ impl Prepared {
             bound_m: rms(sums.bound).filter(|_| self.noise_sd_n_m > 0.0),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
+            surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
         };
@@ -332,6 +343,10 @@ impl Prepared {
         sums.bound += bound.covariance_m2.trace();
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.last_nees = nees;
+        if let Some(solid) = &self.solid {
+            let surface = to_base.inverse().apply(self.calibrated.surface(estimate.contact, estimate.normal));
+            sums.surface += solid.distance_m(surface.vector());
+        }
         sums.normal += normal.angle(&estimate.normal).powi(2);
         if let (Some(edge), Some(found)) = (self.edge, estimate.direction) {
             // The direction of an edge has no sign.
@@ -368,6 +383,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             nees_low,
             nees_high,
             coverage: mean(|trial| trial.coverage),
+            surface_m: mean(|trial| trial.surface_m),
             normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
         })

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use files::{Watermark, read_json, sha256_of_file, write_atomically, write_json};
 use indicatif::ProgressBar;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use trace::{Role, SpatialSidecar, StatedSuspension};
@@ -14,15 +15,21 @@ use whisker::Whisker;
 
 use super::SpatialEstimateRow;
 use super::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTrialRow, estimators, evaluate_keeping};
+use super::map::{SpatialMap, Sweep};
+use super::solid::Solid;
 use crate::dataset::Dataset;
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
 use crate::provenance::evaluation_watermark;
 use crate::results::{csv_bytes, read_rows};
+use crate::statistics;
 
 const RUN: &str = "space_run.json";
 const TRIALS: &str = "space_trials.csv";
 const SUMMARY: &str = "space_summary.csv";
 const ESTIMATES: &str = "space_estimates";
+
+const MAPS: &str = "space_maps";
+const MAP_SCORES: &str = "space_maps.csv";
 
 /// Estimates of a run that is being evaluated.
 const ESTIMATES_PART: &str = ".space_estimates.part";
@@ -158,6 +165,70 @@ impl SpatialRun {
     }
 }
 
+/// Map of one solid by one estimator, against the true solid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialMapRow {
+    /// Names of the traces of the sweeps over the solid, joined by `+`.
+    pub traces: String,
+    /// Name of the estimator.
+    pub estimator: String,
+    /// Number of points of the surface.
+    pub points: usize,
+    /// Number of estimates left out of the map.
+    pub left_out: usize,
+    /// Number of objects found; there is one.
+    pub objects: usize,
+    /// Mean distance of the points from the true solid, not aligned. `None` for meshes and without points.
+    pub mean_m: Option<f64>,
+    /// 95th percentile of that distance.
+    pub p95_m: Option<f64>,
+}
+
+/// Writes the maps of a run from its tables of estimates, one of each solid by each estimator, and their scores.
+fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
+    let maps = folder.join(MAPS);
+    remove(&maps)?;
+    fs::create_dir_all(&maps).with_context(|| maps.display().to_string())?;
+    let mut solids: Vec<(&Value, Vec<&SpatialRunTrial>)> = Vec::new();
+    for trial in &run.trials {
+        match solids.iter_mut().find(|(solid, _)| **solid == trial.solid) {
+            Some((_, trials)) => trials.push(trial),
+            None => solids.push((&trial.solid, vec![trial])),
+        }
+    }
+    let work: Vec<_> = solids
+        .iter()
+        .flat_map(|(solid, trials)| run.estimators.keys().map(move |estimator| (*solid, trials, estimator)))
+        .collect();
+    let scores: Vec<anyhow::Result<SpatialMapRow>> = work
+        .par_iter()
+        .map(|(description, trials, estimator)| {
+            let tables = trials.iter().map(|trial| SpatialRun::estimates(folder, &trial.trace, estimator));
+            let tables: Vec<Vec<SpatialEstimateRow>> = tables.collect::<anyhow::Result<_>>()?;
+            let sweeps: Vec<Sweep<'_>> =
+                trials.iter().zip(&tables).map(|(trial, rows)| Sweep { whisker: &trial.whisker, rows }).collect();
+            let map = SpatialMap::new(&sweeps)?;
+            let traces = trials.iter().map(|trial| trial.trace.as_str()).collect::<Vec<_>>().join("+");
+            let file = |kind: &str| maps.join(format!("{traces}.{estimator}.{kind}"));
+            write_atomically(&file("ply"), map.to_ply().as_bytes())?;
+            write_atomically(&file("voxels.csv"), &csv_bytes(&map.voxels)?)?;
+            let distances = Solid::of_scene(description).map(|solid| map.distances_m(&solid)).unwrap_or_default();
+            Ok(SpatialMapRow {
+                traces,
+                estimator: (*estimator).clone(),
+                points: map.points.len(),
+                left_out: map.left_out,
+                objects: map.objects(),
+                mean_m: statistics::mean(distances.iter().copied()),
+                p95_m: statistics::quantile_of_sorted(&distances, 0.95),
+            })
+        })
+        .collect();
+    let scores: Vec<SpatialMapRow> = scores.into_iter().collect::<anyhow::Result<_>>()?;
+    Ok(write_atomically(&folder.join(MAP_SCORES), &csv_bytes(&scores)?)?)
+}
+
 /// A run in space that has been written, or was found up to date.
 #[derive(Clone, Debug)]
 pub struct SpatialWritten {
@@ -204,6 +275,7 @@ pub fn evaluate_into(
     }
     remove(&estimates)?;
     fs::rename(&part, &estimates).with_context(|| estimates.display().to_string())?;
+    write_maps(folder, &run)?;
     write_atomically(&trials_path, &csv_bytes(&evaluated.trials)?)?;
     write_atomically(&summary_path, &csv_bytes(&evaluated.summary)?)?;
     write_json(&run_path, &run)?;

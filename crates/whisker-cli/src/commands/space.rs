@@ -81,7 +81,9 @@ pub(super) fn replay_in_space(
     let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
     let answers = readings_n_m.iter().zip(&replayed.estimates).enumerate();
     let rows: Vec<SpatialEstimateRow> = answers
-        .map(|(instant, (reading, estimate))| spatial_estimate_row(&read, instant, *reading, estimate.as_ref()))
+        .map(|(instant, (reading, estimate))| {
+            spatial_estimate_row(&read, &knowledge.calibrated, instant, *reading, estimate.as_ref())
+        })
         .collect();
     match out {
         Some(out) => write_atomically(out, &csv_bytes(&rows)?)?,
@@ -139,6 +141,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "NEES",
         "its 95 % interval",
         "in 95 %",
+        "surface, mm",
         "normal, deg",
         "direction, deg",
     ];
@@ -156,6 +159,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::number(row.nees),
             format!("{:.2} to {:.2}", row.nees_low, row.nees_high),
             table::percent(row.coverage),
+            table::millimetres(row.surface_m),
             degrees(row.normal_rad),
             degrees(row.direction_rad),
         ]
