@@ -19,9 +19,9 @@ use crate::pins::{Method, Mounting, PinScore, TOUCH, line, replay, score, touch}
 use crate::process::{HeldOut, Process};
 use crate::sweep::{SweepSettings, contacts};
 
-/// Names of the estimators.
+/// Name of the estimator of fixed contacts.
 pub const FIXED: &str = "fixed-point-batch";
-/// The published filter.
+/// Name of the published filter.
 pub const PAPER: &str = "paper-ukf-3d";
 
 /// Error of a sensor model on left-out lines.
@@ -31,7 +31,7 @@ pub struct MapScore {
     pub calibration: String,
     /// Name of the model.
     pub model: String,
-    /// Number of samples, and of those left out as outliers.
+    /// Number of samples.
     pub samples: usize,
     /// Number of samples left out as outliers.
     pub outliers: usize,

@@ -3,7 +3,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`benchmark`] | sensor models, pins and objects scored |
-//! | [`kernel`] | covariance of the readings of a calibration: map, friction, error of a line, noise |
+//! | [`kernel`] | covariance of the readings of a calibration: map, error of a line, noise |
 //! | [`process`] | Gaussian process from a contact to both bending channels, and predictions on held-out lines |
 //! | [`calibration`] | labelled contacts of a calibration, selection of the covariance |
 //! | [`fixed`] | estimator of a fixed contact |
