@@ -80,6 +80,9 @@ TABLES = {
     "platform": Table("platform.csv", ("recordings", "hold_out", "regression", "log")),
     "rig": Table("platform_rig.csv", ("run",)),
     "real": Table("stanford/contour_trials.csv", ("trace", "estimator")),
+    "space_maps": Table("stanford/space_maps.csv", ("calibration", "model")),
+    "space_pins": Table("stanford/space_pins_summary.csv", ("group", "estimator")),
+    "space_sweeps": Table("stanford/space_sweeps.csv", ("name", "object")),
 }
 """The registry of results tables. The keys of a table of runs begin with the name of the run."""
 
