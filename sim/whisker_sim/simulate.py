@@ -17,7 +17,7 @@ from whisker_sim.motions.base import REST_S
 from whisker_sim.progress import report_share
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
-from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
+from whisker_sim.truth import CenterLine, ContactTruth, FrictionTruth, friction_truth, nearest_contact
 from whisker_sim.whisker import Array
 
 # By default MuJoCo writes warnings to a log file in the working directory; here a warning fails the trace.
@@ -52,6 +52,8 @@ class Simulated:
     """Whether the whisker touches at separate points (n,); `truth` is then the nearest contact only."""
     penetration_m: Array
     """Penetration of the two surfaces (n,); zero without contact."""
+    friction: FrictionTruth | None = None
+    """`None` without friction."""
 
 
 def simulate(run: Run) -> Simulated:
@@ -73,6 +75,7 @@ def simulate(run: Run) -> Simulated:
     vx, vy = qvel[:, 0] / MM_PER_M, qvel[:, 1] / MM_PER_M
     force_n = N_PER_UN * np.sqrt(np.sum(sensors[:, SENSORS["force"]] ** 2, axis=1))
     line = CenterLine.from_joints(whisker, base_pose, qpos[:, 3:])
+    truth = nearest_contact(line, scene.object)
     simulated = Simulated(
         time_s=time_s,
         base_pose=base_pose,
@@ -81,9 +84,10 @@ def simulate(run: Run) -> Simulated:
         touching=force_n > 0.0,
         force_n=force_n,
         nearest=np.zeros(len(qpos), dtype=int),
-        truth=nearest_contact(line, scene.object),
+        truth=truth,
         split=is_split(sensors),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
+        friction=_friction(scene, qpos, qvel, sensors, truth) if scene.friction_coefficient > 0.0 else None,
     )
     check_contacts(simulated, plan.touching, _slipping(simulated, plan))
     return simulated
@@ -91,12 +95,24 @@ def simulate(run: Run) -> Simulated:
 
 def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     """Positions, velocities and sensor data at the logged instants, in the units of the model."""
-    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
+    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient)
     data = mujoco.MjData(model)
     poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses_mm[0]
     velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
     return logged(model, data, velocities, scene.steps_per_row)
+
+
+def _friction(scene: Scene, qpos: Array, qvel: Array, sensors: Array, truth: ContactTruth) -> FrictionTruth:
+    """Truth of the friction at the logged instants, in the units of the model."""
+    # The sensor measures the force on the object.
+    force_n = -N_PER_UN * sensors[:, SENSORS["force"]][:, :2]
+
+    def later(duration_s: float) -> CenterLine:
+        moved = qpos + duration_s * qvel
+        return CenterLine.from_joints(scene.resolved_whisker, moved[:, :3] / (MM_PER_M, MM_PER_M, 1.0), moved[:, 3:])
+
+    return friction_truth(later, truth, force_n, scene.friction_coefficient)
 
 
 def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:
