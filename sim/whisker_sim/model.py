@@ -57,10 +57,11 @@ the `POINTS` strongest contacts, zero for missing ones."""
 
 _FRICTION_IMPEDANCE = "0.98 0.98 0.001 0.5 2"
 _FRICTION_DAMPING_RATIO = 1.0
-_FRICTION_RATE_PER_S = 40.0
-"""Rate at which a slip velocity decays in a contact that begins to stick."""
-_FRICTION_TO_NORMAL_STIFFNESS = 2e4
-"""MuJoCo's `impratio`. The whisker creeps in a sticking contact by less than a micrometre per second."""
+_FRICTION_RATE_S = 1e-5
+"""Rate at which a slip velocity decays in a contact that begins to stick, times the square of the time step: 40 per second at 0.5 ms,
+1000 per second at 0.1 ms. The stiffness of the normal direction, which bounds it, has the same dependence."""
+_FRICTION_IMPRATIO_PER_S = 8e5
+"""MuJoCo's `impratio` times that rate. The whisker creeps in a sticking contact by less than a micrometre per second."""
 
 
 def build_model(whisker: Whisker, shape: Shape, timestep_s: float, friction: float = 0.0) -> mujoco.MjModel:
@@ -108,7 +109,8 @@ def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> Non
     the regularisations keeps creep small. The iterations without slip (`noslip_iterations`) have no effect with this integrator.
     """
     root.find("option").set("cone", "elliptic")
-    root.find("option").set("impratio", mjcf(_FRICTION_TO_NORMAL_STIFFNESS))
+    rate_per_s = _FRICTION_RATE_S / timestep_s**2
+    root.find("option").set("impratio", mjcf(_FRICTION_IMPRATIO_PER_S / rate_per_s))
     geoms = root.findall(".//body[@name='base']//geom"), root.findall(".//body[@name='object']/geom")
     for kind, of_kind in zip(("whisker", "object"), geoms, strict=True):
         for index, geom in enumerate(of_kind):
@@ -127,7 +129,7 @@ def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> Non
             friction=mjcf(coefficient, coefficient, 0.0, 0.0, 0.0),
             solref=mjcf(2.0 * timestep_s, _FRICTION_DAMPING_RATIO),
             solimp=_FRICTION_IMPEDANCE,
-            solreffriction=mjcf(-1.0, -_FRICTION_RATE_PER_S),
+            solreffriction=mjcf(-1.0, -rate_per_s),
         )
 
 
