@@ -5,28 +5,31 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
-use files::{Watermark, write_atomically, write_json};
 use indicatif::ProgressBar;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
-use trace::{Role, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
-use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, SpatialEstimatorRow, spatial_estimator};
+use trace::{Role, SpatialSidecar, SpatialTrace};
+use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, SpatialEstimatorRow};
 use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
-use super::replay::{replay, samples};
-use super::{largest_reading_n_m, noisy_readings_n_m, to_base};
+use super::replay::{calibrated, registered, replay, samples};
+use super::run::estimates_file;
+use super::solid::Solid;
+use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
 use crate::dataset::Dataset;
-use crate::provenance::evaluation_watermark;
-use crate::results::csv_bytes;
+use crate::results::write_rows;
 use crate::settings::merged;
 
 /// Time after the touch from which estimates are scored.
 pub const START_S: f64 = 1.0;
+
+/// Largest number of instants of a trial whose estimates a run keeps.
+const KEPT: usize = 400;
 
 /// Probability of the ellipsoids whose coverage is measured.
 const PROBABILITY: f64 = 0.95;
@@ -78,6 +81,8 @@ pub struct SpatialTrialRow {
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
     pub coverage: Option<f64>,
+    /// Mean distance of the estimated points of the surface from the true solid. `None` for meshes.
+    pub surface_m: Option<f64>,
     /// RMS angle between estimated and true normal.
     pub normal_rad: Option<f64>,
     /// RMS angle between the estimated and the true direction of the edge or rod. `None` for other objects and methods.
@@ -111,6 +116,8 @@ pub struct SpatialSummaryRow {
     pub nees_high: f64,
     /// Mean coverage of the 95 % ellipsoids.
     pub coverage: Option<f64>,
+    /// Mean over the replays of the distance of the surface.
+    pub surface_m: Option<f64>,
     /// RMS over the replays of the angle of the normal.
     pub normal_rad: Option<f64>,
     /// The same of the angle of the edge.
@@ -124,18 +131,12 @@ pub struct SpatialEvaluated {
     pub trials: Vec<SpatialTrialRow>,
     /// One row per group, whisker and estimator.
     pub summary: Vec<SpatialSummaryRow>,
-    /// Mean wall-clock time of a step (us) by estimator.
-    pub step_us: Vec<(String, f64)>,
+    /// Mean wall-clock time of a step with an estimate (us) by estimator; `None` if there is no estimate.
+    pub step_us: Vec<(String, Option<f64>)>,
 }
 
-/// Description of a run in space, `space_run.json`.
-#[derive(Serialize)]
-struct SpatialRun {
-    watermark: Watermark,
-    noise: f64,
-    seeds: Vec<u64>,
-    config: BTreeMap<String, Value>,
-}
+/// Scores of one replay, and the mean wall-clock time of a step with an estimate (us).
+type Scored = (SpatialTrialRow, Option<f64>);
 
 /// A trial with what does not depend on estimator and noise.
 struct Prepared {
@@ -144,6 +145,7 @@ struct Prepared {
     noise_sd_n_m: f64,
     bound: Vec<Option<SpatialBoundAt>>,
     edge: Option<Vector3<f64>>,
+    solid: Option<Solid>,
 }
 
 /// Replays every trial of a dataset through the estimators. The unit of progress is one trial with one seed. The result does not
@@ -156,63 +158,48 @@ pub fn evaluate(
     settings: &SpatialEvaluateSettings,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
+    evaluate_keeping(dataset, settings, None, progress)
+}
+
+/// As [`evaluate()`], and writes the estimates with the first seed, at up to [`KEPT`] instants of every trial, into a folder.
+pub(super) fn evaluate_keeping(
+    dataset: &Dataset,
+    settings: &SpatialEvaluateSettings,
+    estimates: Option<&Path>,
+    progress: &ProgressBar,
+) -> anyhow::Result<SpatialEvaluated> {
     let rows = estimators(settings)?;
     let prepared = prepared(dataset, settings)?;
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
     let work: Vec<(&Prepared, u64)> =
         prepared.iter().flat_map(|trial| settings.seeds.iter().map(move |seed| (trial, *seed))).collect();
-    let found: Vec<anyhow::Result<Vec<(SpatialTrialRow, f64)>>> = work
+    let found: Vec<anyhow::Result<Vec<Scored>>> = work
         .par_iter()
         .map(|(trial, seed)| {
-            let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed)).collect();
+            let folder = estimates.filter(|_| settings.seeds.first() == Some(seed));
+            let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed, folder)).collect();
             progress.inc(1);
             scores
         })
         .collect();
-    let scored: Vec<(SpatialTrialRow, f64)> =
-        found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
+    let scored: Vec<Scored> = found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
     let step_us = rows.iter().map(|(row, _)| {
-        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name).map(|(_, step_us)| *step_us);
-        (row.name.to_owned(), crate::statistics::mean(of_row).unwrap_or_default())
+        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name).filter_map(|(_, step_us)| *step_us);
+        (row.name.to_owned(), crate::statistics::mean(of_row))
     });
     let step_us = step_us.collect();
     let trials: Vec<SpatialTrialRow> = scored.into_iter().map(|(trial, _)| trial).collect();
     Ok(SpatialEvaluated { summary: summary(&trials)?, trials, step_us })
 }
 
-/// Writes the tables of an evaluation into a folder.
-///
-/// # Errors
-/// If a file cannot be written.
-pub fn write(evaluated: &SpatialEvaluated, settings: &SpatialEvaluateSettings, folder: &Path) -> anyhow::Result<()> {
-    let inputs = [serde_json::to_string(&evaluated.trials)?, serde_json::to_string(&settings.config)?];
-    let run = SpatialRun {
-        watermark: evaluation_watermark(inputs.iter().map(String::as_str)),
-        noise: settings.noise,
-        seeds: settings.seeds.clone(),
-        config: settings.config.clone(),
-    };
-    write_json(&folder.join("space_run.json"), &run)?;
-    write_atomically(&folder.join("space_trials.csv"), &csv_bytes(&evaluated.trials)?)?;
-    write_atomically(&folder.join("space_summary.csv"), &csv_bytes(&evaluated.summary)?)?;
-    Ok(())
-}
-
-fn estimators(settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
-    let known = || SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect::<Vec<_>>().join(", ");
+pub(super) fn estimators(
+    settings: &SpatialEvaluateSettings,
+) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
     let rows = match &settings.estimators {
         None => SPATIAL_ESTIMATORS.iter().collect(),
-        Some(names) => names
-            .iter()
-            .map(|name| {
-                spatial_estimator(name)
-                    .with_context(|| format!("unknown estimator in space `{name}`, expected one of: {}", known()))
-            })
-            .collect::<anyhow::Result<Vec<_>>>()?,
+        Some(names) => names.iter().map(|name| registered(name)).collect::<anyhow::Result<Vec<_>>>()?,
     };
-    if let Some(name) = settings.config.keys().find(|name| spatial_estimator(name).is_none()) {
-        bail!("settings: found `{name}`, expected estimators in space: {}", known());
-    }
+    settings.config.keys().try_for_each(|name| registered(name).map(drop)).context("settings")?;
     let config = |row: &'static SpatialEstimatorRow| match settings.config.get(row.name) {
         Some(own) => Ok((row, merged(row.defaults(), own)?)),
         None => Ok((row, row.defaults())),
@@ -221,8 +208,7 @@ fn estimators(settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<(&'stati
 }
 
 fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<Prepared>> {
-    let folder =
-        settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations(crate::front_end::FRONT_ENDS[0].name));
+    let folder = settings.calibrations(dataset);
     let mut faces: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
     let mut traces: Vec<SpatialTrace> = Vec::new();
     for path in &dataset.paths {
@@ -238,12 +224,7 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         if faces.contains_key(name) {
             continue;
         }
-        let path = folder.join(format!("{name}.json"));
-        let calibration = SpatialCalibrationFile::read(&path)?;
-        if calibration.spatial_whisker() != trace.sidecar.spatial_whisker() {
-            bail!("{}: whisker: found other parameters than those of {}", path.display(), trace.sidecar.name);
-        }
-        faces.insert(name.clone(), calibration.calibrated(&path, None)?);
+        faces.insert(name.clone(), calibrated(&folder.join(format!("{name}.json")), &trace.sidecar)?);
     }
     let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
     let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();
@@ -255,7 +236,8 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         let calibrated = faces[&trace.sidecar.whisker.name].clone();
         let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
         let bound = bound(&trace, &calibrated, noise_sd_n_m);
-        Prepared { calibrated, noise_sd_n_m, bound, edge: edge(&trace), trace }
+        let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
+        Prepared { calibrated, noise_sd_n_m, bound, edge: edge(&trace), solid, trace }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
 }
@@ -284,6 +266,7 @@ struct Sums {
     out_of_plane: f64,
     bound: f64,
     covered: usize,
+    surface: f64,
     normal: f64,
     direction: f64,
     directions: usize,
@@ -291,7 +274,14 @@ struct Sums {
 }
 
 impl Prepared {
-    fn score(&self, row: &SpatialEstimatorRow, config: &Value, seed: u64) -> anyhow::Result<(SpatialTrialRow, f64)> {
+    /// Scores of one replay. Writes its estimates into `folder`.
+    fn score(
+        &self,
+        row: &SpatialEstimatorRow,
+        config: &Value,
+        seed: u64,
+        folder: Option<&Path>,
+    ) -> anyhow::Result<Scored> {
         let knowledge = Arc::new(Knowledge {
             calibrated: self.calibrated.clone(),
             noise_sd_n_m: self.noise_sd_n_m,
@@ -299,6 +289,14 @@ impl Prepared {
         });
         let readings_n_m = noisy_readings_n_m(&self.trace, self.noise_sd_n_m, seed);
         let replayed = replay(row, config, &knowledge, &samples(&self.trace, &readings_n_m))?;
+        if let Some(folder) = folder {
+            let every = readings_n_m.len().div_ceil(KEPT).max(1);
+            let kept = (0..readings_n_m.len()).step_by(every);
+            let row_of = |i| {
+                spatial_estimate_row(&self.trace, &self.calibrated, i, readings_n_m[i], replayed.estimates[i].as_ref())
+            };
+            write_rows(&folder.join(estimates_file(&self.trace.sidecar.name, row.name)), kept.map(row_of))?;
+        }
         let within = ChiSquared::new(3.0)?.inverse_cdf(PROBABILITY);
         let mut sums = Sums::default();
         for (i, bound) in self.bound.iter().enumerate() {
@@ -326,6 +324,7 @@ impl Prepared {
             bound_m: rms(sums.bound).filter(|_| self.noise_sd_n_m > 0.0),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
+            surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
         };
@@ -344,6 +343,10 @@ impl Prepared {
         sums.bound += bound.covariance_m2.trace();
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.last_nees = nees;
+        if let Some(solid) = &self.solid {
+            let surface = to_base.inverse().apply(self.calibrated.surface(estimate.contact, estimate.normal));
+            sums.surface += solid.distance_m(surface.vector());
+        }
         sums.normal += normal.angle(&estimate.normal).powi(2);
         if let (Some(edge), Some(found)) = (self.edge, estimate.direction) {
             // The direction of an edge has no sign.
@@ -380,6 +383,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             nees_low,
             nees_high,
             coverage: mean(|trial| trial.coverage),
+            surface_m: mean(|trial| trial.surface_m),
             normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
         })

@@ -1,17 +1,44 @@
 //! Replay of a trace in space through an estimator.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant as Clock;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use nalgebra::Vector2;
 use serde_json::Value;
-use trace::SpatialTrace;
+use trace::{SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
 use whisker::events::TouchConfig;
-use whisker::space::estimators::{Estimate, Knowledge, Sample, SpatialEstimatorRow};
+use whisker::space::estimators::{
+    Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow, spatial_estimator,
+};
 use whisker::space::frames::Pose;
+use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
+
+/// The registry's row of this name.
+///
+/// # Errors
+/// If there is none.
+pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
+    spatial_estimator(name).with_context(|| {
+        let known: Vec<_> = SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect();
+        format!("unknown estimator in space `{name}`, expected one of: {}", known.join(", "))
+    })
+}
+
+/// The calibrated whisker of a trace from the calibration in this file.
+///
+/// # Errors
+/// If the calibration cannot be read or is one of another whisker.
+pub fn calibrated(path: &Path, sidecar: &SpatialSidecar) -> anyhow::Result<Arc<CalibratedSpace>> {
+    let calibration = SpatialCalibrationFile::read(path)?;
+    if calibration.spatial_whisker() != sidecar.spatial_whisker() {
+        bail!("{}: whisker: found other parameters than those of {}", path.display(), sidecar.name);
+    }
+    Ok(calibration.calibrated(path, None)?)
+}
 
 /// Samples of a robot: base motions from the recorded poses, and readings.
 pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sample> {
@@ -33,8 +60,8 @@ pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sampl
 pub struct SpatialReplay {
     /// One entry per sample; `None` while the estimator has no contact.
     pub estimates: Vec<Option<Estimate>>,
-    /// Mean wall-clock time of a step with an estimate (us).
-    pub step_us: f64,
+    /// Mean wall-clock time of a step with an estimate (us). `None` if there is no estimate.
+    pub step_us: Option<f64>,
 }
 
 /// Replays samples through a registered estimator.
@@ -59,6 +86,7 @@ pub fn replay(
         }
         estimates.push(estimate);
     }
-    let count = estimates.iter().flatten().count().max(1) as f64;
-    Ok(SpatialReplay { estimates, step_us: 1e6 * elapsed_s / count })
+    let count = estimates.iter().flatten().count();
+    let step_us = (count > 0).then(|| 1e6 * elapsed_s / count as f64);
+    Ok(SpatialReplay { estimates, step_us })
 }

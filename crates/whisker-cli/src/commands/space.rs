@@ -1,14 +1,26 @@
-//! Fit and evaluation of traces in space, for the commands `fit` and `evaluate`.
+//! Traces in space, for the commands `fit`, `evaluate` and `replay`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
+use files::write_atomically;
 use serde_json::Value;
-use testbed::dataset::Dataset;
-use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, evaluate, write};
+use testbed::dataset::{Dataset, calibrations};
+use testbed::front_end::FRONT_ENDS;
+use testbed::results::csv_bytes;
+use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow};
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
+use testbed::space::replay::{calibrated, replay, samples};
+use testbed::space::{
+    SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
+};
+use trace::SpatialTrace;
+use whisker::space::estimators::Knowledge;
 
+use super::output::{begins_with, check_replaces_own, reserve};
+use super::played::{InSpace, beside};
 use super::progress::Progress;
 use super::{print, table};
 
@@ -40,6 +52,52 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
     Ok(ExitCode::SUCCESS)
 }
 
+/// Replays a trace through an estimator and writes the estimates, to stdout without `out`.
+pub(super) fn replay_in_space(
+    trace: &Path,
+    options: &InSpace,
+    calibration: Option<&Path>,
+    out: Option<&Path>,
+) -> anyhow::Result<ExitCode> {
+    let InSpace { row, config, noise, seed } = options;
+    let read = SpatialTrace::read(trace)?;
+    let folder = calibrations(beside(trace), FRONT_ENDS[0].name);
+    let default = || folder.join(format!("{}.json", read.sidecar.whisker.name));
+    let calibration = calibration.map_or_else(default, Path::to_path_buf);
+    let inputs = ["csv", "json"].map(|extension| trace.with_extension(extension)).into_iter();
+    let _lock = match out {
+        Some(out) => {
+            let lock = reserve(out, &inputs.chain([calibration.clone()]).collect::<Vec<_>>())?;
+            let header = csv_bytes::<SpatialEstimateRow>(&[])?;
+            check_replaces_own(out, "a table of estimates in space", |path| begins_with(path, &header))?;
+            Some(lock)
+        }
+        None => None,
+    };
+    let noise_sd_n_m = noise * largest_reading_n_m([&read]);
+    let readings_n_m = noisy_readings_n_m(&read, noise_sd_n_m, *seed);
+    let calibrated = calibrated(&calibration, &read.sidecar)?;
+    let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: read.sidecar.rate_hz });
+    let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
+    let answers = readings_n_m.iter().zip(&replayed.estimates).enumerate();
+    let rows: Vec<SpatialEstimateRow> = answers
+        .map(|(instant, (reading, estimate))| {
+            spatial_estimate_row(&read, &knowledge.calibrated, instant, *reading, estimate.as_ref())
+        })
+        .collect();
+    match out {
+        Some(out) => write_atomically(out, &csv_bytes(&rows)?)?,
+        None => print(&String::from_utf8(csv_bytes(&rows)?)?)?,
+    }
+    if replayed.step_us.is_none() {
+        eprintln!(
+            "no estimates: no touch was detected in {} rows, or its contact lies outside the calibration",
+            rows.len()
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
 /// Options of an evaluation in space.
 pub(super) struct Evaluation {
     pub(super) estimators: Option<Vec<String>>,
@@ -47,19 +105,24 @@ pub(super) struct Evaluation {
     pub(super) noise: f64,
     pub(super) seeds: u64,
     pub(super) calibrations: Option<PathBuf>,
+    /// Whether to replace a finished run with other settings.
+    pub(super) force: bool,
 }
 
 /// Evaluates the trials, writes the tables into `folder` and prints the summary.
 pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folder: &Path) -> anyhow::Result<ExitCode> {
-    let Evaluation { estimators, config, noise, seeds, calibrations } = evaluation;
+    let Evaluation { estimators, config, noise, seeds, calibrations, force } = evaluation;
     let settings = SpatialEvaluateSettings { estimators, config, noise, seeds: (1..=seeds).collect(), calibrations };
     let progress = Progress::of("evaluating");
-    let evaluated = evaluate(dataset, &settings, &progress)?;
+    let written = evaluate_into(folder, dataset, &settings, force, &progress)?;
     drop(progress);
-    write(&evaluated, &settings, folder)?;
-    print(&format!("{}{}\n", summary_table(&evaluated.summary), folder.display()))?;
-    for (estimator, step_us) in &evaluated.step_us {
-        eprintln!("{estimator}: {step_us:.0} us per step");
+    let state = if written.step_us.is_some() { "" } else { " (up to date)" };
+    print(&format!("{}{}{state}\n", summary_table(&written.summary), folder.display()))?;
+    for (estimator, step_us) in written.step_us.into_iter().flatten() {
+        match step_us {
+            Some(step_us) => eprintln!("{estimator}: {step_us:.0} us per step"),
+            None => eprintln!("{estimator}: no estimate"),
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -78,6 +141,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "NEES",
         "its 95 % interval",
         "in 95 %",
+        "surface, mm",
         "normal, deg",
         "direction, deg",
     ];
@@ -95,6 +159,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::number(row.nees),
             format!("{:.2} to {:.2}", row.nees_low, row.nees_high),
             table::percent(row.coverage),
+            table::millimetres(row.surface_m),
             degrees(row.normal_rad),
             degrees(row.direction_rad),
         ]
