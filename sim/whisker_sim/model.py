@@ -9,10 +9,10 @@ additional hinge.
 Units. The model is in millimetres, grams and seconds, hence micronewtons and nanonewton metres. In SI units the inertias of the
 links would be below MuJoCo's minimum.
 
-Contact. Contact has a softness of about a micrometre, and no friction unless a coefficient is given (`add_friction`). A curved link carries short capsules along its
-undeflected arc: the bending moment vanishes at a frictionless contact, so the rod has its undeflected curvature there. A tapered
-link carries capsules along both flanks of its cone. Capsules along its centre line would form a staircase, on whose edges the
-contact normal deviates by several times the cone's half angle.
+Contact. Contact has a softness of about a micrometre, and no friction unless a coefficient is given (`add_friction`). A curved link
+carries short capsules along its undeflected arc: the bending moment vanishes at a frictionless contact, so the rod has its
+undeflected curvature there. A tapered link carries capsules along both flanks of its cone. Capsules along its centre line would
+form a staircase, on whose edges the contact normal deviates by several times the cone's half angle.
 """
 
 import functools
@@ -55,13 +55,14 @@ SENSORS = {"force": slice(0, 3), "distance": 3, "points": slice(4, 4 + 6 * POINT
 the `POINTS` strongest contacts, zero for missing ones."""
 
 
-_FRICTION_IMPEDANCE = "0.98 0.98 0.001 0.5 2"
 _FRICTION_DAMPING_RATIO = 1.0
 _FRICTION_RATE_S = 1e-5
-"""Rate at which a slip velocity decays in a contact that begins to stick, times the square of the time step: 40 per second at 0.5 ms,
-1000 per second at 0.1 ms. The stiffness of the normal direction, which bounds it, has the same dependence."""
-_FRICTION_IMPRATIO_PER_S = 8e5
-"""MuJoCo's `impratio` times that rate. The whisker creeps in a sticking contact by less than a micrometre per second."""
+"""Rate at which a slip velocity decays in a contact that begins to stick, times the square of the time step."""
+_FRICTION_SOFTNESS_S2 = 5e-9
+"""Regularisation of the normal direction relative to the inertia, times the square of the time step. As the stiffness of the
+reference acceleration has the same dependence, the penetration is the same at every time step."""
+_FRICTION_IMPRATIO = 2e4
+"""Ratio of the regularisations of normal and slip; in a sticking contact the whisker creeps by less than a micrometre per second."""
 
 
 def build_model(whisker: Whisker, shape: Shape, timestep_s: float, friction: float = 0.0) -> mujoco.MjModel:
@@ -102,15 +103,16 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float, friction: floa
 def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> None:
     """Replaces the frictionless contacts of MJCF's `root` by pairs with Coulomb friction.
 
-    MuJoCo's contact is a convex relaxation of Coulomb's law, in which a slip velocity v drives the surfaces apart: the normal force N
-    is reduced by mu b v / R, with the rate b of the reference acceleration of slip and the regularisation R of the normal. With the
-    rate of the normal direction, 1 / `timestep_s`, a whisker of a few milligrams loses contact at some mm/s and then bounces. Only a
-    pair can have a rate of its own (`solreffriction`). With a lower rate and a softer normal direction contact persists; the ratio of
-    the regularisations keeps creep small. The iterations without slip (`noslip_iterations`) have no effect with this integrator.
+    MuJoCo's contact is a convex relaxation of Coulomb's law, in which a slip velocity v drives the surfaces apart: the normal force
+    is reduced by mu b v / R, with the rate b of the reference acceleration of slip and the regularisation R of the normal. With
+    the rate of the normal direction, 1 / `timestep_s`, a whisker of a few milligrams loses contact at some mm/s and then bounces.
+    Only a pair can have a rate of its own (`solreffriction`). With a lower rate and a softer normal direction contact persists; the
+    ratio of the regularisations keeps creep small. `noslip_iterations` have no effect with this integrator.
     """
     root.find("option").set("cone", "elliptic")
+    root.find("option").set("impratio", mjcf(_FRICTION_IMPRATIO))
     rate_per_s = _FRICTION_RATE_S / timestep_s**2
-    root.find("option").set("impratio", mjcf(_FRICTION_IMPRATIO_PER_S / rate_per_s))
+    impedance = 1.0 / (1.0 + _FRICTION_SOFTNESS_S2 / timestep_s**2)
     geoms = root.findall(".//body[@name='base']//geom"), root.findall(".//body[@name='object']/geom")
     for kind, of_kind in zip(("whisker", "object"), geoms, strict=True):
         for index, geom in enumerate(of_kind):
@@ -128,7 +130,7 @@ def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> Non
             condim="3",
             friction=mjcf(coefficient, coefficient, 0.0, 0.0, 0.0),
             solref=mjcf(2.0 * timestep_s, _FRICTION_DAMPING_RATIO),
-            solimp=_FRICTION_IMPEDANCE,
+            solimp=mjcf(impedance, impedance, 0.001, 0.5, 2.0),
             solreffriction=mjcf(-1.0, -rate_per_s),
         )
 

@@ -27,6 +27,8 @@ mujoco.set_mju_user_warning(_warnings.append)
 _CHUNK_STEPS = 2000
 _SPLIT_DISTANCE_M = 1e-3
 """Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
+_STICKING_SHARE = 0.999
+"""Share of the coefficient of friction below which the ratio of friction to normal force is that of a sticking contact."""
 PENETRATION_LIMIT_M = 20e-6
 """At larger penetrations the contact is not the rigid one that a scene describes."""
 
@@ -112,7 +114,11 @@ def _friction(scene: Scene, qpos: Array, qvel: Array, sensors: Array, truth: Con
         moved = qpos + duration_s * qvel
         return CenterLine.from_joints(scene.resolved_whisker, moved[:, :3] / (MM_PER_M, MM_PER_M, 1.0), moved[:, 3:])
 
-    return friction_truth(later, truth, force_n, scene.friction_coefficient)
+    # Forces in the frames of the contacts; the normals of the capsules differ by some tenths of a degree from that of the whisker.
+    contacts = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)[:, :, :3]
+    strongest = contacts[np.arange(len(contacts)), np.argmax(contacts[:, :, 0], axis=1)]
+    sticking = np.hypot(*strongest[:, 1:].T) < _STICKING_SHARE * scene.friction_coefficient * strongest[:, 0]
+    return friction_truth(later, truth, force_n, sticking)
 
 
 def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:

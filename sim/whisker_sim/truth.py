@@ -82,8 +82,6 @@ class ContactTruth:
     tip: NDArray[np.bool_]
 
 
-_STICKING_SHARE = 0.999
-"""Share of the coefficient of friction below which the ratio of friction to normal force is that of a sticking contact."""
 _DIFFERENCE_S = 1e-6
 
 
@@ -96,11 +94,11 @@ class FrictionTruth:
     slip_m_s: Array
     """Velocities (n,) of the whisker's surface relative to the object's, along the whisker towards its tip."""
     sticking: NDArray[np.bool_]
-    """Whether the force is inside the friction cone (n,)."""
+    """Whether the force of the model's strongest contact is inside the friction cone (n,)."""
 
 
 def friction_truth(
-    later: Callable[[float], CenterLine], truth: ContactTruth, force_n: Array, coefficient: float
+    later: Callable[[float], CenterLine], truth: ContactTruth, force_n: Array, sticking: NDArray[np.bool_]
 ) -> FrictionTruth:
     """Friction of the contacts `truth` under the forces (n, 2) on the whisker.
 
@@ -118,7 +116,6 @@ def friction_truth(
     forward *= np.where(np.sum(forward * along, axis=1) < 0.0, -1.0, 1.0)[:, None]
     surface_m_s = velocity_m_s + spin_rad_s[:, None] * np.stack((outward_m[:, 1], -outward_m[:, 0]), axis=-1)
     friction_n, normal_n = np.sum(force_n * forward, axis=1), np.sum(force_n * normal, axis=1)
-    sticking = np.abs(friction_n) < _STICKING_SHARE * coefficient * normal_n
     return FrictionTruth(np.arctan2(friction_n, normal_n), np.sum(surface_m_s * forward, axis=1), sticking)
 
 

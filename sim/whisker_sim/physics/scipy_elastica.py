@@ -1,8 +1,8 @@
 """Reference solver of the exact quasi-static whisker, by SciPy.
 
 A point contact at the arc length a loads the rod with a force (f_t, f_n) along its tangent and its left normal, and with a couple
-c; beyond the contact the rod is unloaded. With the contact at the origin and the tangent along +x, the equations are integrated back
-to the root:
+c; beyond the contact the rod is unloaded. With the contact at the origin and the tangent along +x, the equations are integrated
+back to the root:
 
     dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + m(s) / EI(s),  m(s) = c + y(s) f_t - x(s) f_n.
 
