@@ -9,8 +9,8 @@ from s_c back to the root:
 Without friction the angle t at s_c is that between the tangent and the surface: zero except on a tapered rod, whose surface is
 inclined to the centre line by asin r', where r(s) is the radius, and x = 0 there, because the force passes through the centre line.
 Friction turns the force by the angle psi from the normal (psi > 0 if the friction on the rod is towards its tip); the centre line
-then is at x = -r sin psi, and the rod has a bending moment at the contact. The bending moment M(0) at the root rotates the compliant
-root by M(0) / k. For
+then is at x = -r sin psi, and the rod has a bending moment at the contact. The bending moment M(0) at the root rotates the
+compliant root by M(0) / k. For
 given (s_c, F) this is an initial-value problem for shape and load of the rod. The contact with an object is the pair (s_c, F) for
 which the two surfaces touch and their normals are opposite. The only inputs shared with the simulator are the parameters of the
 whisker and the signed distances of the shapes.

@@ -62,7 +62,7 @@ _FRICTION_SOFTNESS_S2 = 5e-9
 """Regularisation of the normal direction relative to the inertia, times the square of the time step. As the stiffness of the
 reference acceleration has the same dependence, the penetration is the same at every time step."""
 _FRICTION_IMPRATIO = 2e4
-"""Ratio of the regularisations of normal and slip; in a sticking contact the whisker creeps by less than a micrometre per second."""
+"""Ratio of the regularisations of normal and slip: a sticking whisker creeps by less than a micrometre per second."""
 
 
 def build_model(whisker: Whisker, shape: Shape, timestep_s: float, friction: float = 0.0) -> mujoco.MjModel:
