@@ -43,7 +43,7 @@ fn verif_a_load_in_the_plane_gives_the_planar_elastica() {
             for force in [-1.0, -0.3, 0.2, 0.9] {
                 let (arc_m, left_n) = (share * whisker.length_m, force * scale_n(&whisker) / share.powi(2));
                 let along_n = 0.1 * left_n;
-                let expected = planar.deflect(Load { arc_m, along_n, left_n }).unwrap();
+                let expected = planar.deflect(Load { arc_m, along_n, left_n, couple_n_m: 0.0 }).unwrap();
                 let found = rod.deflect(SpatialLoad { arc_m, force_n: Vector3::new(along_n, left_n, 0.0) }).unwrap();
                 let moment = found.moment_n_m / expected.moment_n_m;
                 assert!((moment - Vector3::z()).norm() < 1e-12, "{}: {moment}", whisker.name);

@@ -106,7 +106,7 @@ def bare_steps(run: Run) -> Callable[[], object]:
     """
     scene = run.scene
     plan = scene.plan()
-    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
+    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient)
     data = mujoco.MjData(model)
     poses = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses[0]
