@@ -5,5 +5,6 @@ pub mod evaluate;
 pub mod fit;
 mod readings;
 pub mod replay;
+pub mod rod;
 
 pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};

@@ -128,6 +128,9 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
             })
         });
         bank.prune(prune_share);
+        if let Some(likeliest) = bank.most_probable().map(|one| one.belief.mean) {
+            bank.map(|belief| self.model.align(&mut belief.mean, &likeliest));
+        }
         bank.merge(merge_loss);
         bank.map(|belief| self.side.hold(&mut belief.mean));
         innovation.ok()

@@ -76,6 +76,10 @@ impl Motion<6> for Line {
         Roll::new(*self, side, sample, unrest)
     }
 
+    fn align(&self, x: &mut SVector<f64, 6>, with: &SVector<f64, 6>) {
+        x[ANGLE] = nearest_angle(x[ANGLE], with[ANGLE]);
+    }
+
     fn describe(&self, side: &Side, belief: &Gaussian<6>, estimate: &mut Estimate) {
         let Some(place) = Place::new(side, Around::of_state(&belief.mean)) else { return };
         describe_normal(&place, belief, estimate);
@@ -84,6 +88,11 @@ impl Motion<6> for Line {
         let sd_rad = belief.covariance[(ANGLE, ANGLE)].max(0.0).sqrt();
         estimate.direction = Some(Direction { along: tangent * cos + across * sin, sd_rad });
     }
+}
+
+/// The angle of the same direction, which has no sign, nearest to another.
+fn nearest_angle(angle: f64, other: f64) -> f64 {
+    angle + PI * ((other - angle) / PI).round()
 }
 
 /// A rod at the present instant.
@@ -123,8 +132,7 @@ impl Shape<6> for Line {
     fn state(&self, rod: &Rod, place: &Place, before: &SVector<f64, 6>) -> SVector<f64, 6> {
         let Axes { tangent, across, .. } = place.axes(rod.tilt_rad);
         let angle = rod.along.dot(&across).atan2(rod.along.dot(&tangent));
-        // The direction has no sign: the angle nearest to the former one.
-        let angle = angle + PI * ((before[ANGLE] - angle) / PI).round();
+        let angle = nearest_angle(angle, before[ANGLE]);
         let [s, u, v] = place.at.vector().into();
         [s, u, v, rod.tilt_rad, angle, before[RADIUS]].into()
     }

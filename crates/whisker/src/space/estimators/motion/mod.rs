@@ -31,6 +31,10 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// The process of the step to a sample, with the second moment of the base's recent acceleration (m2/s4).
     fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Self::Step<'a>;
 
+    /// Replaces a state by an equal one whose entries can be averaged with those of another, for example an angle of a direction
+    /// without sign by the nearest equal one. By default every state is represented once.
+    fn align(&self, _x: &mut SVector<f64, N>, _with: &SVector<f64, N>) {}
+
     /// Adds to the estimate what the model states about the object.
     fn describe(&self, _side: &Side, _belief: &Gaussian<N>, _estimate: &mut Estimate) {}
 }
