@@ -10,6 +10,7 @@ use serde_json::json;
 use testbed::dataset::Dataset;
 use testbed::fit::Models;
 use testbed::space::evaluate::{SpatialEvaluateSettings, evaluate};
+use testbed::space::evaluate_into;
 use testbed::space::fit::{SpatialFitSettings, fit};
 use trace::{
     CalibrationFile, Feature, Role, SpatialCalibrationFile, SpatialContactTruth, SpatialInstant, SpatialPose,
@@ -138,6 +139,37 @@ fn verif_an_evaluation_is_the_same_on_one_thread_and_on_many() {
     assert_eq!((&one.trials, &one.summary), (&many.trials, &many.summary));
     assert_eq!(one.trials.len(), 6);
     assert!(one.trials.iter().all(|trial| trial.answered == 1.0 && trial.bound_m.is_some()));
+}
+
+#[test]
+fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not_replace_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let results = folder.path().join("results");
+    let run = |noise: f64, names: &[&str], force: bool| {
+        let settings = SpatialEvaluateSettings {
+            estimators: Some(names.iter().map(|&name| name.into()).collect()),
+            config: Default::default(),
+            noise,
+            seeds: vec![1],
+            calibrations: None,
+        };
+        evaluate_into(&results, &dataset, &settings, force, &ProgressBar::hidden())
+    };
+    let first = run(0.01, &["point"], false).unwrap();
+    assert!(first.step_us.is_some());
+    let again = run(0.01, &["point"], false).unwrap();
+    assert!(again.step_us.is_none(), "evaluated although nothing had changed");
+    assert_eq!(again.summary, first.summary);
+    let message = run(0.02, &["point", "line"], false).unwrap_err().to_string();
+    for words in ["noise: 0.01 there, 0.02 here", "estimators: none only there, line only here", "--force"] {
+        assert!(message.contains(words), "{message}");
+    }
+    assert!(run(0.02, &["point", "line"], true).unwrap().step_us.is_some());
+    trace("press", Role::Trial, &golden().sidecar.rod().unwrap(), &vec![None; 300]).write(folder.path()).unwrap();
+    let changed = run(0.02, &["point", "line"], false).unwrap().step_us.expect("stale run");
+    assert_eq!(changed[0].1, None, "a time of a step although no step had an estimate");
 }
 
 #[test]

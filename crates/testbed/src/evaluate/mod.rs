@@ -22,7 +22,7 @@ mod merge;
 mod part_folder;
 mod plan;
 mod prepared;
-mod previous;
+pub(crate) mod previous;
 mod probe;
 mod score;
 mod sense;

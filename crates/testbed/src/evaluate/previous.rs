@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 
 use crate::encoders::Encoders;
 use crate::map::MapConfig;
@@ -27,26 +27,34 @@ pub(super) fn check_replaceable(folder: &Path, run: &Run) -> anyhow::Result<()> 
     if !path.is_file() {
         return Ok(());
     }
-    let choice = "give another --name, or --force to replace it";
-    let old = match Run::read(&path) {
-        Ok(old) => old,
-        Err(error) => bail!("{}: holds a finished run that cannot be compared ({error}); {choice}", folder.display()),
-    };
-    let differences = differences(&old, run);
-    if !differences.is_empty() {
-        bail!("{}: holds a finished run with other settings ({}); {choice}", folder.display(), differences.join("; "));
-    }
-    Ok(())
+    let old = Run::read(&path).map_err(|error| anyhow!("{error}"));
+    check_same(folder, old.map(|old| differences(&old, run)))
 }
 
-/// Differences in settings, each with the value of the finished run and of the new one.
+/// Checks that a finished run has no differences in settings.
+///
+/// # Errors
+/// If it has some, or they are not known because the run cannot be read.
+pub(crate) fn check_same(folder: &Path, differences: anyhow::Result<Vec<String>>) -> anyhow::Result<()> {
+    let choice = "give another --name, or --force to replace it";
+    match differences {
+        Err(error) => bail!("{}: holds a finished run that cannot be compared ({error}); {choice}", folder.display()),
+        Ok(found) if found.is_empty() => Ok(()),
+        Ok(found) => {
+            bail!("{}: holds a finished run with other settings ({}); {choice}", folder.display(), found.join("; "))
+        }
+    }
+}
+
+/// Difference of a setting, if there is one: the value of the finished run and that of the new one.
+pub(crate) fn difference(key: &str, old: &str, new: &str) -> Option<String> {
+    (old != new).then(|| format!("{key}: {old} there, {new} here"))
+}
+
+/// Differences in settings.
 fn differences(old: &Run, new: &Run) -> Vec<String> {
     let mut found = Vec::new();
-    let mut compare = |key: &str, old: String, new: String| {
-        if old != new {
-            found.push(format!("{key}: {old} there, {new} here"));
-        }
-    };
+    let mut compare = |key: &str, old: String, new: String| found.extend(difference(key, &old, &new));
     compare("noise", text(&old.noise), text(&new.noise));
     compare("noise unit", text(&old.noise_unit), text(&new.noise_unit));
     compare("seeds", seeds(&old.seeds), seeds(&new.seeds));
@@ -71,7 +79,7 @@ fn text(value: &impl Debug) -> String {
 }
 
 /// Seeds in short form: usually 1 to a number.
-fn seeds(seeds: &[u64]) -> String {
+pub(crate) fn seeds(seeds: &[u64]) -> String {
     match seeds {
         [first, .., last] if last - first + 1 == seeds.len() as u64 => format!("{first} to {last}"),
         _ => text(&seeds),
@@ -98,7 +106,7 @@ fn settings(estimator: &RunEstimator) -> serde_json::Value {
 }
 
 /// Difference of two lists of names, if there is one.
-fn of_lists(key: &str, old: BTreeSet<String>, new: BTreeSet<String>) -> Option<String> {
+pub(crate) fn of_lists(key: &str, old: BTreeSet<String>, new: BTreeSet<String>) -> Option<String> {
     let only = |one: &BTreeSet<String>, other: &BTreeSet<String>| {
         let names: Vec<&str> = one.difference(other).map(String::as_str).collect();
         match names.len() {

@@ -1,11 +1,10 @@
 //! Evaluation of estimators in space: every trial of a dataset, replayed with seeded noise and scored against the truth.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
-use files::{Watermark, write_atomically, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -21,8 +20,6 @@ use super::replay::{replay, samples};
 use super::rod::TrueRod;
 use super::{largest_reading_n_m, noisy_readings_n_m, to_base};
 use crate::dataset::Dataset;
-use crate::provenance::evaluation_watermark;
-use crate::results::csv_bytes;
 use crate::settings::merged;
 
 /// Time after the touch from which estimates are scored.
@@ -127,18 +124,12 @@ pub struct SpatialEvaluated {
     pub trials: Vec<SpatialTrialRow>,
     /// One row per group, whisker and estimator.
     pub summary: Vec<SpatialSummaryRow>,
-    /// Mean wall-clock time of a step (us) by estimator.
-    pub step_us: Vec<(String, f64)>,
+    /// Mean wall-clock time of a step with an estimate (us) by estimator; `None` if there is no estimate.
+    pub step_us: Vec<(String, Option<f64>)>,
 }
 
-/// Description of a run in space, `space_run.json`.
-#[derive(Serialize)]
-struct SpatialRun {
-    watermark: Watermark,
-    noise: f64,
-    seeds: Vec<u64>,
-    config: BTreeMap<String, Value>,
-}
+/// Scores of one replay, and the mean wall-clock time of a step with an estimate (us).
+type Scored = (SpatialTrialRow, Option<f64>);
 
 /// A trial with what does not depend on estimator and noise.
 struct Prepared {
@@ -164,7 +155,7 @@ pub fn evaluate(
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
     let work: Vec<(&Prepared, u64)> =
         prepared.iter().flat_map(|trial| settings.seeds.iter().map(move |seed| (trial, *seed))).collect();
-    let found: Vec<anyhow::Result<Vec<(SpatialTrialRow, f64)>>> = work
+    let found: Vec<anyhow::Result<Vec<Scored>>> = work
         .par_iter()
         .map(|(trial, seed)| {
             let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed)).collect();
@@ -172,36 +163,19 @@ pub fn evaluate(
             scores
         })
         .collect();
-    let scored: Vec<(SpatialTrialRow, f64)> =
-        found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
+    let scored: Vec<Scored> = found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
     let step_us = rows.iter().map(|(row, _)| {
-        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name).map(|(_, step_us)| *step_us);
-        (row.name.to_owned(), crate::statistics::mean(of_row).unwrap_or_default())
+        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name).filter_map(|(_, step_us)| *step_us);
+        (row.name.to_owned(), crate::statistics::mean(of_row))
     });
     let step_us = step_us.collect();
     let trials: Vec<SpatialTrialRow> = scored.into_iter().map(|(trial, _)| trial).collect();
     Ok(SpatialEvaluated { summary: summary(&trials)?, trials, step_us })
 }
 
-/// Writes the tables of an evaluation into a folder.
-///
-/// # Errors
-/// If a file cannot be written.
-pub fn write(evaluated: &SpatialEvaluated, settings: &SpatialEvaluateSettings, folder: &Path) -> anyhow::Result<()> {
-    let inputs = [serde_json::to_string(&evaluated.trials)?, serde_json::to_string(&settings.config)?];
-    let run = SpatialRun {
-        watermark: evaluation_watermark(inputs.iter().map(String::as_str)),
-        noise: settings.noise,
-        seeds: settings.seeds.clone(),
-        config: settings.config.clone(),
-    };
-    write_json(&folder.join("space_run.json"), &run)?;
-    write_atomically(&folder.join("space_trials.csv"), &csv_bytes(&evaluated.trials)?)?;
-    write_atomically(&folder.join("space_summary.csv"), &csv_bytes(&evaluated.summary)?)?;
-    Ok(())
-}
-
-fn estimators(settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
+pub(super) fn estimators(
+    settings: &SpatialEvaluateSettings,
+) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
     let known = || SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect::<Vec<_>>().join(", ");
     let rows = match &settings.estimators {
         None => SPATIAL_ESTIMATORS.iter().collect(),
@@ -224,8 +198,7 @@ fn estimators(settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<(&'stati
 }
 
 fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<Prepared>> {
-    let folder =
-        settings.calibrations.clone().unwrap_or_else(|| dataset.calibrations(crate::front_end::FRONT_ENDS[0].name));
+    let folder = settings.calibrations(dataset);
     let mut faces: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
     let mut traces: Vec<SpatialTrace> = Vec::new();
     for path in &dataset.paths {
@@ -283,7 +256,7 @@ struct Sums {
 }
 
 impl Prepared {
-    fn score(&self, row: &SpatialEstimatorRow, config: &Value, seed: u64) -> anyhow::Result<(SpatialTrialRow, f64)> {
+    fn score(&self, row: &SpatialEstimatorRow, config: &Value, seed: u64) -> anyhow::Result<Scored> {
         let knowledge = Arc::new(Knowledge {
             calibrated: self.calibrated.clone(),
             noise_sd_n_m: self.noise_sd_n_m,

@@ -33,8 +33,8 @@ pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sampl
 pub struct SpatialReplay {
     /// One entry per sample; `None` while the estimator has no contact.
     pub estimates: Vec<Option<Estimate>>,
-    /// Mean wall-clock time of a step with an estimate (us).
-    pub step_us: f64,
+    /// Mean wall-clock time of a step with an estimate (us). `None` if there is no estimate.
+    pub step_us: Option<f64>,
 }
 
 /// Replays samples through a registered estimator.
@@ -59,6 +59,7 @@ pub fn replay(
         }
         estimates.push(estimate);
     }
-    let count = estimates.iter().flatten().count().max(1) as f64;
-    Ok(SpatialReplay { estimates, step_us: 1e6 * elapsed_s / count })
+    let count = estimates.iter().flatten().count();
+    let step_us = (count > 0).then(|| 1e6 * elapsed_s / count as f64);
+    Ok(SpatialReplay { estimates, step_us })
 }

@@ -270,6 +270,7 @@ fn in_space(
         noise,
         seeds: arguments.seeds.unwrap_or(if noise > 0.0 { DEFAULT_SEEDS } else { 1 }),
         calibrations: arguments.calibrations.clone(),
+        force: arguments.force,
     };
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads.map_or(0, usize::from))

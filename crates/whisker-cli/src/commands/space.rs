@@ -6,7 +6,8 @@ use std::process::ExitCode;
 
 use serde_json::Value;
 use testbed::dataset::Dataset;
-use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, evaluate, write};
+use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow};
+use testbed::space::evaluate_into;
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 
 use super::progress::Progress;
@@ -47,19 +48,24 @@ pub(super) struct Evaluation {
     pub(super) noise: f64,
     pub(super) seeds: u64,
     pub(super) calibrations: Option<PathBuf>,
+    /// Whether to replace a finished run with other settings.
+    pub(super) force: bool,
 }
 
 /// Evaluates the trials, writes the tables into `folder` and prints the summary.
 pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folder: &Path) -> anyhow::Result<ExitCode> {
-    let Evaluation { estimators, config, noise, seeds, calibrations } = evaluation;
+    let Evaluation { estimators, config, noise, seeds, calibrations, force } = evaluation;
     let settings = SpatialEvaluateSettings { estimators, config, noise, seeds: (1..=seeds).collect(), calibrations };
     let progress = Progress::of("evaluating");
-    let evaluated = evaluate(dataset, &settings, &progress)?;
+    let written = evaluate_into(folder, dataset, &settings, force, &progress)?;
     drop(progress);
-    write(&evaluated, &settings, folder)?;
-    print(&format!("{}{}\n", summary_table(&evaluated.summary), folder.display()))?;
-    for (estimator, step_us) in &evaluated.step_us {
-        eprintln!("{estimator}: {step_us:.0} us per step");
+    let state = if written.step_us.is_some() { "" } else { " (up to date)" };
+    print(&format!("{}{}{state}\n", summary_table(&written.summary), folder.display()))?;
+    for (estimator, step_us) in written.step_us.into_iter().flatten() {
+        match step_us {
+            Some(step_us) => eprintln!("{estimator}: {step_us:.0} us per step"),
+            None => eprintln!("{estimator}: no estimate"),
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
