@@ -61,6 +61,12 @@ impl Settings for Config {
 pub(super) trait Tracker: Send {
     /// Takes one sample; the first is that of the touch. `None` if there is no estimate.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
+
+    /// Logarithm of the evidence for the model of the object from all readings so far, up to a constant that all models share.
+    /// `None` if the method does not compute it, or not yet.
+    fn log_evidence(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Follows one contact.

@@ -5,8 +5,8 @@
 //! of Gaussian hypotheses ([`filters::Bank`]) along the whisker. Methods differ in the model of the contact's motion: a fixed
 //! point, a straight edge or rod of unknown direction, or a sphere.
 //!
-//! The same models serve a fit of the object to all readings of a touch (`fit/`), and an average over models weighs several by how
-//! well they predict (`model_averaging.rs`).
+//! The same models serve a fit of the object to all readings of a touch (`fit/`), and an average over models weighs several by
+//! their evidence (`model_averaging.rs`).
 //!
 //! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
 //! of `MotionSettings`.
@@ -156,7 +156,7 @@ impl Method for follower::Config {
 
 impl Method for fit::Config {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        self.filter.motion.fit(self, knowledge)
+        self.motion.fit(self, knowledge)
     }
 }
 
@@ -203,7 +203,7 @@ pub struct SpatialEstimatorRow {
 pub const SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
-        about: "average over the fits of rods, spheres and surfaces of two curvatures, weighted by how well they predict",
+        about: "average over the fits of rods, spheres and surfaces of two curvatures, weighted by their evidence",
         kind: Kind::Average,
     },
     SpatialEstimatorRow {
@@ -234,7 +234,7 @@ pub const SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "cylinder-fit",
         about: "fit of a round rod of any radius to all readings of the touch",
-        kind: Kind::Fit(MotionSettings::cylinder),
+        kind: Kind::Fit(MotionSettings::fitted_cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere-fit",

@@ -1,15 +1,16 @@
 //! Bayesian model averaging over models of the object, as in the plane ([`crate::estimators`]).
 //!
-//! Each candidate predicts every reading and so gives its likelihood `N(y; 0, S)`; prior and likelihood give its posterior
-//! probability. The estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as
+//! Each candidate is a fit of an object to all readings of the touch and gives its evidence, the probability of the readings under
+//! its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
+//! posterior probability. Until the fits have converged, the priors decide. The estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as
 //! uncertainty. The more flexible a candidate, the smaller its prior.
 
-use filters::imm::{Modes, Transition};
+use std::sync::Arc;
+
 use filters::{Gaussian, Innovation};
-use nalgebra::{Matrix1, Vector1, Vector3};
+use nalgebra::{Matrix1, Matrix3, Vector1, Vector3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use std::sync::Arc;
 
 use super::follower::Tracker;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
@@ -40,15 +41,11 @@ struct Candidate {
 pub(super) struct Config {
     /// The candidates.
     candidates: Vec<Candidate>,
-    /// Gate, in standard deviations: a larger innovation counts as evidence as if it lay at the gate.
-    gate_sds: f64,
-    /// Power of the likelihoods: below 1 because a fit follows the readings with a delay, so that the errors of neighbouring
-    /// predictions depend on one another.
+    /// Power of the evidence: below 1 because the errors of neighbouring readings depend on one another, as those of a wrong
+    /// model and of the ringing do.
     evidence_power: f64,
     /// Factor of the covariance, for errors that no candidate has.
     covariance_factor: f64,
-    /// Mean time between changes of the right candidate.
-    sojourn_s: f64,
     /// Probability of a candidate, relative to the largest, below which it does not count for the estimate.
     ignored_share: f64,
 }
@@ -57,13 +54,11 @@ impl Default for Config {
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate { name: name.into(), settings: Map::new(), weight };
         Self {
-            candidates: [("line-fit", 20.0), ("cylinder-fit", 5.0), ("sphere-fit", 5.0), ("patch-fit", 1.0)]
+            candidates: [("line-fit", 20.0), ("cylinder-fit", 5.0), ("sphere-fit", 5.0), ("patch-fit", 0.3)]
                 .map(candidate)
                 .into(),
-            gate_sds: 5.0,
-            evidence_power: 0.3,
-            covariance_factor: 1.2,
-            sojourn_s: 1000.0,
+            evidence_power: 0.5,
+            covariance_factor: 1.0,
             ignored_share: 0.02,
         }
     }
@@ -78,10 +73,8 @@ impl Settings for Config {
                 return Err(refused(&candidate.name, "named twice, expected each name once"));
             }
         }
-        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
-        within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)
     }
 }
@@ -98,15 +91,15 @@ pub(super) struct ModelAveraging {
 
 impl ModelAveraging {
     /// # Errors
-    /// [`SettingsError`] if a candidate is unknown, itself an average, or its settings are invalid.
+    /// [`SettingsError`] if a candidate is unknown or no fit, or its settings are invalid.
     pub(super) fn new(config: Config) -> Result<Self, SettingsError> {
         let method = |candidate: &Candidate| {
             let row = spatial_estimator(&candidate.name).ok_or_else(|| {
                 let known: Vec<_> = SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect();
                 refused(&candidate.name, &format!("unknown, expected one of: {}", known.join(", ")))
             })?;
-            if matches!(row.kind, Kind::Average) {
-                return Err(refused(&candidate.name, "a model average itself, expected a single method"));
+            if !matches!(row.kind, Kind::Fit(_)) {
+                return Err(refused(&candidate.name, "a method without evidence for its model, expected a fit"));
             }
             let mut settings = row.defaults();
             if let Some(all) = settings.as_object_mut() {
@@ -121,12 +114,9 @@ impl ModelAveraging {
 
 impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
         Box::new(Average {
             config: self.config.clone(),
             trackers: self.methods.iter().map(|method| method.begin(knowledge)).collect(),
-            right: Modes::new(weights.iter().copied()),
-            weights,
         })
     }
 }
@@ -135,37 +125,28 @@ impl Method for ModelAveraging {
 struct Average {
     config: Arc<Config>,
     trackers: Vec<Box<dyn Tracker>>,
-    right: Modes,
-    weights: Vec<f64>,
 }
 
 impl Average {
-    /// Logarithm of the likelihood of an innovation, bounded by the gate.
-    fn log_evidence(&self, innovation: &Innovation<2>) -> f64 {
-        innovation.log_likelihood() + 0.5 * (innovation.nis - self.config.gate_sds.powi(2)).max(0.0)
-    }
-
-    /// Updates the candidates' probabilities and returns the innovation of the mixture.
-    fn weigh(&mut self, dt_s: f64, estimates: &[Option<Estimate>]) -> Option<Innovation<2>> {
-        let sojourns_s = vec![self.config.sojourn_s; self.trackers.len()];
-        self.right.predict(&Transition::from_sojourns(dt_s, &sojourns_s, &self.weights));
-        let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
-        let known = innovations.iter().zip(self.right.probabilities());
-        let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
-        let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
-        // A candidate without a prediction gets the smallest likelihood of the others.
+    /// Probabilities of the candidates. One without evidence has the smallest of the others.
+    fn shares(&self) -> Vec<f64> {
+        let evidence: Vec<_> = self.trackers.iter().map(|tracker| tracker.log_evidence()).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-        let tempered: Vec<_> =
-            evidence.iter().map(|found| Some(self.config.evidence_power * found.unwrap_or(least))).collect();
-        self.right.reweight(&tempered)?;
-        Some(innovation)
+        let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
+        let share = |(candidate, evidence): (&Candidate, &Option<f64>)| {
+            let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
+            candidate.weight * (self.config.evidence_power * behind).exp()
+        };
+        let shares: Vec<f64> = self.config.candidates.iter().zip(&evidence).map(share).collect();
+        let total: f64 = shares.iter().sum();
+        shares.into_iter().map(|share| share / total).collect()
     }
 
     /// Estimate of the mixture. `None` if the probable candidates have none.
-    fn together(&self, estimates: &[Option<Estimate>], innovation: Option<Innovation<2>>) -> Option<Estimate> {
-        let shares = self.right.probabilities();
+    fn together(&self, estimates: &[Option<Estimate>]) -> Option<Estimate> {
+        let shares = self.shares();
         let most = shares.iter().copied().fold(0.0, f64::max);
-        let stated = estimates.iter().zip(shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share)));
+        let stated = estimates.iter().zip(&shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share)));
         let parts: Vec<(&Estimate, f64)> =
             stated.filter(|(_, share)| *share >= self.config.ignored_share * most).collect();
         let known: f64 = parts.iter().map(|(_, share)| share).sum();
@@ -173,7 +154,7 @@ impl Average {
             return None;
         }
         let (leading, _) = *parts.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let about = |vector: fn(&Estimate) -> Vector3<f64>, covariance: fn(&Estimate) -> nalgebra::Matrix3<f64>| {
+        let about = |vector: fn(&Estimate) -> Vector3<f64>, covariance: fn(&Estimate) -> Matrix3<f64>| {
             let part = |(estimate, share): &(&Estimate, f64)| {
                 (Gaussian::new(vector(estimate) - vector(leading), covariance(estimate)), *share)
             };
@@ -186,6 +167,8 @@ impl Average {
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), *share))
         });
         let radius = Gaussian::of_mixture(sizes.collect::<Vec<_>>());
+        let innovations = parts.iter().filter_map(|(estimate, share)| Some((estimate.innovation?, *share)));
+        let innovation = Innovation::of_mixture(innovations.collect::<Vec<_>>());
         Some(Estimate {
             contact: leading.contact.shifted(place.mean),
             covariance_m2: place.covariance * self.config.covariance_factor,
@@ -216,7 +199,6 @@ fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
 impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
-        let innovation = self.weigh(sample.dt_s, &estimates);
-        self.together(&estimates, innovation)
+        self.together(&estimates)
     }
 }

@@ -100,9 +100,13 @@ impl Readings {
     fn include(&mut self, reading: Mean) {
         let (way_m, turn_rad) = (self.scale * WAY_M, self.scale * TURN_RAD);
         let base = reading.base();
-        let distances = self.means.iter().enumerate().map(|(i, mean)| {
-            let (shift_m, turn) = mean.way_to(&base);
-            (i, (shift_m.norm() / way_m).max(turn.norm() / turn_rad))
+        let distances = self.means.iter().enumerate().filter_map(|(i, mean)| {
+            let far = mean.first.origin().distance(&base.origin()) / way_m;
+            if far > 1.0 {
+                return None;
+            }
+            let turned = mean.way_to(&base).1.norm() / turn_rad;
+            Some((i, far.max(turned)))
         });
         match distances.filter(|(_, distance)| *distance <= 1.0).min_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((i, _)) => self.means[i].join(&reading),

@@ -19,10 +19,7 @@ const MOST_DAMPING: f64 = 1e4;
 const CONVERGED: f64 = 0.01;
 
 /// Accepted and rejected steps after which the search ends.
-const MOST_STEPS: usize = 6;
-
-/// Tilt of the differences, small against one radian.
-const TILT_STEP_RAD: f64 = 1e-4;
+const MOST_STEPS: usize = 5;
 
 /// Prior of the state of a contact at its reference pose: independent entries.
 #[derive(Clone, Copy, Debug)]
@@ -113,14 +110,13 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
             quadratic.cost += gate;
             return false;
         };
-        let (place, inverse) = &found;
+        let place = &found.0;
         *near = place.at();
         let (expected_n_m, by_contact) = side.expect(*near);
         let slopes = by_contact * about.contact_slopes(*shape, &motion, &found);
-        let repeats = (mean.duration_s / (2.0 * TILT_S)).max(1.0);
-        let tilted =
-            shape.equations(&about.object(*shape, &motion, TILT_STEP_RAD), place).0 - shape.equations(&object, place).0;
-        let by_tilt = by_contact * (inverse * tilted) * (place.tilt_sd_rad(side, &mean.unrest) / TILT_STEP_RAD);
+        // The mean of an oscillation decreases with the duration, its variance with the square.
+        let repeats = 1.0 + (mean.duration_s / (2.0 * TILT_S)).powi(2);
+        let by_tilt = by_contact * about.tilt_slopes(*shape, &motion, &found) * place.tilt_sd_rad(side, &mean.unrest);
         let mut covariance = side.covariance_of_mean_n2_m2(*near, mean.count) + by_tilt * by_tilt.transpose() / repeats;
         let inertia = side.inertia_n_m(*near, mean.unrest.trace().sqrt()).powi(2) / repeats;
         (covariance[(0, 0)], covariance[(1, 1)]) = (covariance[(0, 0)] + inertia, covariance[(1, 1)] + inertia);

@@ -19,12 +19,12 @@ use super::{Estimate, Knowledge, Sample};
 use crate::settings::{SettingsError, within};
 use crate::space::estimators;
 use line::Line;
-use resting::Resting;
 use rolling::{Axes, Place};
 
 use patch::Patch;
 use sphere::Sphere;
 
+pub(super) use resting::Resting;
 pub(super) use rolling::{Neighbours, Shape, TILT, TILT_S, touch};
 
 /// A model of the contact's motion with a state of `N` entries.
@@ -73,6 +73,10 @@ impl MotionSettings {
         Self::Line(Line { radius: Radius::ANY, ..Line::default() })
     }
 
+    pub(super) fn fitted_cylinder() -> Self {
+        Self::Line(Line { radius: Radius::ANY_FITTED, ..Line::default() })
+    }
+
     pub(super) fn patch() -> Self {
         Self::Patch(Patch::default())
     }
@@ -101,10 +105,10 @@ impl MotionSettings {
         }
     }
 
-    /// Begins to fit an object to a touch under this model, whose contact must not rest.
+    /// Begins to fit an object to a touch under this model. A contact at rest is filtered.
     pub(super) fn fit(self, config: &fit::Config, knowledge: &Knowledge) -> Box<dyn Tracker> {
         match self {
-            Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(&config.filter, model, knowledge)),
+            Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(&config.filter(self), model, knowledge)),
             Self::Line(model) => Box::new(Fitter::<Line, 6>::new(config, model, knowledge)),
             Self::Sphere(model) => Box::new(Fitter::<Sphere, 5>::new(config, model, knowledge)),
             Self::Patch(model) => Box::new(Fitter::<Patch, 7>::new(config, model, knowledge)),
@@ -129,6 +133,8 @@ impl Radius {
     pub(super) const THIN: Self = Self { least_m: 0.1e-3, most_m: 1.5e-3, parts: 1 };
     /// From a thin rod to nearly a plane.
     pub(super) const ANY: Self = Self { least_m: 0.3e-3, most_m: 0.2, parts: 4 };
+    /// The same for a fit, which does not need narrow hypotheses.
+    pub(super) const ANY_FITTED: Self = Self { parts: 1, ..Self::ANY };
 
     fn validate(&self) -> Result<(), SettingsError> {
         within("radius.least_m", self.least_m, 1e-6..=10.0)?;

@@ -46,7 +46,7 @@ pub(in crate::space::estimators) struct Patch {
 
 impl Default for Patch {
     fn default() -> Self {
-        Self { spine: Line { radius: Radius::ANY, ..Line::default() }, bend_sd_per_m: 50.0 }
+        Self { spine: Line { radius: Radius::ANY_FITTED, ..Line::default() }, bend_sd_per_m: 50.0 }
     }
 }
 

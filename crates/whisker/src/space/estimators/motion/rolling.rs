@@ -205,17 +205,15 @@ impl<const N: usize> Neighbours<N> {
         Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
     }
 
-    /// Derivatives by the tilt of the coordinates of a contact with the moved object, which is sought from `start`, and its place.
+    /// Derivatives of the coordinates of a contact with the moved object by the tilt.
     pub(in crate::space::estimators) fn tilt_slopes<Object: Shape<N>>(
         &self,
-        side: &Side,
         shape: &Object,
         motion: &Pose<Base, Base>,
-        start: Around,
-    ) -> Option<(Vector3<f64>, Place)> {
-        let (place, inverse) = touch(side, shape, &self.object(shape, motion, 0.0), start)?;
-        let [high, low] = [STEP, -STEP].map(|tilt| shape.equations(&self.object(shape, motion, tilt), &place).0);
-        Some((inverse * (low - high) * (0.5 / STEP), place))
+        (found, inverse): &(Place, Matrix3<f64>),
+    ) -> Vector3<f64> {
+        let [high, low] = [STEP, -STEP].map(|tilt| shape.equations(&self.object(shape, motion, tilt), found).0);
+        inverse * (low - high) * (0.5 / STEP)
     }
 
     /// The state of the contact with the object after the base's motion, sought from `start`, and its derivatives. The tilt is
