@@ -1,6 +1,6 @@
 //! NumPy arrays from and to Rust values.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{SMatrix, SVector};
 use numpy::ndarray::{Array1, Array2, Array3};
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -64,27 +64,27 @@ pub(crate) fn column<'py>(
     numbers.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect::<Array1<f64>>().into_pyarray(py)
 }
 
-/// Array of shape (n, 2). A missing vector is NaN.
-pub(crate) fn vectors<'py>(
+/// Array of shape (n, `N`). A missing vector is NaN.
+pub(crate) fn vectors<'py, const N: usize>(
     py: Python<'py>,
-    vectors: impl ExactSizeIterator<Item = Option<Vector2<f64>>>,
+    vectors: impl ExactSizeIterator<Item = Option<SVector<f64, N>>>,
 ) -> Bound<'py, PyArray2<f64>> {
     let rows = vectors.len();
-    let missing = Vector2::repeat(f64::NAN);
-    let numbers: Vec<f64> = vectors.flat_map(|vector| <[f64; 2]>::from(vector.unwrap_or(missing))).collect();
-    Array2::from_shape_vec((rows, 2), numbers).expect("two numbers a row").into_pyarray(py)
+    let missing = SVector::repeat(f64::NAN);
+    let numbers: Vec<f64> = vectors.flat_map(|vector| <[f64; N]>::from(vector.unwrap_or(missing))).collect();
+    Array2::from_shape_vec((rows, N), numbers).expect("N numbers a row").into_pyarray(py)
 }
 
-/// Array of shape (n, 2, 2). A missing matrix is NaN.
-pub(crate) fn matrices<'py>(
+/// Array of shape (n, `R`, `C`). A missing matrix is NaN.
+pub(crate) fn matrices<'py, const R: usize, const C: usize>(
     py: Python<'py>,
-    matrices: impl ExactSizeIterator<Item = Option<Matrix2<f64>>>,
+    matrices: impl ExactSizeIterator<Item = Option<SMatrix<f64, R, C>>>,
 ) -> Bound<'py, PyArray3<f64>> {
     let rows = matrices.len();
-    let missing = Matrix2::repeat(f64::NAN);
-    let in_rows = |m: Matrix2<f64>| [m[(0, 0)], m[(0, 1)], m[(1, 0)], m[(1, 1)]];
+    let missing = SMatrix::<f64, R, C>::repeat(f64::NAN);
+    let in_rows = |matrix: SMatrix<f64, R, C>| (0..R * C).map(move |place| matrix[(place / C, place % C)]);
     let numbers: Vec<f64> = matrices.flat_map(|matrix| in_rows(matrix.unwrap_or(missing))).collect();
-    Array3::from_shape_vec((rows, 2, 2), numbers).expect("four numbers a row").into_pyarray(py)
+    Array3::from_shape_vec((rows, R, C), numbers).expect("R C numbers a row").into_pyarray(py)
 }
 
 /// Array of flags.

@@ -20,6 +20,7 @@ mod registries;
 mod replay;
 mod shape;
 mod simulate;
+mod space;
 mod tables;
 mod trace;
 mod trial;
@@ -52,6 +53,11 @@ mod _native {
     use crate::shape::Shape;
     #[pymodule_export]
     use crate::simulate::simulate;
+    #[pymodule_export]
+    use crate::space::{
+        Rod, SpatialCalibration, SpatialContacts, SpatialEstimate, SpatialEstimator, SpatialPrediction, SpatialReplay,
+        SpatialTrace, fit_spatial_calibration, load_spatial_calibration, spatial_estimators,
+    };
     #[pymodule_export]
     use crate::tables::check_table;
     #[pymodule_export]

@@ -11,12 +11,16 @@ the known motion of the root, an estimator computes the point of contact.
 | estimation | `Estimator`, `Estimate`, `Replay`, `Outline`, `estimators`, `detectors`, `front_ends` |
 | evaluation | `Trial`, `evaluate`, `cramer_rao_bound`, `metrics` |
 | several whiskers | `scene_map`, `SceneMap`, `MappedObject` |
+| mechanics in space | `Rod`, `SpatialContacts` |
+| recordings and sensor models in space | `SpatialTrace`, `load_spatial_calibration`, `fit_spatial_calibration`, \
+`SpatialCalibration`, `SpatialPrediction` |
+| estimation in space | `SpatialEstimator`, `SpatialEstimate`, `SpatialReplay`, `spatial_estimators` |
 | results | `read_table`, `read_results`, `Results`, `frame` |
 | figures | `plot_sweep`, `plot_outline` |
 
 Quantities are in SI units, named at the end of each name (`moment_n_m`). Shapes are given in brackets: (n, 2) is one point a
-row. Frames: World is fixed; Base is that of the whisker's root, +x along the tangent of the undeflected root, +y to the left;
-Start is the Base of the first sample. Angles are counter-clockwise.
+row. Frames: World is fixed; Base is that of the whisker's root, +x along the tangent of the undeflected root, +y to the left and
++z up; Start is the Base of the first sample. Angles are counter-clockwise.
 
 An error is an exception with the message of the command `whisker`: `ValueError` for invalid input, and the exception of the
 operating system (`FileNotFoundError`, ...) for files. Long calls release the interpreter lock, so that they run in parallel in
@@ -34,8 +38,16 @@ from ._native import (
     Prediction,
     Recording,
     Replay,
+    Rod,
     SceneMap,
     Shape,
+    SpatialCalibration,
+    SpatialContacts,
+    SpatialEstimate,
+    SpatialEstimator,
+    SpatialPrediction,
+    SpatialReplay,
+    SpatialTrace,
     Trace,
     Trial,
     Whisker,
@@ -44,13 +56,16 @@ from ._native import (
     detectors,
     estimators,
     fit_calibration,
+    fit_spatial_calibration,
     front_ends,
     load_calibration,
+    load_spatial_calibration,
     metrics,
     press,
     scene_map,
     sensor_models,
     simulate,
+    spatial_estimators,
 )
 from .evaluation import Stepper, evaluate
 from .figures import plot_outline, plot_sweep
@@ -68,8 +83,16 @@ __all__ = [
     "Recording",
     "Replay",
     "Results",
+    "Rod",
     "SceneMap",
     "Shape",
+    "SpatialCalibration",
+    "SpatialContacts",
+    "SpatialEstimate",
+    "SpatialEstimator",
+    "SpatialPrediction",
+    "SpatialReplay",
+    "SpatialTrace",
     "Stepper",
     "Trace",
     "Trial",
@@ -80,9 +103,11 @@ __all__ = [
     "estimators",
     "evaluate",
     "fit_calibration",
+    "fit_spatial_calibration",
     "frame",
     "front_ends",
     "load_calibration",
+    "load_spatial_calibration",
     "metrics",
     "plot_outline",
     "plot_sweep",
@@ -92,4 +117,5 @@ __all__ = [
     "scene_map",
     "sensor_models",
     "simulate",
+    "spatial_estimators",
 ]

@@ -1,7 +1,7 @@
 //! Figures (SVG and PNG) and a self-contained HTML page of the results of an evaluation.
 //!
 //! Reads the folder of a run, whose files [`testbed::results`] defines (`run.json`, `summary.csv`, `trials.csv` and the others),
-//! or the folder of the physics study, which `python -m whisker_sim.physics` writes (`watermark.json`, `claims.csv` and its
+//! the folder of a run in space (`space_run.json` and its tables), or the folder of the physics study, which `python -m whisker_sim.physics` writes (`watermark.json`, `claims.csv` and its
 //! tables). Writes into the same folder:
 //!
 //! | file | content |
@@ -92,6 +92,7 @@ mod page;
 mod physics;
 mod replay;
 mod run_data;
+mod space;
 mod style;
 #[cfg(test)]
 mod tests;
@@ -127,6 +128,9 @@ pub fn report(folder: &Path, progress: &ProgressBar) -> Result<ReportPaths> {
         let data = physics::Data::read(folder)?;
         let figures = draw_all(folder, physics::FIGURES, &data, progress)?;
         (physics::html(&data, &figures)?, figures.files)
+    } else if let Some(data) = space::Data::read(folder)? {
+        let figures = draw_all(folder, space::FIGURES, &data, progress)?;
+        (space::html(&data, &figures)?, figures.files)
     } else {
         let data = RunData::read(folder)?;
         let figures = draw_all(folder, FIGURES, &data, progress)?;
@@ -141,6 +145,11 @@ pub fn report(folder: &Path, progress: &ProgressBar) -> Result<ReportPaths> {
 /// Name and title of every figure of an evaluated run, in the order of the page.
 pub fn figures() -> impl Iterator<Item = (&'static str, &'static str)> {
     FIGURES.iter().map(|figure| (figure.name, figure.title))
+}
+
+/// Name and title of every figure of a run in space, in the order of the page.
+pub fn space_figures() -> impl Iterator<Item = (&'static str, &'static str)> {
+    space::FIGURES.iter().map(|figure| (figure.name, figure.title))
 }
 
 /// Name and title of every figure of the physics study, in the order of the page.

@@ -1,5 +1,5 @@
-// Plays one trial: whisker, true and estimated contact, estimated outline so far, and the error with a cursor.
-// Data: `Trial` in replay.rs, in whole micrometres in World, one entry a frame, null if absent.
+// Plays one trial: two views of the scene, and the error with a cursor. The script before this one defines `stageOf`, which draws
+// the scene. Data: `Trial` in replay.rs, in whole micrometres in World, one entry a frame, null if absent.
 "use strict";
 {
   const part = Object.fromEntries(
@@ -23,10 +23,6 @@
     return parent.appendChild(element);
   }
 
-  const line = spots => "M" + spots.map(([x, y]) => `${x} ${-y}`).join("L");
-  // Each spot as a line of no length, whose round ends are a dot of the same size at every zoom.
-  const dots = spots => spots.filter(Boolean).map(([x, y]) => `M${x} ${-y}h0`).join("");
-
   // A smooth line through points at equal distances (Catmull and Rom).
   function smooth(spots) {
     const at = index => spots[Math.min(Math.max(index, 0), spots.length - 1)];
@@ -34,51 +30,17 @@
       const [before, from, after] = [at(i - 1), at(i), at(i + 2)];
       const out = [0, 1].map(k => from[k] + (to[k] - before[k]) / 6);
       const back = [0, 1].map(k => to[k] - (after[k] - from[k]) / 6);
-      return `C${out[0]} ${-out[1]} ${back[0]} ${-back[1]} ${to[0]} ${-to[1]}`;
+      return `C${out.join(" ")} ${back.join(" ")} ${to.join(" ")}`;
     });
-    return `M${spots[0][0]} ${-spots[0][1]}` + curves.join("");
-  }
-
-  // The scene at a frame, in a view given by its centre and width.
-  function scene(view, [x, y], width) {
-    const { outline_um, wire_um, base_um, truth_um } = trial();
-    const { contact_um, ellipse, surface_um } = run();
-    const height = width * 3 / 4;
-    view.setAttribute("viewBox", `${x - width / 2} ${-y - height / 2} ${width} ${height}`);
-    view.replaceChildren();
-    if (outline_um.length) draw(view, "path", { class: "object", d: line(outline_um) });
-    const [contact, truth, axes] = [contact_um[frame], truth_um[frame], ellipse[frame]];
-    if (wire_um[frame]) draw(view, "path", { class: "wire", d: smooth(wire_um[frame]) });
-    const [baseX, baseY] = base_um[frame];
-    draw(view, "path", { class: "base", "stroke-linecap": "square", d: `M${baseX} ${-baseY}h0` });
-    draw(view, "path", { class: "found", d: dots(surface_um.slice(0, frame + 1)) });
-    if (truth) {
-      draw(view, "path", { class: "truth", d: dots([truth]) });
-      draw(view, "path", { class: "core", d: dots([truth]) });
-    }
-    if (contact && axes) {
-      const place = `translate(${contact[0]} ${-contact[1]}) rotate(${-axes[2] / 10})`;
-      draw(view, "ellipse", { class: "ellipse", rx: axes[0], ry: axes[1], transform: place });
-    }
-    if (contact) draw(view, "path", { class: "estimate", d: dots([contact]) });
-  }
-
-  // Centre and width of a view that contains the path of the base and all shapes of the whisker.
-  function whole() {
-    const spots = [...trial().base_um, ...trial().wire_um.flat()].filter(Boolean);
-    const [left, right, low, high] = [0, 1].flatMap(k => {
-      const values = spots.map(spot => spot[k]);
-      return [Math.min(...values), Math.max(...values)];
-    });
-    return [[(left + right) / 2, (low + high) / 2], 1.1 * Math.max(right - left, (high - low) * 4 / 3)];
+    return `M${spots[0].join(" ")}` + curves.join("");
   }
 
   // Centre of the detail: the true contact or else the estimated one, at this frame, the last before or the first after it.
-  function focus() {
-    const seen = index => trial().truth_um[index] ?? run().contact_um[index];
+  function focus({ trial, run, frame }) {
+    const seen = index => trial.truth_um[index] ?? run.contact_um[index];
     for (let index = frame; index >= 0; index--) if (seen(index)) return seen(index);
     for (let index = frame; index <= last(); index++) if (seen(index)) return seen(index);
-    return trial().base_um[frame];
+    return trial.base_um[frame];
   }
 
   // The chart's scales: seconds, and micrometres in decades from a hundredth of a millimetre to a hundred.
@@ -121,8 +83,9 @@
   }
 
   function show() {
-    scene(part.overview, ...whole());
-    scene(part.closeup, focus(), 1000 * part.zoom.value);
+    const now = { trial: trial(), run: run(), frame };
+    stage.scene(part.overview, now, ...stage.whole(now));
+    stage.scene(part.closeup, now, focus(now), 1000 * part.zoom.value);
     const { x, y } = scales();
     const t = trial().t_s[frame];
     const um = run().error_um[frame];
@@ -185,5 +148,6 @@
   part.time.addEventListener("input", () => { pause(); frame = Number(part.time.value); show(); });
   part.play.addEventListener("click", () => playing ? pause() : play(frame === last() ? 0 : frame));
   new ResizeObserver(() => { chart(); show(); }).observe(part.error);
+  const stage = stageOf(part, { draw, smooth }, () => show());
   choose();
 }

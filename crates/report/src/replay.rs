@@ -1,6 +1,6 @@
 //! Interactive replay of one trial of each set: whisker, true and estimated contact, estimated outline and error over time.
 //!
-//! The page carries the numbers as whole micrometres in JSON and `replay.js` draws them.
+//! The page carries the numbers as whole micrometres in JSON; `replay_plane.js` draws the scene and `replay.js` plays it.
 
 use anyhow::{Context, Result};
 use maud::{Markup, PreEscaped, html};
@@ -24,7 +24,7 @@ const FRAMES: usize = 200;
 const WIRE_POINTS: usize = 12;
 
 /// Whole micrometres, or tenths of a degree.
-type Whole = i64;
+pub(crate) type Whole = i64;
 
 /// A point in World, in micrometres.
 type Spot = [Whole; 2];
@@ -67,8 +67,6 @@ pub(crate) fn section(data: &RunData) -> Result<Option<Markup>> {
     if trials.is_empty() {
         return Ok(None);
     }
-    // Only `<` could end the script element.
-    let json = serde_json::to_string(&trials).context("replays")?.replace('<', "\\u003c");
     Ok(Some(html! {
         p {
             "One trial of each set: that with the median error. Left: the whisker (black) on its base (square), "
@@ -78,6 +76,18 @@ pub(crate) fn section(data: &RunData) -> Result<Option<Markup>> {
             span.key.found {} " estimated outline so far. "
             "Below: contact error; in grey that of the other estimators of the list."
         }
+        (player(&trials, "Whisker and object, seen from above", include_str!("replay_plane.js"))?)
+    }))
+}
+
+/// The player of some trials: choices, two views, controls and the error over time. `stage` is the script that draws the views.
+///
+/// # Errors
+/// When the trials do not serialise.
+pub(crate) fn player(trials: &impl Serialize, overview: &str, stage: &str) -> Result<Markup> {
+    // Only `<` could end the script element.
+    let json = serde_json::to_string(trials).context("replays")?.replace('<', "\\u003c");
+    Ok(html! {
         div.replay {
             div.choices {
                 label { "Trial " select data-part="trial" {} }
@@ -89,7 +99,7 @@ pub(crate) fn section(data: &RunData) -> Result<Option<Markup>> {
                 } }
             }
             div.views {
-                svg data-part="overview" role="img" aria-label="Whisker and object, seen from above" {}
+                svg data-part="overview" role="img" aria-label=(overview) {}
                 svg data-part="closeup" role="img" aria-label="Detail around the contact" {}
             }
             div.controls {
@@ -101,8 +111,9 @@ pub(crate) fn section(data: &RunData) -> Result<Option<Markup>> {
             script type="application/json" data-part="trials" { (PreEscaped(json)) }
         }
         noscript { p.absent { "The replay needs JavaScript." } }
+        script { (PreEscaped(stage)) }
         script { (PreEscaped(include_str!("replay.js"))) }
-    }))
+    })
 }
 
 fn trial(data: &RunData, set: &RunSet) -> Result<Option<Trial>> {
@@ -206,7 +217,7 @@ fn spot(x_m: f64, y_m: f64) -> Spot {
     [micrometres(x_m), micrometres(y_m)]
 }
 
-fn micrometres(value_m: f64) -> Whole {
+pub(crate) fn micrometres(value_m: f64) -> Whole {
     (1e6 * value_m).round() as Whole
 }
 

@@ -223,4 +223,11 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     evaluate(&["--noise", "0.01,0.02"], &["--noise: found 2 levels, expected one"]);
     evaluate(&["--exec", "true"], &["--exec", "do not apply to traces in space"]);
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
+    let replay = |options: &[&str], words: &[&str]| {
+        let trace = "datasets/golden/space/golden_space.csv";
+        fails(&[&["replay", trace], options].concat(), words);
+    };
+    replay(&["--estimator", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
+    replay(&["--estimator", "line", "--front-end", "hall"], &["--front-end: does not apply to traces in space"]);
+    replay(&["--estimator", "line"], &["calibrations/curved.json", "No such file"]);
 }

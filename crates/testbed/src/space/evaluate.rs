@@ -1,7 +1,7 @@
 //! Evaluation of estimators in space: every trial of a dataset, replayed with seeded noise and scored against the truth.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
@@ -10,20 +10,26 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
-use trace::{Role, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
-use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, SpatialEstimatorRow, spatial_estimator};
+use trace::{Role, SpatialSidecar, SpatialTrace};
+use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, SpatialEstimatorRow};
 use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
-use super::replay::{replay, samples};
+use super::replay::{calibrated, registered, replay, samples};
 use super::rod::TrueRod;
-use super::{largest_reading_n_m, noisy_readings_n_m, to_base};
+use super::run::estimates_file;
+use super::solid::Solid;
+use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
 use crate::dataset::Dataset;
+use crate::results::write_rows;
 use crate::settings::merged;
 
 /// Time after the touch from which estimates are scored.
 pub const START_S: f64 = 1.0;
+
+/// Largest number of instants of a trial whose estimates a run keeps.
+const KEPT: usize = 400;
 
 /// Probability of the ellipsoids whose coverage is measured.
 const PROBABILITY: f64 = 0.95;
@@ -72,6 +78,8 @@ pub struct SpatialTrialRow {
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
     pub coverage: Option<f64>,
+    /// Mean distance of the estimated points of the surface from the true solid. `None` for meshes.
+    pub surface_m: Option<f64>,
     /// RMS angle between estimated and true normal.
     pub normal_rad: Option<f64>,
     /// RMS angle between the estimated and the true direction of the edge or rod. `None` for other objects and methods.
@@ -109,6 +117,8 @@ pub struct SpatialSummaryRow {
     pub nees_high: f64,
     /// Mean coverage of the 95 % ellipsoids.
     pub coverage: Option<f64>,
+    /// Mean over the replays of the distance of the surface.
+    pub surface_m: Option<f64>,
     /// RMS over the replays of the angle of the normal.
     pub normal_rad: Option<f64>,
     /// The same of the angle of the edge.
@@ -138,6 +148,7 @@ struct Prepared {
     noise_sd_n_m: f64,
     bound: Vec<Option<SpatialBoundAt>>,
     rod: Option<TrueRod>,
+    solid: Option<Solid>,
 }
 
 /// Replays every trial of a dataset through the estimators. The unit of progress is one trial with one seed. The result does not
@@ -150,6 +161,16 @@ pub fn evaluate(
     settings: &SpatialEvaluateSettings,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
+    evaluate_keeping(dataset, settings, None, progress)
+}
+
+/// As [`evaluate()`], and writes the estimates with the first seed, at up to [`KEPT`] instants of every trial, into a folder.
+pub(super) fn evaluate_keeping(
+    dataset: &Dataset,
+    settings: &SpatialEvaluateSettings,
+    estimates: Option<&Path>,
+    progress: &ProgressBar,
+) -> anyhow::Result<SpatialEvaluated> {
     let rows = estimators(settings)?;
     let prepared = prepared(dataset, settings)?;
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
@@ -158,7 +179,8 @@ pub fn evaluate(
     let found: Vec<anyhow::Result<Vec<Scored>>> = work
         .par_iter()
         .map(|(trial, seed)| {
-            let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed)).collect();
+            let folder = estimates.filter(|_| settings.seeds.first() == Some(seed));
+            let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed, folder)).collect();
             progress.inc(1);
             scores
         })
@@ -176,20 +198,11 @@ pub fn evaluate(
 pub(super) fn estimators(
     settings: &SpatialEvaluateSettings,
 ) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
-    let known = || SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect::<Vec<_>>().join(", ");
     let rows = match &settings.estimators {
         None => SPATIAL_ESTIMATORS.iter().collect(),
-        Some(names) => names
-            .iter()
-            .map(|name| {
-                spatial_estimator(name)
-                    .with_context(|| format!("unknown estimator in space `{name}`, expected one of: {}", known()))
-            })
-            .collect::<anyhow::Result<Vec<_>>>()?,
+        Some(names) => names.iter().map(|name| registered(name)).collect::<anyhow::Result<Vec<_>>>()?,
     };
-    if let Some(name) = settings.config.keys().find(|name| spatial_estimator(name).is_none()) {
-        bail!("settings: found `{name}`, expected estimators in space: {}", known());
-    }
+    settings.config.keys().try_for_each(|name| registered(name).map(drop)).context("settings")?;
     let config = |row: &'static SpatialEstimatorRow| match settings.config.get(row.name) {
         Some(own) => Ok((row, merged(row.defaults(), own)?)),
         None => Ok((row, row.defaults())),
@@ -214,12 +227,7 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         if faces.contains_key(name) {
             continue;
         }
-        let path = folder.join(format!("{name}.json"));
-        let calibration = SpatialCalibrationFile::read(&path)?;
-        if calibration.spatial_whisker() != trace.sidecar.spatial_whisker() {
-            bail!("{}: whisker: found other parameters than those of {}", path.display(), trace.sidecar.name);
-        }
-        faces.insert(name.clone(), calibration.calibrated(&path, None)?);
+        faces.insert(name.clone(), calibrated(&folder.join(format!("{name}.json")), &trace.sidecar)?);
     }
     let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
     let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();
@@ -232,7 +240,8 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
         let rod = TrueRod::of(&trace);
         let bound = bound(&trace, &calibrated, rod.as_ref(), noise_sd_n_m);
-        Prepared { calibrated, noise_sd_n_m, bound, rod, trace }
+        let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
+        Prepared { calibrated, noise_sd_n_m, bound, rod, solid, trace }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
 }
@@ -249,6 +258,7 @@ struct Sums {
     direction_bound: f64,
     rods: usize,
     covered: usize,
+    surface: f64,
     normal: f64,
     direction: f64,
     directions: usize,
@@ -256,7 +266,14 @@ struct Sums {
 }
 
 impl Prepared {
-    fn score(&self, row: &SpatialEstimatorRow, config: &Value, seed: u64) -> anyhow::Result<Scored> {
+    /// Scores of one replay. Writes its estimates into `folder`.
+    fn score(
+        &self,
+        row: &SpatialEstimatorRow,
+        config: &Value,
+        seed: u64,
+        folder: Option<&Path>,
+    ) -> anyhow::Result<Scored> {
         let knowledge = Arc::new(Knowledge {
             calibrated: self.calibrated.clone(),
             noise_sd_n_m: self.noise_sd_n_m,
@@ -264,6 +281,14 @@ impl Prepared {
         });
         let readings_n_m = noisy_readings_n_m(&self.trace, self.noise_sd_n_m, seed);
         let replayed = replay(row, config, &knowledge, &samples(&self.trace, &readings_n_m))?;
+        if let Some(folder) = folder {
+            let every = readings_n_m.len().div_ceil(KEPT).max(1);
+            let kept = (0..readings_n_m.len()).step_by(every);
+            let row_of = |i| {
+                spatial_estimate_row(&self.trace, &self.calibrated, i, readings_n_m[i], replayed.estimates[i].as_ref())
+            };
+            write_rows(&folder.join(estimates_file(&self.trace.sidecar.name, row.name)), kept.map(row_of))?;
+        }
         let within = ChiSquared::new(3.0)?.inverse_cdf(PROBABILITY);
         let mut sums = Sums::default();
         for (i, bound) in self.bound.iter().enumerate() {
@@ -293,6 +318,7 @@ impl Prepared {
             rod_bound_m: of_rod(sums.rod_bound),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
+            surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
             direction_bound_rad: of_rod(sums.direction_bound),
@@ -317,6 +343,10 @@ impl Prepared {
         }
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.last_nees = nees;
+        if let Some(solid) = &self.solid {
+            let surface = to_base.inverse().apply(self.calibrated.surface(estimate.contact, estimate.normal));
+            sums.surface += solid.distance_m(surface.vector());
+        }
         sums.normal += normal.angle(&estimate.normal).powi(2);
         if let (Some(rod), Some(found)) = (self.rod, estimate.direction) {
             // The direction of an edge has no sign.
@@ -354,6 +384,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             nees_low,
             nees_high,
             coverage: mean(|trial| trial.coverage),
+            surface_m: mean(|trial| trial.surface_m),
             normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_bound_rad: mean(|trial| trial.direction_bound_rad.map(|angle| angle * angle)).map(f64::sqrt),

@@ -1,12 +1,16 @@
 //! Fit and evaluation of traces in space.
 
 pub mod bound;
+mod estimates;
 pub mod evaluate;
 pub mod fit;
+pub mod map;
 mod readings;
 pub mod replay;
 pub mod rod;
 mod run;
+pub mod solid;
 
+pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
 pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
-pub use run::{SpatialWritten, evaluate_into};
+pub use run::{SpatialMapRow, SpatialRun, SpatialRunTrial, SpatialRunWhisker, SpatialWritten, evaluate_into};

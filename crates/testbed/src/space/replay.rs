@@ -1,17 +1,44 @@
 //! Replay of a trace in space through an estimator.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant as Clock;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use nalgebra::Vector2;
 use serde_json::Value;
-use trace::SpatialTrace;
+use trace::{SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
 use whisker::events::TouchConfig;
-use whisker::space::estimators::{Estimate, Knowledge, Sample, SpatialEstimatorRow};
+use whisker::space::estimators::{
+    Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow, spatial_estimator,
+};
 use whisker::space::frames::Pose;
+use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
+
+/// The registry's row of this name.
+///
+/// # Errors
+/// If there is none.
+pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
+    spatial_estimator(name).with_context(|| {
+        let known: Vec<_> = SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect();
+        format!("unknown estimator in space `{name}`, expected one of: {}", known.join(", "))
+    })
+}
+
+/// The calibrated whisker of a trace from the calibration in this file.
+///
+/// # Errors
+/// If the calibration cannot be read or is one of another whisker.
+pub fn calibrated(path: &Path, sidecar: &SpatialSidecar) -> anyhow::Result<Arc<CalibratedSpace>> {
+    let calibration = SpatialCalibrationFile::read(path)?;
+    if calibration.spatial_whisker() != sidecar.spatial_whisker() {
+        bail!("{}: whisker: found other parameters than those of {}", path.display(), sidecar.name);
+    }
+    Ok(calibration.calibrated(path, None)?)
+}
 
 /// Samples of a robot: base motions from the recorded poses, and readings.
 pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sample> {

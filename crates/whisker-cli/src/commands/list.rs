@@ -154,6 +154,11 @@ const REGISTRIES: &[Registry] = &[
         rows: || report::figures().map(|(name, title)| Row::new(name, title)).collect(),
     },
     Registry {
+        name: "space-figures",
+        about: "figures of an evaluated run in space",
+        rows: || report::space_figures().map(|(name, title)| Row::new(name, title)).collect(),
+    },
+    Registry {
         name: "physics-figures",
         about: "figures of the physics study",
         rows: || report::physics_figures().map(|(name, title)| Row::new(name, title)).collect(),

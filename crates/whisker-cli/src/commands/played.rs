@@ -7,13 +7,15 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::fitted_traces::check_fitted_traces;
-use testbed::front_end::{FrontEnd, Mounting, Reader, Reading};
+use testbed::front_end::{FRONT_ENDS, FrontEnd, Mounting, Reader, Reading};
 use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
 use testbed::settings::merged;
+use testbed::space;
 use trace::{CalibrationFile, Instant, Sidecar, Trace, TraceRows};
 use whisker::estimators::{self, Estimator, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
+use whisker::space::estimators::SpatialEstimatorRow;
 
 use super::{front_end, json, noise_fraction};
 
@@ -39,7 +41,7 @@ pub(super) struct Arguments {
 #[derive(clap::Args)]
 #[group(skip)]
 pub(super) struct MethodArguments {
-    /// Estimator (`whisker list estimators`)
+    /// Estimator (`whisker list estimators`; for a trace in space `space-estimators`)
     #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
     /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
@@ -59,6 +61,15 @@ impl MethodArguments {
         })?;
         Ok((row, merged((row.defaults)(), &self.config)?))
     }
+}
+
+/// Options of a replay in space.
+pub(super) struct InSpace {
+    pub(super) row: &'static SpatialEstimatorRow,
+    pub(super) config: Value,
+    /// Measurement noise to add, as a fraction of the trace's largest reading.
+    pub(super) noise: f64,
+    pub(super) seed: u64,
 }
 
 /// A trace that is there, and the path of its calibration.
@@ -87,6 +98,19 @@ impl Arguments {
     /// Whether an option is given that has a meaning for recordings alone.
     pub(super) fn is_for_recordings(&self) -> bool {
         self.noise.is_some() || !self.front_end.is_default()
+    }
+
+    /// The options for a trace in space.
+    ///
+    /// # Errors
+    /// If the estimator is unknown, or an option does not apply to traces in space.
+    pub(super) fn in_space(&self) -> anyhow::Result<InSpace> {
+        if !self.front_end.is_default() {
+            bail!("--front-end: does not apply to traces in space, which are replayed with white noise");
+        }
+        let row = space::replay::registered(&self.method.estimator)?;
+        let config = merged(row.defaults(), &self.method.config)?;
+        Ok(InSpace { row, config, noise: self.noise.unwrap_or(FRONT_ENDS[0].noise), seed: self.seed })
     }
 
     /// Looks for a trace and its calibration.
@@ -157,12 +181,12 @@ impl Played {
 }
 
 /// Folder of a trace.
-fn beside(trace: &Path) -> &Path {
+pub(super) fn beside(trace: &Path) -> &Path {
     trace.parent().unwrap_or(Path::new(""))
 }
 
 /// Checks that there is a trace.
-fn check_trace(path: &Path) -> anyhow::Result<()> {
+pub(super) fn check_trace(path: &Path) -> anyhow::Result<()> {
     if path.is_dir() {
         bail!("{}: is a folder, expected one of its traces (.csv)", path.display());
     }

@@ -9,14 +9,15 @@ use testbed::evaluate::estimate_row;
 use testbed::front_end::Reader;
 use testbed::replay::Steps;
 use testbed::results::{EstimateRow, Table, csv_bytes};
-use trace::{Instant, TraceRows, TruthInstant};
+use trace::{Instant, TraceRows, TruthInstant, is_spatial};
 use whisker::estimators::{Estimate, Estimator, Knowledge};
 use whisker::events::Signals;
 use whisker::sensor::Face;
 
 use super::output::{begins_with, check_replaces_own, files_of_trace, reserve};
-use super::played;
+use super::played::{self, check_trace};
 use super::progress::Progress;
+use super::space::replay_in_space;
 
 /// Replay one trace through one estimator and write its estimates as CSV
 #[derive(clap::Args)]
@@ -35,6 +36,11 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    check_trace(&arguments.trace)?;
+    if is_spatial(&arguments.trace)? {
+        let Arguments { trace, played, calibration, out } = arguments;
+        return replay_in_space(trace, &played.in_space()?, calibration.as_deref(), out.as_deref());
+    }
     let found = arguments.played.find(&arguments.trace, arguments.calibration.as_deref())?;
     let _lock = match &arguments.out {
         Some(out) => {

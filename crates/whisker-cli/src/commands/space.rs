@@ -1,15 +1,26 @@
-//! Fit and evaluation of traces in space, for the commands `fit` and `evaluate`.
+//! Traces in space, for the commands `fit`, `evaluate` and `replay`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
+use files::write_atomically;
 use serde_json::Value;
-use testbed::dataset::Dataset;
+use testbed::dataset::{Dataset, calibrations};
+use testbed::front_end::FRONT_ENDS;
+use testbed::results::csv_bytes;
 use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow};
-use testbed::space::evaluate_into;
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
+use testbed::space::replay::{calibrated, replay, samples};
+use testbed::space::{
+    SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
+};
+use trace::SpatialTrace;
+use whisker::space::estimators::Knowledge;
 
+use super::output::{begins_with, check_replaces_own, reserve};
+use super::played::{InSpace, beside};
 use super::progress::Progress;
 use super::{print, table};
 
@@ -37,6 +48,52 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
     for whisker in &fitted {
         let state = if whisker.is_new { "" } else { " (up to date)" };
         print(&format!("{}{state}\n", whisker.path.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Replays a trace through an estimator and writes the estimates, to stdout without `out`.
+pub(super) fn replay_in_space(
+    trace: &Path,
+    options: &InSpace,
+    calibration: Option<&Path>,
+    out: Option<&Path>,
+) -> anyhow::Result<ExitCode> {
+    let InSpace { row, config, noise, seed } = options;
+    let read = SpatialTrace::read(trace)?;
+    let folder = calibrations(beside(trace), FRONT_ENDS[0].name);
+    let default = || folder.join(format!("{}.json", read.sidecar.whisker.name));
+    let calibration = calibration.map_or_else(default, Path::to_path_buf);
+    let inputs = ["csv", "json"].map(|extension| trace.with_extension(extension)).into_iter();
+    let _lock = match out {
+        Some(out) => {
+            let lock = reserve(out, &inputs.chain([calibration.clone()]).collect::<Vec<_>>())?;
+            let header = csv_bytes::<SpatialEstimateRow>(&[])?;
+            check_replaces_own(out, "a table of estimates in space", |path| begins_with(path, &header))?;
+            Some(lock)
+        }
+        None => None,
+    };
+    let noise_sd_n_m = noise * largest_reading_n_m([&read]);
+    let readings_n_m = noisy_readings_n_m(&read, noise_sd_n_m, *seed);
+    let calibrated = calibrated(&calibration, &read.sidecar)?;
+    let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: read.sidecar.rate_hz });
+    let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
+    let answers = readings_n_m.iter().zip(&replayed.estimates).enumerate();
+    let rows: Vec<SpatialEstimateRow> = answers
+        .map(|(instant, (reading, estimate))| {
+            spatial_estimate_row(&read, &knowledge.calibrated, instant, *reading, estimate.as_ref())
+        })
+        .collect();
+    match out {
+        Some(out) => write_atomically(out, &csv_bytes(&rows)?)?,
+        None => print(&String::from_utf8(csv_bytes(&rows)?)?)?,
+    }
+    if replayed.step_us.is_none() {
+        eprintln!(
+            "no estimates: no touch was detected in {} rows, or its contact lies outside the calibration",
+            rows.len()
+        );
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -85,6 +142,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "NEES",
         "its 95 % interval",
         "in 95 %",
+        "surface, mm",
         "normal, deg",
         "direction, deg",
         "its bound, deg",
@@ -104,6 +162,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::number(row.nees),
             format!("{:.2} to {:.2}", row.nees_low, row.nees_high),
             table::percent(row.coverage),
+            table::millimetres(row.surface_m),
             degrees(row.normal_rad),
             degrees(row.direction_rad),
             degrees(row.direction_bound_rad),

@@ -45,6 +45,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod line;
 mod point;
 mod series;
 mod suspension;
@@ -58,6 +59,7 @@ use crate::taylor::Stretch;
 use crate::{Invalid, RestShape, Whisker};
 use series::Parameter;
 
+pub use line::SpatialLine;
 pub use point::SpatialContact;
 pub use suspension::{RootAngles, Suspension};
 
@@ -170,8 +172,15 @@ impl Rod {
         parameters: [Parameter; N],
     ) -> Option<(SpatialDeflection, [Rate; N])> {
         let SpatialLoad { arc_m, force_n: force } = load;
-        let (root, rates) =
-            series::root(&self.stretches, self.compliance_coefficient, self.twist, arc_m, force, parameters)?;
+        let (root, rates) = series::root(
+            &self.stretches,
+            self.compliance_coefficient,
+            self.twist,
+            arc_m,
+            force,
+            parameters,
+            |_, _, _| {},
+        )?;
         let to_root = root.directors.transpose();
         let moment = force.cross(&root.position);
         let in_root = to_root * moment;

@@ -94,7 +94,8 @@ fn scaled(a: &Series, b: &VectorSeries, k: usize) -> Vector3<f64> {
 }
 
 /// Series of the equilibrium around one arc length.
-struct Expansion {
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Expansion {
     position: VectorSeries,
     /// Directors: tangent, left, up.
     directors: [VectorSeries; 3],
@@ -156,7 +157,8 @@ impl Expansion {
         step(ORDER - 2).min(step(ORDER - 1)).min(step(ORDER))
     }
 
-    fn section(&self, step_m: f64) -> Section {
+    /// The section at a distance from the centre of the expansion along the wire.
+    pub(super) fn section(&self, step_m: f64) -> Section {
         let columns = [0, 1, 2].map(|i| sum(&self.directors[i], step_m));
         Section { position: sum(&self.position, step_m), directors: Matrix3::from_columns(&columns) }
     }
@@ -191,7 +193,8 @@ impl Expansion {
 ///
 /// The frame of the contact has its origin at the contact, +x along the tangent, and the directors as axes. `force` is
 /// in that frame (N). `twist` is the ratio of the flexibility in twist to that in bending, `EI / GJ`. The last stretch
-/// has no end. `None` if the load is unreasonably large.
+/// has no end. `visit` is called for each step with the arc length about which the series are expanded, that at which the step
+/// ends, and the series. `None` if the load is unreasonably large.
 pub(super) fn root<const N: usize>(
     stretches: &[Stretch],
     compliance_coefficient: f64,
@@ -199,6 +202,7 @@ pub(super) fn root<const N: usize>(
     arc_m: f64,
     force: Vector3<f64>,
     parameters: [Parameter; N],
+    mut visit: impl FnMut(f64, f64, Expansion),
 ) -> Option<(Section, [SectionRate; N])> {
     let mut s_m = arc_m;
     let first = stretches.partition_point(|stretch| stretch.start_m < s_m).max(1);
@@ -231,6 +235,7 @@ pub(super) fn root<const N: usize>(
                 *rate = line.rate(rate, force, by, &flexibility, along_m);
             }
             section = line.section(along_m);
+            visit(s_m, end_m, line);
             s_m = end_m;
         }
     }

@@ -18,7 +18,7 @@ mod table;
 use std::fmt::Debug;
 use std::sync::{Arc, OnceLock};
 
-use nalgebra::{Matrix2, Matrix2x3, Vector2};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde_json::Value;
 
 use crate::frames::Base;
@@ -210,6 +210,12 @@ impl CalibratedSpace {
     /// Coordinates of a contact about the undeflected whisker.
     pub fn around(&self, contact: Point<Base>) -> Around {
         Around::of(&self.rest, contact)
+    }
+
+    /// Point of the object's surface at a contact on the centre line, given the unit normal of the surface out of the object.
+    pub fn surface(&self, contact: Point<Base>, normal: Vector3<f64>) -> Point<Base> {
+        let arc_m = self.around(contact).along_m.clamp(0.0, self.whisker.whisker.length_m);
+        contact.shifted(normal * (-0.5 * self.whisker.whisker.diameter_m(arc_m)))
     }
 
     /// Expected readings and their derivatives. `None` outside the calibrated domain.

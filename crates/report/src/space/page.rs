@@ -1,0 +1,195 @@
+//! The page of a run in space: summary, interactive replay, figures and provenance in one HTML file that loads no other file.
+
+use anyhow::Result;
+use maud::{DOCTYPE, Markup, html};
+use serde_json::json;
+use testbed::space::evaluate::SpatialSummaryRow;
+
+use super::Data;
+use super::replay;
+use crate::figure::Figures;
+use crate::page::{Section, figure_content, head, left_out_entry};
+use crate::run_data::counted;
+use crate::style::plain;
+
+/// A column of the summary table: heading, unit, definition, value and number of decimals.
+struct Column {
+    heading: &'static str,
+    unit: &'static str,
+    meaning: &'static str,
+    value: fn(&SpatialSummaryRow) -> Option<f64>,
+    decimals: usize,
+}
+
+const COLUMNS: [Column; 9] = [
+    Column {
+        heading: "RMSE",
+        unit: "mm",
+        meaning: "root mean square over trials and instants of the distance from the true contact",
+        value: |row| row.rmse_m.map(|value| 1e3 * value),
+        decimals: 3,
+    },
+    Column {
+        heading: "out of plane",
+        unit: "mm",
+        meaning: "root mean square error out of the plane of wire and force at the contact",
+        value: |row| row.out_of_plane_m.map(|value| 1e3 * value),
+        decimals: 3,
+    },
+    Column {
+        heading: "bound",
+        unit: "mm",
+        meaning: "posterior Cramér–Rao bound given the readings so far and the true sliding of the contact",
+        value: |row| row.bound_m.map(|value| 1e3 * value),
+        decimals: 3,
+    },
+    Column {
+        heading: "NEES",
+        unit: "per degree of freedom",
+        meaning: "mean normalised squared error of the last estimates; 1 for a consistent method",
+        value: |row| row.nees,
+        decimals: 2,
+    },
+    Column {
+        heading: "coverage",
+        unit: "%",
+        meaning: "share of the instants at which the 95 % ellipsoid contains the true contact",
+        value: |row| row.coverage.map(|value| 100.0 * value),
+        decimals: 0,
+    },
+    Column {
+        heading: "no answer",
+        unit: "%",
+        meaning: "share of the scored instants without an estimate",
+        value: |row| Some(100.0 * (1.0 - row.answered)),
+        decimals: 1,
+    },
+    Column {
+        heading: "surface",
+        unit: "mm",
+        meaning: "mean distance of the estimated points of the surface from the true solid, inside or outside; a dash for meshes",
+        value: |row| row.surface_m.map(|value| 1e3 * value),
+        decimals: 3,
+    },
+    Column {
+        heading: "normal",
+        unit: "degrees",
+        meaning: "root mean square angle between the estimated and the true normal",
+        value: |row| row.normal_rad.map(f64::to_degrees),
+        decimals: 2,
+    },
+    Column {
+        heading: "direction",
+        unit: "degrees",
+        meaning: "root mean square angle between the estimated and the true direction of the edge or rod",
+        value: |row| row.direction_rad.map(f64::to_degrees),
+        decimals: 2,
+    },
+];
+
+/// The whole page.
+///
+/// # Errors
+/// When a picture cannot be painted, or a file of the run is damaged.
+pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
+    let title = format!("Whisker contact localisation in space: {}", data.run.name);
+    let mut sections = vec![Section { id: "summary", title: "Summary", content: summary(data) }];
+    let replay = replay::section(data)?;
+    sections.extend(replay.map(|content| Section { id: "replay", title: "Interactive replay", content }));
+    for figure in &figures.drawn {
+        sections.push(Section { id: figure.name, title: figure.title, content: figure_content(figure)? });
+    }
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            (head(&title))
+            body {
+                header {
+                    h1 { (title) }
+                    p {
+                        (counted(data.run.trials.len(), "trial")) ", "
+                        (counted(data.estimators().len(), "estimator")) ", "
+                        (counted(data.run.seeds.len(), "noise seed")) ", measurement noise of each bending moment "
+                        (100.0 * data.run.noise) " % of the largest moment of the group. Errors are distances from the true "
+                        "contact, without alignment, from one second after the touch."
+                    }
+                    nav {
+                        @for Section { id, title, .. } in &sections { a href={ "#" (id) } { (title) } }
+                        a href="#provenance" { "Provenance" }
+                    }
+                }
+                main {
+                    @for Section { id, title, content } in &sections { section id=(id) { h2 { (title) } (content) } }
+                }
+                (provenance(data, &figures.left_out))
+            }
+        }
+    };
+    Ok(page.into_string())
+}
+
+fn summary(data: &Data) -> Markup {
+    html! {
+        p {
+            "As data: "
+            @for file in ["space_summary.csv", "space_trials.csv"] { a href=(file) { (file) } " " }
+        }
+        div.scroll tabindex="0" aria-label="Table: summary" {
+            table.blocks {
+                thead {
+                    tr {
+                        @for name in ["group", "whisker", "estimator"] { th { (name) } }
+                        @for Column { heading, unit, meaning, .. } in &COLUMNS {
+                            th.number title=(meaning) { (heading) br; small { (unit) } }
+                        }
+                        th.number { "trials" }
+                    }
+                }
+                @for group in data.groups() {
+                    @for whisker in data.whiskers() {
+                        tbody { @for row in data.scores(group, whisker) { (summary_row(row)) } }
+                    }
+                }
+            }
+        }
+        dl.meanings {
+            @for column in &COLUMNS { dt { (column.heading) } dd { (column.meaning) } }
+            dt { "trials" } dd { "number of trials, each counted once for every noise seed" }
+        }
+    }
+}
+
+fn summary_row(row: &SpatialSummaryRow) -> Markup {
+    html! {
+        tr {
+            td { (plain(&row.group)) }
+            td { (row.whisker) }
+            td { (row.estimator) }
+            @for Column { value, decimals, .. } in &COLUMNS {
+                td.number { @match value(row) { Some(value) => (format!("{value:.decimals$}")), None => "–" } }
+            }
+            td.number { (row.trials) }
+        }
+    }
+}
+
+fn provenance(data: &Data, left_out: &[&str]) -> Markup {
+    let (run, mark) = (&data.run, &data.run.watermark);
+    let seeds: Vec<String> = run.seeds.iter().map(u64::to_string).collect();
+    html! {
+        footer #provenance {
+            h2 { "Provenance" }
+            dl {
+                dt { "written by" } dd { (mark.tool) " " (mark.version) }
+                dt { "commit" } dd { code { (mark.git_commit.as_deref().unwrap_or("unknown")) } }
+                dt { "inputs, SHA-256" } dd { code { (mark.inputs_sha256) } }
+                dt { "seeds of the noise" } dd { (seeds.join(", ")) }
+                (left_out_entry(left_out))
+            }
+            details {
+                summary { "Estimators and their settings" }
+                dl { @for (name, config) in &run.estimators { dt { (name) } dd { pre { (format!("{:#}", json!(config))) } } } }
+            }
+        }
+    }
+}

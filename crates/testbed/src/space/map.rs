@@ -1,0 +1,381 @@
+//! Maps in space: the surface that whiskers touched, as points with their uncertainty, and the space that they passed through.
+//!
+//! Points of one cell are merged, weighted by the inverse of their variance. Estimates of one touch have errors in common; the
+//! covariance of a merged point is therefore that of its most certain estimate, not that of a mean of independent ones.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use anyhow::Context;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use whisker::rod::{Rod, SpatialLoad};
+
+use super::solid::Solid;
+use super::{SpatialEstimateRow, SpatialRunWhisker};
+
+/// Edge of the cells in which points are merged.
+const CELL_M: f64 = 0.5e-3;
+
+/// Largest standard deviation of a point, the square root of the trace of its covariance. Estimates at the begin of a touch have
+/// larger ones.
+const MOST_SD_M: f64 = 1e-3;
+
+/// Smallest distance between the points of two objects.
+const GAP_M: f64 = 10e-3;
+
+/// Edge of the voxels of the occupancy grid.
+const VOXEL_M: f64 = 2e-3;
+
+/// Standard deviations at the ends of the colour scale, which is logarithmic.
+const COLOUR_ENDS_M: [f64; 2] = [10e-6, 1e-3];
+
+/// Colours from the smallest to the largest standard deviation: the scale viridis of matplotlib, whose lightness rises evenly.
+const COLOURS: [[f64; 3]; 5] =
+    [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
+
+/// Estimates of one sweep.
+#[derive(Clone, Copy, Debug)]
+pub struct Sweep<'a> {
+    /// The whisker.
+    pub whisker: &'a SpatialRunWhisker,
+    /// Estimates in the order of time.
+    pub rows: &'a [SpatialEstimateRow],
+}
+
+/// A point of the touched surface, in World.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// The point (m).
+    pub at: Vector3<f64>,
+    /// Unit normal out of the object.
+    pub normal: Vector3<f64>,
+    /// Covariance of the point (m2).
+    pub covariance_m2: Matrix3<f64>,
+    /// Number of estimates that were merged.
+    pub estimates: usize,
+    /// Index of the object, from 0 in the order of the points.
+    pub object: usize,
+}
+
+impl SurfacePoint {
+    /// Standard deviation (m): square root of the trace of the covariance.
+    pub fn sd_m(&self) -> f64 {
+        self.covariance_m2.trace().sqrt()
+    }
+}
+
+/// State of a voxel.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Occupancy {
+    /// A whisker passed through it.
+    Free,
+    /// It contains a point of the surface.
+    Occupied,
+}
+
+/// A voxel that was observed.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct VoxelRow {
+    /// Centre in World, x.
+    pub x_m: f64,
+    /// Centre in World, y.
+    pub y_m: f64,
+    /// Centre in World, z.
+    pub z_m: f64,
+    /// State.
+    pub state: Occupancy,
+}
+
+/// Map of the sweeps over one scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SpatialMap {
+    /// Points of the surface, in the order of their cells.
+    pub points: Vec<SurfacePoint>,
+    /// Number of estimates left out: outside the calibrated domain, or with a larger standard deviation than 1 mm.
+    pub left_out: usize,
+    /// Voxels that were observed, in order.
+    pub voxels: Vec<VoxelRow>,
+}
+
+/// Index of a cell or voxel.
+type Index = [i64; 3];
+
+fn index(point: Vector3<f64>, edge_m: f64) -> Index {
+    [point.x, point.y, point.z].map(|coordinate_m| (coordinate_m / edge_m).floor() as i64)
+}
+
+impl SpatialMap {
+    /// The map of some sweeps.
+    ///
+    /// # Errors
+    /// If a whisker has invalid parameters.
+    pub fn new(sweeps: &[Sweep<'_>]) -> anyhow::Result<Self> {
+        let mut cells: BTreeMap<Index, Merged> = BTreeMap::new();
+        let mut voxels: BTreeMap<Index, Occupancy> = BTreeMap::new();
+        let mut left_out = 0;
+        for sweep in sweeps {
+            for row in sweep.rows {
+                let Some(found) = row.surface_m().zip(row.normal()).zip(row.covariance_m2()) else { continue };
+                let ((at, normal), covariance_m2) = found;
+                if row.calibrated != Some(true) || covariance_m2.trace().sqrt() > MOST_SD_M {
+                    left_out += 1;
+                    continue;
+                }
+                cells.entry(index(at, CELL_M)).or_default().add(at, normal, covariance_m2);
+            }
+            passed(sweep, &mut voxels)?;
+        }
+        let mut points: Vec<SurfacePoint> = cells.values().map(Merged::point).collect();
+        tell_apart(&mut points);
+        voxels.extend(points.iter().map(|point| (index(point.at, VOXEL_M), Occupancy::Occupied)));
+        let center = |at: i64| VOXEL_M * (at as f64 + 0.5);
+        let row =
+            |([x, y, z], state): (Index, Occupancy)| VoxelRow { x_m: center(x), y_m: center(y), z_m: center(z), state };
+        Ok(Self { points, left_out, voxels: voxels.into_iter().map(row).collect() })
+    }
+
+    /// Number of objects.
+    pub fn objects(&self) -> usize {
+        self.points.iter().map(|point| point.object + 1).max().unwrap_or(0)
+    }
+
+    /// Distances of the points from a solid (m), ascending.
+    pub fn distances_m(&self, solid: &Solid) -> Vec<f64> {
+        let mut distances: Vec<f64> = self.points.iter().map(|point| solid.distance_m(point.at)).collect();
+        distances.sort_by(f64::total_cmp);
+        distances
+    }
+
+    /// The points in the format PLY (ASCII): coordinates (m), normal, colour by the standard deviation (10 um blue to 1 mm yellow,
+    /// logarithmic), standard deviation (m), number of estimates and index of the object.
+    pub fn to_ply(&self) -> String {
+        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", self.points.len());
+        for (kind, names) in [
+            ("double", &["x", "y", "z"][..]),
+            ("float", &["nx", "ny", "nz"]),
+            ("uchar", &["red", "green", "blue"]),
+            ("float", &["sd_m"]),
+            ("uint", &["estimates", "object"]),
+        ] {
+            text.extend(names.iter().map(|name| format!("property {kind} {name}\n")));
+        }
+        text.push_str("end_header\n");
+        for point in &self.points {
+            let (at, normal, [red, green, blue]) = (point.at, point.normal, colour(point.sd_m()));
+            writeln!(
+                text,
+                "{:.9} {:.9} {:.9} {:.6} {:.6} {:.6} {red} {green} {blue} {:.3e} {} {}",
+                at.x,
+                at.y,
+                at.z,
+                normal.x,
+                normal.y,
+                normal.z,
+                point.sd_m(),
+                point.estimates,
+                point.object
+            )
+            .expect("text grows");
+        }
+        text
+    }
+}
+
+/// Colour of a standard deviation: red, green, blue.
+fn colour(sd_m: f64) -> [u8; 3] {
+    let [least, most] = COLOUR_ENDS_M;
+    let share = ((sd_m / least).ln() / (most / least).ln()).clamp(0.0, 1.0) * (COLOURS.len() - 1) as f64;
+    let step = (share.floor() as usize).min(COLOURS.len() - 2);
+    let between = share - step as f64;
+    std::array::from_fn(|i| (COLOURS[step][i] + between * (COLOURS[step + 1][i] - COLOURS[step][i])).round() as u8)
+}
+
+/// Points of one cell.
+#[derive(Default)]
+struct Merged {
+    weight: f64,
+    at: Vector3<f64>,
+    normal: Vector3<f64>,
+    surest_m2: Option<Matrix3<f64>>,
+    estimates: usize,
+}
+
+impl Merged {
+    fn add(&mut self, at: Vector3<f64>, normal: Vector3<f64>, covariance_m2: Matrix3<f64>) {
+        let weight = 1.0 / covariance_m2.trace().max(f64::MIN_POSITIVE);
+        self.weight += weight;
+        self.at += weight * at;
+        self.normal += weight * normal;
+        self.estimates += 1;
+        if self.surest_m2.is_none_or(|known| covariance_m2.trace() < known.trace()) {
+            self.surest_m2 = Some(covariance_m2);
+        }
+    }
+
+    fn point(&self) -> SurfacePoint {
+        SurfacePoint {
+            at: self.at / self.weight,
+            normal: self.normal.try_normalize(0.0).unwrap_or_default(),
+            covariance_m2: self.surest_m2.unwrap_or_default(),
+            estimates: self.estimates,
+            object: 0,
+        }
+    }
+}
+
+/// Numbers the objects: points belong to one object if a chain of points with smaller steps than the gap connects them.
+fn tell_apart(points: &mut [SurfacePoint]) {
+    let mut object_of: Vec<Option<usize>> = vec![None; points.len()];
+    let mut objects = 0;
+    for first in 0..points.len() {
+        if object_of[first].is_some() {
+            continue;
+        }
+        let mut open = vec![first];
+        object_of[first] = Some(objects);
+        while let Some(place) = open.pop() {
+            for other in 0..points.len() {
+                if object_of[other].is_none() && (points[other].at - points[place].at).norm() < GAP_M {
+                    object_of[other] = Some(objects);
+                    open.push(other);
+                }
+            }
+        }
+        objects += 1;
+    }
+    for (point, object) in points.iter_mut().zip(object_of) {
+        point.object = object.expect("every point has been visited");
+    }
+}
+
+/// Marks the voxels through which the whisker of a sweep passed as free: undeflected while there is no estimate, else deflected
+/// through the estimated contact.
+fn passed(sweep: &Sweep<'_>, voxels: &mut BTreeMap<Index, Occupancy>) -> anyhow::Result<()> {
+    let SpatialRunWhisker { whisker, suspension, poisson_ratio } = sweep.whisker;
+    let rod = Rod::new(whisker, (*suspension).into(), *poisson_ratio).context("whisker of a sweep")?;
+    let count = (2.0 * whisker.length_m / VOXEL_M).ceil() as usize;
+    for row in sweep.rows {
+        let (base_m, turn) = (row.base_m(), row.rotation());
+        let load = match row.contact_m() {
+            None => Some(SpatialLoad { arc_m: whisker.length_m, force_n: Vector3::zeros() }),
+            Some(contact) => rod.at_point(turn.inverse() * (contact - base_m)).ok().map(|contact| contact.load),
+        };
+        // An estimate out of reach has no shape.
+        let Some(line) = load.and_then(|load| rod.line(load).ok()) else { continue };
+        for i in 0..=count {
+            let point = base_m + turn * line.at(whisker.length_m * i as f64 / count as f64);
+            voxels.insert(index(point, VOXEL_M), Occupancy::Free);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use trace::StatedSuspension;
+    use whisker::Whisker;
+
+    use super::*;
+
+    fn whisker() -> SpatialRunWhisker {
+        let stiffness = 1.7e-4;
+        let suspension =
+            StatedSuspension { yaw_n_m_rad: stiffness, pitch_n_m_rad: stiffness, twist_n_m_rad: stiffness };
+        SpatialRunWhisker { whisker: Whisker::straight(), suspension, poisson_ratio: 0.33 }
+    }
+
+    fn row(contact: Option<[f64; 3]>, sd_m: f64) -> SpatialEstimateRow {
+        let of = |axis: usize| contact.map(|at| at[axis]);
+        let known = |value: f64| contact.map(|_| value);
+        SpatialEstimateRow {
+            t_s: 0.0,
+            base_x_m: 0.0,
+            base_y_m: 0.0,
+            base_z_m: 0.0,
+            base_qw: 1.0,
+            base_qx: 0.0,
+            base_qy: 0.0,
+            base_qz: 0.0,
+            moment_y_n_m: 0.0,
+            moment_z_n_m: 0.0,
+            contact_x_m: of(0),
+            contact_y_m: of(1),
+            contact_z_m: of(2),
+            surface_x_m: of(0),
+            surface_y_m: of(1),
+            surface_z_m: of(2),
+            cov_xx_m2: known(sd_m * sd_m),
+            cov_xy_m2: known(0.0),
+            cov_xz_m2: known(0.0),
+            cov_yy_m2: known(0.0),
+            cov_yz_m2: known(0.0),
+            cov_zz_m2: known(0.0),
+            normal_x: known(0.0),
+            normal_y: known(1.0),
+            normal_z: known(0.0),
+            direction_x: None,
+            direction_y: None,
+            direction_z: None,
+            direction_sd_rad: None,
+            calibrated: contact.map(|_| true),
+            truth_contact_x_m: None,
+            truth_contact_y_m: None,
+            truth_contact_z_m: None,
+            truth_surface_x_m: None,
+            truth_surface_y_m: None,
+            truth_surface_z_m: None,
+        }
+    }
+
+    fn map(rows: &[SpatialEstimateRow]) -> SpatialMap {
+        SpatialMap::new(&[Sweep { whisker: &whisker(), rows }]).unwrap()
+    }
+
+    #[test]
+    fn verif_estimates_of_a_cell_are_merged_and_keep_the_smallest_covariance() {
+        let at = [0.06002, -0.00498, 0.00102];
+        let beside = [0.06012, -0.00498, 0.00102];
+        let found = map(&[row(Some(at), 1e-4), row(Some(beside), 2e-4), row(Some(beside), 2e-3)]);
+        let [point] = found.points[..] else { panic!("{:?}", found.points) };
+        assert_eq!((point.estimates, found.left_out, found.objects()), (2, 1, 1));
+        assert!((point.at.x - (4.0 * at[0] + beside[0]) / 5.0).abs() < 1e-12);
+        assert!((point.sd_m() - 1e-4).abs() < 1e-12, "not smaller than that of the best estimate");
+    }
+
+    #[test]
+    fn verif_objects_are_told_apart_and_swept_voxels_are_free() {
+        let found = map(&[row(None, 0.0), row(Some([0.06, -0.005, 0.0]), 1e-4), row(Some([0.05, 0.02, 0.0]), 1e-4)]);
+        assert_eq!(found.objects(), 2);
+        let state = |at: [f64; 3]| {
+            let is_here = |voxel: &&VoxelRow| {
+                let apart = Vector3::new(voxel.x_m, voxel.y_m, voxel.z_m) - Vector3::from(at);
+                apart.amax() <= 0.5 * VOXEL_M
+            };
+            found.voxels.iter().find(is_here).map(|voxel| voxel.state)
+        };
+        assert_eq!(state([0.0405, 0.0005, 0.0005]), Some(Occupancy::Free), "the free whisker lies along x");
+        assert_eq!(state([0.0605, -0.0045, 0.0005]), Some(Occupancy::Occupied));
+        assert_eq!(state([0.04, 0.04, 0.04]), None);
+    }
+
+    #[test]
+    fn verif_a_map_is_written_as_ply_with_colours_of_its_uncertainty() {
+        let text = map(&[row(Some([0.06, -0.005, 0.0]), 1e-5), row(Some([0.05, 0.02, 0.0]), 1e-3)]).to_ply();
+        assert!(text.starts_with("ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\n"), "{text}");
+        let rows: Vec<&str> = text.lines().skip_while(|line| *line != "end_header").skip(1).collect();
+        assert!(rows.len() == 2 && rows.iter().all(|row| row.split(' ').count() == 12));
+        assert!(
+            rows.iter().any(|row| row.contains(" 68 1 84 ")) && rows.iter().any(|row| row.contains(" 253 231 37 "))
+        );
+    }
+
+    #[test]
+    fn verif_distances_are_those_from_the_solid() {
+        let found = map(&[row(Some([0.06, -0.005, 0.0]), 1e-4)]);
+        let solid = Solid::Sphere { radius_m: 0.01, center_m: [0.06, -0.016, 0.0] };
+        assert!((found.distances_m(&solid)[0] - 0.001).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,189 @@
+//! The class `SpatialCalibration` and its predictions.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use ::trace::{FittedData, SpatialCalibrationFile};
+use ::whisker::sensor::ModelError;
+use ::whisker::space::frames::Point;
+use ::whisker::space::sensor::{
+    self, CalibratedSpace, SPATIAL_MODELS, SpatialFitData, SpatialModelRow, SpatialPrediction as Predicted,
+    SpatialSample, spatial_model,
+};
+use nalgebra::{Matrix2, Vector2};
+use numpy::{PyArray1, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use testbed::provenance::watermark;
+
+use super::rod::Rod;
+use crate::arrays::{Numbers, flags, matrices, rows, same_length, vectors};
+use crate::error::{raised, refused};
+use crate::interrupt;
+use crate::whisker::Whisker;
+
+/// Sensor model of a whisker in space: the expected bending moments of a contact.
+///
+/// A calibration comes from `load_spatial_calibration` or `fit_spatial_calibration`.
+#[pyclass(frozen, module = "whisker_contact")]
+pub(crate) struct SpatialCalibration {
+    file: SpatialCalibrationFile,
+    pub(super) calibrated: Arc<CalibratedSpace>,
+}
+
+/// Reads a calibration of format 2, written by `whisker fit` from traces in space.
+#[pyfunction]
+pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResult<SpatialCalibration> {
+    py.detach(|| SpatialCalibration::new(SpatialCalibrationFile::read(&path)?, &path)).map_err(raised)
+}
+
+/// Fits the sensor models of a whisker in space to calibration data and chooses the best by cross-validation.
+///
+/// `lines` holds the data of each line along which a pin was pressed: `[(contacts, readings), ...]`, with the contacts (n, 3) on the
+/// centre line in Base (m) and the bending moments (n, 2) about y and z of Base in N m. The lines must surround the whisker. Each is
+/// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space, `polynomial` and
+/// `rod`; by default all. `noise_sd_n_m` is the standard deviation of the noise in the readings.
+///
+/// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
+#[pyfunction]
+#[pyo3(signature = (rod, lines, models=None, noise_sd_n_m=0.0))]
+pub(crate) fn fit_spatial_calibration(
+    py: Python<'_>,
+    rod: &Rod,
+    lines: Vec<(Numbers<'_>, Numbers<'_>)>,
+    models: Option<Vec<String>>,
+    noise_sd_n_m: f64,
+) -> PyResult<SpatialCalibration> {
+    if !(noise_sd_n_m.is_finite() && noise_sd_n_m >= 0.0) {
+        return Err(refused("noise_sd_n_m", noise_sd_n_m, "a number of 0 or more"));
+    }
+    let candidates: Vec<&SpatialModelRow> = match &models {
+        None => SPATIAL_MODELS.iter().collect(),
+        Some(names) => names.iter().map(|name| spatial_model(name).map_err(raised)).collect::<PyResult<_>>()?,
+    };
+    let lines = lines.iter().enumerate().map(|(i, line)| samples(i, line)).collect::<PyResult<Vec<_>>>()?;
+    let data = SpatialFitData { whisker: &rod.whisker, lines: &lines, reference_noise_sd_n_m: noise_sd_n_m };
+    let (mut fits, mut reasons) = (Vec::new(), Vec::new());
+    for row in candidates {
+        for config in (row.candidates)() {
+            match py.detach(|| sensor::fit(row, &config, &data)) {
+                Ok(fit) => fits.push(fit),
+                Err(ModelError::Data(reason)) => reasons.push(format!("{} {config}: {reason}", row.kind)),
+                Err(error) => return Err(raised(error)),
+            }
+            py.check_signals()?;
+        }
+    }
+    let contacts: Vec<_> = lines.iter().flatten().map(|sample| (sample.contact.vector(), sample.reading_n_m)).collect();
+    let watermark = watermark([&*format!("{:?} {contacts:?}", rod.whisker)]);
+    let data = FittedData { data_sha256: watermark.inputs_sha256.clone(), ..FittedData::default() };
+    let file = SpatialCalibrationFile::new(&fits, data, watermark)
+        .ok_or_else(|| refused("lines", "data of no model", &format!("others: {}", reasons.join("; "))))?;
+    SpatialCalibration::new(file, Path::new("calibration")).map_err(raised)
+}
+
+/// Calibration samples of one line.
+fn samples(i: usize, (contacts, readings): &(Numbers<'_>, Numbers<'_>)) -> PyResult<Vec<SpatialSample>> {
+    let what = format!("lines[{i}]");
+    let (contacts, readings) = (rows::<3>(&what, contacts)?, rows::<2>(&format!("readings of {what}"), readings)?);
+    same_length(&format!("readings of {what}"), readings.len(), "contacts", contacts.len())?;
+    let sample = |([x_m, y_m, z_m], reading): ([f64; 3], [f64; 2])| {
+        let reading_n_m = Vector2::from(reading);
+        SpatialSample { contact: Point::new(x_m, y_m, z_m), reading_n_m, reference_n_m: reading_n_m, count: 1.0 }
+    };
+    Ok(contacts.into_iter().zip(readings).map(sample).collect())
+}
+
+impl SpatialCalibration {
+    fn new(file: SpatialCalibrationFile, path: &Path) -> Result<Self, files::Error> {
+        let calibrated = file.calibrated(path, None)?;
+        Ok(Self { file, calibrated })
+    }
+}
+
+#[pymethods]
+impl SpatialCalibration {
+    /// The calibrated whisker.
+    #[getter]
+    fn whisker(&self) -> Whisker {
+        Whisker { whisker: self.calibrated.whisker.whisker.clone() }
+    }
+
+    /// Name of the sensor model.
+    #[getter]
+    fn model(&self) -> &str {
+        &self.calibrated.label
+    }
+
+    /// Root mean square residual of a moment on held-out lines (N m).
+    #[getter]
+    fn heldout_rms_n_m(&self) -> f64 {
+        self.calibrated.heldout_rms_n_m
+    }
+
+    /// Largest bending moment of the calibration (N m).
+    #[getter]
+    fn largest_reading_n_m(&self) -> f64 {
+        self.calibrated.largest_reading_n_m
+    }
+
+    /// Writes the calibration file, which `load_spatial_calibration` and the command `whisker` read.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| files::write_json(&path, &self.file)).map_err(raised)
+    }
+
+    /// Predictions for contacts (n, 3) on the centre line, in Base (m). A contact outside the calibrated domain is a row of NaN.
+    fn predict(&self, py: Python<'_>, points: Numbers<'_>) -> PyResult<SpatialPrediction> {
+        let points = rows::<3>("points", &points)?;
+        let mut predicted = Vec::with_capacity(points.len());
+        interrupt::each(py, points.len(), |row| {
+            let [x_m, y_m, z_m] = points[row];
+            let contact = Point::new(x_m, y_m, z_m);
+            let around = self.calibrated.around(contact);
+            let prediction = self.calibrated.predict(contact);
+            predicted.push(prediction.map(|prediction| (prediction, self.calibrated.model_covariance_n2_m2(around))));
+            Ok(())
+        })?;
+        Ok(SpatialPrediction { predicted })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<SpatialCalibration of {}: {}>", self.calibrated.whisker.whisker.name, self.calibrated.label)
+    }
+}
+
+/// Expected bending moments of contacts in space, one row each. NaN outside the calibrated domain.
+#[pyclass(frozen, module = "whisker_contact")]
+pub(crate) struct SpatialPrediction {
+    predicted: Vec<Option<(Predicted, Matrix2<f64>)>>,
+}
+
+#[pymethods]
+impl SpatialPrediction {
+    /// Bending moments (n, 2) about y and z of Base (N m).
+    #[getter]
+    fn reading_n_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        vectors(py, self.predicted.iter().map(|row| row.map(|(prediction, _)| prediction.reading_n_m)))
+    }
+
+    /// Derivatives (n, 2, 3) of the moments by the contact's coordinates, in N (N m per m).
+    #[getter]
+    fn gradient_n<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        matrices(py, self.predicted.iter().map(|row| row.map(|(prediction, _)| prediction.gradient_n)))
+    }
+
+    /// Covariances (n, 2, 2) of the true moments about the expected ones, without measurement noise (N2 m2).
+    #[getter]
+    fn covariance_n2_m2<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        matrices(py, self.predicted.iter().map(|row| row.map(|(_, covariance)| covariance)))
+    }
+
+    /// Whether the contacts (n) lie in the calibrated domain.
+    #[getter]
+    fn calibrated<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        flags(py, self.predicted.iter().map(Option::is_some))
+    }
+
+    fn __len__(&self) -> usize {
+        self.predicted.len()
+    }
+}

@@ -1,0 +1,218 @@
+//! The classes `SpatialEstimator` and `SpatialEstimate`.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ::whisker::events::TouchConfig;
+use ::whisker::frames::{Base, World};
+use ::whisker::space::estimators::{self, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow};
+use ::whisker::space::frames::Pose;
+use anyhow::Context;
+use nalgebra::{Matrix3, Vector2, Vector3};
+use numpy::{PyArray1, PyArray2, ToPyArray};
+use pyo3::prelude::*;
+use serde_json::{Value, json};
+use testbed::settings::merged;
+use testbed::space::replay::registered;
+
+use super::calibration::SpatialCalibration;
+use super::pose::pose;
+use super::replay::SpatialReplay;
+use crate::arrays::{Numbers, numbers, rows, same_length};
+use crate::convert::{from_json, to_json};
+use crate::error::{raised, refused};
+use crate::interrupt;
+
+/// Smallest and largest sampling rate (Hz).
+const RATES_HZ: [f64; 2] = [1e-3, 1e6];
+
+/// Registered estimators in space: `name`, `about` and default `settings`.
+#[pyfunction]
+pub(crate) fn spatial_estimators(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    let rows =
+        SPATIAL_ESTIMATORS.iter().map(|row| json!({"name": row.name, "about": row.about, "settings": row.defaults()}));
+    from_json(py, &rows.collect::<Vec<Value>>())
+}
+
+/// Registered estimator in space with its contact detector.
+///
+/// `name` is one of `spatial_estimators()`, `noise_sd_n_m` the standard deviation of the measurement noise of each bending
+/// moment (N m), `rate_hz` the sampling rate, and `settings` a dictionary over the estimator's defaults.
+#[pyclass(frozen, module = "whisker_contact")]
+pub(crate) struct SpatialEstimator {
+    row: &'static SpatialEstimatorRow,
+    config: Value,
+    knowledge: Arc<Knowledge>,
+    running: Mutex<estimators::Estimator>,
+}
+
+impl SpatialEstimator {
+    fn start(row: &SpatialEstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) -> PyResult<estimators::Estimator> {
+        let built = row.build(config, TouchConfig::default(), knowledge);
+        built.with_context(|| format!("settings of `{}`", row.name)).map_err(raised)
+    }
+}
+
+#[pymethods]
+impl SpatialEstimator {
+    #[new]
+    #[pyo3(signature = (name, calibration, noise_sd_n_m, rate_hz, settings=None))]
+    fn new(
+        name: &str,
+        calibration: &SpatialCalibration,
+        noise_sd_n_m: f64,
+        rate_hz: f64,
+        settings: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        if !(noise_sd_n_m.is_finite() && noise_sd_n_m >= 0.0) {
+            return Err(refused("noise_sd_n_m", noise_sd_n_m, "a number of 0 or more"));
+        }
+        let [least, most] = RATES_HZ;
+        if !(least..=most).contains(&rate_hz) {
+            return Err(refused("rate_hz", rate_hz, &format!("{least} to {most}")));
+        }
+        let row = registered(name).map_err(raised)?;
+        let settings = settings.map_or_else(|| Ok(json!({})), |settings| to_json("settings", settings))?;
+        let config = merged(row.defaults(), &settings).with_context(|| format!("settings of `{name}`"));
+        let config = config.map_err(raised)?;
+        let knowledge = Arc::new(Knowledge { calibrated: calibration.calibrated.clone(), noise_sd_n_m, rate_hz });
+        let running = Mutex::new(Self::start(row, &config, &knowledge)?);
+        Ok(Self { row, config, knowledge, running })
+    }
+
+    /// Name in the registry.
+    #[getter]
+    fn name(&self) -> &'static str {
+        self.row.name
+    }
+
+    /// Settings of the estimator, with its defaults.
+    #[getter]
+    fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_json(py, &self.config)
+    }
+
+    /// Takes one sample: the motion of the base since the last one, the time since then (s) and the bending moments about y and z
+    /// of Base (N m).
+    ///
+    /// `motion` is the pose of the base's frame at the last sample in its present frame: x, y, z (m) and a unit quaternion w, x,
+    /// y, z. Returns `None` while the whisker is free or the method has no estimate.
+    fn step(&self, motion: [f64; 7], dt_s: f64, reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {
+        if !(dt_s.is_finite() && dt_s >= 0.0) {
+            return Err(refused("dt_s", dt_s, "a finite number of 0 or more"));
+        }
+        if !reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite()) {
+            return Err(refused("reading_n_m", format!("{reading_n_m:?}"), "finite numbers"));
+        }
+        let sample = Sample { motion: pose("motion", motion)?, dt_s, reading_n_m: Vector2::from(reading_n_m) };
+        let estimate = self.running.lock().unwrap_or_else(PoisonError::into_inner).step(&sample);
+        Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
+    }
+
+    /// Replays a recording from its beginning, independently of `step`: times (n) in s, poses of the base in World (n, 7), each x,
+    /// y, z (m) and a unit quaternion w, x, y, z, and bending moments about y and z of Base (n, 2) in N m.
+    fn replay(
+        &self,
+        py: Python<'_>,
+        t_s: Numbers<'_>,
+        base: Numbers<'_>,
+        readings_n_m: Numbers<'_>,
+    ) -> PyResult<SpatialReplay> {
+        let times_s = numbers("t_s", &t_s)?;
+        let (bases, readings) = (rows::<7>("base", &base)?, rows::<2>("readings_n_m", &readings_n_m)?);
+        same_length("base", bases.len(), "t_s", times_s.len())?;
+        same_length("readings_n_m", readings.len(), "t_s", times_s.len())?;
+        if let Some(row) = times_s.windows(2).position(|pair| pair[1] <= pair[0]) {
+            let expected = format!("more than the last, {}", times_s[row]);
+            return Err(refused(&format!("t_s[{}]", row + 1), times_s[row + 1], &expected));
+        }
+        let placed = bases.iter().enumerate().map(|(row, &base)| pose(&format!("base[{row}]"), base));
+        let bases: Vec<Pose<Base, World>> = placed.collect::<PyResult<_>>()?;
+        let mut estimator = Self::start(self.row, &self.config, &self.knowledge)?;
+        let mut estimates = Vec::with_capacity(times_s.len());
+        interrupt::each(py, times_s.len(), |row| {
+            let (motion, dt_s) = match row.checked_sub(1) {
+                Some(last) => (bases[last].then(&bases[row].inverse()), times_s[row] - times_s[last]),
+                None => (Pose::identity(), 0.0),
+            };
+            estimates.push(estimator.step(&Sample { motion, dt_s, reading_n_m: Vector2::from(readings[row]) }));
+            Ok(())
+        })?;
+        Ok(SpatialReplay { times_s, bases, estimates })
+    }
+
+    /// Resets the estimator: discards all samples.
+    fn reset(&self) -> PyResult<()> {
+        let fresh = Self::start(self.row, &self.config, &self.knowledge)?;
+        *self.running.lock().unwrap_or_else(PoisonError::into_inner) = fresh;
+        Ok(())
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<SpatialEstimator {} of {}>", self.row.name, self.knowledge.calibrated.whisker.whisker.name)
+    }
+}
+
+/// Estimate of the contact in space at one instant, in Base.
+#[pyclass(frozen, module = "whisker_contact")]
+pub(crate) struct SpatialEstimate {
+    pub(super) estimate: estimators::Estimate,
+}
+
+#[pymethods]
+impl SpatialEstimate {
+    /// Contact (3) on the centre line, in Base (m).
+    #[getter]
+    fn contact<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        array(py, self.estimate.contact.vector())
+    }
+
+    /// Posterior covariance of the contact (3, 3), in Base (m2).
+    #[getter]
+    fn covariance_m2<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        square(py, self.estimate.covariance_m2)
+    }
+
+    /// Unit normal (3) of the touched surface out of the object, in Base.
+    #[getter]
+    fn normal<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        array(py, self.estimate.normal)
+    }
+
+    /// Posterior covariance of the normal (3, 3), in Base (rad2), singular along the normal itself.
+    #[getter]
+    fn normal_covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        square(py, self.estimate.normal_covariance)
+    }
+
+    /// Unit direction (3) of the edge or rod in Base, of either sign. `None` if the method does not estimate it.
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.estimate.direction.map(|direction| array(py, direction.along))
+    }
+
+    /// Standard deviation of the angle of `direction` in the tangent plane of the contact (rad).
+    #[getter]
+    fn direction_sd_rad(&self) -> Option<f64> {
+        self.estimate.direction.map(|direction| direction.sd_rad)
+    }
+
+    /// Whether the contact lies in the calibrated domain of the sensor model.
+    #[getter]
+    fn calibrated(&self) -> bool {
+        self.estimate.calibrated
+    }
+
+    fn __repr__(&self) -> String {
+        let at = 1e3 * self.estimate.contact.vector();
+        let sd_mm = 1e3 * self.estimate.covariance_m2.trace().sqrt();
+        format!("<SpatialEstimate: contact ({:.3}, {:.3}, {:.3}) mm, sd {sd_mm:.3} mm>", at.x, at.y, at.z)
+    }
+}
+
+fn array(py: Python<'_>, vector: Vector3<f64>) -> Bound<'_, PyArray1<f64>> {
+    PyArray1::from_slice(py, vector.as_slice())
+}
+
+fn square(py: Python<'_>, matrix: Matrix3<f64>) -> Bound<'_, PyArray2<f64>> {
+    numpy::ndarray::Array2::from_shape_fn((3, 3), |place| matrix[place]).to_pyarray(py)
+}

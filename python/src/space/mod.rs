@@ -1,0 +1,16 @@
+//! Whiskers, recordings and estimators in space.
+
+mod calibration;
+mod estimator;
+mod pose;
+mod replay;
+mod rod;
+mod trace;
+
+pub(crate) use calibration::{
+    SpatialCalibration, SpatialPrediction, fit_spatial_calibration, load_spatial_calibration,
+};
+pub(crate) use estimator::{SpatialEstimate, SpatialEstimator, spatial_estimators};
+pub(crate) use replay::SpatialReplay;
+pub(crate) use rod::{Rod, SpatialContacts};
+pub(crate) use trace::SpatialTrace;

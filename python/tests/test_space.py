@@ -1,0 +1,145 @@
+"""Whiskers in space: mechanics, traces, calibrations and estimators."""
+
+import numpy as np
+import pytest
+
+import whisker_contact as wc
+
+from conftest import GOLDEN
+
+
+@pytest.fixture(scope="module")
+def trace() -> wc.SpatialTrace:
+    return wc.SpatialTrace.read(GOLDEN / "space" / "golden_space.csv")
+
+
+@pytest.fixture(scope="module")
+def rod(trace: wc.SpatialTrace) -> wc.Rod:
+    return wc.Rod(trace.whisker)
+
+
+@pytest.fixture(scope="module")
+def calibration(trace: wc.SpatialTrace, rod: wc.Rod) -> wc.SpatialCalibration:
+    """Lines at six arc lengths in nine directions about the whisker, by the exact rod."""
+    lines = []
+    for arc_m in np.linspace(0.03, 0.06, 6):
+        at = np.append(trace.whisker.rest_shape([arc_m])[0], 0.0)
+        ahead = np.append(trace.whisker.rest_shape([arc_m + 1e-6])[0], 0.0)
+        tangent = (ahead - at) / np.linalg.norm(ahead - at)
+        sides = np.array([[-tangent[1], tangent[0], 0.0], [0.0, 0.0, 1.0]])
+        for angle in 2.0 * np.pi * np.arange(9) / 9.0:
+            depth_m = 2.4 * arc_m**2 * np.linspace(0.1, 1.0, 8)
+            points = at + depth_m[:, None] * (np.array([np.cos(angle), np.sin(angle)]) @ sides)
+            lines.append((points, rod.deflect(points, strict=True).moment_n_m[:, 1:]))
+    return wc.fit_spatial_calibration(rod, lines, models=["polynomial"])
+
+
+def test_verif_a_contact_in_the_plane_is_that_of_the_planar_whisker(trace, rod):
+    pressed = wc.press(trace.whisker, [0.04, 0.06], [-2e-4, -1e-4], strict=True)
+    points = np.column_stack([pressed.point, np.zeros(2)])
+    contacts = rod.deflect(points, strict=True)
+    assert np.allclose(contacts.moment_n_m[:, 2], pressed.moment_n_m, rtol=1e-9)
+    assert np.allclose(contacts.moment_n_m[:, :2], 0.0, atol=1e-15)
+    shape = contacts.shape(31)
+    assert shape.shape == (2, 31, 3)
+    assert np.allclose(shape[:, :, :2], pressed.shape(31), atol=1e-12)
+
+
+def test_verif_derivatives_are_central_differences(rod):
+    point = np.array([[0.05, 0.015, 0.004]])
+    stated = rod.deflect(point, strict=True).moment_gradient_n[0]
+    for axis in range(3):
+        step = np.zeros(3)
+        step[axis] = 1e-7
+        ahead, behind = (rod.deflect(point + sign * step, strict=True).moment_n_m[0] for sign in (1, -1))
+        assert np.allclose(stated[:, axis], (ahead - behind) / 2e-7, rtol=1e-5, atol=1e-9)
+
+
+def test_robust_a_contact_out_of_reach_is_a_row_of_nan_or_an_error(rod):
+    points = [[0.05, 0.01, 0.0], [0.2, 0.0, 0.0]]
+    contacts = rod.deflect(points)
+    assert np.isfinite(contacts.moment_n_m[0]).all()
+    assert np.isnan(contacts.moment_n_m[1]).all()
+    assert [row for row, _ in contacts.failures] == [1]
+    with pytest.raises(ValueError, match=r"points\[1\]"):
+        rod.deflect(points, strict=True)
+
+
+def test_verif_the_trace_has_its_recording_and_truth(trace):
+    assert len(trace) == 482
+    assert trace.role == "trial"
+    norm = sum(trace.recording[f"base_q{part}"] ** 2 for part in "wxyz")
+    assert np.allclose(norm, 1.0, atol=1e-9)
+    normal = np.column_stack([trace.truth[f"normal_{axis}"] for axis in "xyz"])
+    assert np.allclose(np.linalg.norm(normal[trace.truth["touching"] == 1], axis=1), 1.0, atol=1e-6)
+
+
+def test_verif_predictions_are_those_of_the_rod(rod, calibration, tmp_path):
+    points = np.array([[0.04, 0.012, 0.002], [0.05, 0.018, -0.002]])
+    predicted = calibration.predict(points)
+    assert predicted.calibrated.all()
+    expected = rod.deflect(points, strict=True).moment_n_m[:, 1:]
+    assert np.abs(predicted.reading_n_m - expected).max() < 0.02 * calibration.largest_reading_n_m
+    assert predicted.gradient_n.shape == (
+        2,
+        2,
+        3,
+    )
+    assert predicted.covariance_n2_m2.shape == (2, 2, 2)
+    assert not calibration.predict([[0.05, 0.08, 0.0]]).calibrated.any()
+    calibration.write(tmp_path / "curved.json")
+    read = wc.load_spatial_calibration(tmp_path / "curved.json")
+    assert np.array_equal(read.predict(points).reading_n_m, predicted.reading_n_m)
+
+
+def inputs(trace: wc.SpatialTrace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    known = trace.recording
+    base = np.column_stack([known[f"base_{part}"] for part in ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")])
+    return (
+        known["t_s"],
+        base,
+        np.column_stack([known["moment_y_n_m"], known["moment_z_n_m"]]),
+    )
+
+
+def test_verif_replay_equals_steps_and_finds_the_contact(trace, calibration):
+    noise_sd_n_m = 0.01 * np.abs(trace.recording["moment_z_n_m"]).max()
+    estimator = wc.SpatialEstimator("line", calibration, noise_sd_n_m, trace.rate_hz)
+    t_s, base, readings = inputs(trace)
+    replay = estimator.replay(t_s, base, readings)
+    # The base of this trace does not turn, so that its motions are translations.
+    moved = -np.diff(base[:, :3], axis=0, prepend=base[:1, :3])
+    for row in range(len(trace)):
+        motion = (*moved[row], 1.0, 0.0, 0.0, 0.0)
+        estimate = estimator.step(motion, t_s[row] - t_s[max(row - 1, 0)], readings[row])
+        assert (estimate is None) == (not replay.touching[row])
+        if estimate is not None:
+            assert np.allclose(estimate.contact, replay.contact[row], atol=1e-9)
+            assert np.allclose(estimate.covariance_m2, replay[row].covariance_m2, rtol=1e-6)
+    truth = np.column_stack([trace.truth[f"contact_{axis}_m"] for axis in "xyz"])
+    error_m = np.linalg.norm(replay.contact_world - truth, axis=1)
+    assert replay.touching.sum() > 300
+    assert np.nanmedian(error_m) < 2e-3
+
+
+def test_robust_bad_input_is_one_error(trace, calibration):
+    with pytest.raises(ValueError, match="unknown estimator in space `ukf`"):
+        wc.SpatialEstimator("ukf", calibration, 1e-7, 250.0)
+    estimator = wc.SpatialEstimator("line", calibration, 1e-7, 250.0)
+    with pytest.raises(ValueError, match="motion: found a quaternion of norm 2"):
+        estimator.step((0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0), 0.004, (0.0, 0.0))
+    with pytest.raises(ValueError, match=r"reading_n_m: found \[NaN, 0.0\]"):
+        estimator.step((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 0.004, (float("nan"), 0.0))
+    t_s, base, readings = inputs(trace)
+    with pytest.raises(ValueError, match="base: found an array of shape"):
+        estimator.replay(t_s, base[:, :3], readings)
+    with pytest.raises(ValueError, match="readings_n_m: found an array of shape"):
+        estimator.replay(t_s, base, readings[:, 0])
+    with pytest.raises(ValueError, match="format: found 1"):
+        wc.SpatialTrace.read(GOLDEN / "golden_pin.csv")
+
+
+def test_verif_the_registry_lists_the_estimators():
+    names = [row["name"] for row in wc.spatial_estimators()]
+    assert "line" in names
+    assert "sphere" in names
