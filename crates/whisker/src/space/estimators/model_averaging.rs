@@ -54,7 +54,7 @@ impl Default for Config {
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate { name: name.into(), settings: Map::new(), weight };
         Self {
-            candidates: [("line-fit", 20.0), ("cylinder-fit", 5.0), ("sphere-fit", 5.0), ("patch-fit", 0.3)]
+            candidates: [("line-fit", 20.0), ("cylinder-fit", 5.0), ("sphere-fit", 1.0), ("patch-fit", 0.3)]
                 .map(candidate)
                 .into(),
             evidence_power: 0.5,
