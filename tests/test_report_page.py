@@ -4,6 +4,7 @@ The page is `$WHISKER_REPORT`, or else every `results/*/index.html`. Without Chr
 reason, or fail if `WHISKER_REQUIRE_BROWSER=1`.
 """
 
+import csv
 import functools
 import http.server
 import json
@@ -233,10 +234,24 @@ def test_the_replay_plays_and_pauses_and_ends(opened):
     assert opened.console_lines == []
 
 
+def sets_and_estimators(run):
+    """Sets that have a replay, and names of the estimators, of a run in the plane or in space."""
+    in_plane = run / "run.json"
+    if in_plane.is_file():
+        described = json.loads(in_plane.read_text())
+        return described["sets"], [estimator["name"] for estimator in described["estimators"]]
+    described = json.loads((run / "space_run.json").read_text())
+    with (run / "space_summary.csv").open(newline="") as table:
+        scored = {(row["group"], row["whisker"]) for row in csv.DictReader(table) if row["rmse_m"]}
+    return sorted(scored), list(described["estimators"])
+
+
 def test_the_replay_shows_every_trial_and_estimator(opened, report):
-    sets = json.loads((report.parent / "run.json").read_text())["sets"]
+    sets, names = sets_and_estimators(report.parent)
     trials, estimators = replay_part(opened, "trial"), replay_part(opened, "estimator")
     assert trials.locator("option").count() == len(sets)
+    overview = replay_part(opened, "overview")
+    most = 0
     for trial in range(len(sets)):
         trials.select_option(index=trial)
         assert estimators.locator("option").count() >= 1
@@ -248,13 +263,12 @@ def test_the_replay_shows_every_trial_and_estimator(opened, report):
                 assert "NaN" not in shown.inner_html()
             assert "NaN" not in replay_part(opened, "error").inner_html()
             assert " s" in replay_part(opened, "now").inner_text()
+            most = max(most, overview.locator(".truth, .wire, .estimate, .found").count())
+    assert most == 4
     trials.select_option(index=0)
     estimators.select_option(index=0)
-    names = [estimator["name"] for estimator in json.loads((report.parent / "run.json").read_text())["estimators"]]
     if "recommended" in names:
         assert estimators.input_value() == "recommended"
-    overview = replay_part(opened, "overview")
-    assert overview.locator(".truth, .wire, .estimate, .found").count() == 4
     wide = replay_part(opened, "closeup").get_attribute("viewBox").split()[2]
     replay_part(opened, "zoom").select_option("1")
     assert float(replay_part(opened, "closeup").get_attribute("viewBox").split()[2]) < float(wide)

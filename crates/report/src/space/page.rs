@@ -12,13 +12,28 @@ use crate::page::{Section, figure_content, head, left_out_entry};
 use crate::run_data::counted;
 use crate::style::plain;
 
-/// A column of the summary table: heading, unit, definition, value and number of decimals.
+/// A column of the summary table: heading, unit, definition, value, number of decimals, and whether the smallest value is the best.
 struct Column {
     heading: &'static str,
     unit: &'static str,
     meaning: &'static str,
     value: fn(&SpatialSummaryRow) -> Option<f64>,
     decimals: usize,
+    is_ranked: bool,
+}
+
+impl Column {
+    fn printed(&self, row: &SpatialSummaryRow) -> Option<String> {
+        (self.value)(row).map(|value| format!("{value:.*}", self.decimals))
+    }
+
+    /// The smallest value of the rows that answer at all instants, as printed. `None` if all rows print the same.
+    fn best(&self, rows: &[&SpatialSummaryRow]) -> Option<String> {
+        let ranked = rows.iter().filter(|row| self.is_ranked && row.answered == 1.0);
+        let values = ranked.filter_map(|row| Some(((self.value)(row)?, self.printed(row)?)));
+        let (_, best) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        rows.iter().any(|row| self.printed(row).as_ref() != Some(&best)).then_some(best)
+    }
 }
 
 const COLUMNS: [Column; 9] = [
@@ -28,6 +43,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "root mean square over trials and instants of the distance from the true contact",
         value: |row| row.rmse_m.map(|value| 1e3 * value),
         decimals: 3,
+        is_ranked: true,
     },
     Column {
         heading: "out of plane",
@@ -35,6 +51,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "root mean square error out of the plane of wire and force at the contact",
         value: |row| row.out_of_plane_m.map(|value| 1e3 * value),
         decimals: 3,
+        is_ranked: true,
     },
     Column {
         heading: "bound",
@@ -42,6 +59,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "posterior Cramér–Rao bound given the readings so far and the true sliding of the contact",
         value: |row| row.bound_m.map(|value| 1e3 * value),
         decimals: 3,
+        is_ranked: false,
     },
     Column {
         heading: "NEES",
@@ -49,6 +67,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "mean normalised squared error of the last estimates; 1 for a consistent method",
         value: |row| row.nees,
         decimals: 2,
+        is_ranked: false,
     },
     Column {
         heading: "coverage",
@@ -56,6 +75,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "share of the instants at which the 95 % ellipsoid contains the true contact",
         value: |row| row.coverage.map(|value| 100.0 * value),
         decimals: 0,
+        is_ranked: false,
     },
     Column {
         heading: "no answer",
@@ -63,6 +83,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "share of the scored instants without an estimate",
         value: |row| Some(100.0 * (1.0 - row.answered)),
         decimals: 1,
+        is_ranked: false,
     },
     Column {
         heading: "surface",
@@ -70,6 +91,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "mean distance of the estimated points of the surface from the true solid, inside or outside; a dash for meshes",
         value: |row| row.surface_m.map(|value| 1e3 * value),
         decimals: 3,
+        is_ranked: true,
     },
     Column {
         heading: "normal",
@@ -77,6 +99,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "root mean square angle between the estimated and the true normal",
         value: |row| row.normal_rad.map(f64::to_degrees),
         decimals: 2,
+        is_ranked: true,
     },
     Column {
         heading: "direction",
@@ -84,6 +107,7 @@ const COLUMNS: [Column; 9] = [
         meaning: "root mean square angle between the estimated and the true direction of the edge or rod",
         value: |row| row.direction_rad.map(f64::to_degrees),
         decimals: 2,
+        is_ranked: true,
     },
 ];
 
@@ -131,8 +155,9 @@ pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
 fn summary(data: &Data) -> Markup {
     html! {
         p {
+            "The best value of each block and column is " b.best { "marked" } " among the estimators that answer at every instant. "
             "As data: "
-            @for file in ["space_summary.csv", "space_trials.csv"] { a href=(file) { (file) } " " }
+            @for file in ["space_summary.csv", "space_trials.csv", "space_maps.csv"] { a href=(file) { (file) } " " }
         }
         div.scroll tabindex="0" aria-label="Table: summary" {
             table.blocks {
@@ -147,7 +172,7 @@ fn summary(data: &Data) -> Markup {
                 }
                 @for group in data.groups() {
                     @for whisker in data.whiskers() {
-                        tbody { @for row in data.scores(group, whisker) { (summary_row(row)) } }
+                        tbody { (block(&data.scores(group, whisker).collect::<Vec<_>>())) }
                     }
                 }
             }
@@ -159,16 +184,26 @@ fn summary(data: &Data) -> Markup {
     }
 }
 
-fn summary_row(row: &SpatialSummaryRow) -> Markup {
+/// The rows of one group and whisker.
+fn block(rows: &[&SpatialSummaryRow]) -> Markup {
+    let best: Vec<Option<String>> = COLUMNS.iter().map(|column| column.best(rows)).collect();
     html! {
-        tr {
-            td { (plain(&row.group)) }
-            td { (row.whisker) }
-            td { (row.estimator) }
-            @for Column { value, decimals, .. } in &COLUMNS {
-                td.number { @match value(row) { Some(value) => (format!("{value:.decimals$}")), None => "–" } }
+        @for row in rows {
+            tr {
+                td { (plain(&row.group)) }
+                td { (row.whisker) }
+                td { (row.estimator) }
+                @for (column, best) in COLUMNS.iter().zip(&best) {
+                    td.number {
+                        @match column.printed(row) {
+                            Some(text) if row.answered == 1.0 && Some(&text) == best.as_ref() => b.best { (text) },
+                            Some(text) => (text),
+                            None => "–",
+                        }
+                    }
+                }
+                td.number { (row.trials) }
             }
-            td.number { (row.trials) }
         }
     }
 }
@@ -183,6 +218,7 @@ fn provenance(data: &Data, left_out: &[&str]) -> Markup {
                 dt { "written by" } dd { (mark.tool) " " (mark.version) }
                 dt { "commit" } dd { code { (mark.git_commit.as_deref().unwrap_or("unknown")) } }
                 dt { "inputs, SHA-256" } dd { code { (mark.inputs_sha256) } }
+                dt { "measurement noise" } dd { (100.0 * run.noise) " % of the largest moment of each group" }
                 dt { "seeds of the noise" } dd { (seeds.join(", ")) }
                 (left_out_entry(left_out))
             }

@@ -1,9 +1,12 @@
 //! Interactive replay of one trial of each group: whisker, solid, true and estimated contact, and error over time.
 
+use std::cmp::Ordering;
+
 use anyhow::{Context, Result};
 use maud::{Markup, html};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
+use testbed::results::RECOMMENDED;
 use testbed::space::solid::Solid;
 use testbed::space::{SpatialEstimateRow, SpatialRunWhisker};
 use whisker::rod::{Rod, SpatialLoad};
@@ -18,7 +21,7 @@ const FRAMES: usize = 160;
 /// Points along the whisker.
 const WIRE_POINTS: usize = 24;
 
-/// Number of estimators of a trial, the most accurate ones.
+/// Number of estimators of a trial: the recommended one, and the most accurate ones.
 const ESTIMATORS: usize = 4;
 
 /// Square of the semi-axes of the ellipsoid that contains 95 % of a normal distribution in space, in standard deviations: that
@@ -70,7 +73,7 @@ pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
     }
     Ok(Some(html! {
         p {
-            "One trial of each group: that with the median error. Left: the whisker (black) on its base (square), in equilibrium "
+            "One trial of each group: that with the median error of the first estimator. Left: the whisker (black) on its base (square), in equilibrium "
             "according to the Kirchhoff rod, and the solid (grey). Right: detail around the true contact. Drag a view to turn both. "
             span.key.truth {} " true contact, "
             span.key.estimate {} " estimated contact with its 95 % ellipsoid, "
@@ -84,7 +87,8 @@ pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
 fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
     let mut scores: Vec<_> =
         data.scores(group, whisker).filter_map(|row| Some((row.rmse_m?, row.estimator.as_str()))).collect();
-    scores.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let rank = |(rmse_m, name): &(f64, &str)| (*name != RECOMMENDED, *rmse_m);
+    scores.sort_by(|a, b| rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal));
     let Some(&(_, best)) = scores.first() else { return Ok(None) };
     let Some(trial) = data.typical(group, whisker, best) else { return Ok(None) };
     let mut replayed = Vec::new();

@@ -11,6 +11,9 @@ use crate::style::{INK, LABEL, LegendEntry, Look, MARKER_PX, MUTED, legend, plai
 /// Height of the row of one group.
 const GROUP_PX: f64 = 30.0;
 
+/// Smallest height of a picture.
+const LEAST_PX: f64 = 300.0;
+
 /// Share of the height of a row over which the markers of the estimators are spread.
 const SPREAD: f64 = 0.6;
 
@@ -113,7 +116,7 @@ fn picture(data: &Data, score: Score, limit: Limit) -> Result<Option<Picture>> {
     }
     let axis = (score.axis)(score.label, values);
     let groups: Vec<String> = groups.into_iter().map(plain).collect();
-    let height_px = GROUP_PX * groups.len() as f64 + 130.0;
+    let height_px = (GROUP_PX * groups.len() as f64 + 130.0).max(LEAST_PX);
 
     let paint = move |canvas: &Canvas| {
         let mut entries: Vec<_> = estimators

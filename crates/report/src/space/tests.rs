@@ -140,6 +140,7 @@ fn verif_every_figure_of_a_run_in_space_is_drawn_and_the_trial_is_replayed() {
     assert!(page.contains("\"t_s\":[0.0,0.01") && page.contains("function stageOf"));
     // The whisker ends at its tip, 80 mm from the base, while it is free.
     assert!(page.contains("[80000,0,0]]"), "the free whisker is drawn");
+    assert!(!page.contains("<td class=\"number\"><b class=\"best\">"), "equal values are not ranked");
     assert_eq!(files_of_report(folder.path()), files_of_report(folder.path()));
 }
 
