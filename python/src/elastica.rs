@@ -47,7 +47,7 @@ pub(crate) fn press(
     let (arcs_m, forces_n) = (numbers("arc_m", &arc_m)?, numbers("force_n", &force_n)?);
     same_length("force_n", forces_n.len(), "arc_m", arcs_m.len())?;
     Contacts::new(py, whisker, arcs_m.len(), strict.then_some("arc_m"), |elastica, row| {
-        let load = Load { arc_m: arcs_m[row], along_n: 0.0, left_n: forces_n[row] };
+        let load = Load { arc_m: arcs_m[row], along_n: 0.0, left_n: forces_n[row], couple_n_m: 0.0 };
         let pressed = elastica.deflect(load)?;
         elastica.at_point_near(pressed.point, &load)
     })

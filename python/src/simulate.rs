@@ -93,6 +93,7 @@ fn truth(base: &Pose<Base, World>, touch: Option<&Touch>) -> TruthInstant {
         arc_m: touch.map(|touch| touch.load.arc_m),
         force_n: touch.map(|touch| touch.force_n),
         tangent_rad: touch.map(|touch| base.yaw_rad() + touch.deflection.tangent_rad),
+        friction: None,
     }
 }
 

@@ -11,7 +11,7 @@ from whisker_sim.simulate import simulate
 def contacts(time_s, arc_m, on_the_side):
     count = len(time_s)
     blank, points = np.zeros(count), np.zeros((count, 2))
-    return Contacts(time_s, np.zeros((count, 3)), blank, points, points, arc_m, blank, on_the_side, time_s[-1])
+    return Contacts(time_s, np.zeros((count, 3)), blank, points, points, arc_m, blank, blank, on_the_side, time_s[-1])
 
 
 def certified(run, simulated):

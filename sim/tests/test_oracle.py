@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from whisker_sim.physics.oracle import PUBLISHED, cantilever
-from whisker_sim.physics.scipy_elastica import GOLDEN, GOLDEN_CASES, GOLDEN_SEED, random_case, read_cases, static_contact
+from whisker_sim.physics.scipy_elastica import GOLDEN, GOLDEN_CASES, GOLDEN_SEED, random_friction, read_cases, static_contact
 from whisker_sim.whisker import PRESETS
 
 STRAIGHT = PRESETS["straight"][1]
@@ -43,9 +43,10 @@ def test_regress_golden_cases():
     """The file contains the cases of its seed and their solutions, to 1e-10."""
     cases = list(read_cases(GOLDEN))
     assert len(cases) == GOLDEN_CASES
-    for index, (whisker, (arc_m, along_n, left_n), answer) in enumerate(cases):
-        assert (arc_m, along_n, left_n) == pytest.approx(random_case(GOLDEN_SEED, index)[1:], rel=1e-12, abs=1e-18)
-        contact = static_contact(whisker, arc_m, left_n, along_n)
+    for index, (whisker, load, answer) in enumerate(cases):
+        assert load == pytest.approx(random_friction(GOLDEN_SEED, index)[1:], rel=1e-12, abs=1e-18)
+        arc_m, along_n, left_n, couple_n_m = load
+        contact = static_contact(whisker, arc_m, left_n, along_n, couple_n_m)
         assert np.hypot(*(contact.point_m - answer[:2])) < 1e-10 * arc_m
         assert contact.angle_rad == pytest.approx(answer[2], abs=1e-10)
         assert contact.moment_n_m == pytest.approx(answer[3], rel=1e-10)

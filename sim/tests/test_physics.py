@@ -9,7 +9,7 @@ from whisker_sim.motions import Stage
 from whisker_sim.physics import convergence, disturbance, frequencies, ringing, standing
 from whisker_sim.physics.cases import TAPERED, WHISKERS
 from whisker_sim.physics.command import main
-from whisker_sim.physics.scipy_elastica import contact_with_disc, static_contact
+from whisker_sim.physics.scipy_elastica import contact_with_disc, pushed, static_contact
 from whisker_sim.physics.study import Claim
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS
@@ -125,3 +125,28 @@ def test_verif_one_study_is_run_by_its_name(tmp_path, capsys):
 def test_robust_missing_traces_are_one_clear_error(tmp_path, capsys):
     assert main(["--dataset", str(tmp_path / "none"), "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'none'}: expected the traces")
+
+
+@pytest.mark.parametrize("name", WHISKERS)
+@pytest.mark.parametrize("face", [1, -1])
+def test_val_friction_agrees_with_scipy(name, face):
+    """Loads with friction, and contacts with a disc under friction, by the two Python solvers."""
+    whisker = WHISKERS[name]
+    arc_m, force_n = np.array([0.04, 0.06, 0.07]), np.array([6e-4, 2.5e-4, 1e-4])
+    friction_rad = np.array([-0.5, 0.3, 0.7])
+    lean_rad = face * (float(np.arcsin(whisker.radius_slope)) + friction_rad)
+    fast = loaded(whisker, arc_m, -face * force_n, lean_rad, -whisker.radius_m(arc_m) * np.sin(friction_rad))
+    for index in range(3):
+        exact = pushed(whisker, face, arc_m[index], force_n[index], friction_rad[index])
+        assert fast.moment_n_m[index] == pytest.approx(exact.moment_n_m, rel=1e-9)
+        assert fast.tangent_rad[index] == pytest.approx(exact.angle_rad, abs=1e-9)
+        assert np.hypot(*(fast.point_m[index] - exact.point_m)) < 1e-9 * arc_m[index]
+    center_m, guess = np.array([0.05, 0.005 * face + (0.012 if name == "curved" else 0.0)]), (0.051, 2.5e-4)
+    disc = Circle(radius_m=0.01, center_m=tuple(center_m))
+    for angle_rad in (-0.4, 0.3):
+        exact_arc_m, exact_force_n, exact = contact_with_disc(whisker, center_m, 0.01, face, guess, angle_rad)
+        found = touching(whisker, disc, face, np.zeros((1, 3)), np.array([guess[0]]), np.array([guess[1]]), angle_rad)
+        assert found.solved[0]
+        assert found.arc_m[0] == pytest.approx(exact_arc_m, rel=1e-9)
+        assert found.force_n[0] == pytest.approx(exact_force_n, rel=1e-9)
+        assert found.moment_n_m[0] == pytest.approx(exact.moment_n_m, rel=1e-9)

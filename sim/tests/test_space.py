@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from whisker_sim.arm import panda
 from whisker_sim.cli import main
 from whisker_sim.errors import InputError
 from whisker_sim.physics import space_chain, space_pins
@@ -37,6 +38,7 @@ from conftest import REPOSITORY, SCENES
 SOLIDS = {solid.__struct_config__.tag: solid for solid in AnySolid.__args__}
 MOTIONS = {motion.__struct_config__.tag: motion for motion in AnySpatialMotion.__args__}
 SLOW_SWEEP = {"kind": "sweep", "contact_arc_m": 0.0487, "depth_m": 0.006, "stroke_m": [0.0, 0.0, 0.003], "peak_speed_m_s": 0.004}
+ARM = {"kind": "arm", "contact_arc_m": 0.05, "depth_m": 0.006, "joints_rad": [-0.02, 0.01, 0.0, 0.006, 0.01, -0.008, 0.05]}
 OCTAHEDRON = """# 30 mm across
 v 15 0 0
 v -15 0 0
@@ -215,7 +217,8 @@ def test_verif_features_of_solids():
         (OCTAHEDRON, 1e-6, ["found 3e-05 m", "unit_m"]),
         (OCTAHEDRON.replace("f 1 3 5", "f 1 3 50"), 1e-3, ["line 8", "one of 6 vertices", "50"]),
         (OCTAHEDRON.replace("v 15 0 0", "v 15 0"), 1e-3, ["line 2", "three coordinates"]),
-        (OCTAHEDRON.replace("v 15 0 0", "v 15 0 nan"), 1e-3, ["finite"]),
+        (OCTAHEDRON.replace("v 15 0 0", "v 15 0 nan"), 1e-3, ["line 2", "finite number", "nan"]),
+        (OCTAHEDRON.replace("v 15 0 0", "v 15 0 l"), 1e-3, ["line 2", "finite number", "found 'l'"]),
         ("", 1e-3, ["vertices and faces"]),
         (OCTAHEDRON + 6000 * "f 1 3 5\n", 1e-3, ["at most 5000 triangles"]),
         (None, 1e-3, ["No such file"]),
@@ -233,6 +236,24 @@ def test_robust_wrong_meshes_are_one_clear_error(tmp_path, text, unit_m, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"solid\nfacet\nvertex 0 0\n", ["line 3", "three coordinates", "found 2"]),
+        (b"solid\nvertex 0 0 x\n", ["line 2", "finite number", "found 'x'"]),
+        (b"solid\nvertex 0 0 1\n", ["three vertices a triangle", "found 1 vertices"]),
+        (b"not a mesh", ["expected an STL file"]),
+        (bytes(80) + (1).to_bytes(4, "little") + np.full(12, np.nan, "<f4").tobytes() + bytes(2), ["triangle 1", "finite"]),
+        (b"solid\n" + 15003 * b"vertex 0 0 1\n", ["at most 5000 triangles"]),
+    ],
+)
+def test_robust_wrong_stl_files_are_one_clear_error(tmp_path, content, words):
+    (tmp_path / "mesh.stl").write_bytes(content)
+    with pytest.raises(ValueError, match="expected") as raised:
+        read_mesh(tmp_path / "mesh.stl", 1e-3)
+    assert all(word in str(raised.value) for word in words), raised.value
 
 
 def test_verif_stl_and_obj_files_of_a_solid_are_equal(tmp_path):
@@ -297,6 +318,34 @@ def test_verif_motion_in_space(space_run, name):
     simulated = simulate_in_space(run)
     assert not np.any(simulated.touching[simulated.time_s < 0.2])
     np.testing.assert_allclose(simulated.position_m[-1], plan.coordinates[-1, :3], atol=3e-3)
+
+
+def test_val_the_arm_moves_the_base_as_its_jacobian_predicts():
+    """To first order in the joint angles the twist of the base is the Jacobian of the arm times the change of the angles."""
+    motion = MOTIONS["arm"](**{**MOTIONS["arm"].example, "joints_rad": tuple(1e-3 * (index + 1) for index in range(7))})
+    moved = motion._moved(np.array((0.0, 1e-3)))
+    np.testing.assert_allclose(moved[0], np.eye(4), atol=1e-12)
+    mount = panda.translation((0.0, 0.0, motion.mount_m)) @ np.array(
+        ((0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    )
+    expected = panda.body_jacobian(panda.READY_RAD, mount) @ (1e-3 * np.array(motion.joints_rad))
+    found = np.concatenate((moved[1, :3, 3], Rotation.from_matrix(moved[1, :3, :3]).as_rotvec()))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("path", sorted((SCENES / "space").glob("*.json")), ids=lambda path: path.stem)
+def test_verif_scenes_in_space_are_valid(path):
+    """Every scene of the folder can be planned."""
+    (run,) = load_runs(path)[1]
+    assert run.scene.plan(run.scene.solid.placed(path.parent)).touching
+
+
+def test_verif_every_solid_and_motion_has_a_scene():
+    files = [path.read_text() for path in (SCENES / "space").glob("*.json")]
+    assert max(len(text.splitlines()) for text in files) <= 10
+    scenes = [json.loads(text) for text in files]
+    assert {scene["solid"]["shape"] for scene in scenes} == set(SOLIDS)
+    assert {scene["motion"]["kind"] for scene in scenes} == set(MOTIONS)
 
 
 def test_verif_twist_is_the_derivative_of_the_pose(space_run):
@@ -384,6 +433,13 @@ def test_val_a_stiffer_pitch_takes_more_of_the_load():
         ({"motion": {**SLOW_SWEEP, "aim_m": [0.0, 0.0, 0.5]}}, ["motion.direction", "does not meet"]),
         ({"motion": {**SLOW_SWEEP, "contact_arc_m": 0.2}}, ["motion.contact_arc_m", "at most the length"]),
         ({"motion": {**SLOW_SWEEP, "tilt_rad": [0.0, 1.6, 0.0]}}, ["motion", "at most 80 degrees", "found 9"]),
+        ({"motion": ARM | {"joints_rad": [0.0] * 6}}, ["motion.joints_rad", "length 7"]),
+        ({"motion": ARM | {"joints_rad": [0.0] * 7}}, ["motion.joints_rad", "at least 0.001 m"]),
+        ({"motion": ARM | {"joints_rad": [0.0] * 3 + [2.5] + [0.0] * 3}}, ["motion.joints_rad", "joint 4", "found 0.1438"]),
+        ({"motion": ARM | {"posture_rad": [3.0] + [0.0] * 6}}, ["motion.posture_rad", "joint 1", "found 3"]),
+        ({"motion": ARM | {"peak_speed_m_s": 100.0}}, ["motion.peak_speed_m_s", "joint speed", "rad/s"]),
+        ({"motion": {**SLOW_SWEEP, "peak_speed_m_s": "fast"}}, ["motion.peak_speed_m_s", "float"]),
+        ({"poisson_ratio": 0.7}, ["poisson_ratio", "0.5"]),
         ({"duration_s": 2.0}, ["duration_s", "ends by itself"]),
         ({"format": 1}, ["format", "found 1"]),
         ({"suspension": {"yaw_n_m_rad": 1e-4, "pitch_n_m_rad": 1e-4}}, ["suspension", "twist_n_m_rad"]),

@@ -67,6 +67,8 @@ class Contacts(NamedTuple):
     """Contact points (n, 2) on the object's surface."""
     arc_m: Array
     force_n: Array
+    friction_rad: Array
+    """Angles (n,) of the force to the normal, positive if the friction on the whisker is towards its tip; zero without friction."""
     on_the_side: NDArray[np.bool_]
     """Whether there is a single contact, not at the tip (n,)."""
     recording_end_s: float
@@ -134,6 +136,7 @@ def contacts_of(whisker: Whisker, simulated: Simulated) -> Contacts:
         surface_m=simulated.truth.surface_m[rows],
         arc_m=simulated.truth.arc_m[rows],
         force_n=simulated.force_n[rows],
+        friction_rad=np.zeros(len(rows)) if simulated.friction is None else simulated.friction.angle_rad[rows],
         on_the_side=~(simulated.truth.tip | simulated.split)[rows],
         recording_end_s=float(simulated.time_s[-1]),
     )
@@ -172,11 +175,12 @@ def disagreement(whisker: Whisker, shape: Shape, face: str, contacts: Contacts) 
     side = 1 if face == "left" else -1
 
     def solved_at(rows: NDArray[np.intp], arc_m: Array, force_n: Array) -> Touching:
-        return touching(whisker, shape, side, contacts.base_pose[rows], arc_m, force_n)
+        return touching(whisker, shape, side, contacts.base_pose[rows], arc_m, force_n, contacts.friction_rad[rows])
 
     force_n = contacts.force_n
     for _ in range(2):
-        force_n = force_n * contacts.moment_n_m / loaded(whisker, contacts.arc_m, -side * force_n).moment_n_m
+        load = loaded(whisker, contacts.arc_m, -side * force_n, side * contacts.friction_rad)
+        force_n = force_n * contacts.moment_n_m / load.moment_n_m
     exact = solved_at(np.arange(len(force_n)), contacts.arc_m, force_n)
     missing, known = np.flatnonzero(~exact.solved), np.flatnonzero(exact.solved)
     if len(missing) and len(known):

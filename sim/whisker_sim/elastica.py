@@ -1,12 +1,16 @@
 """Exact quasi-static whisker, for many base poses at once.
 
-A frictionless contact at the arc length s_c loads the rod with a force F normal to its surface; beyond the contact the rod is
-unloaded. With the contact at the origin and the force along +y, the equations are integrated from s_c back to the root:
+A contact at the arc length s_c loads the rod with a force F at a point of its surface, without friction normal to the surface;
+beyond the contact the rod is unloaded. With the loaded point at the origin and the force along +y, the equations are integrated
+from s_c back to the root:
 
     dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + M(s) / EI(s),  M(s) = -x(s) F.
 
-The angle t at s_c is that between the tangent and the surface: zero except on a tapered rod, whose surface is inclined to the
-centre line by asin r', where r(s) is the radius. The bending moment M(0) at the root rotates the compliant root by M(0) / k. For
+Without friction the angle t at s_c is that between the tangent and the surface: zero except on a tapered rod, whose surface is
+inclined to the centre line by asin r', where r(s) is the radius, and x = 0 there, because the force passes through the centre line.
+Friction turns the force by the angle psi from the normal (psi > 0 if the friction on the rod is towards its tip); the centre line
+then is at x = -r sin psi, and the rod has a bending moment at the contact. The bending moment M(0) at the root rotates the
+compliant root by M(0) / k. For
 given (s_c, F) this is an initial-value problem for shape and load of the rod. The contact with an object is the pair (s_c, F) for
 which the two surfaces touch and their normals are opposite. The only inputs shared with the simulator are the parameters of the
 whisker and the signed distances of the shapes.
@@ -69,13 +73,14 @@ class Touching:
         return Touching(*(getattr(self, field.name)[index : index + 1] for field in fields(self)))
 
 
-def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: float = 0.0) -> Loaded:
+def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: Array | float = 0.0, offset_m: Array | float = 0.0) -> Loaded:
     """The whisker under forces `force_n` (n,), positive to the left, at the arc lengths `arc_m` (n,).
 
-    The forces are perpendicular to the whisker, or rotated from there by `lean_rad` (counter-clockwise).
+    The forces are perpendicular to the whisker, or rotated from there by `lean_rad` (n,) (counter-clockwise). They pass the centre
+    line at the distance `offset_m` (n,), positive if the centre line is to the right of the force.
     """
-    x, y = np.zeros_like(arc_m), np.zeros_like(arc_m)
-    t = np.full_like(arc_m, -lean_rad)
+    lean_rad, offset_m = np.broadcast_to(lean_rad, arc_m.shape), np.broadcast_to(offset_m, arc_m.shape)
+    x, y, t = offset_m.copy(), np.zeros_like(arc_m), -lean_rad
     ends_m = np.cumsum([arc.length_m for arc in whisker.curvature])
     starts_m = np.concatenate(([0.0], ends_m[:-1]))
     bending_per_m4 = whisker.youngs_modulus_pa * np.pi / 64.0
@@ -102,24 +107,31 @@ def loaded(whisker: Whisker, arc_m: Array, force_n: Array, lean_rad: float = 0.0
     moment_n_m = -x * force_n
     base_rad = t - moment_n_m / whisker.root_stiffness_n_m_rad
     cos, sin = np.cos(base_rad), np.sin(base_rad)
+    x = x - offset_m
     return Loaded(np.stack((-cos * x - sin * y, sin * x - cos * y), axis=-1), -lean_rad - base_rad, moment_n_m)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def touching(whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Array, force_n: Array) -> Touching:
+def touching(
+    whisker: Whisker, shape: Shape, face: int, poses: Array, arc_m: Array, force_n: Array, friction_rad: Array | float = 0.0
+) -> Touching:
     """Whiskers with base poses (n, 3) in contact with `shape` on their side `face` (+1 left), by Newton's method.
 
-    `arc_m` and `force_n` (n,) are initial guesses of the arc length and the magnitude of the force. The unknowns are scaled by the
+    `arc_m` and `force_n` (n,) are initial guesses of the arc length and the magnitude of the force, and `friction_rad` (n,) are the
+    force's angles to the normal, positive if the friction on the whisker is towards its tip. The unknowns are scaled by the
     length of the whisker and by EI / L^2 at its root; the Jacobian consists of forward differences.
     """
     bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.root_diameter_m**4 / 64.0
     scale = np.array((whisker.length_m, -face * bending_n_m2 / whisker.length_m**2))
     lean_rad = face * float(np.arcsin(whisker.radius_slope))
+    friction_rad = np.broadcast_to(np.asarray(friction_rad, dtype=float), arc_m.shape)
 
     def state(unknown: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Loaded]:
         """Gap of the surfaces in lengths and angle between opposite normals (m, 2); contact points, surface points, loads."""
         arc_m = np.clip(unknown[:, 0], 1e-3, 1.0) * scale[0]
-        load = loaded(whisker, arc_m, unknown[:, 1] * scale[1], lean_rad)
+        turn_rad = face * friction_rad[rows]
+        offset_m = -whisker.radius_m(arc_m) * np.sin(friction_rad[rows])
+        load = loaded(whisker, arc_m, unknown[:, 1] * scale[1], lean_rad + turn_rad, offset_m)
         x, y, yaw = poses[rows].T
         cos, sin = np.cos(yaw), np.sin(yaw)
         px, py = load.point_m.T

@@ -60,7 +60,7 @@ def sweep_at_start(run: Run) -> Start:
     """
     scene = run.scene
     pose = scene.plan().poses[0]
-    root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s))
+    root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient))
     _put_base_at(root, pose)
     return Start(root, "the velocities of the base: x and y in mm/s, yaw in rad/s")
 

@@ -9,17 +9,17 @@ additional hinge.
 Units. The model is in millimetres, grams and seconds, hence micronewtons and nanonewton metres. In SI units the inertias of the
 links would be below MuJoCo's minimum.
 
-Contact. Contact is frictionless and has a softness of about a micrometre. A curved link carries short capsules along its
-undeflected arc: the bending moment vanishes at a frictionless contact, so the rod has its undeflected curvature there. A tapered
-link carries capsules along both flanks of its cone. Capsules along its centre line would form a staircase, on whose edges the
-contact normal deviates by several times the cone's half angle.
+Contact. Contact has a softness of about a micrometre, and no friction unless a coefficient is given (`add_friction`). A curved link
+carries short capsules along its undeflected arc: the bending moment vanishes at a frictionless contact, so the rod has its
+undeflected curvature there. A tapered link carries capsules along both flanks of its cone. Capsules along its centre line would
+form a staircase, on whose edges the contact normal deviates by several times the cone's half angle.
 """
 
 import functools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from math import ceil
 
 import mujoco
@@ -55,15 +55,25 @@ SENSORS = {"force": slice(0, 3), "distance": 3, "points": slice(4, 4 + 6 * POINT
 the `POINTS` strongest contacts, zero for missing ones."""
 
 
-def build_model(whisker: Whisker, shape: Shape, timestep_s: float) -> mujoco.MjModel:
-    """Compiles the model of `whisker` and the object `shape`.
+_FRICTION_DAMPING_RATIO = 1.0
+_FRICTION_RATE_S = 1e-5
+"""Rate at which a slip velocity decays in a contact that begins to stick, times the square of the time step."""
+_FRICTION_SOFTNESS_S2 = 5e-9
+"""Regularisation of the normal direction relative to the inertia, times the square of the time step. As the stiffness of the
+reference acceleration has the same dependence, the penetration is the same at every time step."""
+_FRICTION_IMPRATIO = 2e4
+"""Ratio of the regularisations of normal and slip: a sticking whisker creeps by less than a micrometre per second."""
+
+
+def build_model(whisker: Whisker, shape: Shape, timestep_s: float, friction: float = 0.0) -> mujoco.MjModel:
+    """Compiles the model of `whisker` and the object `shape`, between which the coefficient of friction is `friction`.
 
     Coordinates: base x and y (mm), base yaw, root rotation, then hinge rotations (rad), relative to the undeflected whisker with
     its base at the origin of World. Controls: velocities of the three coordinates of the base.
 
     Raises `SimulationError` if MuJoCo rejects the model, as for links of too small a mass.
     """
-    return compiled(build_mjcf(whisker, shape, timestep_s))
+    return compiled(build_mjcf(whisker, shape, timestep_s, friction))
 
 
 def compiled(model: str) -> mujoco.MjModel:
@@ -75,7 +85,7 @@ def compiled(model: str) -> mujoco.MjModel:
 
 
 @functools.lru_cache(maxsize=8)
-def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
+def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float, friction: float = 0.0) -> str:
     """The model as MJCF."""
     root = new_model("whisker", timestep_s, whisker.length_m)
     asset, world = root.find("asset"), root.find("worldbody")
@@ -85,7 +95,44 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float) -> str:
     add_whisker(_add_base(world), whisker, timestep_s)
     _add_actuators(root)
     add_contact_sensors(ET.SubElement(root, "sensor"), {"subtree1": "base", "body2": "object"})
+    if friction > 0.0:
+        add_friction(root, friction, timestep_s)
     return ET.tostring(root, encoding="unicode")
+
+
+def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> None:
+    """Replaces the frictionless contacts of MJCF's `root` by pairs with Coulomb friction.
+
+    MuJoCo's contact is a convex relaxation of Coulomb's law, in which a slip velocity v drives the surfaces apart: the normal force
+    is reduced by mu b v / R, with the rate b of the reference acceleration of slip and the regularisation R of the normal. With
+    the rate of the normal direction, 1 / `timestep_s`, a whisker of a few milligrams loses contact at some mm/s and then bounces.
+    Only a pair can have a rate of its own (`solreffriction`). With a lower rate and a softer normal direction contact persists; the
+    ratio of the regularisations keeps creep small. `noslip_iterations` have no effect with this integrator.
+    """
+    root.find("option").set("cone", "elliptic")
+    root.find("option").set("impratio", mjcf(_FRICTION_IMPRATIO))
+    rate_per_s = _FRICTION_RATE_S / timestep_s**2
+    impedance = 1.0 / (1.0 + _FRICTION_SOFTNESS_S2 / timestep_s**2)
+    geoms = root.findall(".//body[@name='base']//geom"), root.findall(".//body[@name='object']/geom")
+    for kind, of_kind in zip(("whisker", "object"), geoms, strict=True):
+        for index, geom in enumerate(of_kind):
+            geom.set("name", f"{kind}_{index}")
+            # Pairs replace the selection by types.
+            geom.set("contype", "0")
+            geom.set("conaffinity", "0")
+    contact = ET.SubElement(root, "contact")
+    for of_whisker, of_object in product(*geoms):
+        ET.SubElement(
+            contact,
+            "pair",
+            geom1=of_whisker.get("name"),
+            geom2=of_object.get("name"),
+            condim="3",
+            friction=mjcf(coefficient, coefficient, 0.0, 0.0, 0.0),
+            solref=mjcf(2.0 * timestep_s, _FRICTION_DAMPING_RATIO),
+            solimp=mjcf(impedance, impedance, 0.001, 0.5, 2.0),
+            solreffriction=mjcf(-1.0, -rate_per_s),
+        )
 
 
 def new_model(name: str, timestep_s: float, extent_m: float) -> ET.Element:

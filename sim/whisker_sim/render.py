@@ -104,7 +104,9 @@ def view(model: mujoco.MjModel, qpos: Array, rate_hz: float) -> None:
 
 def replayed_sweep(run: Run, simulated: Simulated) -> tuple[mujoco.MjModel, Array]:
     """Model of a simulated sweep and its coordinates (n, nq) at every row."""
-    model = build_model(run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s)
+    model = build_model(
+        run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s, run.scene.friction_coefficient
+    )
     return model, np.concatenate((simulated.base_pose * (MM_PER_M, MM_PER_M, 1.0), simulated.rotations_rad), axis=1)
 
 

@@ -16,6 +16,7 @@ LARGEST_SEED = 2**53
 """Largest whole number up to which every JSON reader is exact."""
 Seed = Annotated[int, msgspec.Meta(ge=0, le=LARGEST_SEED)]
 Format = Literal[1]
+Friction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
 
 class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -104,6 +105,8 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
     vibration: Vibration | None = None
     seed: Seed = 0
     duration_s: Positive | None = None
+    friction: Friction | msgspec.UnsetType = msgspec.UNSET
+    """Coefficient of Coulomb friction between whisker and object; no friction if not stated."""
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
     simulation: str | Simulation = Simulation()
     """A name is replaced by its settings on reading, so that a scene and the sidecar of a trace contain the settings themselves."""
@@ -114,6 +117,11 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
     def shape(self) -> str:
         """Name of the object's shape in its registry."""
         return self.object.__struct_config__.tag
+
+    @property
+    def friction_coefficient(self) -> float:
+        """Coefficient of friction, zero if not stated."""
+        return 0.0 if self.friction is msgspec.UNSET else self.friction
 
     def plan(self) -> Plan:
         """The motion with the added vibration; raises `ValueError` if the geometry of the scene does not allow it."""

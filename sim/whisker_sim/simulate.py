@@ -17,7 +17,7 @@ from whisker_sim.motions.base import REST_S
 from whisker_sim.progress import report_share
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
-from whisker_sim.truth import CenterLine, ContactTruth, nearest_contact
+from whisker_sim.truth import CenterLine, ContactTruth, FrictionTruth, friction_truth, nearest_contact
 from whisker_sim.whisker import Array
 
 # By default MuJoCo writes warnings to a log file in the working directory; here a warning fails the trace.
@@ -27,6 +27,8 @@ mujoco.set_mju_user_warning(_warnings.append)
 _CHUNK_STEPS = 2000
 _SPLIT_DISTANCE_M = 1e-3
 """Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
+_STICKING_SHARE = 0.999
+"""Share of the coefficient of friction below which the ratio of friction to normal force is that of a sticking contact."""
 PENETRATION_LIMIT_M = 20e-6
 """At larger penetrations the contact is not the rigid one that a scene describes."""
 
@@ -52,6 +54,8 @@ class Simulated:
     """Whether the whisker touches at separate points (n,); `truth` is then the nearest contact only."""
     penetration_m: Array
     """Penetration of the two surfaces (n,); zero without contact."""
+    friction: FrictionTruth | None = None
+    """`None` without friction."""
 
 
 def simulate(run: Run) -> Simulated:
@@ -73,6 +77,7 @@ def simulate(run: Run) -> Simulated:
     vx, vy = qvel[:, 0] / MM_PER_M, qvel[:, 1] / MM_PER_M
     force_n = N_PER_UN * np.sqrt(np.sum(sensors[:, SENSORS["force"]] ** 2, axis=1))
     line = CenterLine.from_joints(whisker, base_pose, qpos[:, 3:])
+    truth = nearest_contact(line, scene.object)
     simulated = Simulated(
         time_s=time_s,
         base_pose=base_pose,
@@ -81,9 +86,10 @@ def simulate(run: Run) -> Simulated:
         touching=force_n > 0.0,
         force_n=force_n,
         nearest=np.zeros(len(qpos), dtype=int),
-        truth=nearest_contact(line, scene.object),
+        truth=truth,
         split=is_split(sensors),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
+        friction=_friction(scene, qpos, qvel, sensors, truth) if scene.friction_coefficient > 0.0 else None,
     )
     check_contacts(simulated, plan.touching, _slipping(simulated, plan))
     return simulated
@@ -91,12 +97,28 @@ def simulate(run: Run) -> Simulated:
 
 def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     """Positions, velocities and sensor data at the logged instants, in the units of the model."""
-    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
+    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient)
     data = mujoco.MjData(model)
     poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses_mm[0]
     velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
     return logged(model, data, velocities, scene.steps_per_row)
+
+
+def _friction(scene: Scene, qpos: Array, qvel: Array, sensors: Array, truth: ContactTruth) -> FrictionTruth:
+    """Truth of the friction at the logged instants, in the units of the model."""
+    # The sensor measures the force on the object.
+    force_n = -N_PER_UN * sensors[:, SENSORS["force"]][:, :2]
+
+    def later(duration_s: float) -> CenterLine:
+        moved = qpos + duration_s * qvel
+        return CenterLine.from_joints(scene.resolved_whisker, moved[:, :3] / (MM_PER_M, MM_PER_M, 1.0), moved[:, 3:])
+
+    # Forces in the frames of the contacts; the normals of the capsules differ by some tenths of a degree from that of the whisker.
+    contacts = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)[:, :, :3]
+    strongest = contacts[np.arange(len(contacts)), np.argmax(contacts[:, :, 0], axis=1)]
+    sticking = np.hypot(*strongest[:, 1:].T) < _STICKING_SHARE * scene.friction_coefficient * strongest[:, 0]
+    return friction_truth(later, truth, force_n, sticking)
 
 
 def logged(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, stride: int) -> tuple[Array, Array, Array]:

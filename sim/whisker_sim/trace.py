@@ -44,6 +44,8 @@ COLUMNS = (
     ("truth_tangent_rad", 10),
 )
 """Columns of a trace in order, with their numbers of decimals."""
+FRICTION_COLUMNS = (("truth_friction_angle_rad", 10), ("truth_slip_m_s", 10), ("truth_sticking", 0))
+"""Further columns of a trace of a scene with friction."""
 
 _WITHOUT_INFLUENCE = {
     "__main__.py",
@@ -132,7 +134,8 @@ def write_files(folder: Path, run: Run, simulated: Simulated, certificate: Certi
     The sidecar is last, so that its presence shows that the trace is complete.
     """
     scene = run.scene
-    csv = format_csv(trace_columns(simulated, scene.resolved_whisker), COLUMNS)
+    columns = COLUMNS if simulated.friction is None else COLUMNS + FRICTION_COLUMNS
+    csv = format_csv(trace_columns(simulated, scene.resolved_whisker), columns)
     contour, outline = contour_of(run.name, scene.object)
     sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
     sidecar = msgspec.structs.replace(sidecar, inputs_sha256=made_from, replay=scene.replay)
@@ -203,7 +206,7 @@ def is_complete(folder: Path, name: str, made_from: str) -> bool:
 
 
 def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
-    """Values (n,) of all columns in order; NaN for unknown values."""
+    """Values (n,) of all columns in order, those of friction only in a scene with friction; NaN for unknown values."""
     touching, truth = simulated.touching, simulated.truth
     root_rad = simulated.rotations_rad[:, 0]
     while_touching = [
@@ -215,6 +218,9 @@ def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
         simulated.force_n,
         truth.tangent_rad,
     ]
+    if simulated.friction is not None:
+        friction = simulated.friction
+        while_touching += [friction.angle_rad, friction.slip_m_s, friction.sticking.astype(float)]
     return [
         simulated.time_s,
         *simulated.base_pose.T,

@@ -82,6 +82,43 @@ class ContactTruth:
     tip: NDArray[np.bool_]
 
 
+_DIFFERENCE_S = 1e-6
+
+
+@dataclass(frozen=True)
+class FrictionTruth:
+    """Friction at n instants; meaningful only at rows in contact."""
+
+    angle_rad: Array
+    """Angles (n,) of the force on the whisker to the object's outward normal, positive towards the tip."""
+    slip_m_s: Array
+    """Velocities (n,) of the whisker's surface relative to the object's, along the whisker towards its tip."""
+    sticking: NDArray[np.bool_]
+    """Whether the force of the model's strongest contact is inside the friction cone (n,)."""
+
+
+def friction_truth(
+    later: Callable[[float], CenterLine], truth: ContactTruth, force_n: Array, sticking: NDArray[np.bool_]
+) -> FrictionTruth:
+    """Friction of the contacts `truth` under the forces (n, 2) on the whisker.
+
+    `later` returns the centre lines after a duration (s) at the instants' velocities. The whisker's surface at a contact moves with
+    the point of the centre line there and turns with its tangent.
+    """
+    (ahead_m, ahead_rad), (behind_m, behind_rad) = (later(way_s).at(truth.arc_m) for way_s in (_DIFFERENCE_S, -_DIFFERENCE_S))
+    velocity_m_s, spin_rad_s = ((a - b) / (2.0 * _DIFFERENCE_S) for a, b in ((ahead_m, behind_m), (ahead_rad, behind_rad)))
+    outward_m = truth.contact_m - truth.surface_m
+    distance_m = np.hypot(*outward_m.T)
+    normal = outward_m / np.where(distance_m > 0.0, distance_m, 1.0)[:, None]
+    along = np.stack((np.cos(truth.tangent_rad), np.sin(truth.tangent_rad)), axis=-1)
+    # The tangent of the two surfaces, towards the tip.
+    forward = np.stack((-normal[:, 1], normal[:, 0]), axis=-1)
+    forward *= np.where(np.sum(forward * along, axis=1) < 0.0, -1.0, 1.0)[:, None]
+    surface_m_s = velocity_m_s + spin_rad_s[:, None] * np.stack((outward_m[:, 1], -outward_m[:, 0]), axis=-1)
+    friction_n, normal_n = np.sum(force_n * forward, axis=1), np.sum(force_n * normal, axis=1)
+    return FrictionTruth(np.arctan2(friction_n, normal_n), np.sum(surface_m_s * forward, axis=1), sticking)
+
+
 def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
     """Finds the point of each centre line at which the surface of the whisker is nearest to `shape`.
 

@@ -77,6 +77,11 @@ use std::path::Path;
 use files::Error;
 use trace::{Outline, Trace};
 
+pub use mesh::Triangle;
+pub use stanford_whisker::space::{
+    Labelled, SpatialCalibration, SpatialRecordings, SpatialSweep, SpatialTrial, stanford_in_space,
+};
+
 /// Entry of the registry of importers.
 pub struct ImporterRow {
     /// Name of the format.

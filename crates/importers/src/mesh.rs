@@ -14,6 +14,9 @@ const TRIANGLE: usize = 50;
 /// Vertices nearer than this are identified, in the mesh's unit.
 const SAME: f64 = 1e-4;
 
+/// Corners of a triangle, each with three coordinates.
+pub type Triangle = [[f64; 3]; 3];
+
 /// Point in the plane of the section.
 type Point = [f64; 2];
 
@@ -23,14 +26,7 @@ type Point = [f64; 2];
 /// # Errors
 /// [`Error`] if the file cannot be read or is not a binary STL.
 pub(crate) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
-    let bytes = read_table(path)?;
-    let count = bytes.get(HEAD - 4..HEAD).map(|field| u32::from_le_bytes(field.try_into().expect("four bytes")));
-    let expected = count.map_or(HEAD, |count| HEAD + TRIANGLE * count as usize);
-    if bytes.len() != expected || count.is_none() {
-        return Err(Error::value(path, "size", bytes.len(), format!("{expected} bytes of a binary STL")));
-    }
-    let edges: Vec<[Point; 2]> =
-        bytes[HEAD..].chunks_exact(TRIANGLE).filter_map(|bytes| cut(&corners(bytes), z)).collect();
+    let edges: Vec<[Point; 2]> = triangles(path)?.iter().filter_map(|corners| cut(corners, z)).collect();
     let outer = loops(&edges).into_iter().max_by(|a, b| area(a).abs().total_cmp(&area(b).abs()));
     let mut outer = outer.unwrap_or_default();
     if area(&outer) < 0.0 {
@@ -39,7 +35,21 @@ pub(crate) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
     Ok(outer)
 }
 
-fn corners(triangle: &[u8]) -> [[f64; 3]; 3] {
+/// Corners of the triangles of a mesh, in its unit.
+///
+/// # Errors
+/// [`Error`] if the file cannot be read or is not a binary STL.
+pub(crate) fn triangles(path: &Path) -> Result<Vec<Triangle>, Error> {
+    let bytes = read_table(path)?;
+    let count = bytes.get(HEAD - 4..HEAD).map(|field| u32::from_le_bytes(field.try_into().expect("four bytes")));
+    let expected = count.map_or(HEAD, |count| HEAD + TRIANGLE * count as usize);
+    if bytes.len() != expected || count.is_none() {
+        return Err(Error::value(path, "size", bytes.len(), format!("{expected} bytes of a binary STL")));
+    }
+    Ok(bytes[HEAD..].chunks_exact(TRIANGLE).map(corners).collect())
+}
+
+fn corners(triangle: &[u8]) -> Triangle {
     let number = |i: usize| {
         let at = 4 * (3 + i);
         f64::from(f32::from_le_bytes(triangle[at..at + 4].try_into().expect("four bytes")))
@@ -49,7 +59,7 @@ fn corners(triangle: &[u8]) -> [[f64; 3]; 3] {
 
 /// Intersection of a triangle with the plane. A corner in the plane counts as above it, so that adjacent triangles
 /// agree.
-fn cut(corners: &[[f64; 3]; 3], z: f64) -> Option<[Point; 2]> {
+fn cut(corners: &Triangle, z: f64) -> Option<[Point; 2]> {
     let crossings: Vec<Point> = (0..3)
         .filter_map(|i| {
             let (a, b) = (corners[i], corners[(i + 1) % 3]);

@@ -20,6 +20,8 @@
 //! reference; known contacts farther from it than [`PLANE_M`] are dropped. `docs/REAL.md` specifies frames, time and
 //! units.
 
+pub(crate) mod space;
+
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::fs;
@@ -299,6 +301,8 @@ struct Row {
     stage_m: [f64; 3],
     /// In-plane channel of the sensor.
     counts: f64,
+    /// All axes of the sensor, of which `counts` is the second.
+    channels: [f64; 3],
 }
 
 /// Largest position of a stage (mm): a tenth of that of a trace, which the registration of the wire shifts.
@@ -326,10 +330,8 @@ impl Table {
                 }
             };
             let stage_m = [stage(1)?, stage(2)?, stage(3)?];
-            // The other two axes are unused, but a row in which they are damaged is rejected.
-            cell(4)?;
-            cell(6)?;
-            rows.push(Row { stage_m, counts: cell(5)? });
+            let channels = [cell(4)?, cell(5)?, cell(6)?];
+            rows.push(Row { stage_m, counts: channels[1], channels });
         }
         if rows.is_empty() {
             return Err(Error::Table {
@@ -605,7 +607,7 @@ mod tests {
 
     #[test]
     fn verif_a_grid_is_split_into_its_lines() {
-        let row = |x: f64, y: f64| Row { stage_m: [x, y, 0.0], counts: 0.0 };
+        let row = |x: f64, y: f64| Row { stage_m: [x, y, 0.0], counts: 0.0, channels: [0.0; 3] };
         let rows: Vec<Row> = (0..12).map(|i| row(1e-3 * f64::from(i % 4), 2e-3 * f64::from(i / 4))).collect();
         assert_eq!(lines(&rows), [vec![0, 1, 2, 3], vec![4, 5, 6, 7], vec![8, 9, 10, 11]]);
     }

@@ -183,7 +183,7 @@ impl Wire {
         let base: Pose<Base, World> = Pose::new(row.base_x_m, row.base_y_m, row.base_yaw_rad);
         let truth = row.truth_contact_x_m.zip(row.truth_contact_y_m);
         let load = match truth.or(row.contact_x_m.zip(row.contact_y_m)) {
-            None => Load { arc_m: self.length_m, along_n: 0.0, left_n: 0.0 },
+            None => Load { arc_m: self.length_m, along_n: 0.0, left_n: 0.0, couple_n_m: 0.0 },
             Some((x_m, y_m)) => self.elastica.at_point(base.inverse().apply(Point::new(x_m, y_m))).ok()?.load,
         };
         let line = self.elastica.line(load).ok()?;

@@ -192,7 +192,12 @@ mod tests {
         let stiff_ratio = |root_stiffness_n_m_rad| {
             let whisker = Whisker { root_stiffness_n_m_rad, ..trace.sidecar.whisker.clone() };
             let elastica = Elastica::new(&whisker).unwrap();
-            let load = Load { arc_m: 0.05, along_n: 0.0, left_n: -1e-4 * root_stiffness_n_m_rad.min(1e-3) / 1e-3 };
+            let load = Load {
+                arc_m: 0.05,
+                along_n: 0.0,
+                left_n: -1e-4 * root_stiffness_n_m_rad.min(1e-3) / 1e-3,
+                couple_n_m: 0.0,
+            };
             let contact = elastica.deflect(load).unwrap().point;
             let sidecar = trace::Sidecar { whisker, ..trace.sidecar.clone() };
             let mut one = Trace { sidecar, ..trace.clone() };

@@ -1,5 +1,6 @@
 //! Streaming reader of trace rows, with memory independent of the length of the file.
 
+use std::f64::consts::FRAC_PI_2;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -12,10 +13,11 @@ use sha2::{Digest as _, Sha256};
 use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::Sidecar;
-use crate::table::{COLUMNS, FARTHEST_M, Instant, TruthInstant};
+use crate::table::{COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant, TruthInstant, columns};
 
-/// Number of columns.
-const CELLS: usize = COLUMNS.len();
+/// Number of columns without those of friction, and with them.
+const PLAIN: usize = COLUMNS.len();
+const CELLS: usize = PLAIN + FRICTION_COLUMNS.len();
 
 /// Largest magnitude per column: [`FARTHEST_M`] for positions, 1e12 for times, which may count from any epoch, and 1e6
 /// for all other quantities. The bounds keep derived quantities finite and outlines between positions of bounded
@@ -24,7 +26,7 @@ const MOST: [f64; CELLS] = {
     let mut most = [1e6; CELLS];
     most[0] = 1e12;
     let mut i = 1;
-    while i < CELLS {
+    while i < PLAIN {
         let name = COLUMNS[i].0.as_bytes();
         if let [.., b'_', b'm'] = name {
             most[i] = FARTHEST_M;
@@ -50,6 +52,8 @@ pub struct TraceRows {
     /// Row count stated by the sidecar.
     expected_rows: usize,
     expected_sha256: String,
+    /// Number of columns of the table.
+    cells: usize,
     rows: usize,
     last_s: Option<f64>,
     is_over: bool,
@@ -74,12 +78,13 @@ impl TraceRows {
         let path = path.with_extension("csv");
         let mut lines = Lines::open(&path)?;
         let header = lines.next(&path)?;
-        check_header(&path, header.map(|(start, end)| &lines.buffer[start..end]))?;
+        let cells = check_header(&path, header.map(|(start, end)| &lines.buffer[start..end]))?;
         Ok(Self {
             path,
             lines,
             expected_rows: sidecar.rows,
             expected_sha256: sidecar.csv_sha256.clone(),
+            cells,
             rows: 0,
             last_s: None,
             is_over: false,
@@ -91,7 +96,7 @@ impl TraceRows {
             self.check_whole()?;
             return Ok(None);
         };
-        let line = Line::split(&self.path, self.lines.number, &self.lines.buffer[start..end])?;
+        let line = Line::split(&self.path, self.lines.number, &self.lines.buffer[start..end], self.cells)?;
         let row = line.row(self.last_s)?;
         self.last_s = Some(row.0.t_s);
         self.rows += 1;
@@ -203,9 +208,9 @@ impl Lines {
     }
 }
 
-/// Checks that the first line consists of the column names.
-fn check_header(path: &Path, line: Option<&[u8]>) -> Result<(), Error> {
-    let names = COLUMNS.map(|(name, _)| name);
+/// Checks that the first line consists of the column names, with or without those of friction, and returns their
+/// number.
+fn check_header(path: &Path, line: Option<&[u8]>) -> Result<usize, Error> {
     let wrong = |place: String, found: String, expected: String| Error::Table {
         path: path.into(),
         line: 1,
@@ -213,9 +218,12 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<(), Error> {
         found,
         expected,
     };
+    let text = line.unwrap_or_default();
+    let has_friction = text.iter().filter(|byte| **byte == b',').count() >= PLAIN;
+    let names: Vec<&str> = columns(has_friction).map(|(name, _)| name).collect();
     let Some(line) = line else { return Err(wrong("header".into(), "an empty file".into(), names.join(","))) };
     let cells: Vec<&[u8]> = line.split(|byte| *byte == b',').collect();
-    for i in 0..cells.len().max(CELLS) {
+    for i in 0..cells.len().max(names.len()) {
         let found =
             cells.get(i).map_or("no more columns".into(), |cell| format!("`{}`", String::from_utf8_lossy(cell)));
         let expected = names.get(i).map_or("no more columns".into(), |name| format!("`{name}`"));
@@ -223,7 +231,7 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<(), Error> {
             return Err(wrong(format!("header, column {}", i + 1), found, expected));
         }
     }
-    Ok(())
+    Ok(names.len())
 }
 
 /// Row of the table, split at its commas.
@@ -233,11 +241,13 @@ struct Line<'a> {
     text: &'a [u8],
     /// End of each cell.
     ends: [usize; CELLS],
+    /// Number of cells.
+    cells: usize,
 }
 
 impl<'a> Line<'a> {
     #[inline]
-    fn split(path: &'a Path, number: u64, text: &'a [u8]) -> Result<Self, Error> {
+    fn split(path: &'a Path, number: u64, text: &'a [u8], cells: usize) -> Result<Self, Error> {
         let mut ends = [text.len(); CELLS];
         let mut commas = 0;
         for place in memchr_iter(b',', text) {
@@ -246,16 +256,16 @@ impl<'a> Line<'a> {
             }
             commas += 1;
         }
-        if commas + 1 != CELLS {
+        if commas + 1 != cells {
             return Err(Error::Table {
                 path: path.into(),
                 line: number,
                 place: "row".into(),
                 found: format!("{} fields", commas + 1),
-                expected: format!("{CELLS} fields"),
+                expected: format!("{cells} fields"),
             });
         }
-        Ok(Self { path, number, text, ends })
+        Ok(Self { path, number, text, ends, cells })
     }
 
     #[inline]
@@ -301,6 +311,19 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// The friction: all of its cells or none.
+    #[inline]
+    fn friction(&self) -> Result<Option<FrictionTruth>, Error> {
+        match (self.optional(PLAIN)?, self.optional(PLAIN + 1)?, self.flag(PLAIN + 2)?) {
+            (Some(angle_rad), Some(slip_m_s), Some(sticking)) if angle_rad.abs() <= FRAC_PI_2 => {
+                Ok(Some(FrictionTruth { angle_rad, slip_m_s, sticking }))
+            }
+            (Some(_), Some(_), Some(_)) => Err(self.wrong(PLAIN, "an angle of at most a right one")),
+            (None, None, None) => Ok(None),
+            _ => Err(self.wrong(PLAIN, "all values of the friction or none")),
+        }
+    }
+
     /// Parses the row, whose time must be after `last_s`.
     #[inline]
     fn row(&self, last_s: Option<f64>) -> Result<(Instant, TruthInstant), Error> {
@@ -324,7 +347,7 @@ impl<'a> Line<'a> {
         };
         let touching = self.flag(9)?;
         if touching == Some(false)
-            && let Some(i) = (10..CELLS).find(|&i| !self.cell(i).is_empty())
+            && let Some(i) = (10..self.cells).find(|&i| !self.cell(i).is_empty())
         {
             return Err(self.wrong(i, "an empty field while truth_touching is 0"));
         }
@@ -337,11 +360,13 @@ impl<'a> Line<'a> {
             arc_m: self.optional(16)?,
             force_n: self.optional(17)?,
             tangent_rad: self.optional(18)?,
+            friction: if self.cells == CELLS { self.friction()? } else { None },
         };
         Ok((known, truth))
     }
 
     fn wrong(&self, i: usize, expected: &str) -> Error {
-        field_error(self.path, self.number, COLUMNS[i].0, self.cell(i), expected)
+        let name = if i < PLAIN { COLUMNS[i].0 } else { FRICTION_COLUMNS[i - PLAIN].0 };
+        field_error(self.path, self.number, name, self.cell(i), expected)
     }
 }

@@ -31,6 +31,10 @@ pub const COLUMNS: [(&str, usize); 19] = [
     ("truth_tangent_rad", 10),
 ];
 
+/// Further columns, of the ground truth of a scene with friction, and the number of decimals written for each.
+pub const FRICTION_COLUMNS: [(&str, usize); 3] =
+    [("truth_friction_angle_rad", 10), ("truth_slip_m_s", 10), ("truth_sticking", 0)];
+
 /// Largest magnitude of a position coordinate. Larger values are errors of the file.
 pub const FARTHEST_M: f64 = 1e3;
 
@@ -71,6 +75,19 @@ pub struct TruthInstant {
     pub force_n: Option<f64>,
     /// Tangent angle of the centre line at the contact, in World.
     pub tangent_rad: Option<f64>,
+    /// Friction. `None` without contact and in traces of scenes without friction.
+    pub friction: Option<FrictionTruth>,
+}
+
+/// Ground truth of the friction at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrictionTruth {
+    /// Angle of the force on the whisker to the object's outward normal, positive towards the tip.
+    pub angle_rad: f64,
+    /// Velocity of the whisker's surface relative to the object's, along the whisker towards its tip.
+    pub slip_m_s: f64,
+    /// Whether the force is inside the friction cone.
+    pub sticking: bool,
 }
 
 /// Part of a trace that is available to estimators.
@@ -138,9 +155,10 @@ impl Trace {
 
     /// Table in CSV.
     pub fn to_csv(&self) -> String {
-        let mut text = header();
+        let has_friction = self.truth.instants.iter().any(|truth| truth.friction.is_some());
+        let mut text = header(has_friction);
         for (known, truth) in self.recording.instants.iter().zip(&self.truth.instants) {
-            push_row(&mut text, known, truth);
+            push_row(&mut text, known, truth, has_friction);
         }
         text
     }
@@ -158,16 +176,23 @@ impl Trace {
     }
 }
 
-pub(crate) fn header() -> String {
-    let mut text = COLUMNS.map(|(name, _)| name).join(",");
+/// Columns of a table, with or without those of friction.
+pub(crate) fn columns(has_friction: bool) -> impl Iterator<Item = (&'static str, usize)> {
+    let further: &[(&str, usize)] = if has_friction { &FRICTION_COLUMNS } else { &[] };
+    COLUMNS.into_iter().chain(further.iter().copied())
+}
+
+pub(crate) fn header(has_friction: bool) -> String {
+    let names: Vec<&str> = columns(has_friction).map(|(name, _)| name).collect();
+    let mut text = names.join(",");
     text.push('\n');
     text
 }
 
-pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant) {
+pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant, has_friction: bool) {
     let flag = |value: Option<bool>| value.map(|v| f64::from(u8::from(v)));
     let origin = known.base.origin();
-    let cells: [Option<f64>; COLUMNS.len()] = [
+    let cells: [Option<f64>; COLUMNS.len() + FRICTION_COLUMNS.len()] = [
         Some(known.t_s),
         Some(origin.x()),
         Some(origin.y()),
@@ -187,8 +212,11 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant)
         truth.arc_m,
         truth.force_n,
         truth.tangent_rad,
+        truth.friction.map(|friction| friction.angle_rad),
+        truth.friction.map(|friction| friction.slip_m_s),
+        flag(truth.friction.map(|friction| friction.sticking)),
     ];
-    for (i, (cell, (_, decimals))) in cells.iter().zip(COLUMNS).enumerate() {
+    for (i, (cell, (_, decimals))) in cells.iter().zip(columns(has_friction)).enumerate() {
         if i > 0 {
             text.push(',');
         }

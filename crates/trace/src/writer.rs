@@ -29,7 +29,7 @@ impl TraceWriter {
         let path = folder.join(format!("{}.csv", sidecar.name));
         let file = AtomicFile::create(&path)?;
         let sidecar = Sidecar { rows: 0, ..sidecar };
-        let mut writer = Self { sidecar, path, file, digest: Sha256::new(), line: header() };
+        let mut writer = Self { sidecar, path, file, digest: Sha256::new(), line: header(false) };
         writer.write_line()?;
         Ok(writer)
     }
@@ -40,7 +40,7 @@ impl TraceWriter {
     /// [`Error::Io`] with the path.
     pub fn push(&mut self, known: &Instant, truth: &TruthInstant) -> Result<(), Error> {
         self.line.clear();
-        push_row(&mut self.line, known, truth);
+        push_row(&mut self.line, known, truth, false);
         self.sidecar.rows += 1;
         self.write_line()
     }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::Error;
-use trace::{Trace, TraceRows, TraceWriter};
+use trace::{FrictionTruth, Trace, TraceRows, TraceWriter};
 
 fn golden() -> Trace {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.csv");
@@ -111,4 +111,47 @@ fn robust_other_line_endings_are_parsed_and_rejected_by_the_hash() {
     let text = fs::read_to_string(&path).unwrap().replace('\n', "\r\n");
     fs::write(&path, text).unwrap();
     assert!(error(&path).contains("sha256"), "{}", error(&path));
+}
+
+/// A golden trace with the columns of friction while the whisker touches, and the path of its table.
+fn with_friction(folder: &Path) -> (Trace, PathBuf) {
+    let mut trace = golden();
+    for truth in trace.truth.instants.iter_mut().filter(|truth| truth.touching == Some(true)) {
+        truth.friction = Some(FrictionTruth { angle_rad: -0.25, slip_m_s: 0.003, sticking: false });
+    }
+    trace.sidecar.csv_sha256 = files::sha256(trace.to_csv().as_bytes());
+    let path = trace.write(folder).unwrap();
+    (trace, path)
+}
+
+#[test]
+fn verif_friction_is_read_as_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (trace, path) = with_friction(folder.path());
+    assert_eq!(Trace::read(&path).unwrap(), trace);
+    assert!(!golden().to_csv().contains("friction"));
+}
+
+#[test]
+fn robust_invalid_friction_is_one_error_with_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, path) = with_friction(folder.path());
+    let text = fs::read_to_string(&path).unwrap();
+    let values = "-0.2500000000,0.0030000000,0";
+    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
+    for (cells, expected) in [
+        ("-1.6,0.003,0", "column truth_friction_angle_rad: found `-1.6`, expected an angle of at most a right one"),
+        ("-0.25,,0", "column truth_friction_angle_rad: found `-0.25`, expected all values of the friction or none"),
+        ("-0.25,nan,0", "column truth_slip_m_s: found `nan`, expected a finite number"),
+        ("-0.25,0.003,2", "column truth_sticking: found `2`, expected 0, 1 or an empty field"),
+        ("-0.25,0.003", "row: found 21 fields, expected 22 fields"),
+    ] {
+        fs::write(&path, text.replacen(values, cells, 1)).unwrap();
+        let found = error(&path);
+        let place = format!(".csv:{line}: {expected}");
+        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
+    }
+    fs::write(&path, text.replacen("truth_slip_m_s", "slip", 1)).unwrap();
+    let found = TraceRows::open(&path).unwrap_err().to_string();
+    assert!(found.contains("header, column 21: found `slip`, expected `truth_slip_m_s`"), "{found}");
 }

@@ -99,6 +99,8 @@ fn robust_damaged_traces_are_one_error_with_file_line_and_column() {
         (damaged(field("base_qx", ""), keep), vec![":3: column base_qx", "empty field", "a number"]),
         (damaged(field("moment_y_n_m", ""), keep), vec![":3: column moment_y_n_m"]),
         (damaged(field("base_vy_m_s", ""), keep), vec![":3: column base_vy_m_s"]),
+        (damaged(field("moment_z_n_m", "nan"), keep), vec![":3: column moment_z_n_m", "nan"]),
+        (damaged(field("base_x_m", "inf"), keep), vec![":3: column base_x_m", "inf"]),
         (damaged(field("base_z_m", "1e5"), keep), vec![":3: column base_z_m", "at most 1000"]),
         (damaged(field("truth_feature", "1"), keep), vec![":3: column truth_feature", "while truth_touching is 0"]),
         (damaged(field("t_s", "-1"), keep), vec![":3: column t_s", "order of time"]),

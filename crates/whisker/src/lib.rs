@@ -48,7 +48,7 @@
 //! let line = |arc_m: f64| {
 //!     let press = |step: u32| {
 //!         let left_n = -8e-5 * f64::from(step) * (0.03 / arc_m).powi(2);
-//!         let pressed = exact.deflect(Load { arc_m, along_n: 0.0, left_n })?;
+//!         let pressed = exact.deflect(Load { arc_m, along_n: 0.0, left_n, couple_n_m: 0.0 })?;
 //!         Ok(sensor::Sample { contact: pressed.point, reading_n_m: pressed.moment_n_m })
 //!     };
 //!     (0..24).map(press).collect::<Result<Vec<_>, Failure>>()

@@ -8,7 +8,8 @@ use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use whisker::elastica::{
-    Circle, Elastica, Ellipse, Failure, Load, Outline, PointContact, Polygon, Regime, Touch, natural_frequencies_hz,
+    Circle, Elastica, Ellipse, Failure, Friction, Load, Outline, PointContact, Polygon, Regime, Touch,
+    natural_frequencies_hz,
 };
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
@@ -29,7 +30,7 @@ fn clamped() -> Whisker {
 }
 
 fn across(arc_m: f64, left_n: f64) -> Load {
-    Load { arc_m, along_n: 0.0, left_n }
+    Load { arc_m, along_n: 0.0, left_n, couple_n_m: 0.0 }
 }
 
 fn solver(whisker: &Whisker) -> Elastica {
@@ -96,7 +97,9 @@ fn val_mattiasson() {
         let (mut low, mut high) = (0.0, FRAC_PI_2);
         let pressed = |angle: f64| {
             let (sin, cos) = angle.sin_cos();
-            elastica.deflect(Load { arc_m: length_m, along_n: force_n * sin, left_n: force_n * cos }).unwrap()
+            elastica
+                .deflect(Load { arc_m: length_m, along_n: force_n * sin, left_n: force_n * cos, couple_n_m: 0.0 })
+                .unwrap()
         };
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
@@ -536,13 +539,13 @@ fn val_agrees_with_scipy() {
             curvature: pieces.collect(),
             ..straight()
         };
-        let load = Load { arc_m: number(6), along_n: number(7), left_n: number(8) };
+        let load = Load { arc_m: number(6), along_n: number(7), left_n: number(8), couple_n_m: number(9) };
         let pressed = solver(&whisker).deflect(load).unwrap();
         let errors = [
-            pressed.point.distance(&Point::new(number(9), number(10))) / load.arc_m,
-            (pressed.tangent_rad - number(11)).abs(),
-            (pressed.moment_n_m / number(12) - 1.0).abs(),
-            pressed.tip.distance(&Point::new(number(13), number(14))) / whisker.length_m,
+            pressed.point.distance(&Point::new(number(10), number(11))) / load.arc_m,
+            (pressed.tangent_rad - number(12)).abs(),
+            (pressed.moment_n_m / number(13) - 1.0).abs(),
+            pressed.tip.distance(&Point::new(number(14), number(15))) / whisker.length_m,
         ];
         worst = std::array::from_fn(|i| worst[i].max(errors[i]));
         count += 1;
@@ -591,6 +594,61 @@ fn val_discs_agree_with_scipy() {
         let touch = solver(&whisker).against(&disc, &Pose::new(0.0, 0.0, 0.0), face).unwrap().unwrap();
         let found = [touch.load.arc_m, touch.force_n, touch.deflection.moment_n_m];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found / expected - 1.0).abs() < 1e-9), "{found:?}");
+    }
+}
+
+/// Derivatives at fixed positions by coordinates and by the ratio of friction to normal force, and its sign: friction
+/// towards the root on a straight whisker lowers the reading of a contact at the same place.
+#[test]
+fn verif_friction_derivatives_are_differences() {
+    let tapered = Whisker { tip_diameter_m: 0.1e-3, ..with_curvature(12.5) };
+    for (whisker, face, y) in
+        [(straight(), Face::Left, -0.012), (tapered.clone(), Face::Left, 0.004), (tapered, Face::Right, 0.028)]
+    {
+        let elastica = solver(&whisker);
+        let point = Point::new(0.05, y);
+        for ratio in [-0.6, 0.0, 0.4] {
+            let at = |point, ratio| elastica.at_point_with_friction(point, Friction { face, ratio }).unwrap();
+            let found = at(point, ratio);
+            let load = found.load;
+            assert_eq!(load.couple_n_m, ratio * 0.5 * whisker.diameter_m(load.arc_m) * load.left_n);
+            let step = 1e-5;
+            let slope = |of: &dyn Fn(&PointContact) -> f64| {
+                (of(&at(point, ratio + step)) - of(&at(point, ratio - step))) / (2.0 * step)
+            };
+            let near = |found: f64, expected: f64, scale: f64| (found - expected).abs() < 1e-7 * scale;
+            let moment = found.deflection.moment_n_m.abs();
+            assert!(near(found.moment_by_friction_n_m, slope(&|it| it.deflection.moment_n_m), moment));
+            assert!(near(found.tangent_by_friction_rad, slope(&|it| it.deflection.tangent_rad), 1.0));
+            assert!(near(found.arc_by_friction_m, slope(&|it| it.load.arc_m), 0.05));
+            let step_m = 1e-7;
+            let ahead = |dx: f64, dy: f64| at(Point::new(0.05 + dx, y + dy), ratio).deflection.moment_n_m;
+            let by_x = (ahead(step_m, 0.0) - ahead(-step_m, 0.0)) / (2.0 * step_m);
+            let by_y = (ahead(0.0, step_m) - ahead(0.0, -step_m)) / (2.0 * step_m);
+            assert!(
+                near(found.moment_gradient_n.x, by_x, 100.0 * moment)
+                    && near(found.moment_gradient_n.y, by_y, 100.0 * moment)
+            );
+        }
+    }
+}
+
+/// A disc with friction gives the load that the point contact has at the same place.
+#[test]
+fn verif_a_disc_with_friction_is_a_point_with_friction() {
+    for (whisker, y, face) in [(straight(), 0.005, Face::Left), (with_curvature(12.5), 0.0105, Face::Right)] {
+        let disc = Circle { center: Point::new(0.05, y), radius_m: 0.01 };
+        let elastica = solver(&whisker);
+        for ratio in [-0.8, -0.3, 0.0, 0.5] {
+            let touch = elastica.against_with_friction(&disc, &Pose::new(0.0, 0.0, 0.0), face, ratio).unwrap().unwrap();
+            let point = elastica.at_point_with_friction(touch.deflection.point, Friction { face, ratio }).unwrap();
+            assert!(
+                (point.load.arc_m - touch.load.arc_m).abs() < 1e-12
+                    && (point.load.left_n / touch.load.left_n - 1.0).abs() < 1e-9
+            );
+            assert!((point.load.couple_n_m - touch.load.couple_n_m).abs() < 1e-9 * touch.deflection.moment_n_m.abs());
+            assert!((touch.force_n - touch.load.left_n.hypot(touch.load.along_n)).abs() < 1e-15);
+        }
     }
 }
 

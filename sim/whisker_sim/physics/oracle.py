@@ -4,9 +4,7 @@ There are three independent solvers of the exact whisker: in Rust, for sensor mo
 with SciPy's integrator, the reference of the other two. The one in Rust is compared by its own tests, whose output is parsed here.
 """
 
-import os
 import re
-import subprocess
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,9 +15,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from whisker_sim.elastica import Loaded, loaded, touching
-from whisker_sim.errors import SimulationError
-from whisker_sim.paths import ROOT
 from whisker_sim.physics.cases import WHISKERS, largest
+from whisker_sim.physics.rust_tests import NUMBER, rust_tests
 from whisker_sim.physics.scipy_elastica import StaticContact, push, solved_case, static_contact, write_cases
 from whisker_sim.physics.study import Claim, Findings, Study
 from whisker_sim.shapes.circle import Circle
@@ -44,11 +41,8 @@ _AGREEMENT = 1e-9
 
 _CASES_A_TASK = 500
 _RUST_TESTS = ("val_mattiasson", "val_agrees_with_scipy", "val_discs_agree_with_scipy")
-_NUMBER = r"([-+0-9.eE]+)"
-_RUST_CANTILEVER = re.compile(rf"P L2/EI {_NUMBER}: w/L {_NUMBER}, u/L {_NUMBER}")
-_RUST_WORST = re.compile(
-    rf"(\d+) cases: worst relative error of point {_NUMBER}, tangent {_NUMBER}, moment {_NUMBER}, tip {_NUMBER}"
-)
+_RUST_CANTILEVER = re.compile(rf"P L2/EI {NUMBER}: w/L {NUMBER}, u/L {NUMBER}")
+_RUST_WORST = re.compile(rf"(\d+) cases: worst relative error of point {NUMBER}, tangent {NUMBER}, moment {NUMBER}, tip {NUMBER}")
 
 
 class Cantilever(NamedTuple):
@@ -169,32 +163,18 @@ def _rust_agreement(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]
     with TemporaryDirectory() as folder:
         cases = Path(folder) / "cases.csv"
         write_cases(cases, rows)
-        command = ["cargo", "test", "--quiet", "--release", "--package", "whisker", "--test", "elastica"]
-        try:
-            run = subprocess.run(
-                [*command, "--", "--nocapture", *_RUST_TESTS],
-                cwd=ROOT,
-                env={**os.environ, "ELASTICA_CASES": str(cases)},
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-        except OSError as error:
-            raise SimulationError(f"tests of the oracle in Rust: expected to start cargo, found: {error.strerror}") from None
-    if "test result" not in run.stdout:
-        reason = (run.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise SimulationError(f"tests of the oracle in Rust: expected results of `{' '.join(command)}`, found: {reason}")
-    if run.returncode != 0:
+        printed = rust_tests("elastica", _RUST_TESTS, {"ELASTICA_CASES": str(cases)})
+    if printed is None:
         return [], []
     published = {load: values for load, *values in PUBLISHED}
     cantilevers = []
-    for found in _RUST_CANTILEVER.findall(run.stdout):
+    for found in _RUST_CANTILEVER.findall(printed):
         load, deflection, shortening = map(float, found)
         published_deflection, published_shortening = published[load]
         cantilevers.append(Cantilever("Rust", load, deflection, published_deflection, shortening, published_shortening))
     agreements = [
         Agreement("Rust", f"random whiskers and loads, {what}", int(count), float(worst))
-        for count, *found in _RUST_WORST.findall(run.stdout)
+        for count, *found in _RUST_WORST.findall(printed)
         for what, worst in zip(("point", "tangent", "moment", "tip"), found, strict=True)
     ]
     return cantilevers, agreements

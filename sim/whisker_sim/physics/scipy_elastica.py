@@ -1,12 +1,14 @@
 """Reference solver of the exact quasi-static whisker, by SciPy.
 
-A point contact at the arc length a loads the rod with a force (f_t, f_n) along its tangent and its left normal; beyond the contact
-the rod is unloaded. With the contact at the origin and the tangent along +x, the equations are integrated back to the root:
+A point contact at the arc length a loads the rod with a force (f_t, f_n) along its tangent and its left normal, and with a couple
+c; beyond the contact the rod is unloaded. With the contact at the origin and the tangent along +x, the equations are integrated
+back to the root:
 
-    dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + m(s) / EI(s),  m(s) = y(s) f_t - x(s) f_n.
+    dx/ds = cos t,  dy/ds = sin t,  dt/ds = kappa0(s) + m(s) / EI(s),  m(s) = c + y(s) f_t - x(s) f_n.
 
 Without friction the force is normal to the surface. On the side of the whisker f_t is the force times the slope r' of the radius,
-zero without taper; at the tip it depends on the object. The bending moment m(0) at the root rotates the compliant root by m(0) / k.
+zero without taper; at the tip it depends on the object. Friction acts on the surface, at the radius from the centre line, which
+gives the couple. The bending moment m(0) at the root rotates the compliant root by m(0) / k.
 Only the parameters of the whisker are shared with the simulator, and nothing with the two other solvers: the one in Rust, which
 sums Taylor series, and the one for many base poses at once (`whisker_sim.elastica`), which takes equal steps. The study `oracle`
 compares all three.
@@ -32,7 +34,7 @@ GOLDEN = ROOT / "datasets/golden/elastica.csv"
 GOLDEN_CASES = 200
 GOLDEN_SEED = 1
 HEADER = (
-    "length_m,root_diameter_m,tip_diameter_m,youngs_modulus_pa,root_stiffness_n_m_rad,curvature,arc_m,along_n,left_n,"
+    "length_m,root_diameter_m,tip_diameter_m,youngs_modulus_pa,root_stiffness_n_m_rad,curvature,arc_m,along_n,left_n,couple_n_m,"
     "point_x_m,point_y_m,tangent_rad,moment_n_m,tip_x_m,tip_y_m"
 )
 
@@ -47,14 +49,14 @@ class StaticContact:
     tip_m: Array
 
 
-def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: float = 0.0) -> StaticContact:
-    """The whisker under a force at the arc length `arc_m`: `force_n` to the left, `along_n` towards the tip."""
+def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: float = 0.0, couple_n_m: float = 0.0) -> StaticContact:
+    """The whisker under a force at the arc length `arc_m`: `force_n` to the left, `along_n` towards the tip; and a couple there."""
 
     def slope(s: float, state: Array, curvature_per_m: float) -> tuple[float, float, float]:
         x, y, t = state
         diameter_m = whisker.root_diameter_m + s / whisker.length_m * (whisker.tip_diameter_m - whisker.root_diameter_m)
         bending_n_m2 = whisker.youngs_modulus_pa * np.pi * diameter_m**4 / 64.0
-        return np.cos(t), np.sin(t), curvature_per_m + (y * along_n - x * force_n) / bending_n_m2
+        return np.cos(t), np.sin(t), curvature_per_m + (couple_n_m + y * along_n - x * force_n) / bending_n_m2
 
     ends = np.cumsum([arc.length_m for arc in whisker.curvature])
     # Avoid the rounding error of the sum.
@@ -68,7 +70,7 @@ def static_contact(whisker: Whisker, arc_m: float, force_n: float, along_n: floa
             tolerance = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
             state = solve_ivp(slope, span_m, state, args=(arc.curvature_per_m,), **tolerance).y[:, -1]
     x, y, t = state
-    moment_n_m = y * along_n - x * force_n
+    moment_n_m = couple_n_m + y * along_n - x * force_n
     angle_rad = moment_n_m / whisker.root_stiffness_n_m_rad - t
     point_m = _turned(angle_rad, np.array((-x, -y)))
     beyond_m = whisker.rest_point_m(whisker.length_m) - whisker.rest_point_m(arc_m)
@@ -81,27 +83,36 @@ def _turned(angle_rad: float, vector: Array) -> Array:
     return np.array((cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]))
 
 
-def push(whisker: Whisker, face: int) -> tuple[float, float]:
+def push(whisker: Whisker, face: int, friction_rad: float = 0.0) -> tuple[float, float]:
     """Direction in which an object on the side `face` (+1 left) pushes the whisker: components to the left and along.
 
-    It is normal to the surface of the whisker.
+    It is at the angle `friction_rad` to the normal of the surface of the whisker, positive towards the tip.
     """
-    return -face * float(np.sqrt(1.0 - whisker.radius_slope**2)), whisker.radius_slope
+    angle_rad = friction_rad + float(np.arcsin(whisker.radius_slope))
+    return -face * float(np.cos(angle_rad)), float(np.sin(angle_rad))
+
+
+def pushed(whisker: Whisker, face: int, arc_m: float, force_n: float, friction_rad: float) -> StaticContact:
+    """The whisker under a force of magnitude `force_n` of an object, as in `push`, at its surface."""
+    left, along = push(whisker, face, friction_rad)
+    couple_n_m = -face * float(whisker.radius_m(arc_m)) * force_n * np.sin(friction_rad)
+    return static_contact(whisker, arc_m, left * force_n, along * force_n, couple_n_m)
 
 
 def contact_with_disc(
-    whisker: Whisker, center_m: Array, radius_m: float, face: int, guess: tuple[float, float]
+    whisker: Whisker, center_m: Array, radius_m: float, face: int, guess: tuple[float, float], friction_rad: float = 0.0
 ) -> tuple[float, float, StaticContact]:
     """Solves for the contact with a disc at `center_m` (in Base) on the side `face` (+1 left) of the whisker.
 
-    Returns arc length, magnitude of the force and the loaded whisker. `guess` contains the first two.
+    `friction_rad` is the force's angle to the normal. Returns arc length, magnitude of the force and the loaded whisker. `guess`
+    contains the first two.
     """
     left, along = push(whisker, face)
 
     def miss(unknown: Array) -> Array:
         arc_m, force_n = unknown * (1e-2, 1e-3)
-        contact = static_contact(whisker, arc_m, left * force_n, along * force_n)
-        # The disc is on the side from which the force acts.
+        contact = pushed(whisker, face, arc_m, force_n, friction_rad)
+        # The normal is the direction of a frictionless force; the disc is on the side from which it acts.
         towards_disc = _turned(contact.angle_rad, np.array((-along, -left)))
         return 1e3 * (contact.point_m + (radius_m + whisker.radius_m(arc_m)) * towards_disc - center_m)
 
@@ -109,7 +120,7 @@ def contact_with_disc(
     if not (solution.success or np.max(np.abs(solution.fun)) < 1e-8):
         raise SimulationError(f"{whisker.name}: SciPy finds no contact with the disc: {solution.message}")
     arc_m, force_n = solution.x * (1e-2, 1e-3)
-    return arc_m, force_n, static_contact(whisker, arc_m, left * force_n, along * force_n)
+    return arc_m, force_n, pushed(whisker, face, arc_m, force_n, friction_rad)
 
 
 def random_case(seed: int, index: int) -> tuple[Whisker, float, float, float]:
@@ -141,20 +152,30 @@ def random_case(seed: int, index: int) -> tuple[Whisker, float, float, float]:
     return whisker, float(arc_m), float(-abs(force_n) * np.sin(tilt_rad)), float(force_n * np.cos(tilt_rad))
 
 
+def random_friction(seed: int, index: int) -> tuple[Whisker, float, float, float, float]:
+    """As `random_case`, with the couple; in two of four cases friction turns the force by up to 45 degrees."""
+    whisker, arc_m, along_n, left_n = random_case(seed, index)
+    friction_rad = np.random.default_rng((seed, index, 1)).uniform(-0.25 * np.pi, 0.25 * np.pi) if index % 4 in (1, 2) else 0.0
+    cos, sin = np.cos(friction_rad), np.sin(friction_rad)
+    face = -float(np.sign(left_n))
+    couple_n_m = -face * float(whisker.radius_m(arc_m)) * np.hypot(along_n, left_n) * sin
+    return whisker, arc_m, float(cos * along_n - face * sin * left_n), float(cos * left_n + face * sin * along_n), float(couple_n_m)
+
+
 def solved_case(seed: int, index: int) -> str:
     """One row: a random case and its solution."""
-    whisker, arc_m, along_n, left_n = random_case(seed, index)
-    contact = static_contact(whisker, arc_m, left_n, along_n)
+    whisker, arc_m, along_n, left_n, couple_n_m = random_friction(seed, index)
+    contact = static_contact(whisker, arc_m, left_n, along_n, couple_n_m)
     curvature = ";".join(f"{arc.length_m!r}:{arc.curvature_per_m!r}" for arc in whisker.curvature)
     wire = (whisker.length_m, whisker.root_diameter_m, whisker.tip_diameter_m, whisker.youngs_modulus_pa)
     answer = (*contact.point_m, contact.angle_rad, contact.moment_n_m, *contact.tip_m)
     numbers = [repr(float(number)) for number in (*wire, whisker.root_stiffness_n_m_rad)]
-    numbers += [curvature] + [repr(float(number)) for number in (arc_m, along_n, left_n, *answer)]
+    numbers += [curvature] + [repr(float(number)) for number in (arc_m, along_n, left_n, couple_n_m, *answer)]
     return ",".join(numbers)
 
 
-def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float], Array]]:
-    """Whisker, load (arc length, along, left) and solution (point, tangent, moment, tip) of every row."""
+def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float, float], Array]]:
+    """Whisker, load (arc length, along, left, couple) and solution (point, tangent, moment, tip) of every row."""
     for line in path.read_text(encoding="utf-8").splitlines()[1:]:
         fields = line.split(",")
         pieces = [[float(number) for number in piece.split(":")] for piece in fields[5].split(";")]
@@ -169,8 +190,8 @@ def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float]
             root_stiffness_n_m_rad=stiffness_n_m_rad,
             curvature=tuple(Arc(*piece) for piece in pieces),
         )
-        arc_m, along_n, left_n = map(float, fields[6:9])
-        yield whisker, (arc_m, along_n, left_n), np.array(fields[9:], dtype=float)
+        arc_m, along_n, left_n, couple_n_m = map(float, fields[6:10])
+        yield whisker, (arc_m, along_n, left_n, couple_n_m), np.array(fields[10:], dtype=float)
 
 
 def write_cases(path: Path, rows: Iterable[str]) -> None:

@@ -74,14 +74,14 @@ def random_spatial_case(seed: int, index: int) -> Case:
     return Case(whisker, Suspension(yaw, pitch, twist), float(rng.uniform(0.0, 0.5)), arc_m, force_n)
 
 
-def solve(case: Case) -> tuple[Array, Array, Array]:
-    """Contact point, tangent there and moment at the root, each (3,) in Base."""
+def carried(case: Case, moment: Array, force: Array) -> tuple[Array, Array, Array]:
+    """Point (3,), directors (3, 3) and moment (3,) at the contact, from a moment and a force (3,) in Base at the root."""
     whisker, arc_m = case.whisker, case.arc_m
     ends = np.cumsum([arc.length_m for arc in whisker.curvature])
     ends[-1] = whisker.length_m
     starts = np.concatenate(([0.0], ends[:-1]))
 
-    def slope(s: float, state: Array, force: Array, curvature_per_m: float) -> Array:
+    def slope(s: float, state: Array, curvature_per_m: float) -> Array:
         (w, x, y, z), moment = state[3:7], state[7:]
         # The state of a trial step may leave the unit quaternions by its error.
         directors = Rotation.from_quat((x, y, z, w)).as_matrix()
@@ -91,17 +91,21 @@ def solve(case: Case) -> tuple[Array, Array, Array]:
         turn = 0.5 * np.array((-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a))
         return np.concatenate((directors[:, 0], turn, np.cross(force, directors[:, 0])))
 
-    def shoot(moment: Array, force: Array) -> Array:
-        """State at the contact for a moment at the root and a force."""
-        x, y, z, w = _suspended(case.suspension, moment).as_quat()
-        state = np.concatenate((np.zeros(3), (w, x, y, z), moment))
-        for start_m, end_m, arc in zip(starts, ends, whisker.curvature, strict=True):
-            if arc_m > start_m:
-                options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14 * np.array((1.0,) * 7 + (size_n * arc_m,) * 3)}
-                span_m = (start_m, min(arc_m, end_m))
-                state = solve_ivp(slope, span_m, state, args=(force, arc.curvature_per_m), **options).y[:, -1]
-        return state
+    x, y, z, w = _suspended(case.suspension, moment).as_quat()
+    state = np.concatenate((np.zeros(3), (w, x, y, z), moment))
+    size_n_m = float(np.linalg.norm(case.force_n)) * arc_m
+    for start_m, end_m, arc in zip(starts, ends, whisker.curvature, strict=True):
+        if arc_m > start_m:
+            options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14 * np.array((1.0,) * 7 + (size_n_m,) * 3)}
+            span_m = (start_m, min(arc_m, end_m))
+            state = solve_ivp(slope, span_m, state, args=(arc.curvature_per_m,), **options).y[:, -1]
+    w, x, y, z = state[3:7]
+    return state[:3], Rotation.from_quat((x, y, z, w)).as_matrix(), state[7:]
 
+
+def solve(case: Case) -> tuple[Array, Array, Array]:
+    """Contact point, tangent there and moment at the root, each (3,) in Base."""
+    whisker, arc_m = case.whisker, case.arc_m
     size_n = float(np.linalg.norm(case.force_n))
     scale = np.array((size_n * arc_m,) * 3 + (size_n,) * 3)
     rest_rad = whisker.rest_angle_rad(arc_m)
@@ -112,19 +116,16 @@ def solve(case: Case) -> tuple[Array, Array, Array]:
 
         def miss(unknown: Array, share: float = share) -> Array:
             moment, force = (unknown * scale).reshape(2, 3)
-            state = shoot(moment, force)
-            w, x, y, z = state[3:7]
-            along = Rotation.from_quat((x, y, z, w)).inv().apply(force)
-            return np.concatenate((state[7:], along - share * case.force_n)) / scale
+            _, directors, rest = carried(case, moment, force)
+            return np.concatenate((rest, directors.T @ force - share * case.force_n)) / scale
 
         solution = root(miss, unknown, tol=1e-12)
         if np.max(np.abs(solution.fun)) > 1e-9:
             raise SimulationError(f"{whisker.name}: SciPy finds no equilibrium in space: {solution.message}")
         unknown = solution.x * (share + 1.0 / _LOAD_STEPS) / share
     moment, force = (solution.x * scale).reshape(2, 3)
-    state = shoot(moment, force)
-    w, x, y, z = state[3:7]
-    return state[:3], Rotation.from_quat((x, y, z, w)).as_matrix()[:, 0], moment
+    point_m, directors, _ = carried(case, moment, force)
+    return point_m, directors[:, 0], moment
 
 
 def _suspended(suspension: Suspension, moment: Array) -> Rotation:

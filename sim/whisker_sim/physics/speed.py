@@ -30,6 +30,7 @@ from whisker_sim.errors import WhiskerSimError
 from whisker_sim.jobs import FAILED, SUCCESS
 from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.paths import ROOT
+from whisker_sim.physics import space_speed
 from whisker_sim.physics.command import claim_line
 from whisker_sim.physics.study import Claim
 from whisker_sim.progress import Progress
@@ -81,7 +82,7 @@ def _report() -> int:
             progress.finish()
         claims = conclude(rows, two_workers())
         progress.finish()
-        claims.append(arm())
+        claims += [arm(), *space_speed.claims(), space_speed.suite_claim()]
     print()
     for claim in claims:
         print(claim_line(claim))
@@ -105,7 +106,7 @@ def bare_steps(run: Run) -> Callable[[], object]:
     """
     scene = run.scene
     plan = scene.plan()
-    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s)
+    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient)
     data = mujoco.MjData(model)
     poses = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses[0]

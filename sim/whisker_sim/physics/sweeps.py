@@ -89,6 +89,7 @@ def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
         surface_m=stacked("truth_surface_x_m", "truth_surface_y_m"),
         arc_m=columns["truth_arc_m"][rows],
         force_n=columns["truth_force_n"][rows],
+        friction_rad=np.zeros(len(rows)),
         on_the_side=((columns["truth_tip"] == 0.0) & (columns["truth_split"] == 0.0))[rows],
         recording_end_s=float(columns["t_s"][-1]),
     )

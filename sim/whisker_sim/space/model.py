@@ -6,11 +6,14 @@ three joints, which bend about two axes and twist; so does the root.
 Contact. Near the joint of two capsules that follow each other, both press on the object, the second with its round end: with the
 penetration d, and the radii R of wire and object in sum, within sqrt(2 R d) of the joint, inclined by up to sqrt(2 d / R). The
 contact is twice as stiff there, so that the surface of the whisker has in effect a bump of half the penetration, on whose flanks a
-frictionless contact comes to rest. Capsules therefore end before the joint, with a gap of sqrt(R d) on both sides (7 um for an
-edge, 16 um for a pin), so that both together press at the joint as hard as one beside it. What remains is divided by `_CHAINS`:
-the surface consists of as many chains of capsules in parallel, whose joints lie at different places. A curved link carries short
-capsules along its undeflected arc; the chains then average the inclination of the chords to the arc. A tapered link carries
-capsules around its cone, all with the radius of the thinner end.
+frictionless contact comes to rest: the force then leaves the normal. Capsules therefore end before the joint. With a gap of sqrt(c
+R d) on both sides, each presses at the joint with the depth (1 - c / 2) d. Both together press there as hard as one beside it if
+the force grows with the power p of the depth and 2 (1 - c / 2)^p = 1. Between, the sum sags by a sixth for p = 1, but by a fiftieth
+for p = 2, so that the stiffness of the contact is made to grow with the depth. What remains is divided by `_CHAINS`: the surface
+consists of as many chains of capsules in parallel, whose joints lie at different places. A curved link carries short capsules along
+its undeflected arc; the chains then average the inclination of the chords to the arc. The joints of all chains are 0.03 mm apart,
+nearer than the width of their influence on a pin, which then overlap. A tapered link carries capsules around its cone, all with the
+radius of the thinner end.
 """
 
 import functools
@@ -40,15 +43,15 @@ ROOT_FORCE = "root_force"
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1")
 _LETTERS = ("x", "y", "z")
-_CURVED_CAPSULES = 480
-"""Capsules along each chain of a curved whisker. Of 80 mm and a radius of 80 mm, their middles are 0.04 um below its surface."""
-_CHAINS = 4
-"""Chains of capsules in parallel. Their joints are a quarter of a capsule of a curved whisker apart."""
-_PENETRATION_M = 0.4e-6
-"""Typical penetration, for which capsules end at the right distance from their joint."""
-_IMPEDANCE = "0.95 0.999 0.001 0.5 2"
-"""Impedance of contacts (MuJoCo's `solimp`). It grows with the penetration more than in the plane, so that capsules in parallel
-which lie deeper take less of the load."""
+_CURVED_CAPSULES = 320
+"""Capsules along each chain of a curved whisker. Of 80 mm and a radius of 80 mm, their middles are 0.1 um below its surface."""
+_CHAINS = 8
+"""Chains of capsules in parallel. Their joints are an eighth of a capsule of a curved whisker apart."""
+_GAP_PENETRATION_M = 0.2e-6
+"""Square of the gap at the end of a capsule over the radius R: c d of a typical penetration d."""
+_IMPEDANCE = "0.93 0.998 0.0008 0.5 2"
+"""Impedance of contacts (MuJoCo's `solimp`), which grows with the penetration up to 0.8 um. The force of a contact is proportional
+to d imp / (1 - imp): between 0.2 and 0.6 um it grows with about the power 2.7 of the penetration d."""
 _TAPER_CAPSULES = 8
 """Capsules around a tapered link. Between two of them the surface is lower by a thirteenth of the change of radius."""
 _BASE_MASS_G = 100.0
@@ -175,7 +178,7 @@ def _capsules(
         length_mm = np.linalg.norm(b - a)
         along = (b - a) / length_mm
         slope = (b_mm - a_mm) / length_mm
-        gap_mm = MM_PER_M * np.sqrt((solid_radius_m + whisker.whisker.radius_m(end_m)) * _PENETRATION_M)
+        gap_mm = MM_PER_M * np.sqrt((solid_radius_m + whisker.whisker.radius_m(end_m)) * _GAP_PENETRATION_M)
         gap_mm = min(gap_mm, 0.25 * length_mm) * along
         # At the tip the wire ends with the capsule.
         a, b = a + gap_mm, b if end_m == whisker.whisker.length_m else b - gap_mm

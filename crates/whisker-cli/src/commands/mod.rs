@@ -15,6 +15,7 @@ mod platform;
 mod played;
 mod progress;
 mod python;
+mod recordings;
 mod replay;
 mod report;
 mod reproduce;
@@ -46,6 +47,7 @@ enum Command {
     Replay(replay::Arguments),
     Live(live::Arguments),
     Evaluate(evaluate::Arguments),
+    Recordings(recordings::Arguments),
     Report(report::Arguments),
     Check(check::Arguments),
     List(list::Arguments),
@@ -66,6 +68,7 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Live(arguments) => live::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Recordings(arguments) => recordings::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::List(arguments) => list::run(&arguments),

@@ -7,11 +7,13 @@
 //! being on the side `e` (+1 left):
 //!
 //! ```text
-//! nu = phi - e (pi/2 + beta)    S = p - r (cos nu, sin nu)    force F (cos nu, sin nu), F >= 0
+//! nu = phi - e (pi/2 + beta)    S = p - r (cos nu, sin nu)    force N (cos nu, sin nu), N >= 0
 //! ```
 //!
+//! A friction `q N` acts along the surface, in the direction `nu + e pi/2`, towards the tip.
+//!
 //! In contact `S` is the outline's support `P(nu)`. If `nu` is the normal of a straight side, the support is the whole
-//! side: then `nu` is given and `S` lies on the side's line. There are two unknowns (`a` or `beta`, and `F`) and two
+//! side: then `nu` is given and `S` lies on the side's line. There are two unknowns (`a` or `beta`, and `N`) and two
 //! equations in four forms: side or tip of the whisker, against a straight side or the part between two of them (a
 //! corner, or a curve). The solution in one form shows whether it belongs to the next. All forms share the sign of
 //! their determinant, so each detects a fold.
@@ -59,9 +61,9 @@ pub struct Touch {
     pub regime: Regime,
     /// The point of the object's surface.
     pub surface: Point<Base>,
-    /// Angle of the object's outward normal there, in Base: the direction of the force on the whisker.
+    /// Angle of the object's outward normal there, in Base: without friction the direction of the force on the whisker.
     pub normal_rad: f64,
-    /// Magnitude of the force.
+    /// Magnitude of the force, friction included.
     pub force_n: f64,
     /// Load on the whisker.
     pub load: Load,
@@ -78,7 +80,7 @@ enum Part {
     Between(usize),
 }
 
-/// The form of the equations, with the unknowns: `a` or `beta`, and `F`.
+/// The form of the equations, with the unknowns: `a` or `beta`, and `N`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Form {
     regime: Regime,
@@ -113,6 +115,8 @@ struct Placed<'a> {
     world_in_base: Pose<World, Base>,
     yaw_rad: f64,
     shift: Vector2<f64>,
+    /// Ratio of friction to normal force.
+    friction: f64,
 }
 
 /// The equivalent angle nearest to another one.
@@ -191,7 +195,22 @@ impl Elastica {
         base: &Pose<Base, World>,
         face: Face,
     ) -> Result<Option<Touch>, Failure> {
-        let mut placed = place(outline, base)?;
+        self.against_with_friction(outline, base, face, 0.0)
+    }
+
+    /// As [`Self::against`], with friction: `ratio` is that of friction to normal force, positive if the friction on the
+    /// whisker is towards its tip.
+    ///
+    /// # Errors
+    /// Those of [`Self::against`].
+    pub fn against_with_friction(
+        &self,
+        outline: &dyn Outline,
+        base: &Pose<Base, World>,
+        face: Face,
+        ratio: f64,
+    ) -> Result<Option<Touch>, Failure> {
+        let mut placed = place(outline, base, ratio)?;
         let Some((start, depth)) = self.first_touch(&placed, side(face)) else { return Ok(None) };
         let followed = newton::follow(start, |share, form| {
             placed.shift = (1.0 - share) * depth;
@@ -217,7 +236,7 @@ impl Elastica {
         face: Face,
         near: &Touch,
     ) -> Result<Option<Touch>, Failure> {
-        let placed = place(outline, base)?;
+        let placed = place(outline, base, 0.0)?;
         // The nearby contact may be one with another object, of fewer sides.
         let known = match near.form.part {
             Part::Flat(index) => index < placed.flats(),
@@ -235,8 +254,8 @@ impl Elastica {
         -self.radius_slope().asin()
     }
 
-    fn surface(&self, side: f64, regime: Regime, unknowns: Vector2<f64>) -> Option<Surface> {
-        let force_n = unknowns.y;
+    fn surface(&self, friction: f64, side: f64, regime: Regime, unknowns: Vector2<f64>) -> Option<Surface> {
+        let normal_n = unknowns.y;
         let (arc_m, beta) = match regime {
             Regime::Side => (unknowns.x, self.side_lean_rad()),
             Regime::Tip => (self.length_m, unknowns.x),
@@ -245,12 +264,18 @@ impl Elastica {
             return None;
         }
         let (sin, cos) = beta.sin_cos();
-        let load = Load { arc_m, along_n: -force_n * sin, left_n: -side * force_n * cos };
+        // Components of the force, and its derivatives by `beta`, relative to the normal force.
+        let (along, left) = (friction * cos - sin, -side * (cos + friction * sin));
+        let (along_turned, left_turned) = (-cos - friction * sin, side * (sin - friction * cos));
+        let couple_m = -side * friction * self.radius_m(arc_m);
+        let load = Load { arc_m, along_n: normal_n * along, left_n: normal_n * left, couple_n_m: normal_n * couple_m };
         let by_slide = match regime {
-            Regime::Side => Parameter::Arc,
-            Regime::Tip => Parameter::Force { along: -force_n * cos, left: side * force_n * sin },
+            Regime::Side => Parameter::Arc { couple: -side * friction * self.radius_slope() * normal_n },
+            Regime::Tip => {
+                Parameter::Load { along: normal_n * along_turned, left: normal_n * left_turned, couple: 0.0 }
+            }
         };
-        let by_force = Parameter::Force { along: -sin, left: -side * cos };
+        let by_force = Parameter::Load { along, left, couple: couple_m };
         let (deflection, [slide, push]) = self.respond(load, [by_slide, by_force])?;
         let normal_rad = deflection.tangent_rad - side * (FRAC_PI_2 + beta);
         let (normal, across) = (direction(normal_rad), direction(normal_rad + FRAC_PI_2));
@@ -310,10 +335,10 @@ impl Elastica {
         let side_lean_rad = self.side_lean_rad();
         for _ in 0..MOST_CHANGES {
             form.unknowns = newton::solve(form.unknowns, self.length_m, |unknowns| {
-                let surface = self.surface(side, form.regime, unknowns)?;
+                let surface = self.surface(placed.friction, side, form.regime, unknowns)?;
                 Some(self.equations(placed, side, form.part, &surface))
             })?;
-            let surface = self.surface(side, form.regime, form.unknowns)?;
+            let surface = self.surface(placed.friction, side, form.regime, form.unknowns)?;
             let next = Form { part: next_part(placed, form.part, &surface), ..form };
             let next = match form.regime {
                 Regime::Side if form.unknowns.x > self.length_m * (1.0 + 1e-12) => {
@@ -407,12 +432,12 @@ impl Elastica {
     }
 
     fn touch(&self, placed: &Placed, side: f64, form: Form) -> Result<Option<Touch>, Failure> {
-        let force_n = form.unknowns.y;
-        if force_n <= 0.0 {
+        let normal_n = form.unknowns.y;
+        if normal_n <= 0.0 {
             return Ok(None);
         }
         let lost = Failure::Buckled { reached: 1.0 };
-        let surface = self.surface(side, form.regime, form.unknowns).ok_or(lost)?;
+        let surface = self.surface(placed.friction, side, form.regime, form.unknowns).ok_or(lost)?;
         let arc_m = surface.load.arc_m;
         if self.bridges(placed, side, surface.load)? {
             return Err(Failure::Bridged { arc_m });
@@ -421,7 +446,7 @@ impl Elastica {
             regime: form.regime,
             surface: Point::from_vector(surface.point),
             normal_rad: surface.normal_rad,
-            force_n,
+            force_n: normal_n * placed.friction.hypot(1.0),
             load: surface.load,
             deflection: surface.deflection,
             form,
@@ -458,7 +483,8 @@ fn next_part(placed: &Placed, part: Part, surface: &Surface) -> Part {
     }
 }
 
-fn place<'a>(outline: &'a dyn Outline, base: &Pose<Base, World>) -> Result<Placed<'a>, Failure> {
+fn place<'a>(outline: &'a dyn Outline, base: &Pose<Base, World>, friction: f64) -> Result<Placed<'a>, Failure> {
+    finite("ratio", friction)?;
     finite("base.x", base.origin().x())?;
     finite("base.y", base.origin().y())?;
     finite("base.yaw", base.yaw_rad())?;
@@ -467,5 +493,5 @@ fn place<'a>(outline: &'a dyn Outline, base: &Pose<Base, World>) -> Result<Place
         finite("outline", found)?;
     }
     let shift = Vector2::zeros();
-    Ok(Placed { outline, world_in_base: base.inverse(), yaw_rad: base.yaw_rad(), shift })
+    Ok(Placed { outline, world_in_base: base.inverse(), yaw_rad: base.yaw_rad(), shift, friction })
 }

@@ -7,6 +7,8 @@
 //! | `a` | arc length of the contact |
 //! | `x, y, t` | position and tangent angle of the centre line in the contact's frame: the contact at the origin, its tangent along +x |
 //! | `f_t, f_n` | force on the whisker along the tangent at the contact, and to the left of it |
+//! | `c` | couple of the friction about the centre line at the contact |
+//! | `q` | ratio of friction to normal force, positive if the friction on the whisker is towards its tip |
 //! | `kappa0(s)` | pre-curvature, piecewise constant, positive to the left |
 //! | `EI(s)` | bending stiffness `E pi d^4 / 64`, the diameter `d` linear in `s` |
 //! | `k` | stiffness of the root |
@@ -18,7 +20,7 @@
 //! force:
 //!
 //! ```text
-//! dx/ds = cos t    dy/ds = sin t    dt/ds = kappa0 + m / EI    m = y f_t - x f_n
+//! dx/ds = cos t    dy/ds = sin t    dt/ds = kappa0 + m / EI    m = c + y f_t - x f_n
 //! ```
 //!
 //! with `x = y = t = 0` at `s = a`. Integration from `s = a` back to `s = 0` is an initial-value problem for any load,
@@ -26,7 +28,9 @@
 //! turns by `M / k`, hence `phi = M / k - t(0)` and the contact lies at `-R(phi) (x(0), y(0))` in Base. The force of a
 //! frictionless contact acts along the common normal of object and whisker: across the whisker, `f_t = 0`, if the
 //! whisker is not tapered. The surface of a tapered whisker, and with it the force, is inclined by the slope `r'` of
-//! the radius, `f_t = r' F`; at the tip the force has the direction of the object's normal.
+//! the radius, `f_t = r' F`; at the tip the force has the direction of the object's normal. Friction acts on the surface,
+//! at the distance of the radius `r` from the centre line: with the normal force `N`, and the object on the side `e` (+1
+//! left), a friction `q N` along the surface has the couple `c = -e r q N`.
 //!
 //! [`Elastica::deflect`] is this forward map. Its derivatives with respect to `(a, f_t, f_n)` follow from the same
 //! recurrences (the variational equations), so the inverse maps are Newton iterations: [`Elastica::at_point`] for a
@@ -35,9 +39,10 @@
 //! changes its sign and the whisker would snap).
 //!
 //! # Limitations
-//! Friction, shear, extension (of the order of the square of diameter over length), weight, several simultaneous
-//! contacts and self-contact of a curled wire are neglected. [`Elastica::at_point`] does not model the surface: its
-//! force is across the centre line, on a tapered whisker too.
+//! Shear, extension (of the order of the square of diameter over length), weight, several simultaneous contacts and
+//! self-contact of a curled wire are neglected. [`Elastica::at_point`] does not model the taper of the surface: without
+//! friction its force is across the centre line, on a tapered whisker too. The ratio of friction to normal force is an
+//! argument; which ratio Coulomb's law gives depends on the motion before.
 //!
 //! # Example
 //! ```
@@ -45,7 +50,7 @@
 //! use whisker::elastica::{Elastica, Load};
 //!
 //! let elastica = Elastica::new(&Whisker::straight())?;
-//! let pressed = elastica.deflect(Load { arc_m: 0.05, along_n: 0.0, left_n: 1e-3 })?;
+//! let pressed = elastica.deflect(Load { arc_m: 0.05, along_n: 0.0, left_n: 1e-3, couple_n_m: 0.0 })?;
 //! let contact = elastica.at_point(pressed.point)?;
 //! assert!((contact.load.left_n - 1e-3).abs() < 1e-15);
 //! assert!((contact.deflection.moment_n_m - pressed.moment_n_m).abs() < 1e-17);
@@ -75,7 +80,7 @@ pub use contact::{Regime, Touch};
 pub use line::CenterLine;
 pub use modes::natural_frequencies_hz;
 pub use outline::{Circle, Ellipse, Flat, NotConvex, Outline, Polygon, Support};
-pub use point::PointContact;
+pub use point::{Friction, PointContact};
 
 /// A force on the whisker at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,6 +92,9 @@ pub struct Load {
     pub along_n: f64,
     /// Force across the whisker, positive to its left: positive from an object on its right.
     pub left_n: f64,
+    /// Couple about the centre line, positive to the left: that of friction, which acts on the whisker's surface; zero
+    /// without friction.
+    pub couple_n_m: f64,
 }
 
 /// The whisker in equilibrium under a load.
@@ -213,7 +221,9 @@ impl Elastica {
     }
 
     fn check(&self, load: &Load) -> Result<(), Failure> {
-        for (what, found) in [("arc_m", load.arc_m), ("along_n", load.along_n), ("left_n", load.left_n)] {
+        for (what, found) in
+            [("arc_m", load.arc_m), ("along_n", load.along_n), ("left_n", load.left_n), ("couple_n_m", load.couple_n_m)]
+        {
             finite(what, found)?;
         }
         on_the_whisker(load.arc_m, self.length_m)
@@ -223,7 +233,7 @@ impl Elastica {
     fn respond<const N: usize>(&self, load: Load, parameters: [Parameter; N]) -> Option<(Deflection, [Rate; N])> {
         let (root, rates) =
             series::root(&self.stretches, self.compliance_coefficient, &load, parameters, |_, _, _| {})?;
-        let moment_n_m = root.y_m * load.along_n - root.x_m * load.left_n;
+        let moment_n_m = load.moment_n_m(root.x_m, root.y_m);
         let rotation_rad = moment_n_m / self.root_stiffness_n_m_rad;
         let tangent_rad = rotation_rad - root.t_rad;
         if !tangent_rad.is_finite() {
@@ -258,6 +268,11 @@ impl Elastica {
 }
 
 impl Load {
+    /// Moment of the section at `x, y` in the contact's frame.
+    fn moment_n_m(&self, x_m: f64, y_m: f64) -> f64 {
+        self.couple_n_m + y_m * self.along_n - x_m * self.left_n
+    }
+
     fn too_strong(&self) -> Failure {
         Failure::TooStrong { force_n: self.along_n.hypot(self.left_n), arc_m: self.arc_m }
     }

@@ -16,21 +16,30 @@ const MOST_STEPS: usize = 2000;
 /// Parameter by which the equilibrium is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Parameter {
-    /// The arc length of the contact.
-    Arc,
-    /// A force that changes by these components, along the tangent and to its left.
-    Force { along: f64, left: f64 },
+    /// The arc length of the contact, with which the couple changes at this rate.
+    Arc { couple: f64 },
+    /// A load that changes by these components: force along the tangent and to its left, and couple.
+    Load { along: f64, left: f64, couple: f64 },
 }
 
 impl Parameter {
-    /// The force to the left.
-    pub(super) const LEFT: Self = Self::Force { along: 0.0, left: 1.0 };
-
     /// Derivative of the moment of the section at `x, y` by the parameter, with the section held fixed.
     pub(super) fn moment(self, x: f64, y: f64) -> f64 {
+        self.force(x, y) + self.couple()
+    }
+
+    /// Part of the force in [`Self::moment`].
+    fn force(self, x: f64, y: f64) -> f64 {
         match self {
-            Self::Arc => 0.0,
-            Self::Force { along, left } => y * along - x * left,
+            Self::Arc { .. } => 0.0,
+            Self::Load { along, left, .. } => y * along - x * left,
+        }
+    }
+
+    /// Part of the couple in [`Self::moment`].
+    fn couple(self) -> f64 {
+        match self {
+            Self::Arc { couple } | Self::Load { couple, .. } => couple,
         }
     }
 }
@@ -88,11 +97,16 @@ pub(super) fn root<const N: usize>(
 ) -> Option<(State, [State; N])> {
     let mut s_m = load.arc_m;
     let first = stretches.partition_point(|stretch| stretch.start_m < s_m).max(1);
-    // At the contact the moment is zero. If the contact moves along the wire, the state at a fixed arc length moves in
-    // the opposite direction.
-    let start = State { x_m: -1.0, y_m: 0.0, t_rad: -stretches[first - 1].curvature_per_m };
+    // At the contact the moment is the couple. If the contact moves along the wire, the state at a fixed arc length moves
+    // in the opposite direction.
+    let (softness, _) = stretches[first - 1].compliance(compliance_coefficient, s_m);
+    let curvature_per_m = stretches[first - 1].curvature_per_m + softness[0] * load.couple_n_m;
+    let start = State { x_m: -1.0, y_m: 0.0, t_rad: -curvature_per_m };
     let mut state = State::default();
-    let mut rates = parameters.map(|by| if by == Parameter::Arc { start } else { State::default() });
+    let mut rates = parameters.map(|by| match by {
+        Parameter::Arc { .. } => start,
+        Parameter::Load { .. } => State::default(),
+    });
     let mut steps = 0;
     for stretch in stretches[..first].iter().rev() {
         while s_m > stretch.start_m {
@@ -112,6 +126,9 @@ pub(super) fn root<const N: usize>(
             for k in 0..ORDER {
                 let next = 1.0 / (k as f64 + 1.0);
                 moment[k] = line.y[k] * load.along_n - line.x[k] * load.left_n;
+                if k == 0 {
+                    moment[k] += load.couple_n_m;
+                }
                 q[k] = curvature(&moment, k) + if k == 0 { stretch.curvature_per_m } else { 0.0 };
                 line.x[k + 1] = cos[k] * next;
                 line.y[k + 1] = sin[k] * next;
@@ -130,7 +147,10 @@ pub(super) fn root<const N: usize>(
                 for k in 0..ORDER {
                     let next = 1.0 / (k as f64 + 1.0);
                     moment[k] =
-                        line_rate.y[k] * load.along_n - line_rate.x[k] * load.left_n + by.moment(line.x[k], line.y[k]);
+                        line_rate.y[k] * load.along_n - line_rate.x[k] * load.left_n + by.force(line.x[k], line.y[k]);
+                    if k == 0 {
+                        moment[k] += by.couple();
+                    }
                     line_rate.x[k + 1] = -product(&sin, &line_rate.t, k) * next;
                     line_rate.y[k + 1] = product(&cos, &line_rate.t, k) * next;
                     line_rate.t[k + 1] = curvature(&moment, k) * next;

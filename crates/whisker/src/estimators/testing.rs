@@ -16,7 +16,7 @@ pub(super) fn knowledge() -> Knowledge {
             let arc_m = 0.03 + 0.002 * f64::from(i);
             let pressed = (0..24).map(|j| {
                 let left_n = -8e-5 * f64::from(j) * (0.03 / arc_m).powi(2);
-                let pressed = elastica.deflect(Load { arc_m, along_n: 0.0, left_n }).unwrap();
+                let pressed = elastica.deflect(Load { arc_m, along_n: 0.0, left_n, couple_n_m: 0.0 }).unwrap();
                 sensor::Sample { contact: pressed.point, reading_n_m: pressed.moment_n_m }
             });
             pressed.collect()

@@ -92,7 +92,10 @@ mod tests {
         let line = Rod::round(&whisker, 0.33)
             .unwrap()
             .line(SpatialLoad { arc_m: 0.06, force_n: Vector3::new(0.0, 0.008, 0.0) });
-        let planar = Elastica::new(&whisker).unwrap().line(Load { arc_m: 0.06, along_n: 0.0, left_n: 0.008 }).unwrap();
+        let planar = Elastica::new(&whisker)
+            .unwrap()
+            .line(Load { arc_m: 0.06, along_n: 0.0, left_n: 0.008, couple_n_m: 0.0 })
+            .unwrap();
         for (i, point) in points(&line.unwrap(), whisker.length_m).iter().enumerate() {
             let expected = planar.at(whisker.length_m * i as f64 / COUNT as f64).0.vector().push(0.0);
             assert!((point - expected).norm() < 1e-12, "{point} instead of {expected}");

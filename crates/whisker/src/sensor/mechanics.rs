@@ -11,7 +11,7 @@ use super::polar::{Frame, Polar};
 use super::table::{Grid, Looked, Table};
 use super::{Prediction, Region};
 use crate::Whisker;
-use crate::elastica::{Elastica, Load, PointContact};
+use crate::elastica::{Elastica, Friction, Load, PointContact};
 use crate::frames::{Base, Point};
 
 /// Nodes by distance from the root and by angle.
@@ -96,7 +96,7 @@ impl Lattice {
         for r_m in self.grid.axis(0) {
             let at = |angle_rad: f64, near: Option<&Load>| {
                 let contact = self.frame.contact([r_m, angle_rad]);
-                let found = elastica.continued_at_point(contact, near)?;
+                let found = elastica.continued_at_point(contact, near, Friction::NONE)?;
                 Some((solved(&self.frame.polar(contact), &found)?, found.load))
             };
             // From the node nearest to the undeflected whisker to either side; each solution is the initial guess of

@@ -7,6 +7,7 @@ use crate::failure::{Failure, Outcome};
 use crate::kept;
 use crate::parts::step;
 use crate::pipeline::{self, Evaluations, FORCE};
+use crate::tools::{run as run_command, whisker};
 
 /// Importer of the recordings, and the name of the run on them.
 const FORMAT: &str = "stanford-whisker";
@@ -27,7 +28,10 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 /// Imports, fits and evaluates the recordings in a folder, and keeps their tables.
 pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     evaluations.of_recordings(FORMAT, folder, RUN)?;
-    kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])
+    let out = format!("results/{RUN}");
+    step("evaluate recordings in space", || run_command(whisker(&["recordings", folder, "--out", &out])))?;
+    kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
+    kept::keep(RUN, &["space_maps.csv", "space_pins_summary.csv", "space_sweeps.csv", "space_settings.json"])
 }
 
 /// Folder of the recordings, as a path that does not depend on the working directory.

@@ -1,5 +1,6 @@
 """Registry of motions in space: one file and one row per motion."""
 
+from whisker_sim.space.motions.arm import ArmStroke
 from whisker_sim.space.motions.base import SpatialMotion, SpatialPlan, SpatialStage
 from whisker_sim.space.motions.grid import SpatialGrid
 from whisker_sim.space.motions.push import Push
@@ -13,6 +14,7 @@ AnySpatialMotion = (
     | SpatialSmooth
     | Spiral
     | Sweep
+    | ArmStroke
 )
 """Motions that the key `kind` of a spatial scene's `motion` may name."""
 

@@ -143,7 +143,10 @@ class Approach:
             position_m = self.touch_m + moved_m
             return np.concatenate((position_m, np.zeros_like(position_m)), axis=-1)
         position_m = self.contact_m + applied(turned, self.touch_m - self.contact_m) + moved_m
-        relative = self.rotation.T @ turned @ self.rotation
+        return self.posed(position_m, self.rotation.T @ turned @ self.rotation)
+
+    def posed(self, position_m: Array, relative: Array) -> Array:
+        """Coordinates (..., 6) at the positions (..., 3) in World, turned by `relative` (..., 3, 3) from the start."""
         return np.concatenate((position_m, _angles(relative)), axis=-1)
 
 

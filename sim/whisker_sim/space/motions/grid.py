@@ -28,7 +28,14 @@ class SpatialGrid(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="g
     withdrawal_m: Length = 0.05
     peak_speed_m_s: Positive = 0.03
 
-    example: ClassVar[dict[str, Any]] = {"contact_arc_m": 0.04, "arc_max_m": 0.06, "depth_m": 0.004, "arcs": 1, "rolls": 2, "dwell_s": 0.2}
+    example: ClassVar[dict[str, Any]] = {
+        "contact_arc_m": 0.04,
+        "arc_max_m": 0.06,
+        "depth_m": 0.004,
+        "arcs": 1,
+        "rolls": 2,
+        "dwell_s": 0.2,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,7 +1,7 @@
 """Convex mesh from a file in the format STL (binary or ASCII) or OBJ."""
 
 import functools
-import re
+import math
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +15,6 @@ from whisker_sim.whisker import Array, Positive
 
 _MOST_BYTES = 64 << 20
 _STL_HEADER, _STL_TRIANGLE = 84, 50
-_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
 
 
 class Mesh(Oriented, frozen=True, forbid_unknown_fields=True, tag="mesh", kw_only=True):
@@ -60,8 +59,6 @@ def _read(path: Path, unit_m: float, size: int, _: int) -> tuple[Vertices, Trian
     if path.suffix.lower() not in readers:
         raise ValueError(f"expected a name that ends in .stl or .obj, found '{path.suffix}'")
     vertices, triangles = readers[path.suffix.lower()](content)
-    if not np.all(np.isfinite(vertices)):
-        raise ValueError("expected finite coordinates, found others")
     vertices_m, triangles = checked_polyhedron(unit_m * vertices, triangles)
     return tuple(map(tuple, vertices_m.tolist())), tuple(map(tuple, triangles.tolist()))
 
@@ -75,12 +72,28 @@ def _read_stl(content: bytes) -> tuple[Array, NDArray[np.intp]]:
         )
         vertices = rows["corners"].reshape(-1, 3).astype(float)
     elif content.lstrip().startswith(b"solid"):
-        vertices = np.array([[_number(text) for text in match.groups()] for match in _VERTEX.finditer(content)]).reshape(-1, 3)
+        vertices = np.array(_ascii_vertices(content)).reshape(-1, 3)
     else:
         raise ValueError(f"expected an STL file, found {len(content)} bytes for {count} triangles")
     if len(vertices) % 3:
         raise ValueError(f"expected three vertices a triangle, found {len(vertices)} vertices")
+    wrong = np.flatnonzero(~np.all(np.isfinite(vertices), axis=1))
+    if len(wrong):
+        raise ValueError(f"triangle {wrong[0] // 3 + 1}: expected finite coordinates, found {vertices[wrong[0]].tolist()}")
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def _ascii_vertices(content: bytes) -> list[list[float]]:
+    vertices = []
+    for number, line in enumerate(content.splitlines(), 1):
+        words = line.split()
+        if words and words[0] == b"vertex":
+            if len(words) != 4:
+                raise ValueError(f"line {number}: expected three coordinates, found {len(words) - 1}")
+            vertices.append([_number(word, number) for word in words[1:]])
+            if len(vertices) > 3 * MOST_TRIANGLES:
+                raise ValueError(f"expected at most {MOST_TRIANGLES} triangles, found more")
+    return vertices
 
 
 def _read_obj(content: bytes) -> tuple[Array, NDArray[np.intp]]:
@@ -92,7 +105,7 @@ def _read_obj(content: bytes) -> tuple[Array, NDArray[np.intp]]:
         if words and words[0] == b"v":
             if len(words) < 4:
                 raise ValueError(f"line {number}: expected three coordinates, found {len(words) - 1}")
-            vertices.append([_number(word) for word in words[1:4]])
+            vertices.append([_number(word, number) for word in words[1:4]])
         elif words and words[0] == b"f":
             corners = [_corner(word, len(vertices), number) for word in words[1:]]
             triangles += [(corners[0], a, b) for a, b in pairwise(corners[1:])]
@@ -115,8 +128,11 @@ def _corner(word: bytes, count: int, number: int) -> int:
     return index
 
 
-def _number(text: bytes) -> float:
+def _number(text: bytes, line: int) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
-        raise ValueError(f"expected a number, found '{text.decode(errors='replace')}'") from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"line {line}: expected a finite number, found '{text.decode(errors='replace')}'")
+    return value

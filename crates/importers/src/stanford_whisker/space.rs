@@ -1,0 +1,291 @@
+//! The recordings in space: all three axes of the stage and both bending channels of the Hall sensor.
+//!
+//! A calibration is a list of labelled contacts; a pin trial has the true contact of every row; a sweep has the pose of the
+//! sensor in the frame of the object, and the object's mesh if it is published. `docs/REAL.md` specifies the frames.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use files::Error;
+use nalgebra::{Vector2, Vector3};
+
+use super::{
+    Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table,
+    Test, attempt, folders, lines, stem, tables,
+};
+use crate::mesh::{self, Triangle};
+
+/// Published mesh of an object, by a word of its name, and the direction of its z on the stage.
+const FIXTURES: [(&str, &str, f64); 6] = [
+    ("cylinder", "ConeFixture.stl", 1.0),
+    ("cone", "ConeFixture.stl", 1.0),
+    ("square", "SquareFixture.stl", 1.0),
+    ("surface", "FlatFixture.stl", 1.0),
+    ("step", "StepFixture.stl", 1.0),
+    ("star", "StarFixture2.stl", -1.0),
+];
+
+/// Largest extent of a mesh below which its unit cannot be the millimetre.
+const SMALLEST_MESH_MM: f64 = 1.0;
+
+/// The recordings of a clone.
+#[derive(Debug, Default)]
+pub struct SpatialRecordings {
+    /// Calibrations, in order of their paths.
+    pub calibrations: Vec<SpatialCalibration>,
+    /// Trials with a pin that moves against the resting sensor.
+    pub pins: Vec<SpatialTrial>,
+    /// Sweeps of the sensor over fixed objects.
+    pub sweeps: Vec<SpatialSweep>,
+    /// Errors of the tests that could not be read. The others do not depend on them.
+    pub failures: Vec<Error>,
+}
+
+/// A known contact, and the reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Labelled {
+    /// Axis of the pin in the frame of the resting sensor (m), 3x1.
+    pub contact_m: Vector3<f64>,
+    /// Both bending channels above the reading of the first row (counts), 2x1: out of the whisker's plane, and in it.
+    pub counts: Vector2<f64>,
+}
+
+/// A calibration: a pin is moved along lines.
+#[derive(Clone, Debug)]
+pub struct SpatialCalibration {
+    /// File.
+    pub path: PathBuf,
+    /// Name of the file without extension.
+    pub name: String,
+    /// Readings in order of the file.
+    pub rows: Vec<Labelled>,
+    /// Indices of the rows of each line.
+    pub lines: Vec<Vec<usize>>,
+    /// Point about which the root of the wire rotates, by the planar registration (m), 3x1.
+    pub root_m: Vector3<f64>,
+}
+
+/// A pin trial.
+#[derive(Clone, Debug)]
+pub struct SpatialTrial {
+    /// Session and file, unique.
+    pub name: String,
+    /// Session.
+    pub session: String,
+    /// Index of the sensor's calibration.
+    pub calibration: usize,
+    /// Readings with the true positions of the pin.
+    pub rows: Vec<Labelled>,
+}
+
+/// A sweep over an object.
+#[derive(Clone, Debug)]
+pub struct SpatialSweep {
+    /// Session and file, unique.
+    pub name: String,
+    /// Name of the object.
+    pub object: String,
+    /// Index of the sensor's calibration.
+    pub calibration: usize,
+    /// Origin of the sensor in the frame of the object (m), and reading above that of the first row (counts), by row. The sensor
+    /// is rotated by half a turn about z.
+    pub rows: Vec<(Vector3<f64>, Vector2<f64>)>,
+    /// Surface of the object in its frame (m). `None` if no mesh of it is published.
+    pub mesh: Option<Vec<Triangle>>,
+}
+
+/// Reads the recordings of a clone of the repository in space.
+///
+/// # Errors
+/// [`Error`] if a folder of the layout is missing, or a calibration is damaged, lies in a plane or has one channel.
+pub fn stanford_in_space(folder: &Path) -> Result<SpatialRecordings, Error> {
+    let data = folder.join(FOLDER);
+    let mut recordings = SpatialRecordings::default();
+    let mut sensors: Vec<(&'static Sensor, String)> = Vec::new();
+    for path in tables(&data.join("calibration"))? {
+        let stem = stem(&path);
+        let Some(sensor) = SENSORS.iter().find(|sensor| stem.starts_with(sensor.calibration)) else { continue };
+        recordings.calibrations.push(calibration(sensor, &path)?);
+        sensors.push((sensor, stem));
+    }
+    let mut meshes: BTreeMap<&str, Vec<Triangle>> = BTreeMap::new();
+    for session in folders(&data.join("test"))? {
+        for path in tables(&session)? {
+            if let Err(error) = test(folder, &session, &path, &sensors, &mut meshes, &mut recordings) {
+                recordings.failures.push(error);
+            }
+        }
+    }
+    Ok(recordings)
+}
+
+/// Readings of both bending channels above that of the first row.
+fn channels(table: &Table) -> Result<Vec<Vector2<f64>>, Error> {
+    let first = table.rows[0].channels;
+    for (axis, name) in [(0, "sx"), (1, "sy")] {
+        if table.rows.len() > 1 && table.rows.iter().all(|row| row.channels[axis] == first[axis]) {
+            let found = format!("{} in all {} rows", first[axis], table.rows.len());
+            return Err(Error::value(&table.path, name, found, "the readings of two bending channels, sx and sy"));
+        }
+    }
+    let above = |row: &Row| Vector2::new(row.channels[0] - first[0], row.channels[1] - first[1]);
+    Ok(table.rows.iter().map(above).collect())
+}
+
+fn on_sensor(sensor: &Sensor, row: &Row) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| row.stage_m[axis] - sensor.reference_mm[axis] * M_PER_MM)
+}
+
+fn labelled(sensor: &Sensor, table: &Table) -> Result<Vec<Labelled>, Error> {
+    let rows = table.rows.iter().zip(channels(table)?);
+    Ok(rows.map(|(row, counts)| Labelled { contact_m: on_sensor(sensor, row), counts }).collect())
+}
+
+fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibration, Error> {
+    let table = Table::read(path)?;
+    let rows = labelled(sensor, &table)?;
+    let most_m = rows.iter().map(|row| row.contact_m.z.abs()).fold(0.0, f64::max);
+    if most_m < PLANE_M {
+        let found = format!("contacts up to {:.3} mm out of the whisker's plane", most_m / M_PER_MM);
+        return Err(Error::value(
+            path,
+            "pz",
+            found,
+            "lines of contacts on both sides of the plane, for a model in space",
+        ));
+    }
+    let lines = lines(&table.rows);
+    let root = Calibrated::read(sensor, path)?.registration.mounted.base.origin();
+    let root_m = Vector3::new(root.x(), root.y(), 0.0);
+    Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines, root_m })
+}
+
+/// Reads a test, unless its name is that of no test.
+fn test(
+    folder: &Path,
+    session: &Path,
+    path: &Path,
+    sensors: &[(&'static Sensor, String)],
+    meshes: &mut BTreeMap<&'static str, Vec<Triangle>>,
+    recordings: &mut SpatialRecordings,
+) -> Result<(), Error> {
+    let Some(kind) = Test::named(&stem(path)) else { return Ok(()) };
+    let (sensor, session_name) = (kind.sensor(), stem(session));
+    let fits = |(known, name): &(&Sensor, String)| {
+        known.calibration == sensor.calibration && attempt(name) == attempt(&session_name)
+    };
+    let calibration = sensors.iter().position(fits).ok_or_else(|| {
+        let expected = format!("`{}<date>{}.csv`", sensor.calibration, attempt(&session_name));
+        Error::value(path, "calibration", "none", format!("{expected} in {FOLDER}/calibration"))
+    })?;
+    let table = Table::read(path)?;
+    let name = format!("{}-{}", session_name.trim_start_matches("tip_test_"), stem(path));
+    match kind {
+        Test::Pin(_) => {
+            let rows = labelled(sensor, &table)?;
+            recordings.pins.push(SpatialTrial { name, session: session_name, calibration, rows });
+        }
+        Test::Sweep(object) => {
+            let [x_mm, y_mm] = OBJECTS_MM;
+            let origin_m = Vector3::new(x_mm, y_mm, OBJECTS_Z_MM) * M_PER_MM;
+            let rows = table.rows.iter().zip(channels(&table)?);
+            let rows = rows.map(|(row, counts)| (Vector3::from(row.stage_m) - origin_m, counts)).collect();
+            let mesh = mesh(folder, &object, meshes)?;
+            recordings.sweeps.push(SpatialSweep { name, object, calibration, rows, mesh });
+        }
+    }
+    Ok(())
+}
+
+/// The mesh of an object in its frame (m). `None` if there is none.
+fn mesh(
+    folder: &Path,
+    object: &str,
+    known: &mut BTreeMap<&'static str, Vec<Triangle>>,
+) -> Result<Option<Vec<Triangle>>, Error> {
+    let Some(&(_, file, up)) = FIXTURES.iter().find(|(word, ..)| object.contains(word)) else { return Ok(None) };
+    let path = folder.join(MESHES).join(file);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    if !known.contains_key(file) {
+        known.insert(file, placed(&path, up)?);
+    }
+    Ok(known.get(file).cloned())
+}
+
+fn placed(path: &Path, up: f64) -> Result<Vec<Triangle>, Error> {
+    let triangles = mesh::triangles(path)?;
+    let extent = |axis: usize| {
+        let values = || triangles.iter().flatten().map(|corner| corner[axis]);
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
+    };
+    let most = (0..3).map(extent).fold(0.0, f64::max);
+    if most < SMALLEST_MESH_MM {
+        let found = format!("a mesh with a largest extent of {most}");
+        return Err(Error::value(path, "vertices", found, "coordinates in mm, not in m"));
+    }
+    // Here z has the direction of the stage, against which the authors measure the heights of contacts.
+    let [x_mm, y_mm, z_mm] = MESHES_MM;
+    let place = |[x, y, z]: [f64; 3]| [(x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM, (up * z - z_mm) * M_PER_MM];
+    Ok(triangles.into_iter().map(|corners| corners.map(place)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+    use std::fs;
+
+    use super::*;
+
+    /// A calibration whose lines have these heights, and whose first channel reads `sx`.
+    fn table(height_mm: f64, sx: impl Fn(i32) -> f64) -> String {
+        let mut text = String::from(",px,py,pz,sx,sy,sz\n");
+        for row in 0..40_i32 {
+            let (line, step) = (f64::from(row / 8), f64::from(row % 8));
+            let (x, y, z) = (50.0 - 2.0 * line, 95.0 - step, 16.1023935 + height_mm * (line - 2.0));
+            writeln!(text, "{row},{x},{y},{z},{},{},-550", sx(row), 40.0 * step * line).unwrap();
+        }
+        text
+    }
+
+    fn clone_with(calibration: &str) -> tempfile::TempDir {
+        let home = tempfile::tempdir().unwrap();
+        let data = home.path().join(FOLDER);
+        fs::create_dir_all(data.join("calibration")).unwrap();
+        fs::create_dir_all(data.join("test")).unwrap();
+        fs::write(data.join("calibration/sensor1_tip_calib_May_04.csv"), calibration).unwrap();
+        home
+    }
+
+    #[test]
+    fn robust_a_calibration_in_a_plane_is_named() {
+        let home = clone_with(&table(0.1, f64::from));
+        let message = stanford_in_space(home.path()).unwrap_err().to_string();
+        assert!(
+            message.contains("sensor1_tip_calib_May_04.csv: pz: found contacts up to 0.200 mm out of"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn robust_a_recording_with_one_channel_is_named() {
+        let home = clone_with(&table(3.0, |_| 0.0));
+        let message = stanford_in_space(home.path()).unwrap_err().to_string();
+        assert!(message.contains("sx: found 0 in all 40 rows, expected the readings of two bending"), "{message}");
+        let home = clone_with(&table(3.0, f64::from).replace("sx,sy,sz", "sy,sz"));
+        assert!(stanford_in_space(home.path()).is_err());
+    }
+
+    #[test]
+    fn robust_a_mesh_in_metres_is_named() {
+        let mut bytes = vec![0u8; 80];
+        bytes.extend(1u32.to_le_bytes());
+        let numbers = [0.0_f32, 0.0, 1.0, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.04, 0.0];
+        bytes.extend(numbers.into_iter().flat_map(f32::to_le_bytes).chain([0, 0]));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(file.path(), bytes).unwrap();
+        let message = placed(file.path(), 1.0).unwrap_err().to_string();
+        assert!(message.contains("expected coordinates in mm, not in m"), "{message}");
+    }
+}

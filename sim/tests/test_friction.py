@@ -1,0 +1,62 @@
+"""Contacts with Coulomb friction, against Coulomb's law and the elastica."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from whisker_sim.certificate import certify
+from whisker_sim.scene import Scene, Simulation
+from whisker_sim.simulate import simulate
+from whisker_sim.trace import COLUMNS, FRICTION_COLUMNS, write_trace
+
+STEP = Simulation(timestep_s=0.0002)
+
+
+@pytest.fixture(params=["straight", "curved"])
+def rubbed(request, make_run):
+    """A run with friction, and its simulation."""
+    run = make_run()
+    scene = msgspec.structs.replace(run.scene, whisker=request.param, friction=0.3, simulation=STEP)
+    run = msgspec.structs.replace(run, scene=scene)
+    return run, simulate(run)
+
+
+def test_val_friction_agrees_with_the_elastica(rubbed):
+    """The moment agrees with that of the elastica under the force's true angle to 0.1 % of the range, RMS."""
+    run, simulated = rubbed
+    scene = run.scene
+    certificate = certify(scene.resolved_whisker, [scene.object], scene.face, simulated, vibrates=False)
+    assert certificate.sampled > 20
+    assert certificate.unsolved == 0
+    assert certificate.moment_rms < 1e-3
+
+
+def test_val_slipping_force_is_on_the_friction_cone(rubbed):
+    """While the whisker slips, the force leans by atan(mu) against the slip: to 0.5 degrees RMS."""
+    run, simulated = rubbed
+    friction = simulated.friction
+    slipping = simulated.touching & ~friction.sticking & (np.abs(friction.slip_m_s) > 1e-3)
+    assert np.sum(slipping) > 50
+    angle_rad = np.arctan(run.scene.friction)
+    miss_rad = friction.angle_rad[slipping] + np.sign(friction.slip_m_s[slipping]) * angle_rad
+    assert np.degrees(np.sqrt(np.mean(miss_rad**2))) < 0.5
+    assert np.all(np.abs(friction.angle_rad[simulated.touching]) < angle_rad + np.radians(2.0))
+
+
+def test_verif_columns_of_friction(rubbed, tmp_path):
+    """They appear in traces of scenes with friction, and are empty while the whisker is free."""
+    run, simulated = rubbed
+    write_trace(tmp_path, run, simulated)
+    header, *rows = (tmp_path / f"{run.name}.csv").read_text(encoding="utf-8").splitlines()
+    assert header.split(",") == [name for name, _ in COLUMNS + FRICTION_COLUMNS]
+    fields = [row.split(",") for row in rows]
+    assert all((row[9] == "1") == all(row[-3:]) for row in fields)
+    assert all(row[9] == "1" or not any(row[-3:]) for row in fields)
+
+
+@pytest.mark.parametrize("friction", [-0.1, 0.0, 1.5])
+def test_robust_friction_out_of_range_is_refused(make_run, friction):
+    """The coefficient is positive and at most 1."""
+    scene = msgspec.to_builtins(make_run().scene)
+    with pytest.raises(msgspec.ValidationError, match="friction"):
+        msgspec.convert({**scene, "friction": friction}, Scene)
