@@ -90,11 +90,13 @@ fn write_run(folder: &Path) {
         rmse_m: Some(2e-4),
         out_of_plane_m: Some(1e-4),
         bound_m: Some(1e-4),
+        rod_bound_m: Some(1.5e-4),
         nees: Some(3.0),
         coverage: Some(0.9),
         surface_m: Some(2e-5),
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
+        direction_bound_rad: Some(0.015),
     };
     let summary = |estimator: &str| SpatialSummaryRow {
         group: "<edge>".into(),
@@ -105,6 +107,7 @@ fn write_run(folder: &Path) {
         rmse_m: Some(2e-4),
         out_of_plane_m: Some(1e-4),
         bound_m: Some(1e-4),
+        rod_bound_m: Some(1.5e-4),
         nees: Some(1.0),
         nees_low: 0.1,
         nees_high: 3.0,
@@ -112,6 +115,7 @@ fn write_run(folder: &Path) {
         surface_m: Some(2e-5),
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
+        direction_bound_rad: Some(0.015),
     };
     files::write_json(&folder.join("space_run.json"), &run).expect("written");
     let write =

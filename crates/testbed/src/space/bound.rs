@@ -1,36 +1,70 @@
 //! Posterior Cramer-Rao bound of a trace in space.
 //!
 //! As the planar bound ([`crate::bound`]): along the true contacts, with the calibrated sensor model and the measurement noise,
-//! without model errors. The state is the contact in World; its displacement is taken as known, so that the bound is that
-//! of an estimator with exact knowledge of the sliding motion, and for a fixed point that of any estimator. The prior at a touch
-//! is the calibrated part of the undeflected whisker. Readings of contacts outside the calibrated domain, at the tip or at several
-//! places add no information.
+//! without model errors. The prior at a touch is the calibrated part of the undeflected whisker. Readings of contacts outside the
+//! calibrated domain, at the tip or at several places add no information. There are two bounds:
+//!
+//! - *Known sliding*: the state is the contact in World, whose displacement is taken as known.
+//! - *Unknown rod*: the unknowns are the five parameters of a rod at rest, of which the contact without friction is a function
+//!   at every pose of the base. It is the bound of an estimator that knows the object to be a rod or an edge.
+//!
+//! The rod has the axis `q + l e` and, with the radius of the wire, the radius `rho`; `a` and `b` complete `e` to orthonormal
+//! axes. The contact `p` with the normal `n(p)` of the mechanics fulfils
+//!
+//! ```text
+//! a . (p - rho n - q) = 0    b . (p - rho n - q) = 0    e . n = 0
+//! ```
+//!
+//! Their derivatives give those of the contact by the rod's displacements and turns along `a` and `b` and by `ln rho`.
 
 use filters::bound::{Bound, information};
 use filters::{Measurement, Process};
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, RowVector5, SMatrix, Vector2, Vector3, Vector5};
 use trace::SpatialTrace;
 use whisker::frames::{Base, World};
 use whisker::space::frames::{Point, Pose};
 use whisker::space::sensor::CalibratedSpace;
 
+use super::rod::TrueRod;
 use super::to_base;
 
 /// Prior standard deviation of the contact's displacement across the whisker at the touch.
 const START_AWAY_SD_M: f64 = 1e-3;
+
+/// Prior standard deviation of the rod's direction about the normal at the touch: that of a uniform distribution on a half circle.
+const DIRECTION_SD_RAD: f64 = 0.907;
+
+/// Prior standard deviation of the logarithm of the radius of rod and wire together.
+const RADIUS_LOG_SD: f64 = 0.7;
 
 /// Bound at one instant of contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpatialBoundAt {
     /// Time since the start of the touch.
     pub since_touch_s: f64,
-    /// Lower bound of the error covariance in World (m2), 3x3.
+    /// Lower bound of the error covariance in World with known sliding (m2), 3x3.
     pub covariance_m2: Matrix3<f64>,
+    /// Bound with an unknown rod. `None` if the object is no rod or edge.
+    pub rod: Option<RodBoundAt>,
 }
 
-/// Bound at every instant of a trace; `None` while the whisker is free.
-pub fn bound(trace: &SpatialTrace, face: &CalibratedSpace, noise_sd_n_m: f64) -> Vec<Option<SpatialBoundAt>> {
-    let mut touch: Option<(f64, Bound<3>)> = None;
+/// Bound of a contact with an unknown rod at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RodBoundAt {
+    /// Lower bound of the error covariance in World (m2), 3x3.
+    pub covariance_m2: Matrix3<f64>,
+    /// Lower bound of the variance of the rod's direction, both angles together (rad2).
+    pub direction_rad2: f64,
+}
+
+/// Bound at every instant of a trace; `None` while the whisker is free. `rod` is the touched rod or edge, if the object is one.
+pub fn bound(
+    trace: &SpatialTrace,
+    face: &CalibratedSpace,
+    rod: Option<&TrueRod>,
+    noise_sd_n_m: f64,
+) -> Vec<Option<SpatialBoundAt>> {
+    let mut touch: Option<(f64, Bound<3>, Option<UnknownRod>)> = None;
     let rows = trace.recording.instants.iter().zip(&trace.truth.instants);
     let at = rows.map(|(known, truth)| {
         let Some(contact) = truth.contact else {
@@ -40,17 +74,92 @@ pub fn bound(trace: &SpatialTrace, face: &CalibratedSpace, noise_sd_n_m: f64) ->
         let to_base = to_base(&known.base);
         if touch.is_none() {
             let prior = prior_m2(face, &to_base, to_base.apply(Point::from_vector(contact.contact)));
-            touch = Some((known.t_s, Bound::new(&prior)?));
+            let unknown = rod.and_then(|rod| UnknownRod::new(face, rod, &to_base, contact.contact, &prior));
+            touch = Some((known.t_s, Bound::new(&prior)?, unknown));
         }
-        let (touch_s, bound) = touch.as_mut()?;
+        let (touch_s, bound, unknown) = touch.as_mut()?;
         bound.predict(&KnownSlide, &contact.contact);
         let reading = Reading { face, to_base: &to_base, noise_sd_n_m };
-        if let Some(gained) = information(&reading, &contact.contact).filter(|_| !contact.tip && !contact.split) {
+        let gained = information(&reading, &contact.contact).filter(|_| !contact.tip && !contact.split);
+        if let Some(gained) = gained {
             bound.update(gained);
         }
-        Some(SpatialBoundAt { since_touch_s: known.t_s - *touch_s, covariance_m2: bound.covariance()? })
+        let rod = unknown.as_mut().and_then(|rod| rod.advance(face, &to_base, contact.contact, gained));
+        Some(SpatialBoundAt { since_touch_s: known.t_s - *touch_s, covariance_m2: bound.covariance()?, rod })
     });
     at.collect()
+}
+
+/// Information about the parameters of a rod: displacements along two axes across it, turns towards these, and the logarithm of
+/// the radius.
+struct UnknownRod {
+    rod: TrueRod,
+    information: SMatrix<f64, 5, 5>,
+}
+
+impl UnknownRod {
+    /// The prior information at a touch, from that of the contact in World, 3x3. `None` if the contact is not determined.
+    fn new(
+        face: &CalibratedSpace,
+        rod: &TrueRod,
+        to_base: &Pose<World, Base>,
+        contact: Vector3<f64>,
+        prior_m2: &Matrix3<f64>,
+    ) -> Option<Self> {
+        let (slopes, normal) = rod_slopes(face, rod, to_base, contact)?;
+        let mut information = slopes.transpose() * prior_m2.cholesky()?.solve(&slopes);
+        let [a, b] = rod.across();
+        let turn = normal.cross(&rod.along);
+        let turn = Vector5::new(0.0, 0.0, a.dot(&turn), b.dot(&turn), 0.0) / DIRECTION_SD_RAD;
+        information += turn * turn.transpose();
+        information[(4, 4)] += 1.0 / RADIUS_LOG_SD.powi(2);
+        Some(Self { rod: *rod, information })
+    }
+
+    /// The bound after a reading of a contact in World, with the information of the reading about the contact.
+    fn advance(
+        &mut self,
+        face: &CalibratedSpace,
+        to_base: &Pose<World, Base>,
+        contact: Vector3<f64>,
+        gained: Option<Matrix3<f64>>,
+    ) -> Option<RodBoundAt> {
+        let (slopes, _) = rod_slopes(face, &self.rod, to_base, contact)?;
+        if let Some(gained) = gained {
+            self.information += slopes.transpose() * gained * slopes;
+        }
+        let covariance = self.information.cholesky()?.inverse();
+        let covariance_m2 = slopes * covariance * slopes.transpose();
+        Some(RodBoundAt { covariance_m2, direction_rad2: covariance[(2, 2)] + covariance[(3, 3)] })
+    }
+}
+
+/// Derivatives of the contact in World by the parameters of a rod, 3x5, and the normal in World. `None` if the contact is not
+/// determined.
+fn rod_slopes(
+    face: &CalibratedSpace,
+    rod: &TrueRod,
+    to_base: &Pose<World, Base>,
+    contact: Vector3<f64>,
+) -> Option<(SMatrix<f64, 3, 5>, Vector3<f64>)> {
+    let at = face.around(to_base.apply(Point::from_vector(contact)));
+    let directions = face.geometry()?.at(at);
+    let back = to_base.rotation().transpose();
+    let normal = back * directions.normal;
+    let normal_slopes = back * directions.normal_slopes;
+    let contact_slopes = back * at.contact_with_jacobian(&face.rest).1;
+    let (along, [a, b]) = (rod.along, rod.across());
+    let center_slopes = contact_slopes - normal_slopes * rod.radius_m;
+    let rows = [center_slopes.tr_mul(&a), center_slopes.tr_mul(&b), normal_slopes.tr_mul(&along)];
+    let equations = Matrix3::from_columns(&rows).transpose();
+    let place_m = along.dot(&(contact - rod.axis));
+    let [left, up] = [a.dot(&normal), b.dot(&normal)];
+    let by_rod = SMatrix::<f64, 3, 5>::from_rows(&[
+        RowVector5::new(1.0, 0.0, place_m, 0.0, rod.radius_m * left),
+        RowVector5::new(0.0, 1.0, 0.0, place_m, rod.radius_m * up),
+        RowVector5::new(0.0, 0.0, -left, -up, 0.0),
+    ]);
+    Some((contact_slopes * equations.try_inverse()? * by_rod, normal))
 }
 
 /// Prior covariance in World of a contact at a touch that is seen at `seen`.

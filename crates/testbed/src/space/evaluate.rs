@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 use indicatif::ProgressBar;
-use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -18,6 +17,7 @@ use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
 use super::replay::{calibrated, registered, replay, samples};
+use super::rod::TrueRod;
 use super::run::estimates_file;
 use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
@@ -33,11 +33,6 @@ const KEPT: usize = 400;
 
 /// Probability of the ellipsoids whose coverage is measured.
 const PROBABILITY: f64 = 0.95;
-
-/// Smallest extent of the touched points of a straight edge, and largest deviation from a line relative to it, for which their
-/// line counts as the true direction.
-const EDGE_M: f64 = 1e-3;
-const STRAIGHT: f64 = 0.05;
 
 /// Settings of an evaluation in space.
 #[derive(Clone, Debug)]
@@ -75,8 +70,10 @@ pub struct SpatialTrialRow {
     pub rmse_m: Option<f64>,
     /// RMS error out of the plane of wire and force at the contact.
     pub out_of_plane_m: Option<f64>,
-    /// RMS of the posterior Cramer-Rao bound.
+    /// RMS of the posterior Cramer-Rao bound with known sliding.
     pub bound_m: Option<f64>,
+    /// RMS of the bound of a contact with an unknown rod. `None` if the object is no rod or edge.
+    pub rod_bound_m: Option<f64>,
     /// Normalised squared error of the last estimate, which has three degrees of freedom.
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
@@ -87,6 +84,8 @@ pub struct SpatialTrialRow {
     pub normal_rad: Option<f64>,
     /// RMS angle between the estimated and the true direction of the edge or rod. `None` for other objects and methods.
     pub direction_rad: Option<f64>,
+    /// RMS of the bound of this angle with an unknown rod.
+    pub direction_bound_rad: Option<f64>,
 }
 
 /// Scores of the trials of one group with one whisker.
@@ -106,8 +105,10 @@ pub struct SpatialSummaryRow {
     pub rmse_m: Option<f64>,
     /// The same of the error out of the plane of wire and force.
     pub out_of_plane_m: Option<f64>,
-    /// The same of the bound.
+    /// The same of the bound with known sliding.
     pub bound_m: Option<f64>,
+    /// The same of the bound with an unknown rod.
+    pub rod_bound_m: Option<f64>,
     /// Mean normalised squared error of the last estimates, per degree of freedom: 1 if the method is consistent.
     pub nees: Option<f64>,
     /// Bounds of its central 95 % interval for a consistent method and independent replays.
@@ -122,6 +123,8 @@ pub struct SpatialSummaryRow {
     pub normal_rad: Option<f64>,
     /// The same of the angle of the edge.
     pub direction_rad: Option<f64>,
+    /// The same of the bound of this angle.
+    pub direction_bound_rad: Option<f64>,
 }
 
 /// Result of an evaluation in space.
@@ -144,7 +147,7 @@ struct Prepared {
     calibrated: Arc<CalibratedSpace>,
     noise_sd_n_m: f64,
     bound: Vec<Option<SpatialBoundAt>>,
-    edge: Option<Vector3<f64>>,
+    rod: Option<TrueRod>,
     solid: Option<Solid>,
 }
 
@@ -235,26 +238,12 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
     let prepare = |trace: SpatialTrace| {
         let calibrated = faces[&trace.sidecar.whisker.name].clone();
         let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
-        let bound = bound(&trace, &calibrated, noise_sd_n_m);
+        let rod = TrueRod::of(&trace);
+        let bound = bound(&trace, &calibrated, rod.as_ref(), noise_sd_n_m);
         let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
-        Prepared { calibrated, noise_sd_n_m, bound, edge: edge(&trace), solid, trace }
+        Prepared { calibrated, noise_sd_n_m, bound, rod, solid, trace }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
-}
-
-/// Direction of the straight line of the touched points in World. `None` if they do not lie on one.
-fn edge(trace: &SpatialTrace) -> Option<Vector3<f64>> {
-    let points = || trace.truth.instants.iter().filter_map(|truth| truth.contact.map(|contact| contact.surface));
-    let count = points().count() as f64;
-    let mean = points().sum::<Vector3<f64>>() / count;
-    let spread: Matrix3<f64> = points().map(|point| (point - mean) * (point - mean).transpose()).sum();
-    let parts = (spread / count).try_symmetric_eigen(f64::EPSILON, 0)?;
-    let longest = parts.eigenvalues.imax();
-    let along = parts.eigenvectors.column(longest).into_owned();
-    let rest = (parts.eigenvalues.sum() - parts.eigenvalues[longest]).max(0.0);
-    let places = points().map(|point| along.dot(&(point - mean)));
-    let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-    (high - low > EDGE_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some(along)
 }
 
 /// Sums of squared errors over a replay.
@@ -265,6 +254,9 @@ struct Sums {
     contact: f64,
     out_of_plane: f64,
     bound: f64,
+    rod_bound: f64,
+    direction_bound: f64,
+    rods: usize,
     covered: usize,
     surface: f64,
     normal: f64,
@@ -310,6 +302,7 @@ impl Prepared {
         let Sums { answered, .. } = sums;
         let mean = |sum: f64| (answered > 0).then(|| sum / answered as f64);
         let rms = |sum: f64| mean(sum).map(f64::sqrt);
+        let of_rod = |sum: f64| (sums.rods > 0 && self.noise_sd_n_m > 0.0).then(|| (sum / sums.rods as f64).sqrt());
         let sidecar = &self.trace.sidecar;
         let scores = SpatialTrialRow {
             trace: sidecar.name.clone(),
@@ -322,11 +315,13 @@ impl Prepared {
             rmse_m: rms(sums.contact),
             out_of_plane_m: rms(sums.out_of_plane),
             bound_m: rms(sums.bound).filter(|_| self.noise_sd_n_m > 0.0),
+            rod_bound_m: of_rod(sums.rod_bound),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
             surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
+            direction_bound_rad: of_rod(sums.direction_bound),
         };
         Ok((scores, replayed.step_us))
     }
@@ -341,6 +336,11 @@ impl Prepared {
         sums.contact += error.norm_squared();
         sums.out_of_plane += error.dot(&tangent.cross(&normal).normalize()).powi(2);
         sums.bound += bound.covariance_m2.trace();
+        if let Some(rod) = bound.rod {
+            sums.rod_bound += rod.covariance_m2.trace();
+            sums.direction_bound += rod.direction_rad2;
+            sums.rods += 1;
+        }
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.last_nees = nees;
         if let Some(solid) = &self.solid {
@@ -348,9 +348,9 @@ impl Prepared {
             sums.surface += solid.distance_m(surface.vector());
         }
         sums.normal += normal.angle(&estimate.normal).powi(2);
-        if let (Some(edge), Some(found)) = (self.edge, estimate.direction) {
+        if let (Some(rod), Some(found)) = (self.rod, estimate.direction) {
             // The direction of an edge has no sign.
-            let cosine = to_base.turn_vector(edge).dot(&found.along).abs().min(1.0);
+            let cosine = to_base.turn_vector(rod.along).dot(&found.along).abs().min(1.0);
             sums.direction += cosine.acos().powi(2);
             sums.directions += 1;
         }
@@ -379,6 +379,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             rmse_m: mean(|trial| trial.rmse_m.map(|error| error * error)).map(f64::sqrt),
             out_of_plane_m: mean(|trial| trial.out_of_plane_m.map(|error| error * error)).map(f64::sqrt),
             bound_m: mean(|trial| trial.bound_m.map(|bound| bound * bound)).map(f64::sqrt),
+            rod_bound_m: mean(|trial| trial.rod_bound_m.map(|bound| bound * bound)).map(f64::sqrt),
             nees: crate::statistics::mean(nees).map(|nees| nees / 3.0),
             nees_low,
             nees_high,
@@ -386,6 +387,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             surface_m: mean(|trial| trial.surface_m),
             normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
+            direction_bound_rad: mean(|trial| trial.direction_bound_rad.map(|angle| angle * angle)).map(f64::sqrt),
         })
     });
     rows.collect()

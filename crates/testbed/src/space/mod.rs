@@ -7,6 +7,7 @@ pub mod fit;
 pub mod map;
 mod readings;
 pub mod replay;
+pub mod rod;
 mod run;
 pub mod solid;
 

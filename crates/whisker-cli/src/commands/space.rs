@@ -138,12 +138,14 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "RMSE, mm",
         "out of plane, mm",
         "bound, mm",
+        "bound of a rod, mm",
         "NEES",
         "its 95 % interval",
         "in 95 %",
         "surface, mm",
         "normal, deg",
         "direction, deg",
+        "its bound, deg",
     ];
     let degrees = |angle_rad: Option<f64>| table::number(angle_rad.map(f64::to_degrees));
     let row = |row: &SpatialSummaryRow| {
@@ -156,12 +158,14 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::millimetres(row.rmse_m),
             table::millimetres(row.out_of_plane_m),
             table::millimetres(row.bound_m),
+            table::millimetres(row.rod_bound_m),
             table::number(row.nees),
             format!("{:.2} to {:.2}", row.nees_low, row.nees_high),
             table::percent(row.coverage),
             table::millimetres(row.surface_m),
             degrees(row.normal_rad),
             degrees(row.direction_rad),
+            degrees(row.direction_bound_rad),
         ]
     };
     table::render(&header, &summary.iter().map(row).collect::<Vec<_>>(), 3)

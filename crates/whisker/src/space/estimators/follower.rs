@@ -1,7 +1,7 @@
 //! Follows one contact in space with a bank of Gaussian hypotheses, each an iterated extended Kalman filter.
 
 use filters::iterated::{self, Search};
-use filters::{Bank, Innovation, robust};
+use filters::{Bank, Gaussian, Innovation, robust};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +61,12 @@ impl Settings for Config {
 pub(super) trait Tracker: Send {
     /// Takes one sample; the first is that of the touch. `None` if there is no estimate.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
+
+    /// Logarithm of the evidence for the model of the object from all readings so far, up to a constant that all models share.
+    /// `None` if the method does not compute it, or not yet.
+    fn log_evidence(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Follows one contact.
@@ -75,9 +81,9 @@ pub(super) struct Follower<Model, const N: usize> {
 
 /// Recent acceleration of the base, from its motion.
 #[derive(Clone, Copy, Debug, Default)]
-struct Unrest {
+pub(super) struct Unrest {
     /// Second moment of the acceleration in Base (m2/s4).
-    second: Matrix3<f64>,
+    pub(super) second: Matrix3<f64>,
     /// Displacement per time of a point of the whisker in the last step.
     velocity_m_s: Option<Vector3<f64>>,
 }
@@ -88,7 +94,7 @@ const EXCITED_S: f64 = 0.1;
 
 impl Unrest {
     /// Takes the motion of a step, of a point of the whisker at `middle_m` from the root.
-    fn advance(&mut self, sample: &Sample, middle_m: f64) {
+    pub(super) fn advance(&mut self, sample: &Sample, middle_m: f64) {
         if sample.dt_s <= 0.0 {
             return;
         }
@@ -106,10 +112,20 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         Self { config: *config, model, side: Side::new(knowledge), bank: None, unrest: Unrest::default() }
     }
 
+    /// The hypotheses with their probabilities.
+    pub(super) fn hypotheses(&self) -> impl Iterator<Item = (Gaussian<N>, f64)> {
+        let bank = self.bank.iter().flat_map(Bank::hypotheses);
+        bank.map(|one| (one.belief, one.weight()))
+    }
+
     /// The initial hypotheses, which explain the readings of the touch.
     fn begin(&self, touch: &Sample) -> Bank<N> {
         let places = start::beliefs(&self.side, self.config.hypotheses, touch.reading_n_m);
-        Bank::new(places.iter().flat_map(|place| self.model.parts(place)).map(|belief| (belief, 0.0)))
+        let parts = |(place, weight): &(Gaussian<3>, f64)| {
+            let log_weight = weight.ln();
+            self.model.parts(place).into_iter().map(move |belief| (belief, log_weight))
+        };
+        Bank::new(places.iter().flat_map(parts))
     }
 
     fn advance(&self, bank: &mut Bank<N>, sample: &Sample) -> Option<Innovation<2>> {
@@ -128,6 +144,9 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
             })
         });
         bank.prune(prune_share);
+        if let Some(likeliest) = bank.most_probable().map(|one| one.belief.mean) {
+            bank.map(|belief| self.model.align(&mut belief.mean, &likeliest));
+        }
         bank.merge(merge_loss);
         bank.map(|belief| self.side.hold(&mut belief.mean));
         innovation.ok()

@@ -5,10 +5,15 @@
 //! of Gaussian hypotheses ([`filters::Bank`]) along the whisker. Methods differ in the model of the contact's motion: a fixed
 //! point, a straight edge or rod of unknown direction, or a sphere.
 //!
+//! The same models serve a fit of the object to all readings of a touch (`fit/`), and an average over models weighs several by
+//! their evidence (`model_averaging.rs`).
+//!
 //! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
 //! of `MotionSettings`.
 
+mod fit;
 mod follower;
+mod model_averaging;
 mod motion;
 mod side;
 mod start;
@@ -25,7 +30,7 @@ use crate::ReadingGate;
 use crate::events::{ContactDetector, Sensing, TouchConfig};
 use crate::frames::Base;
 use crate::settings::{SettingsError, parse};
-use follower::{Config, Tracker};
+use follower::Tracker;
 use motion::MotionSettings;
 
 /// One sample: the motion since the last instant, and the readings.
@@ -52,10 +57,21 @@ pub struct Estimate {
     pub normal_covariance: Matrix3<f64>,
     /// Direction of the edge or rod. `None` if the method does not estimate it.
     pub direction: Option<Direction>,
+    /// Radius of the object across the wire's direction or its own. `None` if the method does not estimate it.
+    pub radius: Option<Radius>,
     /// Whether the contact lies within the calibrated domain.
     pub calibrated: bool,
     /// Innovation of the last update. `None` at the touch.
     pub innovation: Option<Innovation<2>>,
+}
+
+/// Estimated radius of a round object, without that of the wire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Radius {
+    /// Radius.
+    pub radius_m: f64,
+    /// Standard deviation.
+    pub sd_m: f64,
 }
 
 /// Estimated direction of an edge.
@@ -88,7 +104,7 @@ impl Knowledge {
 
 /// Detects the contacts of a recording and estimates them, sample by sample.
 pub struct Estimator {
-    config: Config,
+    method: Box<dyn Method>,
     knowledge: Arc<Knowledge>,
     /// Detectors of both moments.
     detectors: [ContactDetector; 2],
@@ -120,9 +136,57 @@ impl Estimator {
             return None;
         }
         if self.tracker.is_none() {
-            self.tracker = Some(self.config.motion.begin(&self.config, &self.knowledge));
+            self.tracker = Some(self.method.begin(&self.knowledge));
         }
         self.tracker.as_mut()?.step(&sample)
+    }
+}
+
+/// A method of estimation with its settings.
+trait Method: Send + Sync {
+    /// Begins to track a contact.
+    fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker>;
+}
+
+impl Method for follower::Config {
+    fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
+        self.motion.begin(self, knowledge)
+    }
+}
+
+impl Method for fit::Config {
+    fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
+        self.motion.fit(self, knowledge)
+    }
+}
+
+/// Default settings of a method, and the method with given settings.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// Filter.
+    Filter(fn() -> MotionSettings),
+    /// Fit to all readings of a touch.
+    Fit(fn() -> MotionSettings),
+    /// Average of other methods.
+    Average,
+}
+
+impl Kind {
+    fn defaults(self) -> Value {
+        let defaults = match self {
+            Self::Filter(motion) => serde_json::to_value(follower::Config::new(motion())),
+            Self::Fit(motion) => serde_json::to_value(fit::Config::new(motion())),
+            Self::Average => serde_json::to_value(model_averaging::Config::default()),
+        };
+        defaults.expect("settings serialise")
+    }
+
+    fn method(self, config: &Value) -> Result<Box<dyn Method>, SettingsError> {
+        Ok(match self {
+            Self::Filter(_) => Box::new(parse::<follower::Config>(config)?),
+            Self::Fit(_) => Box::new(parse::<fit::Config>(config)?),
+            Self::Average => Box::new(model_averaging::ModelAveraging::new(parse(config)?)?),
+        })
     }
 }
 
@@ -132,38 +196,62 @@ pub struct SpatialEstimatorRow {
     pub name: &'static str,
     /// One-line description.
     pub about: &'static str,
-    /// Default settings.
-    defaults: fn() -> Config,
+    kind: Kind,
 }
 
 /// The registry of estimators in space.
 pub const SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
+        name: "recommended",
+        about: "average over the fits of rods, spheres and surfaces of two curvatures, weighted by their evidence",
+        kind: Kind::Average,
+    },
+    SpatialEstimatorRow {
         name: "line",
         about: "iterated extended Kalman filter for a thin rod or an edge of unknown direction, along which the contact slides",
-        defaults: || Config::new(MotionSettings::line()),
+        kind: Kind::Filter(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "point",
         about: "iterated extended Kalman filter for a contact at rest in the world",
-        defaults: || Config::new(MotionSettings::resting()),
+        kind: Kind::Filter(MotionSettings::resting),
     },
     SpatialEstimatorRow {
         name: "cylinder",
         about: "`line` for round rods of any radius and direction",
-        defaults: || Config::new(MotionSettings::cylinder()),
+        kind: Kind::Filter(MotionSettings::cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere",
         about: "iterated extended Kalman filter for a contact that slides over a sphere of unknown radius",
-        defaults: || Config::new(MotionSettings::sphere()),
+        kind: Kind::Filter(MotionSettings::sphere),
+    },
+    SpatialEstimatorRow {
+        name: "line-fit",
+        about: "fit of a thin rod or edge to all readings of the touch",
+        kind: Kind::Fit(MotionSettings::line),
+    },
+    SpatialEstimatorRow {
+        name: "cylinder-fit",
+        about: "fit of a round rod of any radius to all readings of the touch",
+        kind: Kind::Fit(MotionSettings::fitted_cylinder),
+    },
+    SpatialEstimatorRow {
+        name: "sphere-fit",
+        about: "fit of a sphere of any radius to all readings of the touch",
+        kind: Kind::Fit(MotionSettings::sphere),
+    },
+    SpatialEstimatorRow {
+        name: "patch-fit",
+        about: "fit of a surface of two principal curvatures to all readings of the touch",
+        kind: Kind::Fit(MotionSettings::patch),
     },
 ];
 
 impl SpatialEstimatorRow {
     /// Default settings.
     pub fn defaults(&self) -> Value {
-        serde_json::to_value((self.defaults)()).expect("settings serialise")
+        self.kind.defaults()
     }
 
     /// An estimator with these settings.
@@ -180,7 +268,7 @@ impl SpatialEstimatorRow {
         knowledge.calibrated.geometry();
         let sensing = knowledge.sensing();
         Ok(Estimator {
-            config: parse(config)?,
+            method: self.kind.method(config)?,
             knowledge: knowledge.clone(),
             detectors: std::array::from_fn(|_| ContactDetector::new(touch, &sensing)),
             gate: ReadingGate::new(knowledge.calibrated.largest_reading_n_m),

@@ -69,6 +69,11 @@ impl Side {
 
     /// Covariance of the readings of a contact: measurement noise, model error, and error of the part that is extrapolated.
     pub(super) fn covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
+        self.covariance_of_mean_n2_m2(at, 1.0)
+    }
+
+    /// The same for the mean of `count` readings, which reduces the noise alone.
+    pub(super) fn covariance_of_mean_n2_m2(&self, at: Around, count: f64) -> Matrix2<f64> {
         let held = self.calibrated.domain.clamp(at);
         let beyond = if held == at {
             Vector2::zeros()
@@ -76,9 +81,14 @@ impl Side {
             let slopes = self.calibrated.model.predict_around(self.rest(), held).1;
             slopes * (at.vector() - held.vector()) * BEYOND_SD
         };
-        Matrix2::identity() * self.noise_n2_m2
+        Matrix2::identity() * (self.noise_n2_m2 / count)
             + self.calibrated.model_covariance_n2_m2(held)
             + beyond * beyond.transpose()
+    }
+
+    /// Standard deviation of the moments by the inertia of the wire under an acceleration of the base (N m).
+    pub(super) fn inertia_n_m(&self, at: Around, acceleration_m_s2: f64) -> f64 {
+        INERTIA * self.mass_kg * acceleration_m_s2 * at.along_m
     }
 
     /// Limits the distance of a contact from the calibrated domain, which objects may push the whisker beyond.
@@ -113,6 +123,7 @@ impl Side {
             normal,
             normal_covariance: normal_slopes * covariance * normal_slopes.transpose(),
             direction: None,
+            radius: None,
             calibrated: self.calibrated.domain.contains(at),
             innovation,
         })
@@ -159,7 +170,7 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix2<f64> {
         let at = Around::of_state(x);
-        let inertia_n_m = INERTIA * self.side.mass_kg * self.acceleration_m_s2 * at.along_m;
+        let inertia_n_m = self.side.inertia_n_m(at, self.acceleration_m_s2);
         self.side.covariance_n2_m2(at) + Matrix2::identity() * inertia_n_m.powi(2)
     }
 

@@ -9,14 +9,24 @@ use crate::space::sensor::Around;
 /// Newton steps for the displacement that explains the readings.
 const NEWTON_STEPS: usize = 8;
 
-/// Gaussians of the contact at the touch: the calibrated part of the whisker is divided into `count` equal intervals; the
-/// standard deviation along the whisker is half an interval. The displacement follows from the two readings, with their
+/// Smallest arc length of a hypothesis, relative to the largest.
+const LEAST_SHARE: f64 = 0.02;
+
+/// Gaussians of the contact at the touch with their weights: the calibrated part of the whisker is divided into `count` intervals
+/// of equal ratio, since the readings are nearly powers of the arc length; the standard deviation along the whisker is half an
+/// interval, the weight its length. The displacement follows from the two readings, with their
 /// uncertainty, so no position along the whisker is favoured before it is known how the readings grow.
-pub(super) fn beliefs(side: &Side, count: usize, reading_n_m: Vector2<f64>) -> Vec<Gaussian<3>> {
+pub(super) fn beliefs(side: &Side, count: usize, reading_n_m: Vector2<f64>) -> Vec<(Gaussian<3>, f64)> {
     let (low_m, high_m) = side.calibrated.domain.arc_range_m();
-    let stretch_m = (high_m - low_m) / count as f64;
-    let along_m = (0..count).map(|i| low_m + (i as f64 + 0.5) * stretch_m);
-    along_m.filter_map(|along_m| pushed(side, along_m, 0.5 * stretch_m, reading_n_m)).collect()
+    let first_m = low_m.max(LEAST_SHARE * high_m);
+    let edge_m = |i: usize| first_m * (high_m / first_m).powf(i as f64 / count as f64);
+    let stretches = (0..count).map(|i| (edge_m(i), edge_m(i + 1)));
+    stretches
+        .filter_map(|(from_m, to_m)| {
+            let belief = pushed(side, 0.5 * (from_m + to_m), 0.5 * (to_m - from_m), reading_n_m)?;
+            Some((belief, to_m - from_m))
+        })
+        .collect()
 }
 
 /// The belief that the contact lies about `along_m`, displaced so that it has these readings. `None` if no displacement does.

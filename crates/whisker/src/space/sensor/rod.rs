@@ -70,6 +70,9 @@ const MECHANICAL: std::ops::Range<usize> = 2..6;
 /// Step of these differences, in units of the parameter's logarithm or scale.
 const STEP: f64 = 1e-4;
 
+/// Angle below which the coefficients of the left Jacobian are those of its series, whose next terms are below 1e-9.
+const SMALL_TURN_RAD: f64 = 1e-4;
+
 /// Noise of the first fit, and lower bound of the estimated noise, relative to the largest reading.
 const FIRST_NOISE: f64 = 1e-2;
 const SMALLEST_NOISE: f64 = 1e-5;
@@ -172,6 +175,11 @@ impl Parameters {
         Self(moved(&self.0, POSITIVE, &step))
     }
 
+    /// Rotation vector of the root in Base.
+    fn rotation_vector(&self) -> Vector3<f64> {
+        self.0.fixed_rows::<3>(11).into_owned()
+    }
+
     /// Mechanics with these parameters. `None` if there is no such whisker.
     fn rod(&self, nominal: &SpatialWhisker) -> Option<Rod> {
         let SpatialWhisker { whisker, suspension, poisson_ratio } = nominal;
@@ -202,7 +210,7 @@ struct Response {
 
 impl Tuned {
     fn new(nominal: &SpatialWhisker, parameters: Parameters) -> Option<Self> {
-        let rotation = Rotation3::new(parameters.0.fixed_rows::<3>(11).into_owned()).into_inner();
+        let rotation = Rotation3::new(parameters.rotation_vector()).into_inner();
         Some(Self { rod: parameters.rod(nominal)?, parameters, rotation })
     }
 
@@ -241,9 +249,23 @@ impl Tuned {
         found.fixed_columns_mut::<3>(8).copy_from(&(-gains * response.gradient_n));
         let arm = contact.vector() - self.origin_m();
         let turned = response.gradient_n * arm.cross_matrix() - response.moment_n_m.cross_matrix();
-        found.fixed_columns_mut::<3>(11).copy_from(&(gains * turned));
+        found
+            .fixed_columns_mut::<3>(11)
+            .copy_from(&(gains * turned * left_jacobian(&self.parameters.rotation_vector())));
         found
     }
+}
+
+/// Left Jacobian of SO(3): the rotation in Base that a change of the rotation vector adds to the rotation, 3x3 (Sola, Deray and
+/// Atchuthan, "A micro Lie theory for state estimation in robotics", 2018, equation 145).
+fn left_jacobian(vector: &Vector3<f64>) -> Matrix3<f64> {
+    let (angle, cross) = (vector.norm(), vector.cross_matrix());
+    let (first, second) = if angle < SMALL_TURN_RAD {
+        (0.5, 1.0 / 6.0)
+    } else {
+        ((1.0 - angle.cos()) / angle.powi(2), (angle - angle.sin()) / angle.powi(3))
+    };
+    Matrix3::identity() + cross * first + cross * cross * second
 }
 
 type Matrix2xCount = nalgebra::SMatrix<f64, 2, COUNT>;
@@ -497,18 +519,25 @@ mod tests {
         let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: 1.3 * k, twist_n_m_rad: 0.8 * k };
         let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
         let nominal = Parameters::nominal(&whisker);
-        let contact = Around::new(0.05, 4e-3, -3e-3).contact(&whisker.whisker.rest_shape());
-        let tuned = Tuned::new(&whisker, nominal).unwrap();
-        let response = tuned.respond(contact, None).unwrap();
-        let slopes = tuned.derivatives(contact, &response);
-        for i in (0..COUNT).filter(|i| !MECHANICAL.contains(i)) {
-            let step = Vector::ith(i, 1e-6);
-            let [after, before] = [step, -step].map(|step| {
-                let tuned = Tuned::new(&whisker, nominal.moved(step)).unwrap();
-                tuned.respond(contact, Some(response.load)).unwrap().reading_n_m
-            });
-            let expected = (after - before) / 2e-6;
-            assert!((slopes.column(i) - expected).norm() < 1e-5 * expected.norm() + 1e-12, "{}: {expected}", NAMES[i]);
+        let at = Around::new(0.05, 4e-3, -3e-3).contact(&whisker.whisker.rest_shape()).vector();
+        for turn in [Vector3::zeros(), Vector3::new(0.5, -0.4, 0.7)] {
+            let mut parameters = nominal;
+            parameters.0.fixed_rows_mut::<3>(11).copy_from(&turn);
+            // The same contact relative to the root.
+            let contact = Point::from_vector(Rotation3::new(turn) * at);
+            let tuned = Tuned::new(&whisker, parameters).unwrap();
+            let response = tuned.respond(contact, None).unwrap();
+            let slopes = tuned.derivatives(contact, &response);
+            for i in (0..COUNT).filter(|i| !MECHANICAL.contains(i)) {
+                let step = Vector::ith(i, 1e-6);
+                let [after, before] = [step, -step].map(|step| {
+                    let tuned = Tuned::new(&whisker, parameters.moved(step)).unwrap();
+                    tuned.respond(contact, Some(response.load)).unwrap().reading_n_m
+                });
+                let expected = (after - before) / 2e-6;
+                let error = (slopes.column(i) - expected).norm();
+                assert!(error < 1e-5 * expected.norm() + 1e-12, "{} at {turn}: {expected}", NAMES[i]);
+            }
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Tabulated smooth functions of the coordinates about a whisker.
 //!
-//! The table spans the calibrated domain in the coordinates `s`, `u / a(s)` and `v / a(s)`, with the arc length `s`, the
-//! displacements `u` to the left and `v` upwards, and an extent `a(s) = c s^k`, in which readings are nearly linear. Between
+//! The table spans the calibrated domain in the coordinates `ln s`, `u / a(s)` and `v / a(s)`, with the arc length `s`, the
+//! displacements `u` to the left and `v` upwards, and an extent `a(s) = c s^k`. The readings are nearly powers of `s` and nearly
+//! linear in the displacements. Between
 //! the nodes the function is the cubic polynomial through the four nearest nodes along each axis, whose error decreases with
 //! the fourth power of the pitch. Beyond the table it is that of the nearest cell.
 
@@ -10,19 +11,23 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{Around, SpatialDomain};
 
 /// Nodes along the whisker and across.
-const NODES: [usize; 3] = [13, 13, 13];
+const NODES: [usize; 3] = [19, 13, 13];
+
+/// Smallest arc length of a table, relative to the largest.
+const LEAST_SHARE: f64 = 0.02;
 
 /// Extent of the table across the whisker, relative to the calibrated domain.
 const MARGIN: f64 = 1.05;
 
 /// Exponents `k` of the extent.
-const EXPONENTS: [f64; 5] = [0.0, 0.5, 1.0, 1.5, 2.0];
+const EXPONENTS: [f64; 7] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0];
 
 /// The grid of a table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Grid {
     first_m: f64,
-    pitch_m: f64,
+    /// Difference of `ln s` of neighbouring nodes.
+    pitch: f64,
     /// `c` and `k` of the extent.
     extent: (f64, f64),
 }
@@ -45,8 +50,9 @@ pub(crate) struct Table<const C: usize> {
 impl Grid {
     /// The grid around a calibrated domain: of the extents that contain it, the one that exceeds it least.
     pub(crate) fn new(domain: &SpatialDomain) -> Self {
-        let (first_m, last_m) = domain.arc_range_m();
-        let node = |i: usize| (domain.arc_m[i].max(1e-3 * last_m), domain.most_at_node_m(i));
+        let (low_m, last_m) = domain.arc_range_m();
+        let first_m = low_m.max(LEAST_SHARE * last_m);
+        let node = |i: usize| (domain.arc_m[i].max(first_m), domain.most_at_node_m(i));
         let fitted = |k: f64| {
             let c = (0..domain.arc_m.len()).map(|i| node(i).1 / node(i).0.powf(k)).fold(0.0, f64::max);
             let excess = (0..domain.arc_m.len()).map(|i| c * node(i).0.powf(k)).sum::<f64>();
@@ -54,20 +60,25 @@ impl Grid {
         };
         let fits = EXPONENTS.map(fitted);
         let (_, (c, k)) = fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are exponents");
-        Self { first_m, pitch_m: (last_m - first_m) / (NODES[0] - 1) as f64, extent: (MARGIN * c, k) }
+        Self { first_m, pitch: (last_m / first_m).ln() / (NODES[0] - 1) as f64, extent: (MARGIN * c, k) }
+    }
+
+    /// Arc length below which the function is that at this one.
+    fn least_m(&self) -> f64 {
+        0.1 * self.first_m
     }
 
     /// `a(s)` and its derivative.
     fn extent_m(&self, along_m: f64) -> (f64, f64) {
         let (c, k) = self.extent;
-        let least_m = 0.1 * self.first_m.max(self.pitch_m);
+        let least_m = self.least_m();
         let value = c * along_m.max(least_m).powf(k);
         (value, if along_m > least_m { k * value / along_m } else { 0.0 })
     }
 
     /// Coordinates of the node with these indices.
     fn node(&self, index: [usize; 3]) -> Around {
-        let along_m = self.first_m + index[0] as f64 * self.pitch_m;
+        let along_m = self.first_m * (index[0] as f64 * self.pitch).exp();
         let across = |axis: usize| 2.0 * index[axis] as f64 / (NODES[axis] - 1) as f64 - 1.0;
         let extent_m = self.extent_m(along_m).0;
         Around::new(along_m, across(1) * extent_m, across(2) * extent_m)
@@ -114,7 +125,8 @@ impl<const C: usize> Table<C> {
     pub(crate) fn look(&self, at: Around) -> Looked<C> {
         let (extent_m, growth) = self.grid.extent_m(at.along_m);
         let half = [NODES[1], NODES[2]].map(|nodes| 0.5 * (nodes - 1) as f64);
-        let along = (at.along_m - self.grid.first_m) / self.grid.pitch_m;
+        let held_m = at.along_m.max(self.grid.least_m());
+        let along = (held_m / self.grid.first_m).ln() / self.grid.pitch;
         let (left, up) = (at.left_m / extent_m, at.up_m / extent_m);
         let [u, v, w] = [
             stencil(along, NODES[0]),
@@ -143,7 +155,7 @@ impl<const C: usize> Table<C> {
         let shrink = growth / extent_m;
         let by_grid = SMatrix::<f64, C, 3>::from_columns(&[found[1], found[2], found[3]]);
         let of_coordinates = Matrix3::from_rows(&[
-            Vector3::new(1.0 / self.grid.pitch_m, 0.0, 0.0).transpose(),
+            Vector3::new(1.0 / (self.grid.pitch * held_m), 0.0, 0.0).transpose(),
             (Vector3::new(-left * shrink, 1.0 / extent_m, 0.0) * half[0]).transpose(),
             (Vector3::new(-up * shrink, 0.0, 1.0 / extent_m) * half[1]).transpose(),
         ]);

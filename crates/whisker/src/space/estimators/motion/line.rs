@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SVector, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
-use super::{Motion, Radius, check_wander, describe_normal, extended};
+use super::{Motion, Radius, check_wander, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
 use crate::space::estimators::side::Side;
@@ -16,7 +16,10 @@ use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 
 /// Length by which the condition on the direction of the force is compared with distances.
-const LEVER_M: f64 = 0.05;
+pub(super) const LEVER_M: f64 = 0.05;
+
+/// Standard deviation of a direction that is uniform on a half circle.
+pub(super) const DIRECTION_SD_RAD: f64 = 0.907;
 
 /// Indices in the state of the rod's direction and of the logarithm of the radius.
 const ANGLE: usize = 4;
@@ -59,31 +62,45 @@ impl Line {
         within("directions", self.directions as f64, 1.0..=100.0)?;
         self.radius.validate()
     }
+
+    /// Mean and standard deviation of the direction of each Gaussian at the touch.
+    pub(super) fn angles(&self) -> impl Iterator<Item = (f64, f64)> {
+        let stretch = PI / self.directions as f64;
+        (0..self.directions).map(move |i| ((i as f64 + 0.5) * stretch, 0.5 * stretch))
+    }
 }
 
 impl Motion<6> for Line {
     type Step<'a> = Roll<'a, Self, 6>;
 
     fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<6>> {
-        let stretch = PI / self.directions as f64;
-        let angles = (0..self.directions).map(|i| ((i as f64 + 0.5) * stretch, 0.5 * stretch));
         let tilt = (0.0, FIRST_TILT_RAD);
         let part = |angle| self.radius.logarithms().map(move |radius| extended(place, [tilt, angle, radius]));
-        angles.flat_map(part).collect()
+        self.angles().flat_map(part).collect()
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Roll<'a, Self, 6> {
         Roll::new(*self, side, sample, unrest)
     }
 
+    fn align(&self, x: &mut SVector<f64, 6>, with: &SVector<f64, 6>) {
+        x[ANGLE] = nearest_angle(x[ANGLE], with[ANGLE]);
+    }
+
     fn describe(&self, side: &Side, belief: &Gaussian<6>, estimate: &mut Estimate) {
         let Some(place) = Place::new(side, Around::of_state(&belief.mean)) else { return };
         describe_normal(&place, belief, estimate);
+        describe_radius(side, belief, RADIUS, estimate);
         let Axes { tangent, across, .. } = place.axes(belief.mean[TILT]);
         let (sin, cos) = belief.mean[ANGLE].sin_cos();
         let sd_rad = belief.covariance[(ANGLE, ANGLE)].max(0.0).sqrt();
         estimate.direction = Some(Direction { along: tangent * cos + across * sin, sd_rad });
     }
+}
+
+/// The angle of the same direction, which has no sign, nearest to another.
+pub(super) fn nearest_angle(angle: f64, other: f64) -> f64 {
+    angle + PI * ((other - angle) / PI).round()
 }
 
 /// A rod at the present instant.
@@ -123,10 +140,14 @@ impl Shape<6> for Line {
     fn state(&self, rod: &Rod, place: &Place, before: &SVector<f64, 6>) -> SVector<f64, 6> {
         let Axes { tangent, across, .. } = place.axes(rod.tilt_rad);
         let angle = rod.along.dot(&across).atan2(rod.along.dot(&tangent));
-        // The direction has no sign: the angle nearest to the former one.
-        let angle = angle + PI * ((before[ANGLE] - angle) / PI).round();
+        let angle = nearest_angle(angle, before[ANGLE]);
         let [s, u, v] = place.at.vector().into();
         [s, u, v, rod.tilt_rad, angle, before[RADIUS]].into()
+    }
+
+    fn prior(&self, x: &SVector<f64, 6>) -> (SVector<f64, 6>, SVector<f64, 6>) {
+        let (radius, radius_sd) = self.radius.logarithm();
+        ([0.0, 0.0, 0.0, 0.0, x[ANGLE], radius].into(), [1.0, 1.0, 1.0, 1.0, DIRECTION_SD_RAD, radius_sd].into())
     }
 
     fn variances(&self, dt_s: f64) -> SVector<f64, 6> {

@@ -3,6 +3,7 @@
 //! The state begins with the contact's coordinates `(s, u, v)`; a model may append properties of the object.
 
 mod line;
+mod patch;
 mod resting;
 mod rolling;
 mod sphere;
@@ -11,14 +12,20 @@ use filters::{Gaussian, Process};
 use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
+use super::fit::{self, Fitter};
 use super::follower::{Config, Follower, Tracker};
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::settings::{SettingsError, within};
+use crate::space::estimators;
 use line::Line;
-use resting::Resting;
-use rolling::{Axes, Place, TILT};
+use rolling::{Axes, Place};
+
+use patch::Patch;
 use sphere::Sphere;
+
+pub(super) use resting::Resting;
+pub(super) use rolling::{Neighbours, Shape, TILT, TILT_S, touch};
 
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
@@ -30,6 +37,10 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
 
     /// The process of the step to a sample, with the second moment of the base's recent acceleration (m2/s4).
     fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Self::Step<'a>;
+
+    /// Replaces a state by an equal one whose entries can be averaged with those of another, for example an angle of a direction
+    /// without sign by the nearest equal one. By default every state is represented once.
+    fn align(&self, _x: &mut SVector<f64, N>, _with: &SVector<f64, N>) {}
 
     /// Adds to the estimate what the model states about the object.
     fn describe(&self, _side: &Side, _belief: &Gaussian<N>, _estimate: &mut Estimate) {}
@@ -45,6 +56,8 @@ pub(super) enum MotionSettings {
     Line(Line),
     /// The contact slides over a sphere at rest.
     Sphere(Sphere),
+    /// The contact slides over a surface of two principal curvatures at rest.
+    Patch(Patch),
 }
 
 impl MotionSettings {
@@ -60,6 +73,14 @@ impl MotionSettings {
         Self::Line(Line { radius: Radius::ANY, ..Line::default() })
     }
 
+    pub(super) fn fitted_cylinder() -> Self {
+        Self::Line(Line { radius: Radius::ANY_FITTED, ..Line::default() })
+    }
+
+    pub(super) fn patch() -> Self {
+        Self::Patch(Patch::default())
+    }
+
     pub(super) fn sphere() -> Self {
         Self::Sphere(Sphere::default())
     }
@@ -70,6 +91,7 @@ impl MotionSettings {
             Self::Resting(model) => model.validate(),
             Self::Line(model) => model.validate(),
             Self::Sphere(model) => model.validate(),
+            Self::Patch(model) => model.validate(),
         }
     }
 
@@ -79,6 +101,17 @@ impl MotionSettings {
             Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(config, model, knowledge)),
             Self::Line(model) => Box::new(Follower::<Line, 6>::new(config, model, knowledge)),
             Self::Sphere(model) => Box::new(Follower::<Sphere, 5>::new(config, model, knowledge)),
+            Self::Patch(model) => Box::new(Follower::<Patch, 7>::new(config, model, knowledge)),
+        }
+    }
+
+    /// Begins to fit an object to a touch under this model. A contact at rest is filtered.
+    pub(super) fn fit(self, config: &fit::Config, knowledge: &Knowledge) -> Box<dyn Tracker> {
+        match self {
+            Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(&config.filter(self), model, knowledge)),
+            Self::Line(model) => Box::new(Fitter::<Line, 6>::new(config, model, knowledge)),
+            Self::Sphere(model) => Box::new(Fitter::<Sphere, 5>::new(config, model, knowledge)),
+            Self::Patch(model) => Box::new(Fitter::<Patch, 7>::new(config, model, knowledge)),
         }
     }
 }
@@ -100,11 +133,19 @@ impl Radius {
     pub(super) const THIN: Self = Self { least_m: 0.1e-3, most_m: 1.5e-3, parts: 1 };
     /// From a thin rod to nearly a plane.
     pub(super) const ANY: Self = Self { least_m: 0.3e-3, most_m: 0.2, parts: 4 };
+    /// The same for a fit, which does not need narrow hypotheses.
+    pub(super) const ANY_FITTED: Self = Self { parts: 1, ..Self::ANY };
 
     fn validate(&self) -> Result<(), SettingsError> {
         within("radius.least_m", self.least_m, 1e-6..=10.0)?;
         within("radius.most_m", self.most_m, self.least_m..=10.0)?;
         within("radius.parts", self.parts as f64, 1.0..=100.0)
+    }
+
+    /// Mean and standard deviation of the logarithm.
+    fn logarithm(&self) -> (f64, f64) {
+        let range = (self.most_m / self.least_m).ln();
+        (self.least_m.ln() + 0.5 * range, range / 12_f64.sqrt())
     }
 
     /// Mean and standard deviation of the logarithm of each part.
@@ -136,6 +177,16 @@ fn describe_normal<const N: usize>(place: &Place, belief: &Gaussian<N>, estimate
     slopes.set_column(TILT, &across);
     estimate.normal = normal;
     estimate.normal_covariance = slopes * belief.covariance.fixed_view::<4, 4>(0, 0) * slopes.transpose();
+}
+
+/// States the radius of an object from the logarithm of that of object and wire together.
+fn describe_radius<const N: usize>(side: &Side, belief: &Gaussian<N>, index: usize, estimate: &mut Estimate) {
+    let whisker = &side.calibrated.whisker.whisker;
+    let share = belief.mean[0] / whisker.length_m;
+    let wire_m = 0.5 * (whisker.root_diameter_m + share * (whisker.tip_diameter_m - whisker.root_diameter_m));
+    let together_m = belief.mean[index].exp();
+    let sd_m = together_m * belief.covariance[(index, index)].max(0.0).sqrt();
+    estimate.radius = Some(estimators::Radius { radius_m: (together_m - wire_m).max(0.0), sd_m });
 }
 
 /// Checks the random walk of the contact: without process noise a covariance can lose its last digits.

@@ -30,7 +30,7 @@ const CONVERGED_M: f64 = 1e-7;
 const LONGEST_M: f64 = 2e-3;
 
 /// Correlation time of the tilt: about a quarter of a period of the oscillation.
-const TILT_S: f64 = 0.02;
+pub(in crate::space::estimators) const TILT_S: f64 = 0.02;
 
 /// Smallest and largest standard deviation of the tilt, and that at the touch.
 const LEAST_TILT_RAD: f64 = 5e-4;
@@ -38,13 +38,14 @@ const MOST_TILT_RAD: f64 = 0.3;
 pub(super) const FIRST_TILT_RAD: f64 = 0.05;
 
 /// Index of the tilt in the state, which begins with the contact's coordinates.
-pub(super) const TILT: usize = 3;
+pub(in crate::space::estimators) const TILT: usize = 3;
 
 /// Steps of the differences: lengths, and angles or logarithms.
 const STEP_M: f64 = 1e-7;
 const STEP: f64 = 1e-6;
 
 /// A contact with its geometry in Base.
+#[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Place {
     pub(super) at: Around,
     /// Contact on the centre line (m), and its derivatives by the coordinates about the whisker.
@@ -62,9 +63,14 @@ pub(super) struct Axes {
 }
 
 impl Place {
-    pub(super) fn new(side: &Side, at: Around) -> Option<Self> {
+    pub(in crate::space::estimators) fn new(side: &Side, at: Around) -> Option<Self> {
         let (contact, slopes) = at.contact_with_jacobian(side.rest());
         Some(Self { at, contact: contact.vector(), slopes, directions: side.directions(at)? })
+    }
+
+    /// Coordinates about the whisker.
+    pub(in crate::space::estimators) fn at(&self) -> Around {
+        self.at
     }
 
     /// Axes with the normal tilted by `tilt_rad`.
@@ -74,6 +80,13 @@ impl Place {
         let tangent = across.cross(&normal);
         let (sin, cos) = tilt_rad.sin_cos();
         Axes { normal: normal * cos + across * sin, tangent, across: across * cos - normal * sin }
+    }
+
+    /// Standard deviation of the tilt after accelerations of the base with this second moment (m2/s4).
+    pub(in crate::space::estimators) fn tilt_sd_rad(&self, side: &Side, unrest: &Matrix3<f64>) -> f64 {
+        let across = self.axes(0.0).across;
+        let acceleration_m_s2 = across.dot(&(unrest * across)).max(0.0).sqrt();
+        (side.mass_kg * acceleration_m_s2 / self.directions.force_n).clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
     }
 
     /// Derivatives of the tilted normal by the coordinates about the whisker.
@@ -100,8 +113,136 @@ pub(in crate::space::estimators) trait Shape<const N: usize>:
     /// The state of a contact with an object, from the former state.
     fn state(&self, object: &Self::Object, place: &Place, before: &SVector<f64, N>) -> SVector<f64, N>;
 
+    /// Means and standard deviations of the prior of a state's entries after the tilt, given those of one hypothesis; the other
+    /// entries are arbitrary.
+    fn prior(&self, x: &SVector<f64, N>) -> (SVector<f64, N>, SVector<f64, N>);
+
     /// Variance that one step of `dt_s` adds to each entry, except for the tilt.
     fn variances(&self, dt_s: f64) -> SVector<f64, N>;
+}
+
+/// The contact with an object nearest to `start`, and the inverse of the derivatives of its equations, 3x3. `None` if the
+/// iteration does not converge.
+pub(in crate::space::estimators) fn touch<Object: Shape<N>, const N: usize>(
+    side: &Side,
+    shape: &Object,
+    object: &Object::Object,
+    start: Around,
+) -> Option<(Place, Matrix3<f64>)> {
+    let mut at = start.vector();
+    for _ in 0..ITERATIONS {
+        let place = Place::new(side, Around::of_state(&at))?;
+        let (residual, jacobian) = shape.equations(object, &place);
+        let inverse = jacobian.try_inverse()?;
+        let step = inverse * residual;
+        let length_m = step.norm();
+        if !length_m.is_finite() {
+            return None;
+        }
+        at -= step * (LONGEST_M / length_m).min(1.0);
+        // Newton's steps shrink quadratically.
+        if length_m < CONVERGED_M {
+            return Some((Place::new(side, Around::of_state(&at))?, inverse));
+        }
+    }
+    None
+}
+
+/// The states after a step forwards and backwards along one entry, and half the inverse of the step.
+type Sides<const N: usize> = ([(SVector<f64, N>, Place); 2], f64);
+
+/// A state with the neighbouring states by which derivatives are computed.
+pub(in crate::space::estimators) struct Neighbours<const N: usize> {
+    pub(in crate::space::estimators) x: SVector<f64, N>,
+    here: Place,
+    sides: [Sides<N>; N],
+}
+
+impl<const N: usize> Neighbours<N> {
+    /// `None` if a state is no contact.
+    pub(in crate::space::estimators) fn new(side: &Side, x: &SVector<f64, N>) -> Option<Self> {
+        let here = Place::new(side, Around::of_state(x))?;
+        let mut sides = [([(*x, here); 2], 0.0); N];
+        for (i, (neighbours, share)) in sides.iter_mut().enumerate() {
+            let step = if i < 3 { STEP_M } else { STEP };
+            *share = 0.5 / step;
+            for ((x, place), step) in neighbours.iter_mut().zip([step, -step]) {
+                x[i] += step;
+                if i < 3 {
+                    *place = Place::new(side, Around::of_state(x))?;
+                }
+            }
+        }
+        Some(Self { x: *x, here, sides })
+    }
+
+    /// The object of the state, moved with the base's motion, with the tilt at the present instant.
+    pub(in crate::space::estimators) fn object<Object: Shape<N>>(
+        &self,
+        shape: &Object,
+        motion: &Pose<Base, Base>,
+        tilt_rad: f64,
+    ) -> Object::Object {
+        shape.object(&self.x, &self.here, motion, tilt_rad)
+    }
+
+    /// Derivatives of the coordinates of a contact with the moved object by the state, except for its tilt.
+    pub(in crate::space::estimators) fn contact_slopes<Object: Shape<N>>(
+        &self,
+        shape: &Object,
+        motion: &Pose<Base, Base>,
+        (found, inverse): &(Place, Matrix3<f64>),
+    ) -> SMatrix<f64, 3, N> {
+        let mut slopes = SMatrix::<f64, 3, N>::zeros();
+        for (i, (neighbours, share)) in self.sides.iter().enumerate().filter(|(i, _)| *i != TILT) {
+            let [high, low] =
+                neighbours.map(|(x, place)| shape.equations(&shape.object(&x, &place, motion, 0.0), found).0);
+            slopes.set_column(i, &(inverse * (low - high) * *share));
+        }
+        slopes
+    }
+
+    /// The place of the contact after the base's motion, if it rests.
+    pub(in crate::space::estimators) fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
+        Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
+    }
+
+    /// Derivatives of the coordinates of a contact with the moved object by the tilt.
+    pub(in crate::space::estimators) fn tilt_slopes<Object: Shape<N>>(
+        &self,
+        shape: &Object,
+        motion: &Pose<Base, Base>,
+        (found, inverse): &(Place, Matrix3<f64>),
+    ) -> Vector3<f64> {
+        let [high, low] = [STEP, -STEP].map(|tilt| shape.equations(&self.object(shape, motion, tilt), found).0);
+        inverse * (low - high) * (0.5 / STEP)
+    }
+
+    /// The state of the contact with the object after the base's motion, sought from `start`, and its derivatives. The tilt is
+    /// multiplied by `decay`. `None` if there is no contact.
+    pub(in crate::space::estimators) fn moved<Object: Shape<N>>(
+        &self,
+        side: &Side,
+        shape: &Object,
+        motion: &Pose<Base, Base>,
+        decay: f64,
+        start: Around,
+    ) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>)> {
+        let object = self.object(shape, motion, decay * self.x[TILT]);
+        let (found, inverse) = touch(side, shape, &object, start)?;
+        let mut jacobian = SMatrix::<f64, N, N>::zeros();
+        for (i, (neighbours, share)) in self.sides.iter().enumerate() {
+            let mut slope = SVector::<f64, N>::zeros();
+            for ((x, place), sign) in neighbours.iter().zip([1.0, -1.0]) {
+                let object = shape.object(x, place, motion, decay * x[TILT]);
+                let at = found.at.vector() - inverse * shape.equations(&object, &found).0;
+                let place = Place::new(side, Around::of_state(&at))?;
+                slope += shape.state(&object, &place, x) * sign;
+            }
+            jacobian.set_column(i, &(slope * *share));
+        }
+        Some((shape.state(&object, &found, &self.x), jacobian))
+    }
 }
 
 /// Process of one step.
@@ -128,27 +269,6 @@ impl<'a, Object: Shape<N>, const N: usize> Roll<'a, Object, N> {
         self.shape.object(x, place, &self.motion, self.decay() * x[TILT])
     }
 
-    /// The contact with an object nearest to `start`. `None` if the iteration does not converge.
-    fn solve(&self, object: &Object::Object, start: Around) -> Option<(Place, Matrix3<f64>)> {
-        let mut at = start.vector();
-        for _ in 0..ITERATIONS {
-            let place = Place::new(self.side, Around::of_state(&at))?;
-            let (residual, jacobian) = self.shape.equations(object, &place);
-            let inverse = jacobian.try_inverse()?;
-            let step = inverse * residual;
-            let length_m = step.norm();
-            if !length_m.is_finite() {
-                return None;
-            }
-            at -= step * (LONGEST_M / length_m).min(1.0);
-            // Newton's steps shrink quadratically.
-            if length_m < CONVERGED_M {
-                return Some((Place::new(self.side, Around::of_state(&at))?, inverse));
-            }
-        }
-        None
-    }
-
     fn start(&self, x: &SVector<f64, N>) -> Around {
         let contact = Around::of_state(x).contact(self.side.rest());
         Around::of(self.side.rest(), self.motion.apply(contact))
@@ -156,24 +276,7 @@ impl<'a, Object: Shape<N>, const N: usize> Roll<'a, Object, N> {
 
     /// The state after the step, and its derivatives.
     fn moved(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>)> {
-        let here = Place::new(self.side, Around::of_state(x))?;
-        let object = self.object(x, &here);
-        let (found, inverse) = self.solve(&object, self.start(x))?;
-        let mut jacobian = SMatrix::<f64, N, N>::zeros();
-        for i in 0..N {
-            let step = if i < 3 { STEP_M } else { STEP };
-            let change = SVector::<f64, N>::from_fn(|row, _| if row == i { step } else { 0.0 });
-            let side = |x: SVector<f64, N>, sign: f64| {
-                let moved = if i < 3 { Some(Place::new(self.side, Around::of_state(&x))?) } else { None };
-                let object = self.object(&x, moved.as_ref().unwrap_or(&here));
-                let at = found.at.vector() - inverse * self.shape.equations(&object, &found).0;
-                let place = Place::new(self.side, Around::of_state(&at))?;
-                Some(self.shape.state(&object, &place, &x) * sign)
-            };
-            let slope = (side(x + change, 1.0)? + side(x - change, -1.0)?) / (2.0 * step);
-            jacobian.set_column(i, &slope);
-        }
-        Some((self.shape.state(&object, &found, x), jacobian))
+        Neighbours::new(self.side, x)?.moved(self.side, &self.shape, &self.motion, self.decay(), self.start(x))
     }
 
     /// A step in which the contact rests: where the equations have no solution.
@@ -190,7 +293,7 @@ impl<Object: Shape<N>, const N: usize> Process<N> for Roll<'_, Object, N> {
         let solved = || {
             let here = Place::new(self.side, Around::of_state(x))?;
             let object = self.object(x, &here);
-            let (found, _) = self.solve(&object, self.start(x))?;
+            let (found, _) = touch(self.side, &self.shape, &object, self.start(x))?;
             Some(self.shape.state(&object, &found, x))
         };
         solved().unwrap_or_else(|| self.rested(x))
@@ -198,11 +301,8 @@ impl<Object: Shape<N>, const N: usize> Process<N> for Roll<'_, Object, N> {
 
     fn noise(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         let mut variances = self.shape.variances(self.dt_s);
-        let tilt = Place::new(self.side, Around::of_state(x)).map_or(MOST_TILT_RAD, |place| {
-            let across = place.axes(0.0).across;
-            let acceleration_m_s2 = across.dot(&(self.unrest * across)).max(0.0).sqrt();
-            (self.side.mass_kg * acceleration_m_s2 / place.directions.force_n).clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
-        });
+        let tilt = Place::new(self.side, Around::of_state(x))
+            .map_or(MOST_TILT_RAD, |place| place.tilt_sd_rad(self.side, &self.unrest));
         variances[TILT] = tilt.powi(2) * (1.0 - self.decay().powi(2));
         SMatrix::from_diagonal(&variances)
     }

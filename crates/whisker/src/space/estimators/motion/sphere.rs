@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::rolling::{FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
-use super::{Motion, Radius, check_wander, describe_normal, extended};
+use super::{Motion, Radius, check_wander, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::SettingsError;
 use crate::space::estimators::side::Side;
@@ -54,6 +54,7 @@ impl Motion<5> for Sphere {
     fn describe(&self, side: &Side, belief: &Gaussian<5>, estimate: &mut Estimate) {
         if let Some(place) = Place::new(side, Around::of_state(&belief.mean)) {
             describe_normal(&place, belief, estimate);
+            describe_radius(side, belief, RADIUS, estimate);
         }
     }
 }
@@ -84,6 +85,11 @@ impl Shape<5> for Sphere {
     fn state(&self, ball: &Ball, place: &Place, before: &SVector<f64, 5>) -> SVector<f64, 5> {
         let [s, u, v] = place.at.vector().into();
         [s, u, v, ball.tilt_rad, before[RADIUS]].into()
+    }
+
+    fn prior(&self, _: &SVector<f64, 5>) -> (SVector<f64, 5>, SVector<f64, 5>) {
+        let (radius, radius_sd) = self.radius.logarithm();
+        ([0.0, 0.0, 0.0, 0.0, radius].into(), [1.0, 1.0, 1.0, 1.0, radius_sd].into())
     }
 
     fn variances(&self, dt_s: f64) -> SVector<f64, 5> {

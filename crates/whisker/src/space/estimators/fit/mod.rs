@@ -1,0 +1,418 @@
+//! Fits an object at rest to all readings of a touch.
+//!
+//! Without friction, the pose of the base and the object determine the contact, and with it the reading. The unknowns are those
+//! of the contact at one reference pose, as in the filters of the same model of motion ([`super::motion`]); the object follows
+//! from them, and so does the contact at every other pose. The fit minimises the squared residuals of all readings
+//!
+//! ```text
+//! sum_k |z_k - h(p_k(x))|^2 / R_k + |x - x_0|^2 / P_0
+//! ```
+//!
+//! by the Levenberg-Marquardt method. Readings at nearly the same pose are averaged. In contrast to a filter, nothing is
+//! linearised about an early estimate, and the object has no process noise. The lag and the ringing of the wire along the
+//! surface are part of `R_k`.
+//!
+//! A touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the object,
+//! are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence. The work
+//! is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
+//! present contact of each mode.
+
+mod readings;
+mod search;
+
+use filters::{Gaussian, Innovation};
+use nalgebra::{Matrix3, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+use super::follower::{self, Follower, Tracker, Unrest};
+use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S, touch};
+use super::side::Side;
+use super::{Estimate, Knowledge, Sample};
+use crate::frames::{Base, Start};
+use crate::settings::{Settings, SettingsError, within};
+use crate::space::frames::Pose;
+use crate::space::sensor::Around;
+use readings::{Mean, Readings};
+use search::{Evidence, Prior, Search};
+
+/// Prior standard deviations of the contact's coordinates across the whisker.
+const AWAY_SD_M: f64 = 5e-3;
+
+/// Most hypotheses of the filter with which the fit begins, and their smallest weight relative to the heaviest.
+const PLACES: usize = 2;
+const PLACE_SHARE: f64 = 0.1;
+
+/// Factor of the contact's distance from the undeflected whisker above which the reference pose is renewed: near the undeflected
+/// whisker the direction of the force is uncertain.
+const FARTHER: f64 = 1.5;
+
+/// Largest squared distance of two modes, in their covariance, at which they are the same.
+const SAME: f64 = 1.0;
+
+/// Consecutive samples without a contact after which the object is given up.
+const LOST: usize = 25;
+
+/// Settings of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Config {
+    /// Model of the contact's motion. A contact at rest is filtered, not fitted.
+    pub(super) motion: MotionSettings,
+    /// Number of initial hypotheses along the whisker.
+    pub(super) hypotheses: usize,
+    /// Time since the touch after which the fit begins.
+    pub(super) start_s: f64,
+    /// Largest number of modes at the start, and after the first searches.
+    pub(super) modes: usize,
+    pub(super) kept_modes: usize,
+    /// Weight of a mode, relative to the heaviest, below which it is dropped.
+    pub(super) prune_share: f64,
+    /// Gate, in standard deviations: the residual of a mean beyond it counts by its logarithm.
+    pub(super) gate_sds: f64,
+    /// Means that are evaluated per sample, which bounds the time of a step.
+    pub(super) means_per_step: usize,
+    /// Standard deviation of the contact for deviations of the object from its model.
+    pub(super) deviation_m: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::new(MotionSettings::line())
+    }
+}
+
+impl Config {
+    pub(super) fn new(motion: MotionSettings) -> Self {
+        Self {
+            motion,
+            hypotheses: 8,
+            start_s: 0.2,
+            modes: 8,
+            kept_modes: 3,
+            prune_share: 1e-2,
+            gate_sds: 5.0,
+            means_per_step: 3,
+            deviation_m: 5e-6,
+        }
+    }
+}
+
+impl Config {
+    /// Settings of the filter with which a touch begins.
+    pub(super) fn filter(&self, motion: MotionSettings) -> follower::Config {
+        follower::Config { hypotheses: self.hypotheses, ..follower::Config::new(motion) }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("start_s", self.start_s, 0.0..=1e3)?;
+        within("modes", self.modes as f64, 1.0..=100.0)?;
+        within("kept_modes", self.kept_modes as f64, 1.0..=100.0)?;
+        within("prune_share", self.prune_share, 0.0..=0.5)?;
+        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
+        within("means_per_step", self.means_per_step as f64, 1.0..=1e4)?;
+        within("deviation_m", self.deviation_m, 0.0..=0.1)?;
+        self.filter(self.motion).validate()
+    }
+}
+
+/// An object that explains the readings.
+struct Mode<const N: usize> {
+    /// Pose of the base that the state belongs to.
+    reference: Pose<Base, Start>,
+    prior: Prior<N>,
+    about: Neighbours<N>,
+    covariance: SMatrix<f64, N, N>,
+    log_weight: f64,
+    /// The contact at the present instant, without tilt.
+    near: Around,
+    /// Mean (rad) and variance of the tilt at the present instant.
+    tilt: (f64, f64),
+}
+
+/// Searches of all modes on the same means.
+struct Round<const N: usize> {
+    means: Vec<Mean>,
+    /// The mode whose search is in progress.
+    mode: usize,
+    search: Search<N>,
+    log_evidence: Vec<f64>,
+    /// Logarithm of the evidence of the readings since the means were taken.
+    since: f64,
+}
+
+/// Follows one contact.
+pub(super) struct Fitter<Model, const N: usize> {
+    config: Config,
+    model: Model,
+    side: Side,
+    knowledge: Knowledge,
+    /// The filter, until the first searches of all modes have ended.
+    front: Option<Follower<Resting, 3>>,
+    unrest: Unrest,
+    base: Pose<Base, Start>,
+    elapsed_s: f64,
+    readings: Readings,
+    modes: Vec<Mode<N>>,
+    round: Option<Round<N>>,
+    lost: usize,
+    /// Logarithm of the evidence of all modes in the last round, and of the readings since its means were taken.
+    log_evidence: Option<f64>,
+    since: f64,
+}
+
+impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
+    pub(super) fn new(config: &Config, model: Model, knowledge: &Knowledge) -> Self {
+        Self {
+            config: *config,
+            model,
+            side: Side::new(knowledge),
+            knowledge: knowledge.clone(),
+            front: Some(Follower::new(&config.filter(MotionSettings::resting()), Resting::default(), knowledge)),
+            unrest: Unrest::default(),
+            base: Pose::identity(),
+            elapsed_s: 0.0,
+            readings: Readings::default(),
+            modes: Vec::new(),
+            round: None,
+            lost: 0,
+            log_evidence: None,
+            since: 0.0,
+        }
+    }
+
+    /// The modes from the probable hypotheses of the filter.
+    fn begin(&self, front: &Follower<Resting, 3>) -> Vec<Mode<N>> {
+        let mut places: Vec<(Gaussian<3>, f64)> = front.hypotheses().collect();
+        places.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let most = places.first().map_or(0.0, |(_, weight)| *weight);
+        let probable = places.iter().filter(|(_, weight)| *weight >= PLACE_SHARE * most).take(PLACES);
+        let beliefs =
+            probable.flat_map(|(place, weight)| self.model.parts(place).into_iter().map(|part| (part, *weight)));
+        let (low_m, high_m) = self.side.calibrated.domain.arc_range_m();
+        let mode = |(belief, weight): (Gaussian<N>, f64)| {
+            let (x, mut covariance) = (belief.mean, belief.covariance);
+            covariance.row_mut(TILT).fill(0.0);
+            covariance.column_mut(TILT).fill(0.0);
+            let (mut mean, mut sd) = self.model.prior(&x);
+            mean.fixed_rows_mut::<3>(0).copy_from(&x.fixed_rows::<3>(0));
+            (sd[0], sd[1], sd[2], sd[TILT]) = ((high_m - low_m) / 12_f64.sqrt(), AWAY_SD_M, AWAY_SD_M, 1.0);
+            Some(Mode {
+                reference: self.base,
+                prior: Prior { mean, sd },
+                about: Neighbours::new(&self.side, &x)?,
+                covariance,
+                log_weight: weight.ln(),
+                near: Around::of_state(&x),
+                tilt: (0.0, 0.0),
+            })
+        };
+        beliefs.take(self.config.modes).filter_map(mode).collect()
+    }
+
+    /// Goes on with the searches.
+    fn search(&mut self) {
+        let Some(round) = &mut self.round else {
+            self.round = self.search_of(0).map(|search| Round {
+                means: self.readings.means().to_vec(),
+                mode: 0,
+                search,
+                log_evidence: vec![f64::NEG_INFINITY; self.modes.len()],
+                since: 0.0,
+            });
+            return;
+        };
+        let Config { gate_sds, means_per_step, .. } = self.config;
+        let evidence = Evidence { side: &self.side, shape: &self.model, means: &round.means, gate_sds };
+        if !round.search.advance(&evidence, means_per_step) {
+            return;
+        }
+        let Some(mut round) = self.round.take() else { return };
+        let mode = &mut self.modes[round.mode];
+        if let Some((x, quadratic)) = round.search.best()
+            && let (Some(about), Some(covariance)) = (Neighbours::new(&self.side, &x), quadratic.covariance())
+        {
+            (mode.about, mode.covariance) = (about, covariance);
+            round.log_evidence[round.mode] = quadratic.log_evidence(&mode.prior).unwrap_or(f64::NEG_INFINITY);
+        }
+        let next = round.mode + 1;
+        if next == self.modes.len() {
+            self.weigh(&round.log_evidence, round.means.len());
+            self.since = round.since;
+            self.front = None;
+        } else {
+            self.round = self.search_of(next).map(|search| Round { mode: next, search, ..round });
+        }
+    }
+
+    fn search_of(&self, mode: usize) -> Option<Search<N>> {
+        let Mode { reference, prior, about, near, .. } = self.modes.get(mode)?;
+        // Until the first round has ended, the contact is known at the reference pose alone.
+        let pose = if self.front.is_some() { *reference } else { self.base };
+        Search::new(&self.side, *reference, *prior, &about.x, (*near, pose))
+    }
+
+    /// Weights of the modes by their evidence from a number of means; improbable modes and duplicates are dropped.
+    fn weigh(&mut self, log_evidence: &[f64], means: usize) {
+        let most = log_evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if most == f64::NEG_INFINITY {
+            return;
+        }
+        for (mode, evidence) in self.modes.iter_mut().zip(log_evidence) {
+            mode.log_weight = evidence - most;
+        }
+        self.modes.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+        let least = self.config.prune_share.ln();
+        let model = self.model;
+        let mut kept: Vec<Mode<N>> = Vec::new();
+        for mode in std::mem::take(&mut self.modes) {
+            let is_same = |other: &Mode<N>| {
+                let mut x = mode.about.x;
+                model.align(&mut x, &other.about.x);
+                let away = x - other.about.x;
+                let mut covariance = other.covariance;
+                covariance[(TILT, TILT)] = 1.0;
+                covariance.cholesky().is_some_and(|factor| away.dot(&factor.solve(&away)) < SAME)
+            };
+            if kept.len() < self.config.kept_modes && mode.log_weight >= least && !kept.iter().any(is_same) {
+                kept.push(mode);
+            }
+        }
+        // The cost of a mean of two readings is 1 on average: without it, rounds with different numbers of means are comparable.
+        let total: f64 = kept.iter().map(|mode| mode.log_weight.exp()).sum();
+        self.log_evidence = Some(most + total.ln() + means as f64);
+        self.modes = kept;
+        for mode in &mut self.modes {
+            mode.renew(&self.side, &self.model, &self.base);
+        }
+    }
+
+    /// Belief about the present state of a mode, and the innovation of the reading, which the fit does not include yet.
+    fn present(&self, mode: &mut Mode<N>, sample: &Sample) -> Option<(Gaussian<N>, Innovation<2>)> {
+        let (side, model) = (&self.side, &self.model);
+        let motion = mode.reference.then(&self.base.inverse());
+        let object = mode.about.object(model, &motion, 0.0);
+        let found = touch(side, model, &object, mode.near)
+            .or_else(|| touch(side, model, &object, mode.about.carried(side, &motion)))?;
+        let place = found.0;
+        mode.near = place.at();
+        // The entries about the object hardly change from pose to pose.
+        let mut slopes = SMatrix::<f64, N, N>::identity();
+        slopes.fixed_rows_mut::<3>(0).copy_from(&mode.about.contact_slopes(model, &motion, &found));
+        slopes[(TILT, TILT)] = 0.0;
+        let mut covariance = slopes * mode.covariance * slopes.transpose();
+        for i in 0..3 {
+            covariance[(i, i)] += self.config.deviation_m.powi(2);
+        }
+        let mut by_tilt = SVector::<f64, N>::zeros();
+        by_tilt.fixed_rows_mut::<3>(0).copy_from(&mode.about.tilt_slopes(model, &motion, &found));
+        by_tilt[TILT] = 1.0;
+
+        // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
+        let decay = (-sample.dt_s / TILT_S).exp();
+        let variance = place.tilt_sd_rad(side, &self.unrest.second).powi(2);
+        let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
+        let state = model.state(&object, &place, &mode.about.x);
+        let at = Around::of_state(&(state + by_tilt * tilt_rad));
+        let (expected_n_m, by_contact) = side.expect(at);
+        let by_reading = by_contact * by_tilt.fixed_rows::<3>(0);
+        let of_contact: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let spread = by_contact * of_contact * by_contact.transpose()
+            + by_reading * by_reading.transpose() * tilt_rad2
+            + side.covariance_n2_m2(at);
+        let innovation = Innovation::of(sample.reading_n_m - expected_n_m, spread)?;
+        let gain = spread.try_inverse()? * by_reading * tilt_rad2;
+        let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
+        mode.tilt =
+            (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
+        covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
+        Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
+    }
+
+    /// Adds the evidence of a reading: the logarithm of its likelihood, relative to the mean one of a known contact.
+    fn count(&mut self, innovation: &Innovation<2>, belief: &Gaussian<N>) {
+        let known = self.side.covariance_n2_m2(Around::of_state(&belief.mean));
+        let spread = (innovation.covariance.determinant() / known.determinant()).ln();
+        let evidence = 1.0 - 0.5 * innovation.nis.min(self.config.gate_sds.powi(2)) - 0.5 * spread;
+        self.since += evidence;
+        if let Some(round) = &mut self.round {
+            round.since += evidence;
+        }
+    }
+
+    /// The estimate of the modes.
+    fn together(&mut self, sample: &Sample) -> Option<Estimate> {
+        let mut modes = std::mem::take(&mut self.modes);
+        let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
+            .iter_mut()
+            .filter_map(|mode| {
+                let (belief, innovation) = self.present(mode, sample)?;
+                Some((belief, innovation, mode.log_weight.exp()))
+            })
+            .filter(|(belief, ..)| belief.is_finite())
+            .collect();
+        self.modes = modes;
+        self.lost = if beliefs.is_empty() { self.lost + 1 } else { 0 };
+        let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
+        for (belief, ..) in &mut beliefs {
+            self.model.align(&mut belief.mean, &likeliest.mean);
+        }
+        let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
+        if let Some(innovation) = &innovation {
+            self.count(innovation, &likeliest);
+        }
+        let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)))?;
+        let mut estimate = self.side.estimate(&belief, innovation)?;
+        self.model.describe(&self.side, &belief, &mut estimate);
+        Some(estimate)
+    }
+}
+
+impl<const N: usize> Mode<N> {
+    /// Refers the state to the present pose of the base if the whisker is deflected farther there.
+    fn renew<Model: Shape<N>>(&mut self, side: &Side, model: &Model, base: &Pose<Base, Start>) {
+        if self.near.away_m() < FARTHER * Around::of_state(&self.about.x).away_m() {
+            return;
+        }
+        let motion = self.reference.then(&base.inverse());
+        let Some((x, slopes)) = self.about.moved(side, model, &motion, 0.0, self.near) else { return };
+        let Some(about) = Neighbours::new(side, &x) else { return };
+        (self.reference, self.about) = (*base, about);
+        self.covariance = slopes * self.covariance * slopes.transpose();
+        self.prior.mean.fixed_rows_mut::<3>(0).copy_from(&x.fixed_rows::<3>(0));
+    }
+}
+
+impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.base = sample.motion.inverse().then(&self.base);
+        self.elapsed_s += sample.dt_s;
+        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        let estimate = match &mut self.front {
+            Some(front) => front.step(sample),
+            None => self.together(sample),
+        };
+        // The reading of the touch itself was detected by its size.
+        if self.elapsed_s > sample.dt_s {
+            self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, self.unrest.second));
+        }
+        match &self.front {
+            Some(front) if self.modes.is_empty() => {
+                if self.elapsed_s >= self.config.start_s {
+                    self.modes = self.begin(front);
+                }
+            }
+            _ => self.search(),
+        }
+        if self.front.is_none() && (self.lost >= LOST || self.modes.is_empty()) {
+            let unrest = self.unrest;
+            *self = Self { unrest, ..Self::new(&self.config, self.model, &self.knowledge) };
+        }
+        estimate
+    }
+
+    fn log_evidence(&self) -> Option<f64> {
+        Some(self.log_evidence? + self.since)
+    }
+}

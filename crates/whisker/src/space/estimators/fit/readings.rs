@@ -1,0 +1,167 @@
+//! Readings that an object is fitted to, averaged where the pose of the base is nearly the same.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+
+use crate::frames::{Base, Start};
+use crate::space::frames::Pose;
+
+/// Largest displacement and rotation of the base among readings that are averaged, as long as they are few.
+const WAY_M: f64 = 0.2e-3;
+const TURN_RAD: f64 = 4e-3;
+
+/// Number of means above which more readings are averaged.
+const MOST: usize = 96;
+
+/// Factor of the displacement and rotation by which more readings are averaged.
+const COARSER: f64 = std::f64::consts::SQRT_2;
+
+/// The mean of readings between whose poses the base hardly differs, at their mean pose.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Mean {
+    /// Pose of the base at the first reading.
+    first: Pose<Base, Start>,
+    /// Mean of the displacement (m) and of the rotation vector (rad) from the first pose, the latter in the base's frame.
+    shift_m: Vector3<f64>,
+    turn_rad: Vector3<f64>,
+    /// Mean of both moments.
+    pub(super) reading_n_m: Vector2<f64>,
+    /// Number of readings, and time that they cover.
+    pub(super) count: f64,
+    pub(super) duration_s: f64,
+    /// Mean of the second moment of the base's recent acceleration (m2/s4).
+    pub(super) unrest: Matrix3<f64>,
+}
+
+impl Mean {
+    /// A single reading.
+    pub(super) fn new(
+        base: Pose<Base, Start>,
+        reading_n_m: Vector2<f64>,
+        duration_s: f64,
+        unrest: Matrix3<f64>,
+    ) -> Self {
+        let (shift_m, turn_rad) = (Vector3::zeros(), Vector3::zeros());
+        Self { first: base, shift_m, turn_rad, reading_n_m, count: 1.0, duration_s, unrest }
+    }
+
+    /// Mean pose of the base.
+    pub(super) fn base(&self) -> Pose<Base, Start> {
+        let turned = Rotation3::from_matrix_unchecked(self.first.rotation()) * Rotation3::new(self.turn_rad);
+        Pose::new(self.first.origin().vector() + self.shift_m, turned)
+    }
+
+    /// Displacement (m) and rotation vector (rad) from the first pose to another.
+    fn way_to(&self, base: &Pose<Base, Start>) -> (Vector3<f64>, Vector3<f64>) {
+        let turn = Rotation3::from_matrix_unchecked(self.first.rotation().tr_mul(&base.rotation()));
+        // By the quaternion: the angle of a matrix, from its trace, may be undefined after rounding.
+        let turn_rad = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
+        (base.origin().vector() - self.first.origin().vector(), turn_rad)
+    }
+
+    /// Includes the readings of another mean.
+    fn join(&mut self, other: &Self) {
+        let count = self.count + other.count;
+        let share = other.count / count;
+        let (shift_m, turn_rad) = self.way_to(&other.base());
+        self.shift_m += (shift_m - self.shift_m) * share;
+        self.turn_rad += (turn_rad - self.turn_rad) * share;
+        self.reading_n_m += (other.reading_n_m - self.reading_n_m) * share;
+        self.unrest += (other.unrest - self.unrest) * share;
+        self.duration_s += other.duration_s;
+        self.count = count;
+    }
+}
+
+/// Readings of one touch, averaged where the base returns to a pose: without friction and with the object at rest they are
+/// repetitions of one reading. Their number, and so the time of a fit, is bounded.
+#[derive(Clone, Debug)]
+pub(super) struct Readings {
+    means: Vec<Mean>,
+    /// Factor of the displacement and rotation within which readings are averaged.
+    scale: f64,
+}
+
+impl Default for Readings {
+    fn default() -> Self {
+        Self { means: Vec::new(), scale: 1.0 }
+    }
+}
+
+impl Readings {
+    /// Includes a reading in the mean of the nearest pose, or appends it if there is none within reach.
+    pub(super) fn keep(&mut self, reading: Mean) {
+        self.include(reading);
+        while self.means.len() > MOST && self.scale.is_finite() {
+            self.scale *= COARSER;
+            std::mem::take(&mut self.means).into_iter().for_each(|mean| self.include(mean));
+        }
+    }
+
+    fn include(&mut self, reading: Mean) {
+        let (way_m, turn_rad) = (self.scale * WAY_M, self.scale * TURN_RAD);
+        let base = reading.base();
+        let distances = self.means.iter().enumerate().filter_map(|(i, mean)| {
+            let far = mean.first.origin().distance(&base.origin()) / way_m;
+            if far > 1.0 {
+                return None;
+            }
+            let turned = mean.way_to(&base).1.norm() / turn_rad;
+            Some((i, far.max(turned)))
+        });
+        match distances.filter(|(_, distance)| *distance <= 1.0).min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((i, _)) => self.means[i].join(&reading),
+            None => self.means.push(reading),
+        }
+    }
+
+    /// The means, in the order of the first of their readings unless they were averaged further.
+    pub(super) fn means(&self) -> &[Mean] {
+        &self.means
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reading(x_m: f64, turn_rad: f64, reading_n_m: f64) -> Mean {
+        let base = Pose::new(Vector3::x() * x_m, Rotation3::new(Vector3::z() * turn_rad));
+        Mean::new(base, Vector2::new(reading_n_m, 0.0), 4e-3, Matrix3::zeros())
+    }
+
+    #[test]
+    fn verif_readings_at_a_pose_are_averaged_whenever_the_base_returns() {
+        let mut readings = Readings::default();
+        for (x_m, turn_rad) in [(0.0, 0.0), (1e-3, 0.0), (1e-3, 0.01), (1e-3, 2e-3), (0.1e-3, 0.0)] {
+            readings.keep(reading(x_m, turn_rad, 1e-3 * x_m));
+        }
+        let [first, second, third] = readings.means() else { panic!("three poses") };
+        assert_eq!((first.count, second.count, third.count), (2.0, 2.0, 1.0));
+        assert!((first.base().origin().vector().x - 0.05e-3).abs() < 1e-15);
+        assert!((first.reading_n_m.x - 0.05e-6).abs() < 1e-15);
+        let turn = Rotation3::from_matrix_unchecked(second.base().rotation()).scaled_axis();
+        assert!((turn - Vector3::z() * 1e-3).norm() < 1e-12, "{turn}");
+    }
+
+    #[test]
+    fn regress_rounded_rotations_have_a_mean_pose() {
+        let rounded = Rotation3::from_matrix_unchecked(Matrix3::identity() * (1.0 + 1e-15));
+        let base = Pose::new(Vector3::zeros(), rounded);
+        let mut readings = Readings::default();
+        for _ in 0..3 {
+            readings.keep(Mean::new(base, Vector2::zeros(), 4e-3, Matrix3::zeros()));
+        }
+        assert!(readings.means()[0].base().rotation().iter().all(|entry| entry.is_finite()));
+    }
+
+    #[test]
+    fn robust_the_number_of_means_is_bounded() {
+        let mut readings = Readings::default();
+        for i in 0..20 * MOST {
+            readings.keep(reading(1e-3 * i as f64, 0.0, 1e-3));
+            assert!(readings.means().len() <= MOST);
+        }
+        let count: f64 = readings.means().iter().map(|mean| mean.count).sum();
+        assert!((count - 20.0 * MOST as f64).abs() < 1e-6);
+    }
+}

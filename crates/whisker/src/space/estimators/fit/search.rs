@@ -1,0 +1,236 @@
+//! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::readings::Mean;
+use crate::frames::{Base, Start};
+use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S, touch};
+use crate::space::estimators::side::Side;
+use crate::space::frames::Pose;
+use crate::space::sensor::Around;
+
+/// Damping of the first step, its factors after accepted and rejected steps, and the damping that ends the search.
+const FIRST_DAMPING: f64 = 1e-3;
+const LESS: f64 = 0.1;
+const MORE: f64 = 10.0;
+const MOST_DAMPING: f64 = 1e4;
+
+/// Expected decrease of the cost at which the search has converged: an eighth of a standard deviation.
+const CONVERGED: f64 = 0.01;
+
+/// Accepted and rejected steps after which the search ends.
+const MOST_STEPS: usize = 5;
+
+/// Prior of the state of a contact at its reference pose: independent entries.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Prior<const N: usize> {
+    pub(super) mean: SVector<f64, N>,
+    pub(super) sd: SVector<f64, N>,
+}
+
+/// Quadratic approximation of the cost: half the squared residuals of readings and prior in their standard deviations. The entry
+/// of the tilt is held fixed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Quadratic<const N: usize> {
+    pub(super) cost: f64,
+    gradient: SVector<f64, N>,
+    curvature: SMatrix<f64, N, N>,
+}
+
+impl<const N: usize> Quadratic<N> {
+    /// That of a prior at a state.
+    fn of_prior(prior: &Prior<N>, x: &SVector<f64, N>) -> Self {
+        let mut found = Self { cost: 0.0, gradient: SVector::zeros(), curvature: SMatrix::zeros() };
+        for i in 0..N {
+            let (away, weight) = (x[i] - prior.mean[i], prior.sd[i].powi(-2));
+            if i == TILT {
+                found.curvature[(i, i)] = 1.0;
+            } else {
+                found.cost += 0.5 * away * away * weight;
+                found.gradient[i] = away * weight;
+                found.curvature[(i, i)] = weight;
+            }
+        }
+        found
+    }
+
+    /// Covariance of the state at a minimum; that of the tilt is zero. `None` unless the curvature is positive definite.
+    pub(super) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
+        let mut covariance = self.curvature.cholesky()?.inverse();
+        covariance[(TILT, TILT)] = 0.0;
+        Some(covariance)
+    }
+
+    /// Logarithm of the probability of the readings under the object, up to a constant, by Laplace's approximation.
+    pub(super) fn log_evidence(&self, prior: &Prior<N>) -> Option<f64> {
+        let volume: f64 = (0..N).filter(|i| *i != TILT).map(|i| prior.sd[i].ln()).sum();
+        let determinant: f64 = self.curvature.cholesky()?.l().diagonal().iter().map(|entry| entry.ln()).sum();
+        Some(-self.cost - determinant - volume)
+    }
+
+    /// Damped step, and the expected decrease of the cost. `None` unless the curvature is positive definite.
+    fn step(&self, damping: f64) -> Option<(SVector<f64, N>, f64)> {
+        let mut damped = self.curvature;
+        for i in 0..N {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let step = -damped.cholesky()?.solve(&self.gradient);
+        Some((step, -(self.gradient.dot(&step) + 0.5 * step.dot(&(self.curvature * step)))))
+    }
+}
+
+/// What a search needs.
+pub(super) struct Evidence<'a, Object, const N: usize> {
+    pub(super) side: &'a Side,
+    pub(super) shape: &'a Object,
+    pub(super) means: &'a [Mean],
+    pub(super) gate_sds: f64,
+}
+
+impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
+    /// Adds the residual of one mean to the approximation about a state at `reference`; `near` is the contact from which that with
+    /// the mean's pose is sought, and is replaced by it if there is one. Residuals beyond the gate count by their logarithm.
+    /// Whether there is a contact.
+    fn add(
+        &self,
+        quadratic: &mut Quadratic<N>,
+        about: &Neighbours<N>,
+        reference: &Pose<Base, Start>,
+        mean: &Mean,
+        near: &mut Around,
+    ) -> bool {
+        let Self { side, shape, .. } = self;
+        let gate = self.gate_sds.powi(2);
+        let motion = reference.then(&mean.base().inverse());
+        let object = about.object(*shape, &motion, 0.0);
+        let found =
+            touch(side, *shape, &object, *near).or_else(|| touch(side, *shape, &object, about.carried(side, &motion)));
+        let Some(found) = found else {
+            // A contact that does not exist is as improbable as an outlier.
+            quadratic.cost += gate;
+            return false;
+        };
+        let place = &found.0;
+        *near = place.at();
+        let (expected_n_m, by_contact) = side.expect(*near);
+        let slopes = by_contact * about.contact_slopes(*shape, &motion, &found);
+        // The mean of an oscillation decreases with the duration, its variance with the square.
+        let repeats = 1.0 + (mean.duration_s / (2.0 * TILT_S)).powi(2);
+        let by_tilt = by_contact * about.tilt_slopes(*shape, &motion, &found) * place.tilt_sd_rad(side, &mean.unrest);
+        let mut covariance = side.covariance_of_mean_n2_m2(*near, mean.count) + by_tilt * by_tilt.transpose() / repeats;
+        let inertia = side.inertia_n_m(*near, mean.unrest.trace().sqrt()).powi(2) / repeats;
+        (covariance[(0, 0)], covariance[(1, 1)]) = (covariance[(0, 0)] + inertia, covariance[(1, 1)] + inertia);
+        let Some(factor) = covariance.cholesky() else { return false };
+        let residual = expected_n_m - mean.reading_n_m;
+        let squared = residual.dot(&factor.solve(&residual));
+        let (cost, weight) = if squared <= gate {
+            (0.5 * squared, 1.0)
+        } else {
+            (0.5 * gate * (1.0 + (squared / gate).ln()), gate / squared)
+        };
+        quadratic.cost += cost;
+        quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
+        quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
+        true
+    }
+}
+
+/// A search from one state, in progress.
+pub(super) struct Search<const N: usize> {
+    reference: Pose<Base, Start>,
+    prior: Prior<N>,
+    /// Contacts with the poses of the means, as far as they were found.
+    near: Vec<Option<Around>>,
+    /// The contact that was found last, with its pose.
+    last: (Around, Pose<Base, Start>),
+    best: Option<(SVector<f64, N>, Quadratic<N>)>,
+    damping: f64,
+    steps: usize,
+    /// The state that is evaluated, the approximation about it, and the number of means that this includes.
+    trial: Neighbours<N>,
+    quadratic: Quadratic<N>,
+    done: usize,
+}
+
+impl<const N: usize> Search<N> {
+    /// A search from a state at `reference`, with the contact at the latest pose. `None` if the state is no contact.
+    pub(super) fn new(
+        side: &Side,
+        reference: Pose<Base, Start>,
+        prior: Prior<N>,
+        x: &SVector<f64, N>,
+        last: (Around, Pose<Base, Start>),
+    ) -> Option<Self> {
+        let trial = Neighbours::new(side, x)?;
+        let quadratic = Quadratic::of_prior(&prior, x);
+        let near = Vec::new();
+        Some(Self {
+            reference,
+            prior,
+            near,
+            last,
+            best: None,
+            damping: FIRST_DAMPING,
+            steps: 0,
+            trial,
+            quadratic,
+            done: 0,
+        })
+    }
+
+    /// Takes the residuals of up to `count` means, from the latest to the first. Whether the search has ended.
+    pub(super) fn advance<Object: Shape<N>>(&mut self, evidence: &Evidence<'_, Object, N>, count: usize) -> bool {
+        self.near.resize(evidence.means.len(), None);
+        let end = (self.done + count).min(evidence.means.len());
+        for i in (self.done..end).map(|done| evidence.means.len() - 1 - done) {
+            let mean = &evidence.means[i];
+            // At first from the last contact, as if it rested.
+            let mut near = self.near[i].unwrap_or_else(|| {
+                let (at, base) = self.last;
+                let rest = evidence.side.rest();
+                Around::of(rest, base.then(&mean.base().inverse()).apply(at.contact(rest)))
+            });
+            if evidence.add(&mut self.quadratic, &self.trial, &self.reference, mean, &mut near) {
+                self.near[i] = Some(near);
+                self.last = (near, mean.base());
+            }
+        }
+        self.done = end;
+        self.done == evidence.means.len() && self.conclude(evidence.side)
+    }
+
+    /// Accepts or rejects the evaluated state and begins the next one. Whether the search has ended.
+    fn conclude(&mut self, side: &Side) -> bool {
+        self.steps += 1;
+        let is_better = self.best.as_ref().is_none_or(|(_, best)| self.quadratic.cost < best.cost);
+        if is_better {
+            if self.best.is_some() {
+                self.damping *= LESS;
+            }
+            self.best = Some((self.trial.x, self.quadratic));
+        } else {
+            self.damping *= MORE;
+        }
+        let Some((x, best)) = &self.best else { return true };
+        while self.steps < MOST_STEPS && self.damping < MOST_DAMPING {
+            let Some((step, decrease)) = best.step(self.damping) else { return true };
+            if decrease < CONVERGED {
+                return true;
+            }
+            let mut moved = x + step;
+            side.hold(&mut moved);
+            if let Some(trial) = Neighbours::new(side, &moved) {
+                self.quadratic = Quadratic::of_prior(&self.prior, &moved);
+                (self.trial, self.done) = (trial, 0);
+                return false;
+            }
+            self.damping *= MORE;
+        }
+        true
+    }
+
+    /// The best state with the approximation about it.
+    pub(super) fn best(self) -> Option<(SVector<f64, N>, Quadratic<N>)> {
+        self.best
+    }
+}

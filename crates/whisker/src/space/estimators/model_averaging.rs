@@ -1,0 +1,204 @@
+//! Bayesian model averaging over models of the object, as in the plane ([`crate::estimators`]).
+//!
+//! Each candidate is a fit of an object to all readings of the touch and gives its evidence, the probability of the readings under
+//! its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
+//! posterior probability. Until the fits have converged, the priors decide. The estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as
+//! uncertainty. The more flexible a candidate, the smaller its prior.
+
+use std::sync::Arc;
+
+use filters::{Gaussian, Innovation};
+use nalgebra::{Matrix1, Matrix3, Vector1, Vector3};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::follower::Tracker;
+use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
+use crate::settings::{Settings, SettingsError, within};
+
+/// Largest number of candidates.
+const MOST: usize = 16;
+
+/// Least probability of the candidates with an estimate for which there is one of the mixture.
+const LEAST_KNOWN: f64 = 0.5;
+
+/// A method to average over.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Candidate {
+    /// Name in the registry.
+    name: String,
+    /// Settings that differ from its default ones.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    settings: Map<String, Value>,
+    /// Prior probability, relative to the others.
+    weight: f64,
+}
+
+/// Settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Config {
+    /// The candidates.
+    candidates: Vec<Candidate>,
+    /// Power of the evidence: below 1 because the errors of neighbouring readings depend on one another, as those of a wrong
+    /// model and of the ringing do.
+    evidence_power: f64,
+    /// Factor of the covariance, for errors that no candidate has.
+    covariance_factor: f64,
+    /// Probability of a candidate, relative to the largest, below which it does not count for the estimate.
+    ignored_share: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        let candidate = |(name, weight): (&str, f64)| Candidate { name: name.into(), settings: Map::new(), weight };
+        Self {
+            candidates: [("line-fit", 20.0), ("cylinder-fit", 5.0), ("sphere-fit", 1.0), ("patch-fit", 0.3)]
+                .map(candidate)
+                .into(),
+            evidence_power: 0.5,
+            covariance_factor: 1.0,
+            ignored_share: 0.02,
+        }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        within("candidates", self.candidates.len() as f64, 1.0..=MOST as f64)?;
+        for (place, candidate) in self.candidates.iter().enumerate() {
+            within("candidates.weight", candidate.weight, 1e-9..=1e9)?;
+            if self.candidates[..place].iter().any(|other| other.name == candidate.name) {
+                return Err(refused(&candidate.name, "named twice, expected each name once"));
+            }
+        }
+        within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
+        within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
+        within("ignored_share", self.ignored_share, 0.0..=0.5)
+    }
+}
+
+fn refused(name: &str, why: &str) -> SettingsError {
+    SettingsError::Parse(format!("`candidates`: `{name}` is {why}"))
+}
+
+/// The average of several methods.
+pub(super) struct ModelAveraging {
+    config: Arc<Config>,
+    methods: Vec<Box<dyn Method>>,
+}
+
+impl ModelAveraging {
+    /// # Errors
+    /// [`SettingsError`] if a candidate is unknown or no fit, or its settings are invalid.
+    pub(super) fn new(config: Config) -> Result<Self, SettingsError> {
+        let method = |candidate: &Candidate| {
+            let row = spatial_estimator(&candidate.name).ok_or_else(|| {
+                let known: Vec<_> = SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect();
+                refused(&candidate.name, &format!("unknown, expected one of: {}", known.join(", ")))
+            })?;
+            if !matches!(row.kind, Kind::Fit(_)) {
+                return Err(refused(&candidate.name, "a method without evidence for its model, expected a fit"));
+            }
+            let mut settings = row.defaults();
+            if let Some(all) = settings.as_object_mut() {
+                all.extend(candidate.settings.clone());
+            }
+            row.kind.method(&settings)
+        };
+        let methods = config.candidates.iter().map(method).collect::<Result<_, _>>()?;
+        Ok(Self { config: Arc::new(config), methods })
+    }
+}
+
+impl Method for ModelAveraging {
+    fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
+        Box::new(Average {
+            config: self.config.clone(),
+            trackers: self.methods.iter().map(|method| method.begin(knowledge)).collect(),
+        })
+    }
+}
+
+/// The candidates on one contact.
+struct Average {
+    config: Arc<Config>,
+    trackers: Vec<Box<dyn Tracker>>,
+}
+
+impl Average {
+    /// Probabilities of the candidates. One without evidence has the smallest of the others.
+    fn shares(&self) -> Vec<f64> {
+        let evidence: Vec<_> = self.trackers.iter().map(|tracker| tracker.log_evidence()).collect();
+        let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
+        let share = |(candidate, evidence): (&Candidate, &Option<f64>)| {
+            let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
+            candidate.weight * (self.config.evidence_power * behind).exp()
+        };
+        let shares: Vec<f64> = self.config.candidates.iter().zip(&evidence).map(share).collect();
+        let total: f64 = shares.iter().sum();
+        shares.into_iter().map(|share| share / total).collect()
+    }
+
+    /// Estimate of the mixture. `None` if the probable candidates have none.
+    fn together(&self, estimates: &[Option<Estimate>]) -> Option<Estimate> {
+        let shares = self.shares();
+        let most = shares.iter().copied().fold(0.0, f64::max);
+        let stated = estimates.iter().zip(&shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share)));
+        let parts: Vec<(&Estimate, f64)> =
+            stated.filter(|(_, share)| *share >= self.config.ignored_share * most).collect();
+        let known: f64 = parts.iter().map(|(_, share)| share).sum();
+        if known < LEAST_KNOWN {
+            return None;
+        }
+        let (leading, _) = *parts.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let about = |vector: fn(&Estimate) -> Vector3<f64>, covariance: fn(&Estimate) -> Matrix3<f64>| {
+            let part = |(estimate, share): &(&Estimate, f64)| {
+                (Gaussian::new(vector(estimate) - vector(leading), covariance(estimate)), *share)
+            };
+            Gaussian::of_mixture(parts.iter().map(part))
+        };
+        let place = about(|estimate| estimate.contact.vector(), |estimate| estimate.covariance_m2)?;
+        let normal = about(|estimate| estimate.normal, |estimate| estimate.normal_covariance)?;
+        let sizes = parts.iter().filter_map(|(estimate, share)| {
+            let Radius { radius_m, sd_m } = estimate.radius?;
+            Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), *share))
+        });
+        let radius = Gaussian::of_mixture(sizes.collect::<Vec<_>>());
+        let innovations = parts.iter().filter_map(|(estimate, share)| Some((estimate.innovation?, *share)));
+        let innovation = Innovation::of_mixture(innovations.collect::<Vec<_>>());
+        Some(Estimate {
+            contact: leading.contact.shifted(place.mean),
+            covariance_m2: place.covariance * self.config.covariance_factor,
+            normal: (leading.normal + normal.mean).normalize(),
+            normal_covariance: normal.covariance * self.config.covariance_factor,
+            direction: direction(&parts),
+            radius: radius.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
+            innovation,
+            ..*leading
+        })
+    }
+}
+
+/// Direction of the mixture, over the candidates that state one. `None` if they have less than half of the probability.
+fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
+    let total: f64 = parts.iter().map(|(_, share)| share).sum();
+    let stated: Vec<(Direction, f64)> =
+        parts.iter().filter_map(|(estimate, share)| Some((estimate.direction?, *share))).collect();
+    let known: f64 = stated.iter().map(|(_, share)| share).sum();
+    let (leading, _) = *stated.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let signed = |one: &Direction| one.along * one.along.dot(&leading.along).signum();
+    let along = stated.iter().map(|(one, share)| signed(one) * *share).sum::<Vector3<f64>>().normalize();
+    let spread =
+        |(one, share): &(Direction, f64)| share / known * (one.sd_rad.powi(2) + (signed(one) - along).norm_squared());
+    (known >= 0.5 * total).then(|| Direction { along, sd_rad: stated.iter().map(spread).sum::<f64>().sqrt() })
+}
+
+impl Tracker for Average {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
+        self.together(&estimates)
+    }
+}

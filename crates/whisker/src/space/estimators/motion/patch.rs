@@ -1,0 +1,164 @@
+//! A contact that slides over a surface of two principal curvatures at rest in the world.
+
+use filters::Gaussian;
+use nalgebra::{Matrix3, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
+use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
+use super::{Motion, Radius, check_wander, describe_normal, extended};
+use crate::frames::Base;
+use crate::settings::{SettingsError, within};
+use crate::space::estimators::side::Side;
+use crate::space::estimators::{Estimate, Sample};
+use crate::space::frames::Pose;
+use crate::space::sensor::Around;
+
+/// Indices in the state of the direction of the spine, of the logarithm of the radius about it, and of its curvature.
+const ANGLE: usize = 4;
+const RADIUS: usize = 5;
+const BEND: usize = 6;
+
+/// Length by which the curvature of the spine is made dimensionless.
+const BEND_M: f64 = 0.01;
+
+/// A torus at rest, which has any two principal curvatures; the state is `(s, u, v, beta, psi, ln rho, 0.01 m K)`, with `rho` the
+/// sum of the radius about the spine and that of the wire.
+///
+/// The spine is a circle of curvature `K` which passes through `c = p - rho nu` in the direction `e` of [`Line`]; it lies in the
+/// plane of `e` and the normal `nu`, and bends away from the latter if `K` is positive. With `K = 0` it is the axis of a rod. A
+/// point at `l` along `e` and `h` along `nu` from `c`, and at 0 across both, lies on the spine if
+///
+/// ```text
+/// h + K (l^2 + h^2) / 2 = 0
+/// ```
+///
+/// where its direction is `e (1 + K h) - nu K l`. When the base moves, `p' - rho nu(p')` is again on the spine, and the force
+/// across it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(in crate::space::estimators) struct Patch {
+    /// Prior of direction and radius, and random walks.
+    spine: Line,
+    /// Prior standard deviation of the curvature of the spine.
+    bend_sd_per_m: f64,
+}
+
+impl Default for Patch {
+    fn default() -> Self {
+        Self { spine: Line { radius: Radius::ANY_FITTED, ..Line::default() }, bend_sd_per_m: 50.0 }
+    }
+}
+
+impl Patch {
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        check_wander(self.spine.wander_m_sqrt_s)?;
+        within("bend_sd_per_m", self.bend_sd_per_m, 1e-6..=1e6)?;
+        self.spine.validate()
+    }
+
+    fn bend_sd(&self) -> f64 {
+        self.bend_sd_per_m * BEND_M
+    }
+}
+
+impl Motion<7> for Patch {
+    type Step<'a> = Roll<'a, Self, 7>;
+
+    fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<7>> {
+        let bend = (0.0, self.bend_sd());
+        let tilt = (0.0, FIRST_TILT_RAD);
+        let part =
+            |angle| self.spine.radius.logarithms().map(move |radius| extended(place, [tilt, angle, radius, bend]));
+        self.spine.angles().flat_map(part).collect()
+    }
+
+    fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Roll<'a, Self, 7> {
+        Roll::new(*self, side, sample, unrest)
+    }
+
+    fn align(&self, x: &mut SVector<f64, 7>, with: &SVector<f64, 7>) {
+        x[ANGLE] = nearest_angle(x[ANGLE], with[ANGLE]);
+    }
+
+    fn describe(&self, side: &Side, belief: &Gaussian<7>, estimate: &mut Estimate) {
+        if let Some(place) = Place::new(side, Around::of_state(&belief.mean)) {
+            describe_normal(&place, belief, estimate);
+        }
+    }
+}
+
+/// A torus at the present instant.
+#[derive(Clone, Copy)]
+pub(in crate::space::estimators) struct Torus {
+    /// A point of the spine, the direction there, and the direction away from the centre.
+    spine: Vector3<f64>,
+    along: Vector3<f64>,
+    outwards: Vector3<f64>,
+    bend_per_m: f64,
+    /// Radius of the torus about the spine, and of the wire, together.
+    radius_m: f64,
+    tilt_rad: f64,
+}
+
+impl Shape<7> for Patch {
+    type Object = Torus;
+
+    fn object(&self, x: &SVector<f64, 7>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Torus {
+        let Axes { normal, tangent, across } = place.axes(x[TILT]);
+        let (sin, cos) = x[ANGLE].sin_cos();
+        let radius_m = x[RADIUS].exp();
+        Torus {
+            spine: carried(place.contact - normal * radius_m, motion),
+            along: motion.turn_vector(tangent * cos + across * sin),
+            outwards: motion.turn_vector(normal),
+            bend_per_m: x[BEND] / BEND_M,
+            radius_m,
+            tilt_rad,
+        }
+    }
+
+    fn equations(&self, torus: &Torus, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
+        let Torus { spine, along, outwards, bend_per_m, radius_m, tilt_rad } = *torus;
+        let across = along.cross(&outwards);
+        let (normal, normal_slopes) = (place.axes(tilt_rad).normal, place.normal_slopes(tilt_rad));
+        let off = place.contact - normal * radius_m - spine;
+        let off_slopes = place.slopes - normal_slopes * radius_m;
+        let (l, h) = (along.dot(&off), outwards.dot(&off));
+        let (l_slopes, h_slopes) = (off_slopes.tr_mul(&along), off_slopes.tr_mul(&outwards));
+        let (bent, turned) = (1.0 + bend_per_m * h, bend_per_m * l);
+        let direction = along * bent - outwards * turned;
+        let residual =
+            Vector3::new(across.dot(&off), h + 0.5 * bend_per_m * (l * l + h * h), LEVER_M * direction.dot(&normal));
+        let by_direction =
+            h_slopes * (bend_per_m * along.dot(&normal)) - l_slopes * (bend_per_m * outwards.dot(&normal));
+        let rows = [
+            off_slopes.tr_mul(&across),
+            h_slopes * bent + l_slopes * turned,
+            (normal_slopes.tr_mul(&direction) + by_direction) * LEVER_M,
+        ];
+        (residual, Matrix3::from_columns(&rows).transpose())
+    }
+
+    fn state(&self, torus: &Torus, place: &Place, before: &SVector<f64, 7>) -> SVector<f64, 7> {
+        let Axes { normal, tangent, across } = place.axes(torus.tilt_rad);
+        let off = place.contact - normal * torus.radius_m - torus.spine;
+        let (l, h) = (torus.along.dot(&off), torus.outwards.dot(&off));
+        let direction = torus.along * (1.0 + torus.bend_per_m * h) - torus.outwards * (torus.bend_per_m * l);
+        let angle = nearest_angle(direction.dot(&across).atan2(direction.dot(&tangent)), before[ANGLE]);
+        let [s, u, v] = place.at.vector().into();
+        [s, u, v, torus.tilt_rad, angle, before[RADIUS], before[BEND]].into()
+    }
+
+    fn prior(&self, x: &SVector<f64, 7>) -> (SVector<f64, 7>, SVector<f64, 7>) {
+        let (radius, radius_sd) = self.spine.radius.logarithm();
+        let sd = [1.0, 1.0, 1.0, 1.0, DIRECTION_SD_RAD, radius_sd, self.bend_sd()];
+        ([0.0, 0.0, 0.0, 0.0, x[ANGLE], radius, 0.0].into(), sd.into())
+    }
+
+    fn variances(&self, dt_s: f64) -> SVector<f64, 7> {
+        let wander_m2 = self.spine.wander_m_sqrt_s.powi(2) * dt_s;
+        let turn_rad2 = self.spine.turn_rad_sqrt_s.powi(2) * dt_s;
+        [wander_m2, wander_m2, wander_m2, 0.0, turn_rad2, 0.0, 0.0].into()
+    }
+}
