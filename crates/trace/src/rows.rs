@@ -218,8 +218,8 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<usize, Error> {
         found,
         expected,
     };
-    let text = line.unwrap_or_default();
-    let has_friction = text.iter().filter(|byte| **byte == b',').count() >= PLAIN;
+    let further = line.unwrap_or_default().split(|byte| *byte == b',').nth(PLAIN);
+    let has_friction = further == Some(FRICTION_COLUMNS[0].0.as_bytes());
     let names: Vec<&str> = columns(has_friction).map(|(name, _)| name).collect();
     let Some(line) = line else { return Err(wrong("header".into(), "an empty file".into(), names.join(","))) };
     let cells: Vec<&[u8]> = line.split(|byte| *byte == b',').collect();

@@ -160,6 +160,8 @@ pub(super) struct Fitter<Model, const N: usize> {
     /// Logarithm of the evidence of all modes in the last round, and of the readings since its means were taken.
     log_evidence: Option<f64>,
     since: f64,
+    /// Logarithm of the evidence of the readings before the fit began anew. `None` if it never did.
+    before: Option<f64>,
 }
 
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
@@ -179,6 +181,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             lost: 0,
             log_evidence: None,
             since: 0.0,
+            before: None,
         }
     }
 
@@ -330,11 +333,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
     }
 
-    /// Adds the evidence of a reading: the logarithm of its likelihood, relative to the mean one of a known contact.
-    fn count(&mut self, innovation: &Innovation<2>, belief: &Gaussian<N>) {
+    /// Evidence of a reading: the logarithm of its likelihood, relative to the mean one of a known contact.
+    fn evidence_of(&self, innovation: &Innovation<2>, belief: &Gaussian<N>) -> f64 {
         let known = self.side.covariance_n2_m2(Around::of_state(&belief.mean));
         let spread = (innovation.covariance.determinant() / known.determinant()).ln();
-        let evidence = 1.0 - 0.5 * innovation.nis.min(self.config.gate_sds.powi(2)) - 0.5 * spread;
+        1.0 - 0.5 * innovation.nis.min(self.config.gate_sds.powi(2)) - 0.5 * spread
+    }
+
+    /// Adds the evidence of a reading.
+    fn count(&mut self, evidence: f64) {
         self.since += evidence;
         if let Some(round) = &mut self.round {
             round.since += evidence;
@@ -354,13 +361,17 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             .collect();
         self.modes = modes;
         self.lost = if beliefs.is_empty() { self.lost + 1 } else { 0 };
+        if beliefs.is_empty() {
+            // Without a contact there, the object explains no reading.
+            self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
+        }
         let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
         for (belief, ..) in &mut beliefs {
             self.model.align(&mut belief.mean, &likeliest.mean);
         }
         let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
         if let Some(innovation) = &innovation {
-            self.count(innovation, &likeliest);
+            self.count(self.evidence_of(innovation, &likeliest));
         }
         let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)))?;
         let mut estimate = self.side.estimate(&belief, innovation)?;
@@ -406,13 +417,17 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             _ => self.search(),
         }
         if self.front.is_none() && (self.lost >= LOST || self.modes.is_empty()) {
-            let unrest = self.unrest;
-            *self = Self { unrest, ..Self::new(&self.config, self.model, &self.knowledge) };
+            let (unrest, before) = (self.unrest, Tracker::log_evidence(self));
+            *self = Self { unrest, before, ..Self::new(&self.config, self.model, &self.knowledge) };
         }
         estimate
     }
 
+    /// A fit that began anew is that of two objects, one after the other; its evidence is that of both.
     fn log_evidence(&self) -> Option<f64> {
-        Some(self.log_evidence? + self.since)
+        match self.log_evidence {
+            Some(evidence) => Some(self.before.unwrap_or(0.0) + evidence + self.since),
+            None => self.before,
+        }
     }
 }
