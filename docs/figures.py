@@ -25,6 +25,7 @@ import argparse
 import csv
 import functools
 import json
+import math
 import re
 import statistics
 import sys
@@ -44,6 +45,7 @@ DOCUMENTS = (
     "docs/HALL.md",
     "docs/LIVE.md",
     "docs/PHYSICS.md",
+    "docs/SPACE.md",
     "docs/PERFORMANCE.md",
     "docs/PLATFORM.md",
     "docs/ROS.md",
@@ -74,12 +76,11 @@ TABLES = {
     "physics": Table("physics/claims.csv", ("id",), "measured"),
     "measured": Table("measured.csv", ("id",), "measured"),
     "peers": Table("peers.csv", ("filter", "other")),
-    "summary": Table(
-        "*/summary.csv", ("group", "whisker", "estimator", "noise"), of_runs=True
-    ),
+    "summary": Table("*/summary.csv", ("group", "whisker", "estimator", "noise"), of_runs=True),
     "platform": Table("platform.csv", ("recordings", "hold_out", "regression", "log")),
     "rig": Table("platform_rig.csv", ("run",)),
     "real": Table("stanford/contour_trials.csv", ("trace", "estimator")),
+    "space": Table("spatial/space_summary.csv", ("group", "whisker", "estimator")),
     "space_maps": Table("stanford/space_maps.csv", ("calibration", "model")),
     "space_pins": Table("stanford/space_pins_summary.csv", ("group", "estimator")),
     "space_sweeps": Table("stanford/space_sweeps.csv", ("name", "object")),
@@ -101,6 +102,7 @@ SCALES = {
     "ns": 1e9,
     "mN": 1e3,
     "mrad": 1e3,
+    "degrees": 180.0 / math.pi,
     "%": 1e2,
 }
 REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
@@ -133,27 +135,16 @@ def values(name: str) -> dict[str, str]:
 @functools.cache
 def _values(name: str, reference: Path) -> dict[str, str]:
     if name == "commit":
-        return {
-            path.parent.name: _commit(path)
-            for path in sorted(reference.glob("*/run.json"))
-        }
+        return {path.parent.name: _commit(path) for path in sorted(reference.glob("*/run.json"))}
     table = TABLES.get(name)
     if table is None:
-        raise FigureError(
-            f"found table `{name}`, expected one of {', '.join([*TABLES, 'commit'])}"
-        )
+        raise FigureError(f"found table `{name}`, expected one of {', '.join([*TABLES, 'commit'])}")
     found = {}
     for path in sorted(reference.glob(table.files)):
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
-                head = [path.parent.name] * table.of_runs + [
-                    row[key].replace(" ", "_") for key in table.keys
-                ]
-                found |= {
-                    "/".join([*head, column]): cell
-                    for column, cell in row.items()
-                    if cell and column not in table.keys
-                }
+                head = [path.parent.name] * table.of_runs + [row[key].replace(" ", "_") for key in table.keys]
+                found |= {"/".join([*head, column]): cell for column, cell in row.items() if cell and column not in table.keys}
                 if table.measured and row[table.measured]:
                     found["/".join(head)] = row[table.measured]
     return found
@@ -161,10 +152,7 @@ def _values(name: str, reference: Path) -> dict[str, str]:
 
 def _commit(run: Path) -> str:
     """Abbreviated commit of the program that made a run."""
-    return (
-        json.loads(run.read_text(encoding="utf-8"))["watermark"]["git_commit"]
-        or "unknown"
-    )[:7]
+    return (json.loads(run.read_text(encoding="utf-8"))["watermark"]["git_commit"] or "unknown")[:7]
 
 
 def matching(key: str) -> list[str]:
@@ -172,24 +160,15 @@ def matching(key: str) -> list[str]:
     name, _, path = key.partition(".")
     parts = path.split("/")
     rows = ((place.split("/"), value) for place, value in values(name).items())
-    return [
-        value
-        for cells, value in rows
-        if len(cells) == len(parts) and all(map(matches, parts, cells))
-    ]
+    return [value for cells, value in rows if len(cells) == len(parts) and all(map(matches, parts, cells))]
 
 
 def matches(part: str, cell: str) -> bool:
     """Whether a part of a key matches a cell: by equality, by `*`, or as a number in a range `0.5..1`."""
     least, is_range, most = part.partition("..")
     if is_range:
-        return re.fullmatch(NUMBER, cell) is not None and float(least) <= float(
-            cell
-        ) <= float(most)
-    return (
-        re.fullmatch(".*".join(re.escape(piece) for piece in part.split("*")), cell)
-        is not None
-    )
+        return re.fullmatch(NUMBER, cell) is not None and float(least) <= float(cell) <= float(most)
+    return re.fullmatch(".*".join(re.escape(piece) for piece in part.split("*")), cell) is not None
 
 
 def figure(source: str) -> str:
@@ -201,9 +180,7 @@ def figure(source: str) -> str:
     key, *style = words
     found = matching(key)
     if not found or (len(found) > 1 and reduction is None):
-        raise FigureError(
-            f"`{source}`: found {len(found)} values, expected {'at least 1' if reduction else '1'}"
-        )
+        raise FigureError(f"`{source}`: found {len(found)} values, expected {'at least 1' if reduction else '1'}")
     if reduction is len:
         return str(len(found))
     if not style:
@@ -212,9 +189,7 @@ def figure(source: str) -> str:
         numbers = [float(value) for value in found]
         return in_style(reduction(numbers) if reduction else numbers[0], *style)
     except (KeyError, TypeError, ValueError) as error:
-        expected = (
-            f"expected a number, a format like .2f and one of {', '.join(SCALES)}"
-        )
+        expected = f"expected a number, a format like .2f and one of {', '.join(SCALES)}"
         raise FigureError(f"`{source}`: {error}; {expected}") from None
 
 
@@ -224,9 +199,7 @@ def in_style(value: float, style: str, unit: str | None = None) -> str:
     digits = re.fullmatch(r"\.(\d)f", style)
     if digits and value != 0 and float(text) == 0:
         return f"< {format(10.0 ** -int(digits[1]), style)}"
-    return re.sub(
-        r"e([-+])0*(\d)", lambda match: "e" + match[1].replace("+", "") + match[2], text
-    )
+    return re.sub(r"e([-+])0*(\d)", lambda match: "e" + match[1].replace("+", "") + match[2], text)
 
 
 def unmet() -> list[dict[str, str]]:
@@ -238,10 +211,7 @@ def unmet() -> list[dict[str, str]]:
 def unmet_claims() -> str:
     """Table of the claims that do not hold."""
     lines = ["", "| claim | measured | bound | unit |", "| --- | --- | --- | --- |"]
-    lines += [
-        f"| `{row['id']}` | {measured(row)} | {bound(row)} | {row['unit']} |"
-        for row in unmet()
-    ]
+    lines += [f"| `{row['id']}` | {measured(row)} | {bound(row)} | {row['unit']} |" for row in unmet()]
     return "\n".join([*lines, ""])
 
 
@@ -252,14 +222,10 @@ def certainty_claims() -> str:
         "| | measured | bound | unit | holds |",
         "| --- | --- | --- | --- | --- |",
     ]
-    with (REFERENCE / "certainty" / "claims.csv").open(
-        encoding="utf-8", newline=""
-    ) as file:
+    with (REFERENCE / "certainty" / "claims.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             holds = "yes" if row["holds"] == "true" else "no"
-            lines.append(
-                f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |"
-            )
+            lines.append(f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |")
     return "\n".join([*lines, ""])
 
 
@@ -283,9 +249,7 @@ GENERATED: dict[str, Callable[[], str]] = {
 
 def written(text: str) -> str:
     """A document with the values of the tables."""
-    return MARK.sub(
-        lambda mark: f"<!--= {mark['source']} -->{figure(mark['source'])}<!--/-->", text
-    )
+    return MARK.sub(lambda mark: f"<!--= {mark['source']} -->{figure(mark['source'])}<!--/-->", text)
 
 
 def unmarked(text: str) -> list[str]:
@@ -299,17 +263,9 @@ def unmarked(text: str) -> list[str]:
     text = re.sub(r"`[^`\n]*`|(?<=\])\([^)]*\)", "", text)
     found = []
     for section in re.split(r"^(?=#+ )", text, flags=re.MULTILINE):
-        given = {
-            number.strip()
-            for comment in GIVEN.findall(section)
-            for number in comment.split(",")
-        }
+        given = {number.strip() for comment in GIVEN.findall(section) for number in comment.split(",")}
         if "all" not in given:
-            found += [
-                number
-                for number in numbers(GIVEN.sub("", section))
-                if number not in given
-            ]
+            found += [number for number in numbers(GIVEN.sub("", section)) if number not in given]
     return found
 
 
@@ -325,47 +281,22 @@ def numbers(section: str) -> list[str]:
         heads = heads or cells
         for head, cell in zip(heads, cells, strict=False):
             if cell and (head.split() or [""])[0] not in GIVEN_COLUMNS:
-                found += (
-                    [cell]
-                    if re.fullmatch(rf"<? ?{NUMBER}", cell)
-                    else QUANTITY.findall(cell)
-                )
+                found += [cell] if re.fullmatch(rf"<? ?{NUMBER}", cell) else QUANTITY.findall(cell)
     return found
 
 
 def problems(name: str, text: str) -> list[str]:
     """Differences of a document from the tables, and numbers without a source, one line each."""
-    marks = [
-        (mark["source"], mark["text"], figure(mark["source"]))
-        for mark in MARK.finditer(text)
-    ]
-    stale = [
-        f"{name}: `{source}`: found {old!r}, expected {new!r}"
-        for source, old, new in marks
-        if old != new
-    ]
-    broken = [
-        f"{name}: `{source}`: a line begins with this mark, which ends the paragraph"
-        for source in STARTS.findall(text)
-    ]
-    return (
-        stale
-        + broken
-        + [
-            f"{name}: found {number}, expected a mark or a `given` comment"
-            for number in unmarked(text)
-        ]
-    )
+    marks = [(mark["source"], mark["text"], figure(mark["source"])) for mark in MARK.finditer(text)]
+    stale = [f"{name}: `{source}`: found {old!r}, expected {new!r}" for source, old, new in marks if old != new]
+    broken = [f"{name}: `{source}`: a line begins with this mark, which ends the paragraph" for source in STARTS.findall(text)]
+    return stale + broken + [f"{name}: found {number}, expected a mark or a `given` comment" for number in unmarked(text)]
 
 
 def main() -> int:
     """Writes or checks the documents; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        description="Write the measured values of the documentation from results/reference."
-    )
-    parser.add_argument(
-        "--check", action="store_true", help="write nothing; list what differs"
-    )
+    parser = argparse.ArgumentParser(description="Write the measured values of the documentation from results/reference.")
+    parser.add_argument("--check", action="store_true", help="write nothing; list what differs")
     options = parser.parse_args()
     found = []
     for name in DOCUMENTS:

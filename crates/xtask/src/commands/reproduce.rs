@@ -26,6 +26,9 @@ const LIFT_OFFS: &str = "contact_events";
 /// Suite of six whiskers on a robot arm, with their own calibrations.
 const ARM: &str = "arm";
 
+/// Suite of scenes in space.
+const SPACE: &str = "spatial";
+
 /// Standard deviations of the arm's joint encoders (rad).
 const ENCODERS: &[&str] = &["0", "1e-5", "3e-5", "1e-4", "3e-4", "1e-3"];
 
@@ -60,6 +63,10 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     evaluations.through(HALL, ARM, ARM, ARM, "recommended,sliding,ukf,paper-ekf", "0.01")?;
     pipeline::page(ARM)?;
     evaluations.with_encoders(ARM, ENCODERS)?;
+    pipeline::simulate(SPACE)?;
+    pipeline::fit(SPACE)?;
+    evaluations.of(SPACE, None)?;
+    kept::keep(SPACE, &["space_run.json", "space_summary.csv"])?;
     if Path::new(CLONE).is_dir() {
         real::measure(evaluations, CLONE)?;
     }
