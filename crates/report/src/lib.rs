@@ -1,8 +1,8 @@
 //! Figures (SVG and PNG) and a self-contained HTML page of the results of an evaluation.
 //!
 //! Reads the folder of a run, whose files [`testbed::results`] defines (`run.json`, `summary.csv`, `trials.csv` and the others),
-//! the folder of a run in space (`space_run.json` and its tables), or the folder of the physics study, which `python -m whisker_sim.physics` writes (`watermark.json`, `claims.csv` and its
-//! tables). Writes into the same folder:
+//! the folder of a run in space (`space_run.json` and its tables), or the folder of the physics study, which `python -m
+//! whisker_sim.physics` writes (`watermark.json`, `claims.csv` and its tables). Writes into the same folder:
 //!
 //! | file | content |
 //! | --- | --- |

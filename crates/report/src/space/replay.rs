@@ -73,8 +73,9 @@ pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
     }
     Ok(Some(html! {
         p {
-            "One trial of each group: that with the median error of the first estimator. Left: the whisker (black) on its base (square), in equilibrium "
-            "according to the Kirchhoff rod, and the solid (grey). Right: detail around the true contact. Drag a view to turn both. "
+            "One trial of each group: that with the median error of the first estimator. Left: the whisker (black) on its base "
+            "(square), in equilibrium according to the Kirchhoff rod, and the solid (grey). Right: detail around the true contact. "
+            "Drag a view to turn both. "
             span.key.truth {} " true contact, "
             span.key.estimate {} " estimated contact with its 95 % ellipsoid, "
             span.key.found {} " estimated contacts so far. "

@@ -1,5 +1,5 @@
-// The scene of a trial in space: solid, whisker, base, true and estimated contact with its ellipsoid, touched points so far. Parallel
-// projection; dragging a view, or the arrow keys, turn both views.
+// The scene of a trial in space: solid, whisker, base, true and estimated contact with its ellipsoid, estimated contacts so far.
+// Parallel projection; dragging a view, or the arrow keys, turn both views.
 "use strict";
 function stageOf(part, { draw, smooth }, redraw) {
   const perPixel = 0.01; // radians

@@ -2,8 +2,9 @@
 //!
 //! Each candidate is a fit of an object to all readings of the touch and gives its evidence, the probability of the readings under
 //! its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
-//! posterior probability. Until the fits have converged, the priors decide. The estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as
-//! uncertainty. The more flexible a candidate, the smaller its prior.
+//! posterior probability. Until the fits have converged, the priors decide. The estimate is the mean and covariance of the
+//! mixture, so that the disagreement of probable candidates counts as uncertainty. The more flexible a candidate, the smaller its
+//! prior.
 
 use std::sync::Arc;
 
