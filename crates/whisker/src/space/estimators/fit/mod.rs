@@ -157,11 +157,33 @@ pub(super) struct Fitter<Model, const N: usize> {
     modes: Vec<Mode<N>>,
     round: Option<Round<N>>,
     lost: usize,
-    /// Logarithm of the evidence of all modes in the last round, and of the readings since its means were taken.
-    log_evidence: Option<f64>,
+    log_evidence: LogEvidence,
+}
+
+/// Logarithm of the evidence of the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct LogEvidence {
+    /// That of all modes in the last round. `None` before the first has ended.
+    round: Option<f64>,
+    /// That of the readings since the means of that round were taken.
     since: f64,
-    /// Logarithm of the evidence of the readings before the fit began anew. `None` if it never did.
+    /// That of the readings before the fit began anew. `None` if it never did.
     before: Option<f64>,
+}
+
+impl LogEvidence {
+    /// That of all readings. A fit that began anew is one of two objects, one after the other, and has the evidence of both.
+    fn total(&self) -> Option<f64> {
+        match self.round {
+            Some(round) => Some(self.before.unwrap_or(0.0) + round + self.since),
+            None => self.before,
+        }
+    }
+
+    /// That of a fit which begins anew.
+    fn anew(&self) -> Self {
+        Self { before: self.total(), ..Self::default() }
+    }
 }
 
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
@@ -179,9 +201,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             modes: Vec::new(),
             round: None,
             lost: 0,
-            log_evidence: None,
-            since: 0.0,
-            before: None,
+            log_evidence: LogEvidence::default(),
         }
     }
 
@@ -242,7 +262,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let next = round.mode + 1;
         if next == self.modes.len() {
             self.weigh(&round.log_evidence, round.means.len());
-            self.since = round.since;
+            self.log_evidence.since = round.since;
             self.front = None;
         } else {
             self.round = self.search_of(next).map(|search| Round { mode: next, search, ..round });
@@ -284,7 +304,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
         // The cost of a mean of two readings is 1 on average: without it, rounds with different numbers of means are comparable.
         let total: f64 = kept.iter().map(|mode| mode.log_weight.exp()).sum();
-        self.log_evidence = Some(most + total.ln() + means as f64);
+        self.log_evidence.round = Some(most + total.ln() + means as f64);
         self.modes = kept;
         for mode in &mut self.modes {
             mode.renew(&self.side, &self.model, &self.base);
@@ -342,7 +362,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Adds the evidence of a reading.
     fn count(&mut self, evidence: f64) {
-        self.since += evidence;
+        self.log_evidence.since += evidence;
         if let Some(round) = &mut self.round {
             round.since += evidence;
         }
@@ -417,17 +437,30 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             _ => self.search(),
         }
         if self.front.is_none() && (self.lost >= LOST || self.modes.is_empty()) {
-            let (unrest, before) = (self.unrest, Tracker::log_evidence(self));
-            *self = Self { unrest, before, ..Self::new(&self.config, self.model, &self.knowledge) };
+            let (unrest, log_evidence) = (self.unrest, self.log_evidence.anew());
+            *self = Self { unrest, log_evidence, ..Self::new(&self.config, self.model, &self.knowledge) };
         }
         estimate
     }
 
-    /// A fit that began anew is that of two objects, one after the other; its evidence is that of both.
     fn log_evidence(&self) -> Option<f64> {
-        match self.log_evidence {
-            Some(evidence) => Some(self.before.unwrap_or(0.0) + evidence + self.since),
-            None => self.before,
-        }
+        self.log_evidence.total()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_fit_that_begins_anew_keeps_the_evidence_of_the_readings_before() {
+        let mut evidence = LogEvidence::default();
+        assert_eq!(evidence.total(), None);
+        (evidence.round, evidence.since) = (Some(-80.0), -20.0);
+        let mut anew = evidence.anew();
+        assert_eq!(anew.total(), Some(-100.0), "a model that lost the contact is not forgiven");
+        (anew.round, anew.since) = (Some(-5.0), 1.0);
+        assert_eq!(anew.total(), Some(-104.0));
+        assert_eq!(anew.anew().total(), Some(-104.0));
     }
 }
