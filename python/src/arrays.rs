@@ -3,6 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 use numpy::ndarray::{Array1, Array2, Array3};
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyUntypedArrayMethods};
+use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use whisker::frames::Point;
@@ -54,6 +55,25 @@ pub(crate) fn same_length(what: &str, found: usize, of: &str, expected: usize) -
         return Ok(());
     }
     Err(refused(what, format!("{found} rows"), &format!("{expected}, as many as `{of}` has")))
+}
+
+/// Times (n) in s, which must be finite and ascend.
+pub(crate) fn times(what: &str, array: &Numbers<'_>) -> PyResult<Vec<f64>> {
+    let times_s = numbers(what, array)?;
+    match times_s.windows(2).position(|pair| pair[1] <= pair[0]) {
+        Some(row) => {
+            let expected = format!("more than the last, {}", times_s[row]);
+            Err(refused(&format!("{what}[{}]", row + 1), times_s[row + 1], &expected))
+        }
+        None => Ok(times_s),
+    }
+}
+
+/// Place of a row among `count`, which a negative number counts from the end.
+pub(crate) fn place(row: isize, count: usize) -> PyResult<usize> {
+    let place = if row < 0 { row.checked_add_unsigned(count) } else { Some(row) };
+    let place = place.and_then(|place| usize::try_from(place).ok()).filter(|&place| place < count);
+    place.ok_or_else(|| PyIndexError::new_err(format!("row {row} of {count}")))
 }
 
 /// Array of shape (n). A missing number is NaN.

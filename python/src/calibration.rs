@@ -15,7 +15,7 @@ use testbed::fitted_traces::check_fitted_traces;
 use testbed::provenance::watermark;
 
 use crate::arrays::{Numbers, column, flags, numbers, points, same_length, vectors};
-use crate::convert::{face as face_of, from_json};
+use crate::convert::{check_not_negative, face as face_of, from_json};
 use crate::error::{raised, refused};
 use crate::interrupt;
 use crate::whisker::Whisker;
@@ -221,9 +221,7 @@ pub(crate) fn fit_calibration(
     noise_sd_n_m: f64,
 ) -> PyResult<Calibration> {
     for (what, number) in [("pin_radius_m", pin_radius_m), ("noise_sd_n_m", noise_sd_n_m)] {
-        if !(number.is_finite() && number >= 0.0) {
-            return Err(refused(what, number, "a number of 0 or more"));
-        }
+        check_not_negative(what, number)?;
     }
     let rows = match &models {
         None => MODELS.iter().collect(),

@@ -3,12 +3,14 @@
 use ::whisker::estimators::{BaseNoise, ContactPrior};
 use ::whisker::frames::{Base, Point, Pose};
 use ::whisker::sensor::Face;
+use anyhow::Context;
 use nalgebra::Matrix3;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyFloat, PyTuple};
 use serde::Serialize;
 use serde_json::Value;
+use testbed::settings::merged;
 
 use crate::arrays::{Numbers, rows};
 use crate::error::{raised, refused};
@@ -37,6 +39,41 @@ pub(crate) fn face(name: &str) -> PyResult<Face> {
         "right" => Ok(Face::Right),
         _ => Err(refused("face", format!("`{name}`"), "`left` or `right`")),
     }
+}
+
+/// Smallest and largest sampling rate (Hz).
+const RATES_HZ: [f64; 2] = [1e-3, 1e6];
+
+/// Checks that a number is finite and not negative.
+pub(crate) fn check_not_negative(what: &str, number: f64) -> PyResult<()> {
+    if number.is_finite() && number >= 0.0 {
+        return Ok(());
+    }
+    Err(refused(what, number, "a number of 0 or more"))
+}
+
+/// Checks a sampling rate (Hz).
+pub(crate) fn check_rate(rate_hz: f64) -> PyResult<()> {
+    let [least, most] = RATES_HZ;
+    if (least..=most).contains(&rate_hz) {
+        return Ok(());
+    }
+    Err(refused("rate_hz", rate_hz, &format!("{least} to {most}")))
+}
+
+/// Checks the time since the last sample (s).
+pub(crate) fn check_dt(dt_s: f64) -> PyResult<()> {
+    if dt_s.is_finite() && dt_s >= 0.0 {
+        return Ok(());
+    }
+    Err(refused("dt_s", dt_s, "a finite number of 0 or more"))
+}
+
+/// Settings of an estimator from its default ones and a dictionary over them.
+pub(crate) fn settings_over(name: &str, defaults: Value, settings: Option<&Bound<'_, PyAny>>) -> PyResult<Value> {
+    let Some(settings) = settings else { return Ok(defaults) };
+    let merged = merged(defaults, &to_json("settings", settings)?).with_context(|| format!("settings of `{name}`"));
+    merged.map_err(raised)
 }
 
 /// Motion of the base: x, y and yaw of its earlier frame in its later one.

@@ -8,21 +8,20 @@ use ::whisker::events::TouchConfig;
 use ::whisker::frames::Pose;
 use anyhow::Context;
 use pyo3::prelude::*;
-use serde_json::{Value, json};
+use serde_json::Value;
 use testbed::replay::{Steps, method};
-use testbed::settings::merged;
 
-use crate::arrays::{Numbers, numbers, rows, same_length};
+use crate::arrays::{Numbers, numbers, rows, same_length, times};
 use crate::calibration::Calibration;
-use crate::convert::{Motion, Placed, base_noise as base_noise_of, contact_prior as prior_of, from_json, to_json};
+use crate::convert::{
+    Motion, Placed, base_noise as base_noise_of, check_dt, check_not_negative, check_rate, contact_prior as prior_of,
+    from_json, settings_over, to_json,
+};
 use crate::error::{raised, refused};
 use crate::estimate::Estimate;
 use crate::interrupt;
 use crate::outline::Outline;
 use crate::replay::Replay;
-
-/// Smallest and largest sampling rate (Hz).
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 
 /// Registered estimator with its contact detector.
 ///
@@ -65,9 +64,7 @@ pub(crate) fn registered(name: &str, settings: Option<&Bound<'_, PyAny>>) -> PyR
         let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
         raised(anyhow::anyhow!("unknown estimator `{name}`, expected one of: {}", known.join(", ")))
     })?;
-    let settings = settings.map_or_else(|| Ok(json!({})), |settings| to_json("settings", settings))?;
-    let config = merged((row.defaults)(), &settings).with_context(|| format!("settings of `{name}`"));
-    Ok((row, config.map_err(raised)?))
+    Ok((row, settings_over(name, (row.defaults)(), settings)?))
 }
 
 /// Settings of the contact detection.
@@ -106,13 +103,8 @@ impl Estimator {
         contact_prior: Option<[f64; 3]>,
         seed: u64,
     ) -> PyResult<Self> {
-        if !(noise_sd_n_m.is_finite() && noise_sd_n_m >= 0.0) {
-            return Err(refused("noise_sd_n_m", noise_sd_n_m, "a number of 0 or more"));
-        }
-        let [least, most] = RATES_HZ;
-        if !(least..=most).contains(&rate_hz) {
-            return Err(refused("rate_hz", rate_hz, &format!("{least} to {most}")));
-        }
+        check_not_negative("noise_sd_n_m", noise_sd_n_m)?;
+        check_rate(rate_hz)?;
         let (row, config) = registered(name, settings)?;
         let base_noise: BaseNoise = base_noise_of(base_noise.as_ref())?;
         let knowledge = Arc::new(Knowledge {
@@ -146,9 +138,7 @@ impl Estimator {
     /// `motion` is the pose (x in m, y in m, yaw in rad) of the base's frame at the last sample in its present frame; a tuple is
     /// the fastest. Returns `None` while the whisker is free or the method has no estimate.
     fn step(&self, motion: Motion, dt_s: f64, reading_n_m: f64) -> PyResult<Option<Estimate>> {
-        if !(dt_s.is_finite() && dt_s >= 0.0) {
-            return Err(refused("dt_s", dt_s, "a finite number of 0 or more"));
-        }
+        check_dt(dt_s)?;
         if !reading_n_m.is_finite() {
             return Err(refused("reading_n_m", reading_n_m, "a finite number"));
         }
@@ -184,14 +174,10 @@ impl Estimator {
         base: Numbers<'_>,
         readings_n_m: Numbers<'_>,
     ) -> PyResult<Replay> {
-        let times_s = numbers("t_s", &t_s)?;
+        let times_s = times("t_s", &t_s)?;
         let (poses, readings_n_m) = (rows::<3>("base", &base)?, numbers("readings_n_m", &readings_n_m)?);
         same_length("base", poses.len(), "t_s", times_s.len())?;
         same_length("readings_n_m", readings_n_m.len(), "t_s", times_s.len())?;
-        if let Some(row) = times_s.windows(2).position(|pair| pair[1] <= pair[0]) {
-            let expected = format!("more than the last, {}", times_s[row]);
-            return Err(refused(&format!("t_s[{}]", row + 1), times_s[row + 1], &expected));
-        }
         let places = times_s.iter().zip(&poses).zip(&readings_n_m);
         let instants: Vec<Instant> =
             places.map(|((&t_s, &base), &reading_n_m)| instant(t_s, base, reading_n_m)).collect();

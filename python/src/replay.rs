@@ -6,13 +6,12 @@ use ::trace::{Instant, TruthInstant};
 use ::whisker::estimators::{self, CarriedOutline, Knowledge};
 use nalgebra::Vector2;
 use numpy::{PyArray1, PyArray2, PyArray3};
-use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use testbed::evaluate::estimate_row;
 use testbed::results::EstimateRow;
 
-use crate::arrays::{column, flags, known_flags, matrices, structured, texts, vectors};
+use crate::arrays::{column, flags, known_flags, matrices, place, structured, texts, vectors};
 use crate::estimate::Estimate;
 use crate::outline::Outline;
 
@@ -196,10 +195,7 @@ impl Replay {
 
     /// Estimate of a row.
     fn __getitem__(&self, row: isize) -> PyResult<Option<Estimate>> {
-        let count = self.instants.len();
-        let place = if row < 0 { row.checked_add_unsigned(count) } else { Some(row) };
-        let place = place.and_then(|place| usize::try_from(place).ok()).filter(|&place| place < count);
-        let place = place.ok_or_else(|| PyIndexError::new_err(format!("row {row} of {count}")))?;
+        let place = place(row, self.instants.len())?;
         let estimate = self.replay.estimates[place];
         Ok(estimate.map(|estimate| Estimate::new(estimate, self.readings_n_m[place], &self.knowledge)))
     }

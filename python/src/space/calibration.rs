@@ -17,6 +17,7 @@ use testbed::provenance::watermark;
 
 use super::rod::Rod;
 use crate::arrays::{Numbers, flags, matrices, rows, same_length, vectors};
+use crate::convert::check_not_negative;
 use crate::error::{raised, refused};
 use crate::interrupt;
 use crate::whisker::Whisker;
@@ -53,9 +54,7 @@ pub(crate) fn fit_spatial_calibration(
     models: Option<Vec<String>>,
     noise_sd_n_m: f64,
 ) -> PyResult<SpatialCalibration> {
-    if !(noise_sd_n_m.is_finite() && noise_sd_n_m >= 0.0) {
-        return Err(refused("noise_sd_n_m", noise_sd_n_m, "a number of 0 or more"));
-    }
+    check_not_negative("noise_sd_n_m", noise_sd_n_m)?;
     let candidates: Vec<&SpatialModelRow> = match &models {
         None => SPATIAL_MODELS.iter().collect(),
         Some(names) => names.iter().map(|name| spatial_model(name).map_err(raised)).collect::<PyResult<_>>()?,

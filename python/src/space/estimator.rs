@@ -11,19 +11,15 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use testbed::settings::merged;
 use testbed::space::replay::registered;
 
 use super::calibration::SpatialCalibration;
 use super::pose::pose;
 use super::replay::SpatialReplay;
-use crate::arrays::{Numbers, numbers, rows, same_length};
-use crate::convert::{from_json, to_json};
+use crate::arrays::{Numbers, rows, same_length, times};
+use crate::convert::{check_dt, check_not_negative, check_rate, from_json, settings_over};
 use crate::error::{raised, refused};
 use crate::interrupt;
-
-/// Smallest and largest sampling rate (Hz).
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 
 /// Registered estimators in space: `name`, `about` and default `settings`.
 #[pyfunction]
@@ -63,17 +59,10 @@ impl SpatialEstimator {
         rate_hz: f64,
         settings: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        if !(noise_sd_n_m.is_finite() && noise_sd_n_m >= 0.0) {
-            return Err(refused("noise_sd_n_m", noise_sd_n_m, "a number of 0 or more"));
-        }
-        let [least, most] = RATES_HZ;
-        if !(least..=most).contains(&rate_hz) {
-            return Err(refused("rate_hz", rate_hz, &format!("{least} to {most}")));
-        }
+        check_not_negative("noise_sd_n_m", noise_sd_n_m)?;
+        check_rate(rate_hz)?;
         let row = registered(name).map_err(raised)?;
-        let settings = settings.map_or_else(|| Ok(json!({})), |settings| to_json("settings", settings))?;
-        let config = merged(row.defaults(), &settings).with_context(|| format!("settings of `{name}`"));
-        let config = config.map_err(raised)?;
+        let config = settings_over(name, row.defaults(), settings)?;
         let knowledge = Arc::new(Knowledge { calibrated: calibration.calibrated.clone(), noise_sd_n_m, rate_hz });
         let running = Mutex::new(Self::start(row, &config, &knowledge)?);
         Ok(Self { row, config, knowledge, running })
@@ -97,9 +86,7 @@ impl SpatialEstimator {
     /// `motion` is the pose of the base's frame at the last sample in its present frame: x, y, z (m) and a unit quaternion w, x,
     /// y, z. Returns `None` while the whisker is free or the method has no estimate.
     fn step(&self, motion: [f64; 7], dt_s: f64, reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {
-        if !(dt_s.is_finite() && dt_s >= 0.0) {
-            return Err(refused("dt_s", dt_s, "a finite number of 0 or more"));
-        }
+        check_dt(dt_s)?;
         if !reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite()) {
             return Err(refused("reading_n_m", format!("{reading_n_m:?}"), "finite numbers"));
         }
@@ -117,14 +104,10 @@ impl SpatialEstimator {
         base: Numbers<'_>,
         readings_n_m: Numbers<'_>,
     ) -> PyResult<SpatialReplay> {
-        let times_s = numbers("t_s", &t_s)?;
+        let times_s = times("t_s", &t_s)?;
         let (bases, readings) = (rows::<7>("base", &base)?, rows::<2>("readings_n_m", &readings_n_m)?);
         same_length("base", bases.len(), "t_s", times_s.len())?;
         same_length("readings_n_m", readings.len(), "t_s", times_s.len())?;
-        if let Some(row) = times_s.windows(2).position(|pair| pair[1] <= pair[0]) {
-            let expected = format!("more than the last, {}", times_s[row]);
-            return Err(refused(&format!("t_s[{}]", row + 1), times_s[row + 1], &expected));
-        }
         let placed = bases.iter().enumerate().map(|(row, &base)| pose(&format!("base[{row}]"), base));
         let bases: Vec<Pose<Base, World>> = placed.collect::<PyResult<_>>()?;
         let mut estimator = Self::start(self.row, &self.config, &self.knowledge)?;

@@ -4,11 +4,10 @@ use ::whisker::frames::{Base, World};
 use ::whisker::space::estimators::Estimate;
 use ::whisker::space::frames::Pose;
 use numpy::{PyArray1, PyArray2, PyArray3};
-use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 
 use super::estimator::SpatialEstimate;
-use crate::arrays::{column, flags, matrices, vectors};
+use crate::arrays::{column, flags, matrices, place, vectors};
 
 /// Estimates of a recording in space, one row per sample. NaN while the estimator has no contact.
 #[pyclass(frozen, module = "whisker_contact")]
@@ -76,11 +75,7 @@ impl SpatialReplay {
 
     /// Estimate of a row.
     fn __getitem__(&self, row: isize) -> PyResult<Option<SpatialEstimate>> {
-        let count = self.estimates.len();
-        let place = if row < 0 { row.checked_add_unsigned(count) } else { Some(row) };
-        let place = place.and_then(|place| usize::try_from(place).ok()).filter(|&place| place < count);
-        let place = place.ok_or_else(|| PyIndexError::new_err(format!("row {row} of {count}")))?;
-        Ok(self.estimates[place].map(|estimate| SpatialEstimate { estimate }))
+        Ok(self.estimates[place(row, self.estimates.len())?].map(|estimate| SpatialEstimate { estimate }))
     }
 
     fn __repr__(&self) -> String {
