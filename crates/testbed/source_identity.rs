@@ -91,6 +91,7 @@ pub(crate) const EVALUATION: Code = Code {
         "crates/testbed/src/space/rod.rs",
         "crates/testbed/src/space/run.rs",
         "crates/testbed/src/space/solid.rs",
+        "crates/testbed/src/space/wire.rs",
         "crates/testbed/src/statistics.rs",
         "crates/trace/src",
         "crates/whisker/src",

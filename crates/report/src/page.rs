@@ -140,27 +140,32 @@ const COLUMNS: [Column; 13] = [
 pub(crate) fn html(data: &RunData, animations: &[Animation], figures: &Figures) -> Result<String> {
     let sections = sections(data, animations, figures)?;
     let title = format!("Whisker contact localisation: {}", data.run.name);
+    Ok(document(&title, lead(data), &sections, provenance(data, &figures.left_out)))
+}
+
+/// A page with a heading, a lead, links to its sections, the sections and its provenance. It loads no other file.
+pub(crate) fn document(title: &str, lead: Markup, sections: &[Section], provenance: Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&title))
+            (head(title))
             body {
                 header {
                     h1 { (title) }
-                    (lead(data))
+                    (lead)
                     nav {
-                        @for Section { id, title, .. } in &sections { a href={ "#" (id) } { (title) } }
+                        @for Section { id, title, .. } in sections { a href={ "#" (id) } { (title) } }
                         a href="#provenance" { "Provenance" }
                     }
                 }
                 main {
-                    @for Section { id, title, content } in &sections { section id=(id) { h2 { (title) } (content) } }
+                    @for Section { id, title, content } in sections { section id=(id) { h2 { (title) } (content) } }
                 }
-                (provenance(data, &figures.left_out))
+                (provenance)
             }
         }
     };
-    Ok(page.into_string())
+    page.into_string()
 }
 
 /// A section of a page.
@@ -208,7 +213,7 @@ fn lead(data: &RunData) -> Markup {
 }
 
 /// The head of a page that loads no other file.
-pub(crate) fn head(title: &str) -> Markup {
+fn head(title: &str) -> Markup {
     html! {
         head {
             meta charset="utf-8";

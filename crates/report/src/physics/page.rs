@@ -1,11 +1,11 @@
 //! The page of the physics study: claims, figures and provenance in one HTML file that loads no other file.
 
 use anyhow::Result;
-use maud::{DOCTYPE, Markup, html};
+use maud::{Markup, html};
 
 use super::data::{Claim, Data};
 use crate::figure::Figures;
-use crate::page::{figure_content, head, left_out_entry};
+use crate::page::{Section, document, figure_content, left_out_entry};
 use crate::style::three_digits;
 
 /// The whole page.
@@ -15,38 +15,21 @@ use crate::style::three_digits;
 pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
     let title = "Whisker contact localisation: physics";
     let holding = data.claims.iter().filter(|claim| claim.holds).count();
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            (head(title))
-            body {
-                header {
-                    h1 { (title) }
-                    p {
-                        "Verification of the simulator against the quasi-static elastica and the analytic beam: "
-                        (holding) " of " (data.claims.len()) " claims hold."
-                    }
-                    nav {
-                        a href="#claims" { "Claims" }
-                        @for figure in &figures.drawn { a href={ "#" (figure.name) } { (figure.title) } }
-                        a href="#provenance" { "Provenance" }
-                    }
-                }
-                main {
-                    (claims_table(&data.claims))
-                    @for figure in &figures.drawn { section id=(figure.name) { h2 { (figure.title) } (figure_content(figure)?) } }
-                }
-                (provenance(data, &figures.left_out))
-            }
+    let lead = html! {
+        p {
+            "Verification of the simulator against the quasi-static elastica and the analytic beam: "
+            (holding) " of " (data.claims.len()) " claims hold."
         }
     };
-    Ok(page.into_string())
+    let mut sections = vec![Section { id: "claims", title: "Claims", content: claims_table(&data.claims) }];
+    for figure in &figures.drawn {
+        sections.push(Section { id: figure.name, title: figure.title, content: figure_content(figure)? });
+    }
+    Ok(document(title, lead, &sections, provenance(data, &figures.left_out)))
 }
 
 fn claims_table(claims: &[Claim]) -> Markup {
     html! {
-        section #claims {
-            h2 { "Claims" }
             p { "As data: " a href="claims.csv" { "claims.csv" } }
             div.scroll tabindex="0" aria-label="Table: claims" {
                 table {
@@ -64,7 +47,6 @@ fn claims_table(claims: &[Claim]) -> Markup {
                     }
                 }
             }
-        }
     }
 }
 

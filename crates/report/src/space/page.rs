@@ -1,14 +1,14 @@
 //! The page of a run in space: summary, interactive replay, figures and provenance in one HTML file that loads no other file.
 
 use anyhow::Result;
-use maud::{DOCTYPE, Markup, html};
+use maud::{Markup, html};
 use serde_json::json;
 use testbed::space::evaluate::SpatialSummaryRow;
 
 use super::Data;
 use super::replay;
 use crate::figure::Figures;
-use crate::page::{Section, figure_content, head, left_out_entry};
+use crate::page::{Section, document, figure_content, left_out_entry};
 use crate::run_data::counted;
 use crate::style::plain;
 
@@ -123,33 +123,16 @@ pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
     for figure in &figures.drawn {
         sections.push(Section { id: figure.name, title: figure.title, content: figure_content(figure)? });
     }
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            (head(&title))
-            body {
-                header {
-                    h1 { (title) }
-                    p {
-                        (counted(data.run.trials.len(), "trial")) ", "
-                        (counted(data.estimators().len(), "estimator")) ", "
-                        (counted(data.run.seeds.len(), "noise seed")) ", measurement noise of each bending moment "
-                        (100.0 * data.run.noise) " % of the largest moment of the group. Errors are distances from the true "
-                        "contact, without alignment, from one second after the touch."
-                    }
-                    nav {
-                        @for Section { id, title, .. } in &sections { a href={ "#" (id) } { (title) } }
-                        a href="#provenance" { "Provenance" }
-                    }
-                }
-                main {
-                    @for Section { id, title, content } in &sections { section id=(id) { h2 { (title) } (content) } }
-                }
-                (provenance(data, &figures.left_out))
-            }
+    let lead = html! {
+        p {
+            (counted(data.run.trials.len(), "trial")) ", "
+            (counted(data.estimators().len(), "estimator")) ", "
+            (counted(data.run.seeds.len(), "noise seed")) ", measurement noise of each bending moment "
+            (100.0 * data.run.noise) " % of the largest moment of the group. Errors are distances from the true contact, without "
+            "alignment, from one second after the touch."
         }
     };
-    Ok(page.into_string())
+    Ok(document(&title, lead, &sections, provenance(data, &figures.left_out)))
 }
 
 fn summary(data: &Data) -> Markup {

@@ -8,8 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use testbed::results::RECOMMENDED;
 use testbed::space::solid::Solid;
-use testbed::space::{SpatialEstimateRow, SpatialRunWhisker};
-use whisker::rod::{Rod, SpatialLoad};
+use testbed::space::{SpatialEstimateRow, SpatialWire};
 
 use super::Data;
 use crate::replay::{Whole, micrometres, player};
@@ -99,45 +98,23 @@ fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
         replayed.push((estimator, rows.into_iter().step_by(every).collect::<Vec<_>>()));
     }
     let Some((_, rows)) = replayed.first() else { return Ok(None) };
-    let wire = Wire::new(&trial.whisker)?;
+    let wire = SpatialWire::new(&trial.whisker).context("space_run.json")?;
+    // The true contact, or the estimated one if that is unknown.
+    let shape = |row: &SpatialEstimateRow| {
+        let points = wire.points_m(row, row.truth_contact_m().or(row.contact_m()), WIRE_POINTS)?;
+        Some(points.into_iter().map(spot).collect())
+    };
     let curves = Solid::of_scene(&trial.solid).map_or_else(Vec::new, |solid| solid.curves_m());
     Ok(Some(Trial {
         name: format!("{}, {whisker} whisker", plain(group)),
         trace: trial.trace.clone(),
         t_s: rows.iter().map(|row| row.t_s).collect(),
         base_um: rows.iter().map(|row| spot(row.base_m())).collect(),
-        wire_um: rows.iter().map(|row| wire.spots(row)).collect(),
+        wire_um: rows.iter().map(shape).collect(),
         truth_um: rows.iter().map(|row| row.truth_contact_m().map(spot)).collect(),
         solid_um: curves.into_iter().map(|curve| curve.into_iter().map(spot).collect()).collect(),
         runs: replayed.iter().map(|(name, rows)| Replayed::new(name, rows)).collect(),
     }))
-}
-
-/// A whisker with its mechanics.
-struct Wire {
-    rod: Rod,
-    length_m: f64,
-}
-
-impl Wire {
-    fn new(whisker: &SpatialRunWhisker) -> Result<Self> {
-        let SpatialRunWhisker { whisker, suspension, poisson_ratio } = whisker;
-        let rod = Rod::new(whisker, (*suspension).into(), *poisson_ratio).context("space_run.json")?;
-        Ok(Self { rod, length_m: whisker.length_m })
-    }
-
-    /// The whisker through the true contact, or through the estimated one if that is unknown; undeflected while it is free.
-    /// `None` if the contact is out of its reach.
-    fn spots(&self, row: &SpatialEstimateRow) -> Option<Vec<Spot>> {
-        let turn = row.rotation();
-        let load = match row.truth_contact_m().or(row.contact_m()) {
-            None => SpatialLoad { arc_m: self.length_m, force_n: Vector3::zeros() },
-            Some(contact) => self.rod.at_point(turn.inverse() * (contact - row.base_m())).ok()?.load,
-        };
-        let line = self.rod.line(load).ok()?;
-        let arcs = (0..WIRE_POINTS).map(|i| self.length_m * i as f64 / (WIRE_POINTS - 1) as f64);
-        Some(arcs.map(|arc_m| spot(row.base_m() + turn * line.at(arc_m))).collect())
-    }
 }
 
 impl Replayed {

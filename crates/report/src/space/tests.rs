@@ -23,12 +23,7 @@ fn estimate(instant: u32) -> SpatialEstimateRow {
     SpatialEstimateRow {
         t_s,
         base_x_m: 0.001 * t_s,
-        base_y_m: 0.0,
-        base_z_m: 0.0,
         base_qw: 1.0,
-        base_qx: 0.0,
-        base_qy: 0.0,
-        base_qz: 0.0,
         moment_y_n_m: 1e-6,
         moment_z_n_m: -1e-5,
         contact_x_m: of(0, 1e-4),
@@ -46,10 +41,6 @@ fn estimate(instant: u32) -> SpatialEstimateRow {
         normal_x: contact.map(|_| 0.0),
         normal_y: contact.map(|_| 1.0),
         normal_z: contact.map(|_| 0.0),
-        direction_x: None,
-        direction_y: None,
-        direction_z: None,
-        direction_sd_rad: None,
         calibrated: contact.map(|_| true),
         truth_contact_x_m: of(0, 0.0),
         truth_contact_y_m: of(1, 0.0),
@@ -57,6 +48,7 @@ fn estimate(instant: u32) -> SpatialEstimateRow {
         truth_surface_x_m: of(0, 0.0),
         truth_surface_y_m: of(1, 1e-4),
         truth_surface_z_m: of(2, 0.0),
+        ..SpatialEstimateRow::default()
     }
 }
 

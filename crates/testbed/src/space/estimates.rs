@@ -9,7 +9,7 @@ use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
 
 /// One instant of a replay in space. Positions and directions are in World, moments in Base.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SpatialEstimateRow {
     /// Time since the start of the trace.

@@ -6,18 +6,16 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use anyhow::Context;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
-use whisker::rod::{Rod, SpatialLoad};
 
 use super::solid::Solid;
-use super::{SpatialEstimateRow, SpatialRunWhisker};
+use super::{SpatialEstimateRow, SpatialRunWhisker, SpatialWire};
 
 /// Edge of the cells in which points are merged.
 const CELL_M: f64 = 0.5e-3;
 
-/// Largest standard deviation of a point, the square root of the trace of its covariance. Estimates at the begin of a touch have
+/// Largest standard deviation of a point, the square root of the trace of its covariance. Estimates at the beginning of a touch have
 /// larger ones.
 const MOST_SD_M: f64 = 1e-3;
 
@@ -26,6 +24,10 @@ const GAP_M: f64 = 10e-3;
 
 /// Edge of the voxels of the occupancy grid.
 const VOXEL_M: f64 = 2e-3;
+
+/// Reading relative to the largest one of its sweep, up to which a whisker without an estimate counts as undeflected: above the
+/// measurement noise, and at a deflection of less than a voxel.
+const FREE_SHARE: f64 = 0.05;
 
 /// Standard deviations at the ends of the colour scale, which is logarithmic.
 const COLOUR_ENDS_M: [f64; 2] = [10e-6, 1e-3];
@@ -118,13 +120,12 @@ impl SpatialMap {
         let mut left_out = 0;
         for sweep in sweeps {
             for row in sweep.rows {
-                let Some(found) = row.surface_m().zip(row.normal()).zip(row.covariance_m2()) else { continue };
-                let ((at, normal), covariance_m2) = found;
-                if row.calibrated != Some(true) || covariance_m2.trace().sqrt() > MOST_SD_M {
-                    left_out += 1;
-                    continue;
+                match surface_of(row) {
+                    Some((at, normal, covariance_m2)) => {
+                        cells.entry(index(at, CELL_M)).or_default().add(at, normal, covariance_m2);
+                    }
+                    None => left_out += usize::from(row.contact_m().is_some()),
                 }
-                cells.entry(index(at, CELL_M)).or_default().add(at, normal, covariance_m2);
             }
             passed(sweep, &mut voxels)?;
         }
@@ -251,26 +252,32 @@ fn tell_apart(points: &mut [SurfacePoint]) {
     }
 }
 
-/// Marks the voxels through which the whisker of a sweep passed as free: undeflected while there is no estimate, else deflected
-/// through the estimated contact.
+/// Marks the voxels through which the whisker of a sweep passed as free, where its shape is known: deflected through an estimate
+/// that enters the map, or undeflected while there is no estimate and the readings are small. Without an estimate a large reading
+/// means that the whisker touches in an unknown place.
 fn passed(sweep: &Sweep<'_>, voxels: &mut BTreeMap<Index, Occupancy>) -> anyhow::Result<()> {
-    let SpatialRunWhisker { whisker, suspension, poisson_ratio } = sweep.whisker;
-    let rod = Rod::new(whisker, (*suspension).into(), *poisson_ratio).context("whisker of a sweep")?;
-    let count = (2.0 * whisker.length_m / VOXEL_M).ceil() as usize;
+    let wire = SpatialWire::new(sweep.whisker)?;
+    let count = (2.0 * sweep.whisker.whisker.length_m / VOXEL_M).ceil() as usize + 1;
+    let reading_n_m = |row: &SpatialEstimateRow| row.moment_y_n_m.hypot(row.moment_z_n_m);
+    let largest_n_m = sweep.rows.iter().map(reading_n_m).fold(0.0, f64::max);
     for row in sweep.rows {
-        let (base_m, turn) = (row.base_m(), row.rotation());
-        let load = match row.contact_m() {
-            None => Some(SpatialLoad { arc_m: whisker.length_m, force_n: Vector3::zeros() }),
-            Some(contact) => rod.at_point(turn.inverse() * (contact - base_m)).ok().map(|contact| contact.load),
+        let contact = row.contact_m();
+        let is_known = match contact {
+            Some(_) => surface_of(row).is_some(),
+            None => reading_n_m(row) <= FREE_SHARE * largest_n_m,
         };
         // An estimate out of reach has no shape.
-        let Some(line) = load.and_then(|load| rod.line(load).ok()) else { continue };
-        for i in 0..=count {
-            let point = base_m + turn * line.at(whisker.length_m * i as f64 / count as f64);
-            voxels.insert(index(point, VOXEL_M), Occupancy::Free);
-        }
+        let Some(points) = is_known.then(|| wire.points_m(row, contact, count)).flatten() else { continue };
+        voxels.extend(points.into_iter().map(|point| (index(point, VOXEL_M), Occupancy::Free)));
     }
     Ok(())
+}
+
+/// Point of the surface, normal and covariance of an estimate that enters a map: one within the calibrated domain, and certain
+/// enough.
+fn surface_of(row: &SpatialEstimateRow) -> Option<(Vector3<f64>, Vector3<f64>, Matrix3<f64>)> {
+    let (at, normal, covariance_m2) = (row.surface_m()?, row.normal()?, row.covariance_m2()?);
+    (row.calibrated == Some(true) && covariance_m2.trace().sqrt() <= MOST_SD_M).then_some((at, normal, covariance_m2))
 }
 
 #[cfg(test)]
@@ -291,16 +298,7 @@ mod tests {
         let of = |axis: usize| contact.map(|at| at[axis]);
         let known = |value: f64| contact.map(|_| value);
         SpatialEstimateRow {
-            t_s: 0.0,
-            base_x_m: 0.0,
-            base_y_m: 0.0,
-            base_z_m: 0.0,
             base_qw: 1.0,
-            base_qx: 0.0,
-            base_qy: 0.0,
-            base_qz: 0.0,
-            moment_y_n_m: 0.0,
-            moment_z_n_m: 0.0,
             contact_x_m: of(0),
             contact_y_m: of(1),
             contact_z_m: of(2),
@@ -316,17 +314,8 @@ mod tests {
             normal_x: known(0.0),
             normal_y: known(1.0),
             normal_z: known(0.0),
-            direction_x: None,
-            direction_y: None,
-            direction_z: None,
-            direction_sd_rad: None,
             calibrated: contact.map(|_| true),
-            truth_contact_x_m: None,
-            truth_contact_y_m: None,
-            truth_contact_z_m: None,
-            truth_surface_x_m: None,
-            truth_surface_y_m: None,
-            truth_surface_z_m: None,
+            ..SpatialEstimateRow::default()
         }
     }
 
@@ -359,6 +348,15 @@ mod tests {
         assert_eq!(state([0.0405, 0.0005, 0.0005]), Some(Occupancy::Free), "the free whisker lies along x");
         assert_eq!(state([0.0605, -0.0045, 0.0005]), Some(Occupancy::Occupied));
         assert_eq!(state([0.04, 0.04, 0.04]), None);
+    }
+
+    #[test]
+    fn regress_space_is_not_free_where_the_shape_of_the_whisker_is_unknown() {
+        let touching = SpatialEstimateRow { moment_z_n_m: -2e-5, ..row(None, 0.0) };
+        let unsure = SpatialEstimateRow { moment_z_n_m: -1e-5, ..row(Some([0.06, -0.005, 0.0]), 2e-3) };
+        assert!(map(&[touching.clone(), unsure]).voxels.is_empty());
+        let free = SpatialEstimateRow { moment_z_n_m: -5e-7, ..row(None, 0.0) };
+        assert!(!map(&[touching, free]).voxels.is_empty());
     }
 
     #[test]

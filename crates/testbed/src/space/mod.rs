@@ -10,7 +10,9 @@ pub mod replay;
 pub mod rod;
 mod run;
 pub mod solid;
+mod wire;
 
 pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
 pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
 pub use run::{SpatialMapRow, SpatialRun, SpatialRunTrial, SpatialRunWhisker, SpatialWritten, evaluate_into};
+pub use wire::SpatialWire;

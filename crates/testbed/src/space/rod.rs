@@ -27,7 +27,7 @@ impl TrueRod {
         let contacts: Vec<&SpatialContactTruth> =
             trace.truth.instants.iter().filter_map(|truth| truth.contact.as_ref()).collect();
         let surface: Vec<_> = contacts.iter().map(|contact| contact.surface).collect();
-        let (_, along) = line(&surface)?;
+        let along = direction(&surface)?;
         // The centres `p - rho n` lie on the axis: deviations of contacts and normals across it are proportional.
         let mean = |of: fn(&SpatialContactTruth) -> Vector3<f64>| {
             contacts.iter().map(|contact| of(contact)).sum::<Vector3<f64>>() / contacts.len() as f64
@@ -51,8 +51,8 @@ impl TrueRod {
     }
 }
 
-/// Mean and direction of points on a straight line. `None` if they do not lie on one.
-fn line(points: &[Vector3<f64>]) -> Option<(Vector3<f64>, Vector3<f64>)> {
+/// Direction of points on a straight line. `None` if they do not lie on one.
+fn direction(points: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> = points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
@@ -62,5 +62,5 @@ fn line(points: &[Vector3<f64>]) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let rest = (parts.eigenvalues.sum() - parts.eigenvalues[longest]).max(0.0);
     let places = points.iter().map(|point| along.dot(&(point - mean)));
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-    (high - low > EXTENT_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some((mean, along))
+    (high - low > EXTENT_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some(along)
 }
