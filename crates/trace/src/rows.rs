@@ -17,6 +17,9 @@ use crate::table::{COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant
 
 /// Number of columns without those of friction, and with them.
 const PLAIN: usize = COLUMNS.len();
+
+/// Largest angle of a contact force to the normal: a right one, rounded to the decimals that are written.
+const MOST_ANGLE_RAD: f64 = FRAC_PI_2 + 1e-10;
 const CELLS: usize = PLAIN + FRICTION_COLUMNS.len();
 
 /// Largest magnitude per column: [`FARTHEST_M`] for positions, 1e12 for times, which may count from any epoch, and 1e6
@@ -315,7 +318,7 @@ impl<'a> Line<'a> {
     #[inline]
     fn friction(&self) -> Result<Option<FrictionTruth>, Error> {
         match (self.optional(PLAIN)?, self.optional(PLAIN + 1)?, self.flag(PLAIN + 2)?) {
-            (Some(angle_rad), Some(slip_m_s), Some(sticking)) if angle_rad.abs() <= FRAC_PI_2 => {
+            (Some(angle_rad), Some(slip_m_s), Some(sticking)) if angle_rad.abs() <= MOST_ANGLE_RAD => {
                 Ok(Some(FrictionTruth { angle_rad, slip_m_s, sticking }))
             }
             (Some(_), Some(_), Some(_)) => Err(self.wrong(PLAIN, "an angle of at most a right one")),

@@ -1,5 +1,6 @@
 //! Streaming reading and writing of traces.
 
+use std::f64::consts::FRAC_PI_2;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -130,6 +131,18 @@ fn verif_friction_is_read_as_written() {
     let (trace, path) = with_friction(folder.path());
     assert_eq!(Trace::read(&path).unwrap(), trace);
     assert!(!golden().to_csv().contains("friction"));
+}
+
+#[test]
+fn verif_a_right_angle_of_the_force_is_read_as_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut trace, _) = with_friction(folder.path());
+    for truth in &mut trace.truth.instants {
+        truth.friction = truth.friction.map(|friction| FrictionTruth { angle_rad: FRAC_PI_2, ..friction });
+    }
+    trace.sidecar.csv_sha256 = files::sha256(trace.to_csv().as_bytes());
+    let again = Trace::read(&trace.write(folder.path()).unwrap()).unwrap();
+    assert_eq!(again.to_csv(), trace.to_csv());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use files::sha256;
 use serde_json::json;
-use trace::{COLUMNS, Trace};
+use trace::{COLUMNS, FRICTION_COLUMNS, Trace};
 
 use crate::properties::{is_decimal, lines, one_error};
 use crate::{golden, scratch};
@@ -19,7 +19,7 @@ pub(super) fn run(bytes: &[u8]) {
     let again = read("again", text.as_bytes()).expect("written data can be read");
     assert_eq!(again.to_csv(), text);
     for (row, again) in rows(&trace).zip(rows(&again)) {
-        for ((value, again), (column, decimals)) in row.into_iter().zip(again).zip(COLUMNS) {
+        for ((value, again), (column, decimals)) in row.into_iter().zip(again).zip(columns()) {
             let half = 0.5 * 10f64.powi(-(decimals as i32));
             let is_near = value
                 .zip(again)
@@ -44,8 +44,9 @@ fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
     for (line, row) in lines.iter().zip(rows(trace)) {
         let line = std::str::from_utf8(line).expect("numbers are ASCII");
         let cells: Vec<&str> = line.split(',').collect();
-        assert_eq!(cells.len(), row.len());
-        for ((cell, value), (column, _)) in cells.into_iter().zip(row).zip(COLUMNS) {
+        assert!([COLUMNS.len(), row.len()].contains(&cells.len()));
+        let cells = cells.into_iter().chain(std::iter::repeat(""));
+        for ((cell, value), (column, _)) in cells.zip(row).zip(columns()) {
             match value {
                 None => assert_eq!(cell, "", "{column}"),
                 Some(value) => {
@@ -56,8 +57,13 @@ fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
     }
 }
 
-/// Values of each row in column order. Independent of the crate under test.
-fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len()]> {
+/// All columns, those of friction included.
+fn columns() -> impl Iterator<Item = (&'static str, usize)> {
+    COLUMNS.into_iter().chain(FRICTION_COLUMNS)
+}
+
+/// Values of each row in column order, `None` in columns that the table does not have. Independent of the crate under test.
+fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len() + FRICTION_COLUMNS.len()]> {
     let flag = |value: Option<bool>| value.map(|value| f64::from(u8::from(value)));
     trace.recording.instants.iter().zip(&trace.truth.instants).map(move |(known, truth)| {
         let origin = known.base.origin();
@@ -81,6 +87,9 @@ fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len()]> {
             truth.arc_m,
             truth.force_n,
             truth.tangent_rad,
+            truth.friction.map(|friction| friction.angle_rad),
+            truth.friction.map(|friction| friction.slip_m_s),
+            flag(truth.friction.map(|friction| friction.sticking)),
         ]
     })
 }
