@@ -23,7 +23,11 @@ WRONG = {
     "unknown shape": ({"object": {"shape": "heart"}}, ["object.shape", "pin, circle, rectangle", '"heart"']),
     "unknown motion": (
         {"motion": {"kind": "dance"}},
-        ["motion.kind", "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth, stations", '"dance"'],
+        [
+            "motion.kind",
+            "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth, stations",
+            '"dance"',
+        ],
     ),
     "unknown whisker": ({"whisker": "cat"}, ["scene.json:7:3", "whisker", "straight, curved, stanford", "'cat'"]),
     "unknown role": ({"role": "test"}, ["role", "trial", "calibration", '"test"']),

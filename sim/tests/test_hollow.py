@@ -51,7 +51,7 @@ def test_verif_the_contact_moves_from_the_outer_end_to_the_inner_one_by_way_of_b
     ends_m = run.scene.object.to_world(np.array(((0.0, L["y_m"]), (L["x_m"], 0.0))))
     exists = simulated.second.exists
     assert not np.any(exists & ~simulated.touching)
-    assert np.array_equal(exists, simulated.split)
+    assert not np.any(exists & ~simulated.split)
     phases = np.flatnonzero(np.diff(exists.astype(int)))
     assert len(phases) == 4
     outer = np.hypot(*(simulated.truth.surface_m - ends_m[0]).T) < 1e-5

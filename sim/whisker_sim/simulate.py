@@ -123,14 +123,16 @@ def simulate(run: Run) -> Simulated:
         force_n=force_n if second is None else first_force_n,
         nearest=np.zeros(len(qpos), dtype=int),
         truth=truth,
-        split=is_split(sensors) if second is None else second.exists,
+        split=is_split(sensors) if second is None else is_split(sensors) | second.exists,
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
         friction=_friction(scene, qpos, qvel, sensors, truth) if scene.friction_coefficient > 0.0 else None,
         second=second,
     )
     if np.any(object_m):
         simulated = replace(displaced(simulated, object_m), object_m=object_m)
-    check_contacts(simulated, plan.touching, _slipping(simulated, plan))
+    # From an object that is not convex the whisker may jump off at any time after the touch.
+    guaranteed = plan.touching if scene.object.convex else [(start_s, start_s) for start_s, _ in plan.touching]
+    check_contacts(simulated, guaranteed, _slipping(simulated, plan))
     return simulated
 
 

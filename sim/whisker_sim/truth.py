@@ -87,6 +87,9 @@ SEPARATE_M = 1e-3
 _SEARCHED_M = 0.5 * SEPARATE_M
 """Distance along the centre line within which the second contact is searched about the place that the solver states."""
 _PLACES = 81
+_GAP_M = 10e-6
+"""Least clearance somewhere between two contacts. On a flat the whisker touches along its length: one contact of greater extent."""
+_BETWEEN = 9
 
 
 @dataclass(frozen=True)
@@ -181,14 +184,17 @@ def loaded_contacts(
     """First contacts with the magnitudes (n,) of their forces, and second contacts.
 
     `points_m` (n, k, 2) and `forces_n` (n, k) are the solver's contacts. A second contact exists where a loaded one is more than
-    `SEPARATE_M` from the nearest point `nearest`. It is the minimum of the clearance near the strongest such contact. Each force
-    counts for the nearer of the two. The nearest point is the first contact unless it carries no load while the other does.
+    `SEPARATE_M` from the nearest point `nearest` and the whisker is clear of the object between them. It is the minimum of the
+    clearance near the strongest such contact. Each force counts for the nearer of the two. The nearest point is the first contact
+    unless it carries no load while the other does.
     """
     from_first_m = np.linalg.norm(points_m - nearest.surface_m[:, None], axis=-1)
     apart = (forces_n > 0.0) & (from_first_m > SEPARATE_M)
     rows = np.flatnonzero(np.any(apart, axis=1))
     seed_m = points_m[rows, np.argmax(np.where(apart, forces_n, 0.0)[rows], axis=1)]
     other = _contact_near(line, shape, rows, seed_m)
+    parted = _clearance_between_m(line, shape, rows, nearest.arc_m[rows], other.arc_m) > _GAP_M
+    rows, other = rows[parted], ContactTruth(*(getattr(other, field.name)[parted] for field in fields(other)))
     of_other = np.linalg.norm(points_m[rows] - other.surface_m[:, None], axis=-1) < from_first_m[rows]
     other_n = np.sum(forces_n[rows] * of_other, axis=1)
     first_n = np.sum(forces_n, axis=1)
@@ -208,6 +214,18 @@ def loaded_contacts(
         *(placed(values) for values in (other.contact_m, other.surface_m, other.arc_m, other.tangent_rad, other_n))
     )
     return ContactTruth(**fields_of_first), first_n, second
+
+
+def _clearance_between_m(line: CenterLine, shape: Shape, rows: NDArray[np.intp], from_m: Array, to_m: Array) -> Array:
+    """Largest clearance (k,) between two arc lengths (k,) of the centre lines `rows` (k,)."""
+    share = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
+    arc_m = from_m[:, None] + share * (to_m - from_m)[:, None]
+    points_m, _ = line.at(arc_m.ravel(), np.repeat(rows, _BETWEEN))
+    _, distance_m = shape.closest(points_m)
+    # The radius decreases linearly, so that its value at the first contact follows from the clearance there, which is zero.
+    at_first_m = shape.closest(line.at(from_m, rows)[0])[1][:, None]
+    clearance_m = distance_m.reshape(arc_m.shape) - at_first_m - line.radius_slope * (arc_m - from_m[:, None])
+    return np.max(clearance_m, axis=1, initial=0.0)
 
 
 def _contact_near(line: CenterLine, shape: Shape, rows: NDArray[np.intp], seed_m: Array) -> ContactTruth:
