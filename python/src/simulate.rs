@@ -94,6 +94,7 @@ fn truth(base: &Pose<Base, World>, touch: Option<&Touch>) -> TruthInstant {
         force_n: touch.map(|touch| touch.force_n),
         tangent_rad: touch.map(|touch| base.yaw_rad() + touch.deflection.tangent_rad),
         friction: None,
+        second: None,
     }
 }
 

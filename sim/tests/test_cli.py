@@ -20,10 +20,14 @@ SWEEP = {"kind": "lateral_sweep", "contact_arc_m": 0.05, "stroke_m": 0.006}
 WRONG = {
     "unknown key": ({"colour": "red"}, ["scene.json:18:3", "colour", "unknown key", "expected one of", "whisker"]),
     "unknown key of a shape": ({"object": {"shape": "pin", "size_m": 1}}, ["object.size_m", "unknown key", "radius_m"]),
-    "unknown shape": ({"object": {"shape": "star"}}, ["object.shape", "pin, circle, rectangle", '"star"']),
+    "unknown shape": ({"object": {"shape": "heart"}}, ["object.shape", "pin, circle, rectangle", '"heart"']),
     "unknown motion": (
         {"motion": {"kind": "dance"}},
-        ["motion.kind", "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth", '"dance"'],
+        [
+            "motion.kind",
+            "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth, stations",
+            '"dance"',
+        ],
     ),
     "unknown whisker": ({"whisker": "cat"}, ["scene.json:7:3", "whisker", "straight, curved, stanford", "'cat'"]),
     "unknown role": ({"role": "test"}, ["role", "trial", "calibration", '"test"']),

@@ -20,7 +20,9 @@ def test_verif_shape_geometry(name):
     assert np.array_equal(outline[0], outline[-1])
     edge = np.diff(outline, axis=0)
     turn = edge[:, 0] * np.roll(edge[:, 1], -1) - edge[:, 1] * np.roll(edge[:, 0], -1)
-    assert np.all(turn > 0.0), "convex and counter-clockwise"
+    assert np.all(turn > 0.0) == shape.convex
+    x, y = outline.T
+    assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0, "counter-clockwise"
 
     _, at_vertices_m = shape.closest(outline)
     _, at_middles_m = shape.closest(0.5 * (outline[1:] + outline[:-1]))
@@ -38,7 +40,7 @@ def test_verif_shape_geometry(name):
     np.testing.assert_allclose(np.hypot(*(points - nearest).T), np.abs(distance_m), atol=1e-12)
     brute_m = np.array([np.min(_to_segments(point, outline)) for point in points])
     np.testing.assert_allclose(np.abs(distance_m), brute_m, atol=shape.chord_error_m() + 1e-9)
-    inside = np.all(_crossings(points, outline) > 0.0, axis=1)
+    inside = _turns(points, outline) == 1
     clear = np.abs(distance_m) > shape.chord_error_m()
     assert np.array_equal((distance_m < 0.0)[clear], inside[clear])
 
@@ -49,10 +51,11 @@ def _to_segments(point, outline):
     return np.hypot(*(point - start - share[:, None] * edge).T)
 
 
-def _crossings(points, outline):
-    edge = np.diff(outline, axis=0)
-    offset = points[:, None] - outline[:-1]
-    return edge[:, 0] * offset[..., 1] - edge[:, 1] * offset[..., 0]
+def _turns(points, outline):
+    """How often the outline runs round each point."""
+    offset = outline - points[:, None]
+    angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
+    return np.round((angle[:, -1] - angle[:, 0]) / (2.0 * np.pi)).astype(int)
 
 
 @pytest.mark.parametrize("name", SHAPES)

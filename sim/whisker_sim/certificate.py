@@ -3,7 +3,8 @@
 An instant is quasi-static if
 
 - the whisker has touched without interruption for `SETTLING_S` before and `LEAVING_S` after it, and
-- for `CALM_S` before it there was a single contact, not at the tip, that moved along the whisker at `CONTACT_SPEED_M_S` at most.
+- for `CALM_S` before it there was a single contact, not at the tip, that moved along the whisker at `CONTACT_SPEED_M_S` at most. On
+  an object that is not convex there may be two such contacts; the exact whisker then has two loads.
 
 A faster contact lags behind the quasi-static one, because the whisker's hinges are damped. When a straight whisker passes over the
 flat of a polygon, from one corner to the next within about 30 ms, its inertia matters and the position of the contact on the flat
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from whisker_sim.elastica import Touching, loaded, touching
 from whisker_sim.shapes import Shape
 from whisker_sim.simulate import Simulated
+from whisker_sim.two_loads import TouchingTwice, loaded_twice, touching_twice
 from whisker_sim.whisker import Array, Whisker
 
 SETTLING_S = 0.3
@@ -52,6 +54,8 @@ class Certificate(msgspec.Struct, frozen=True):
     arc_worst_m: float | None
     penetration_worst_m: float | None
     """Of the smooth surface of the whisker."""
+    sampled_twice: int | msgspec.UnsetType = msgspec.UNSET
+    """Number of sampled rows with two contacts, compared with the elastica under two loads; omitted for convex objects."""
 
 
 class Contacts(NamedTuple):
@@ -87,7 +91,7 @@ class Disagreement(NamedTuple):
     arc_m: Array
     penetration_m: Array
     """Penetration (n,) of the smooth surface of the simulated whisker."""
-    exact: Touching
+    exact: Touching | TouchingTwice
 
 
 def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Simulated, vibrates: bool) -> Certificate:
@@ -95,11 +99,18 @@ def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Sim
 
     If the base vibrates, no instant is quasi-static, because the whisker never comes to rest.
     """
+    simulated = simulated.relative_to_object()
     contacts = contacts_of(whisker, simulated)
     slow = np.flatnonzero(quasi_static(contacts) & (not vibrates))
-    sample = slow[np.linspace(0, len(slow) - 1, min(_SAMPLES, len(slow))).round().astype(int)]
+    sample = _sample(slow)
     nearest = simulated.nearest[simulated.touching][sample]
     found = [disagreement(whisker, shape, face, contacts.at(sample[nearest == index])) for index, shape in enumerate(shapes)]
+
+    twice = np.flatnonzero(quasi_static_twice(simulated) & (not vibrates))
+    sampled_twice = _sample(twice)
+    if len(sampled_twice):
+        (shape,) = shapes
+        found.append(disagreement_twice(whisker, shape, simulated, sampled_twice))
 
     def solved(values: Callable[[Disagreement], Array]) -> Array:
         return np.concatenate([values(part)[part.exact.solved] for part in found])
@@ -112,9 +123,9 @@ def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Sim
         touching=len(contacts.time_s),
         tip=int(np.sum(simulated.truth.tip & simulated.touching)),
         split=int(np.sum(simulated.split & simulated.touching)),
-        quasi_static=len(slow),
-        sampled=len(sample),
-        unsolved=len(sample) - len(moment),
+        quasi_static=len(slow) + len(twice),
+        sampled=len(sample) + len(sampled_twice),
+        unsolved=len(sample) + len(sampled_twice) - len(moment),
         moment_rms=rms_figure(moment),
         moment_worst=largest_figure(moment),
         surface_rms_m=rms_figure(surface_m),
@@ -122,7 +133,13 @@ def certify(whisker: Whisker, shapes: Sequence[Shape], face: str, simulated: Sim
         arc_rms_m=rms_figure(arc_m),
         arc_worst_m=largest_figure(arc_m),
         penetration_worst_m=largest_figure(np.maximum(penetration_m, 0.0)),
+        sampled_twice=msgspec.UNSET if simulated.second is None else len(sampled_twice),
     )
+
+
+def _sample(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """At most `_SAMPLES` of the rows, evenly spaced."""
+    return rows[np.linspace(0, len(rows) - 1, min(_SAMPLES, len(rows))).round().astype(int)]
 
 
 def contacts_of(whisker: Whisker, simulated: Simulated) -> Contacts:
@@ -147,13 +164,27 @@ def quasi_static(contacts: Contacts) -> NDArray[np.bool_]:
     return calm(contacts.time_s, contacts.arc_m, contacts.on_the_side, contacts.recording_end_s)
 
 
+def quasi_static_twice(simulated: Simulated) -> NDArray[np.bool_]:
+    """Mask (n,) of the quasi-static instants of a trace at which there are two contacts."""
+    slow = np.zeros(len(simulated.time_s), dtype=bool)
+    if simulated.second is None:
+        return slow
+    rows = np.flatnonzero(simulated.touching)
+    one, other = simulated.truth.arc_m[rows], simulated.second.arc_m[rows]
+    exists = simulated.second.exists[rows]
+    # In the order along the whisker: which of the two is the nearest may change at any time.
+    arcs_m = np.sort(np.stack((one, np.where(exists, other, one)), axis=-1), axis=1)
+    slow[rows] = exists & calm(simulated.time_s[rows], arcs_m, ~simulated.truth.tip[rows], float(simulated.time_s[-1]))
+    return slow
+
+
 def calm(time_s: Array, arc_m: Array, on_the_side: NDArray[np.bool_], recording_end_s: float) -> NDArray[np.bool_]:
-    """Mask (n,) of the quasi-static instants among the n instants of contact of a recording."""
+    """Mask (n,) of the quasi-static instants among the n instants of contact of a recording, at the arc lengths (n,) or (n, k)."""
     if len(time_s) < 2:
         return np.zeros(len(time_s), dtype=bool)
     interval_s = np.min(np.diff(time_s))
     broken = np.diff(time_s, prepend=-np.inf) > 1.5 * interval_s
-    speed_m_s = np.abs(np.diff(arc_m, prepend=arc_m[0])) / interval_s
+    speed_m_s = np.max(np.abs(np.diff(arc_m, axis=0, prepend=arc_m[:1])).reshape(len(time_s), -1), axis=1) / interval_s
     hasty = ~on_the_side | ((speed_m_s > CONTACT_SPEED_M_S) & ~broken)
     started_s = np.maximum.accumulate(np.where(broken, time_s, -np.inf))
     hasty_s = np.maximum.accumulate(np.where(hasty, time_s, -np.inf))
@@ -191,6 +222,38 @@ def disagreement(whisker: Whisker, shape: Shape, face: str, contacts: Contacts) 
         surface_m=np.hypot(*(contacts.surface_m - exact.surface_m).T),
         arc_m=contacts.arc_m - exact.arc_m,
         penetration_m=whisker.radius_m(contacts.arc_m) - np.hypot(*(contacts.contact_m - contacts.surface_m).T),
+        exact=exact,
+    )
+
+
+def disagreement_twice(whisker: Whisker, shape: Shape, simulated: Simulated, rows: NDArray[np.intp]) -> Disagreement:
+    """Solves the elastica under two loads at the instants `rows` (n,), at which there are two contacts.
+
+    The deviations are the larger of those of the two contacts. As with one contact, the initial forces are scaled to the simulated
+    reading.
+    """
+    first, second = simulated.truth, simulated.second
+
+    def pairs(of_first: Array, of_second: Array) -> Array:
+        pair = np.stack((of_first[rows], of_second[rows]), axis=1)
+        order = np.argsort(np.stack((first.arc_m[rows], second.arc_m[rows]), axis=1), axis=1)
+        return np.take_along_axis(pair, order.reshape(order.shape + (1,) * (pair.ndim - 2)), axis=1)
+
+    arc_m, force_n = pairs(first.arc_m, second.arc_m), pairs(simulated.force_n, second.force_n)
+    contact_m, surface_m = pairs(first.contact_m, second.contact_m), pairs(first.surface_m, second.surface_m)
+    tangent_rad = pairs(first.tangent_rad, second.tangent_rad)
+    toward_m = surface_m - contact_m
+    sides = np.sign(np.cos(tangent_rad) * toward_m[..., 1] - np.sin(tangent_rad) * toward_m[..., 0])
+    moment_n_m = whisker.root_stiffness_n_m_rad * simulated.rotations_rad[rows, 0]
+    load = loaded_twice(whisker, arc_m, -sides * force_n, sides * float(np.arcsin(whisker.radius_slope)))
+    force_n = force_n * (moment_n_m / load.moment_n_m)[:, None]
+    exact = touching_twice(whisker, shape, sides, simulated.base_pose[rows], arc_m, force_n)
+    apart_m = whisker.radius_m(arc_m) - np.linalg.norm(toward_m, axis=-1)
+    return Disagreement(
+        moment_n_m=moment_n_m - exact.moment_n_m,
+        surface_m=np.max(np.linalg.norm(surface_m - exact.surface_m, axis=-1), axis=1),
+        arc_m=np.max(np.abs(arc_m - exact.arc_m), axis=1),
+        penetration_m=np.max(apart_m, axis=1),
         exact=exact,
     )
 

@@ -1,5 +1,7 @@
 """Plan view of a sweep: whisker, object, contact and force, drawn from the ground truth of the trace.
 
+If the object moves, the view moves with it.
+
 The physics is planar, so that a plan view is complete. No graphics driver is needed. Points of World are in metres; all other
 lengths are pixels of the final frame, x to the right and y down.
 """
@@ -56,6 +58,7 @@ class SweepRenderer:
     """Flat colours compress better without loss."""
 
     def __init__(self, run: Run, simulated: Simulated) -> None:
+        simulated = simulated.relative_to_object()
         self.run, self._scene, self._simulated = run, run.scene, simulated
         whisker, truth = run.scene.resolved_whisker, simulated.truth
         self._line_m = CenterLine.from_joints(whisker, simulated.base_pose, simulated.rotations_rad).points_m

@@ -19,5 +19,7 @@ class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Coefficient of Coulomb friction between object and table."""
 
     def __post_init__(self) -> None:
+        if not self.object.convex:
+            raise ValueError(f"object.shape: expected a convex shape, found '{self.object.__struct_config__.tag}'")
         if not self.object.upright:
             raise ValueError(f"object.shape: expected a shape with upright sides, found '{self.object.__struct_config__.tag}'")

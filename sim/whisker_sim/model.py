@@ -47,6 +47,9 @@ _BASE_MASS_G = 100.0
 _BASE_INERTIA_G_MM2 = 1e5
 _BASE_FREQUENCY_RAD_S = 2.0 * np.pi * 80.0
 
+BASE_LAG_S = 2.0 / _BASE_FREQUENCY_RAD_S
+"""Time by which the base lags behind its command at constant velocity, in addition to one time step."""
+
 POINTS = 8
 
 SENSOR_COLUMNS = 4 + 6 * POINTS

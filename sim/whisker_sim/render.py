@@ -103,7 +103,8 @@ def view(model: mujoco.MjModel, qpos: Array, rate_hz: float) -> None:
 
 
 def replayed_sweep(run: Run, simulated: Simulated) -> tuple[mujoco.MjModel, Array]:
-    """Model of a simulated sweep and its coordinates (n, nq) at every row."""
+    """Model of a simulated sweep, in the frame of its object, and its coordinates (n, nq) at every row."""
+    simulated = simulated.relative_to_object()
     model = build_model(
         run.scene.resolved_whisker, run.scene.object, run.scene.simulation.timestep_s, run.scene.friction_coefficient
     )

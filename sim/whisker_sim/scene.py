@@ -10,12 +10,13 @@ from whisker_sim.motions import AnyMotion, Plan, Stage
 from whisker_sim.replay import Replay
 from whisker_sim.shapes import AnyShape
 from whisker_sim.vibration import Vibration
-from whisker_sim.whisker import Name, Positive, Whisker, WhiskerOverride, resolve_whisker
+from whisker_sim.whisker import Array, Name, Positive, Whisker, WhiskerOverride, resolve_whisker
 
 LARGEST_SEED = 2**53
 """Largest whole number up to which every JSON reader is exact."""
 Seed = Annotated[int, msgspec.Meta(ge=0, le=LARGEST_SEED)]
 Format = Literal[1]
+Velocity = Annotated[float, msgspec.Meta(ge=-0.01, le=0.01)]
 Friction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
 
@@ -107,11 +108,18 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
     duration_s: Positive | None = None
     friction: Friction | msgspec.UnsetType = msgspec.UNSET
     """Coefficient of Coulomb friction between whisker and object; no friction if not stated."""
+    object_velocity_m_s: tuple[Velocity, Velocity] | msgspec.UnsetType = msgspec.UNSET
+    """Velocity of the object in World, from the start on; at rest if not stated. `object` is its pose at the start."""
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
     simulation: str | Simulation = Simulation()
     """A name is replaced by its settings on reading, so that a scene and the sidecar of a trace contain the settings themselves."""
     replay: Replay | msgspec.UnsetType = msgspec.UNSET
     """Effects that are added at replay; omitted from sidecars if not stated."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.friction_coefficient > 0.0 and not self.object.convex:
+            raise ValueError(f"friction: expected none with an object that is not convex ('{self.shape}'), found {self.friction}")
 
     @property
     def shape(self) -> str:
@@ -122,6 +130,11 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
     def friction_coefficient(self) -> float:
         """Coefficient of friction, zero if not stated."""
         return 0.0 if self.friction is msgspec.UNSET else self.friction
+
+    def object_m(self, time_s: Array) -> Array:
+        """Displacements (n, 2) of the object at the times (n,)."""
+        velocity_m_s = (0.0, 0.0) if self.object_velocity_m_s is msgspec.UNSET else self.object_velocity_m_s
+        return time_s[:, None] * np.array(velocity_m_s)
 
     def plan(self) -> Plan:
         """The motion with the added vibration; raises `ValueError` if the geometry of the scene does not allow it."""

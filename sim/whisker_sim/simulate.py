@@ -1,7 +1,7 @@
 """Simulation of a scene: plans the motion, integrates the physics, computes the ground truth."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import mujoco
@@ -11,13 +11,22 @@ from numpy.typing import NDArray
 
 from whisker_sim.documents import located
 from whisker_sim.errors import SimulationError
-from whisker_sim.model import MM_PER_M, N_PER_UN, SENSORS, build_model
+from whisker_sim.model import BASE_LAG_S, MM_PER_M, N_PER_UN, SENSORS, build_model
 from whisker_sim.motions import Plan
 from whisker_sim.motions.base import REST_S
 from whisker_sim.progress import report_share
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
-from whisker_sim.truth import CenterLine, ContactTruth, FrictionTruth, friction_truth, nearest_contact
+from whisker_sim.truth import (
+    SEPARATE_M,
+    CenterLine,
+    ContactTruth,
+    FrictionTruth,
+    SecondContact,
+    friction_truth,
+    loaded_contacts,
+    nearest_contact,
+)
 from whisker_sim.whisker import Array
 
 # By default MuJoCo writes warnings to a log file in the working directory; here a warning fails the trace.
@@ -25,8 +34,6 @@ _warnings: list[str] = []
 mujoco.set_mju_user_warning(_warnings.append)
 
 _CHUNK_STEPS = 2000
-_SPLIT_DISTANCE_M = 1e-3
-"""Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
 _STICKING_SHARE = 0.999
 """Share of the coefficient of friction below which the ratio of friction to normal force is that of a sticking contact."""
 PENETRATION_LIMIT_M = 20e-6
@@ -56,10 +63,32 @@ class Simulated:
     """Penetration of the two surfaces (n,); zero without contact."""
     friction: FrictionTruth | None = None
     """`None` without friction."""
+    second: SecondContact | None = None
+    """`None` for convex objects. For others `force_n` is that of the contact `truth` alone."""
+    object_m: Array | None = None
+    """Displacements (n, 2) of the object since the start; `None` if it is at rest."""
+
+    def relative_to_object(self) -> "Simulated":
+        """The same with positions relative to those of the object, which then is at rest at its pose at the start."""
+        return self if self.object_m is None else replace(displaced(self, -self.object_m), object_m=None)
+
+
+def displaced(simulated: Simulated, by_m: Array) -> Simulated:
+    """A copy with base and contacts displaced by `by_m` (n, 2)."""
+    truth, second = simulated.truth, simulated.second
+    return replace(
+        simulated,
+        base_pose=simulated.base_pose + np.pad(by_m, ((0, 0), (0, 1))),
+        truth=replace(truth, contact_m=truth.contact_m + by_m, surface_m=truth.surface_m + by_m),
+        second=second and replace(second, contact_m=second.contact_m + by_m, surface_m=second.surface_m + by_m),
+    )
 
 
 def simulate(run: Run) -> Simulated:
     """Simulates `run`.
+
+    The physics is the same in every frame at constant velocity: a moving object is at rest in the frame of the integration, in
+    which the base moves with the opposite velocity in addition to the planned motion.
 
     Raises `InputError` if the motion does not fit the scene, and `SimulationError` if the physics fails or the contact is not the
     one that the motion guarantees.
@@ -74,24 +103,36 @@ def simulate(run: Run) -> Simulated:
     whisker = scene.resolved_whisker
     base_pose = qpos[:, :3] / (MM_PER_M, MM_PER_M, 1.0)
     cos, sin = np.cos(base_pose[:, 2]), np.sin(base_pose[:, 2])
-    vx, vy = qvel[:, 0] / MM_PER_M, qvel[:, 1] / MM_PER_M
+    object_m = scene.object_m(time_s)
+    vx, vy = qvel[:, :2].T / MM_PER_M + scene.object_m(np.ones(1)).T
     force_n = N_PER_UN * np.sqrt(np.sum(sensors[:, SENSORS["force"]] ** 2, axis=1))
     line = CenterLine.from_joints(whisker, base_pose, qpos[:, 3:])
     truth = nearest_contact(line, scene.object)
+    second = None
+    if not scene.object.convex:
+        contacts = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)
+        truth, first_force_n, second = loaded_contacts(
+            line, scene.object, truth, contacts[:, :, 3:5] / MM_PER_M, N_PER_UN * contacts[:, :, 0]
+        )
     simulated = Simulated(
         time_s=time_s,
         base_pose=base_pose,
         base_twist=np.stack((cos * vx + sin * vy, cos * vy - sin * vx, qvel[:, 2]), axis=-1),
         rotations_rad=qpos[:, 3:],
         touching=force_n > 0.0,
-        force_n=force_n,
+        force_n=force_n if second is None else first_force_n,
         nearest=np.zeros(len(qpos), dtype=int),
         truth=truth,
-        split=is_split(sensors),
+        split=is_split(sensors) if second is None else is_split(sensors) | second.exists,
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
         friction=_friction(scene, qpos, qvel, sensors, truth) if scene.friction_coefficient > 0.0 else None,
+        second=second,
     )
-    check_contacts(simulated, plan.touching, _slipping(simulated, plan))
+    if np.any(object_m):
+        simulated = replace(displaced(simulated, object_m), object_m=object_m)
+    # From an object that is not convex the whisker may jump off at any time after the touch.
+    guaranteed = plan.touching if scene.object.convex else [(start_s, start_s) for start_s, _ in plan.touching]
+    check_contacts(simulated, guaranteed, _slipping(simulated, plan))
     return simulated
 
 
@@ -99,8 +140,12 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     """Positions, velocities and sensor data at the logged instants, in the units of the model."""
     model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient)
     data = mujoco.MjData(model)
-    poses_mm = plan.poses * (MM_PER_M, MM_PER_M, 1.0)
+    away_m = np.pad(scene.object_m(np.arange(len(plan.poses)) * scene.simulation.timestep_s), ((0, 0), (0, 1)))
+    poses_mm = (plan.poses - away_m) * (MM_PER_M, MM_PER_M, 1.0)
     data.qpos[:3] = data.act[:] = poses_mm[0]
+    # Base and whisker are at rest in World, without the transient of a base that has not yet fallen behind its command.
+    data.qvel[:2] = -MM_PER_M * scene.object_m(np.ones(1))[0]
+    data.act[:2] += (BASE_LAG_S + scene.simulation.timestep_s) * data.qvel[:2]
     velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
     return logged(model, data, velocities, scene.steps_per_row)
 
@@ -169,7 +214,7 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int
 def is_split(sensors: Array) -> NDArray[np.bool_]:
     """Mask (n,) of rows with contacts at separate points, from one whisker's sensor data (n, columns of `SENSORS`).
 
-    The contacts are separate if the diagonal of their bounding box exceeds `_SPLIT_DISTANCE_M`.
+    The contacts are separate if the diagonal of their bounding box exceeds `SEPARATE_M`.
     """
     slots = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)
     loaded = np.any(slots[:, :, :3] != 0.0, axis=-1)
@@ -179,7 +224,7 @@ def is_split(sensors: Array) -> NDArray[np.bool_]:
     lowest = np.min(points_mm, axis=1, where=where, initial=np.inf)
     extent_mm = np.zeros(len(slots))
     extent_mm[several] = np.linalg.norm(highest - lowest, axis=1)
-    return extent_mm > MM_PER_M * _SPLIT_DISTANCE_M
+    return extent_mm > MM_PER_M * SEPARATE_M
 
 
 def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:

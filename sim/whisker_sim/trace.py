@@ -46,6 +46,15 @@ COLUMNS = (
 """Columns of a trace in order, with their numbers of decimals."""
 FRICTION_COLUMNS = (("truth_friction_angle_rad", 10), ("truth_slip_m_s", 10), ("truth_sticking", 0))
 """Further columns of a trace of a scene with friction."""
+SECOND_COLUMNS = (
+    ("truth_second_contact_x_m", 10),
+    ("truth_second_contact_y_m", 10),
+    ("truth_second_surface_x_m", 10),
+    ("truth_second_surface_y_m", 10),
+    ("truth_second_arc_m", 10),
+    ("truth_second_force_n", 12),
+)
+"""Further columns of a trace with an object that is not convex."""
 
 _WITHOUT_INFLUENCE = {
     "__main__.py",
@@ -134,7 +143,11 @@ def write_files(folder: Path, run: Run, simulated: Simulated, certificate: Certi
     The sidecar is last, so that its presence shows that the trace is complete.
     """
     scene = run.scene
-    columns = COLUMNS if simulated.friction is None else COLUMNS + FRICTION_COLUMNS
+    columns = COLUMNS
+    if simulated.friction is not None:
+        columns += FRICTION_COLUMNS
+    if simulated.second is not None:
+        columns += SECOND_COLUMNS
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), columns)
     contour, outline = contour_of(run.name, scene.object)
     sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
@@ -206,7 +219,7 @@ def is_complete(folder: Path, name: str, made_from: str) -> bool:
 
 
 def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
-    """Values (n,) of all columns in order, those of friction only in a scene with friction; NaN for unknown values."""
+    """Values (n,) of all columns of the trace in order; NaN for unknown values."""
     touching, truth = simulated.touching, simulated.truth
     root_rad = simulated.rotations_rad[:, 0]
     while_touching = [
@@ -221,6 +234,9 @@ def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
     if simulated.friction is not None:
         friction = simulated.friction
         while_touching += [friction.angle_rad, friction.slip_m_s, friction.sticking.astype(float)]
+    if simulated.second is not None:
+        second = simulated.second
+        while_touching += [*second.contact_m.T, *second.surface_m.T, second.arc_m, second.force_n]
     return [
         simulated.time_s,
         *simulated.base_pose.T,

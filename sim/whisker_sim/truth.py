@@ -10,7 +10,7 @@ n of the object. On a tapered whisker the contact normal is thus inclined to the
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,35 @@ class ContactTruth:
     tip: NDArray[np.bool_]
 
 
+SEPARATE_M = 1e-3
+"""Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
+_SEARCHED_M = 0.5 * SEPARATE_M
+"""Distance along the centre line within which the second contact is searched about the place that the solver states."""
+_PLACES = 81
+_GAP_M = 10e-6
+"""Least clearance somewhere between two contacts. On a flat the whisker touches along its length: one contact of greater extent."""
+_BETWEEN = 9
+
+
+@dataclass(frozen=True)
+class SecondContact:
+    """Second contacts with an object at n instants, in World; NaN at instants without one."""
+
+    contact_m: Array
+    """Points (n, 2) on the centre line."""
+    surface_m: Array
+    """Points (n, 2) on the object's surface."""
+    arc_m: Array
+    tangent_rad: Array
+    force_n: Array
+    """Magnitudes (n,)."""
+
+    @property
+    def exists(self) -> NDArray[np.bool_]:
+        """Whether there is a second contact (n,)."""
+        return np.isfinite(self.arc_m)
+
+
 _DIFFERENCE_S = 1e-6
 
 
@@ -133,15 +162,90 @@ def nearest_contact(line: CenterLine, shape: Shape) -> ContactTruth:
     low, high = np.maximum(node - 1, 0) * line.step_m, np.minimum(node + 1, nodes - 1) * line.step_m
 
     def slope_at(rows: NDArray[np.intp], arc_m: Array) -> Array:
-        point_m, tangent_rad = line.at(arc_m, rows)
-        nearest_m, distance_m = shape.closest(point_m)
-        away_x, away_y = ((point_m - nearest_m) / distance_m[:, None]).T
-        return away_x * np.cos(tangent_rad) + away_y * np.sin(tangent_rad) - line.radius_slope
+        return _clearance_slope(line, shape, rows, arc_m)
 
     arc_m = zero_of_slope(slope_at, node * line.step_m, low, high)
     contact_m, tangent_rad = line.at(arc_m)
     surface_m, _ = shape.closest(contact_m)
     return ContactTruth(contact_m, surface_m, arc_m, tangent_rad, arc_m > line.step_m * (nodes - 1) - TIP_M)
+
+
+def _clearance_slope(line: CenterLine, shape: Shape, rows: NDArray[np.intp], arc_m: Array) -> Array:
+    """Derivatives (k,) of the clearance along the centre lines `rows` (k,) at the arc lengths `arc_m` (k,)."""
+    point_m, tangent_rad = line.at(arc_m, rows)
+    nearest_m, distance_m = shape.closest(point_m)
+    away_x, away_y = ((point_m - nearest_m) / distance_m[:, None]).T
+    return away_x * np.cos(tangent_rad) + away_y * np.sin(tangent_rad) - line.radius_slope
+
+
+def loaded_contacts(
+    line: CenterLine, shape: Shape, nearest: ContactTruth, points_m: Array, forces_n: Array
+) -> tuple[ContactTruth, Array, SecondContact]:
+    """First contacts with the magnitudes (n,) of their forces, and second contacts.
+
+    `points_m` (n, k, 2) and `forces_n` (n, k) are the solver's contacts. A second contact exists where a loaded one is more than
+    `SEPARATE_M` from the nearest point `nearest` and the whisker is clear of the object between them. It is the minimum of the
+    clearance near the strongest such contact. Each force counts for the nearer of the two. The nearest point is the first contact
+    unless it carries no load while the other does.
+    """
+    from_first_m = np.linalg.norm(points_m - nearest.surface_m[:, None], axis=-1)
+    apart = (forces_n > 0.0) & (from_first_m > SEPARATE_M)
+    rows = np.flatnonzero(np.any(apart, axis=1))
+    seed_m = points_m[rows, np.argmax(np.where(apart, forces_n, 0.0)[rows], axis=1)]
+    other = _contact_near(line, shape, rows, seed_m)
+    parted = _clearance_between_m(line, shape, rows, nearest.arc_m[rows], other.arc_m) > _GAP_M
+    rows, other = rows[parted], ContactTruth(*(getattr(other, field.name)[parted] for field in fields(other)))
+    of_other = np.linalg.norm(points_m[rows] - other.surface_m[:, None], axis=-1) < from_first_m[rows]
+    other_n = np.sum(forces_n[rows] * of_other, axis=1)
+    first_n = np.sum(forces_n, axis=1)
+    first_n[rows] -= other_n
+    alone = np.sum(forces_n[rows] * ~of_other, axis=1) == 0.0
+    fields_of_first = {field.name: getattr(nearest, field.name).copy() for field in fields(nearest)}
+    for name, values in fields_of_first.items():
+        values[rows[alone]] = getattr(other, name)[alone]
+    first_n[rows[alone]] = other_n[alone]
+
+    def placed(values: Array) -> Array:
+        whole = np.full((len(points_m), *values.shape[1:]), np.nan)
+        whole[rows[~alone]] = values[~alone]
+        return whole
+
+    second = SecondContact(
+        *(placed(values) for values in (other.contact_m, other.surface_m, other.arc_m, other.tangent_rad, other_n))
+    )
+    return ContactTruth(**fields_of_first), first_n, second
+
+
+def _clearance_between_m(line: CenterLine, shape: Shape, rows: NDArray[np.intp], from_m: Array, to_m: Array) -> Array:
+    """Largest clearance (k,) between two arc lengths (k,) of the centre lines `rows` (k,)."""
+    share = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
+    arc_m = from_m[:, None] + share * (to_m - from_m)[:, None]
+    points_m, _ = line.at(arc_m.ravel(), np.repeat(rows, _BETWEEN))
+    _, distance_m = shape.closest(points_m)
+    # The radius decreases linearly, so that its value at the first contact follows from the clearance there, which is zero.
+    at_first_m = shape.closest(line.at(from_m, rows)[0])[1][:, None]
+    clearance_m = distance_m.reshape(arc_m.shape) - at_first_m - line.radius_slope * (arc_m - from_m[:, None])
+    return np.max(clearance_m, axis=1, initial=0.0)
+
+
+def _contact_near(line: CenterLine, shape: Shape, rows: NDArray[np.intp], seed_m: Array) -> ContactTruth:
+    """The minima of the clearance at the instants `rows` (k,) near the points `seed_m` (k, 2)."""
+    nodes = line.points_m.shape[1]
+    length_m = line.step_m * (nodes - 1)
+    node = np.argmin(np.linalg.norm(line.points_m[rows] - seed_m[:, None], axis=-1), axis=1)
+    places_m = np.clip(line.step_m * (node[:, None] + np.linspace(-1.0, 1.0, _PLACES)), 0.0, length_m)
+    along_m, _ = line.at(places_m.ravel(), np.repeat(rows, _PLACES))
+    away_m = np.linalg.norm(along_m.reshape(len(rows), _PLACES, 2) - seed_m[:, None], axis=-1)
+    start_m = places_m[np.arange(len(rows)), np.argmin(away_m, axis=1)]
+
+    def slope_at(of: NDArray[np.intp], arc_m: Array) -> Array:
+        return _clearance_slope(line, shape, rows[of], arc_m)
+
+    low_m, high_m = np.maximum(start_m - _SEARCHED_M, 0.0), np.minimum(start_m + _SEARCHED_M, length_m)
+    arc_m = zero_of_slope(slope_at, start_m, low_m, high_m)
+    contact_m, tangent_rad = line.at(arc_m, rows)
+    surface_m, _ = shape.closest(contact_m)
+    return ContactTruth(contact_m, surface_m, arc_m, tangent_rad, arc_m > length_m - TIP_M)
 
 
 def zero_of_slope(slope_at: Callable[[NDArray[np.intp], Array], Array], arc_m: Array, low: Array, high: Array) -> Array:

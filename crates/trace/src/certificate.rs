@@ -35,6 +35,9 @@ pub struct Certificate {
     pub arc_worst_m: Option<f64>,
     /// Largest penetration.
     pub penetration_worst_m: Option<f64>,
+    /// Compared rows with two contacts. `None` for convex objects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sampled_twice: Option<usize>,
 }
 
 /// Figure of a certificate that exceeds its bound.

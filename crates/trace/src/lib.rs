@@ -72,5 +72,8 @@ pub use spatial::{
     SpatialTruthInstant, SpatialTwist, StatedSuspension, is_spatial,
 };
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
-pub use table::{COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant, Recording, Trace, Truth, TruthInstant};
+pub use table::{
+    COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant, Recording, SECOND_COLUMNS, SecondTruth, Trace, Truth,
+    TruthInstant,
+};
 pub use writer::TraceWriter;

@@ -13,31 +13,38 @@ use sha2::{Digest as _, Sha256};
 use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::Sidecar;
-use crate::table::{COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant, TruthInstant, columns};
+use crate::table::{
+    COLUMNS, FARTHEST_M, FrictionTruth, Further, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant,
+    columns,
+};
 
-/// Number of columns without those of friction, and with them.
+/// Number of columns without further ones, and the largest number with them.
 const PLAIN: usize = COLUMNS.len();
+const CELLS: usize = PLAIN + SECOND_COLUMNS.len();
 
 /// Largest angle of a contact force to the normal: a right one, rounded to the decimals that are written.
 const MOST_ANGLE_RAD: f64 = FRAC_PI_2 + 1e-10;
-const CELLS: usize = PLAIN + FRICTION_COLUMNS.len();
 
 /// Largest magnitude per column: [`FARTHEST_M`] for positions, 1e12 for times, which may count from any epoch, and 1e6
 /// for all other quantities. The bounds keep derived quantities finite and outlines between positions of bounded
 /// length.
-const MOST: [f64; CELLS] = {
+const fn bounds(further: Further) -> [f64; CELLS] {
     let mut most = [1e6; CELLS];
     most[0] = 1e12;
+    let further = further.columns();
     let mut i = 1;
-    while i < PLAIN {
-        let name = COLUMNS[i].0.as_bytes();
-        if let [.., b'_', b'm'] = name {
+    while i < PLAIN + further.len() {
+        let (name, _) = if i < PLAIN { COLUMNS[i] } else { further[i - PLAIN] };
+        if let [.., b'_', b'm'] = name.as_bytes() {
             most[i] = FARTHEST_M;
         }
         i += 1;
     }
     most
-};
+}
+
+/// Bounds of a table without further columns, with those of friction and with those of the second contact.
+const MOST: [[f64; CELLS]; 3] = [bounds(Further::None), bounds(Further::Friction), bounds(Further::Second)];
 
 /// Size of a read buffer in bytes; larger than [`MOST_LINE_BYTES`].
 const CHUNK_BYTES: usize = 1 << 18;
@@ -55,8 +62,8 @@ pub struct TraceRows {
     /// Row count stated by the sidecar.
     expected_rows: usize,
     expected_sha256: String,
-    /// Number of columns of the table.
-    cells: usize,
+    /// Columns of the table beyond the plain ones.
+    further: Further,
     rows: usize,
     last_s: Option<f64>,
     is_over: bool,
@@ -81,13 +88,13 @@ impl TraceRows {
         let path = path.with_extension("csv");
         let mut lines = Lines::open(&path)?;
         let header = lines.next(&path)?;
-        let cells = check_header(&path, header.map(|(start, end)| &lines.buffer[start..end]))?;
+        let further = check_header(&path, header.map(|(start, end)| &lines.buffer[start..end]))?;
         Ok(Self {
             path,
             lines,
             expected_rows: sidecar.rows,
             expected_sha256: sidecar.csv_sha256.clone(),
-            cells,
+            further,
             rows: 0,
             last_s: None,
             is_over: false,
@@ -99,7 +106,7 @@ impl TraceRows {
             self.check_whole()?;
             return Ok(None);
         };
-        let line = Line::split(&self.path, self.lines.number, &self.lines.buffer[start..end], self.cells)?;
+        let line = Line::split(&self.path, self.lines.number, &self.lines.buffer[start..end], self.further)?;
         let row = line.row(self.last_s)?;
         self.last_s = Some(row.0.t_s);
         self.rows += 1;
@@ -211,9 +218,8 @@ impl Lines {
     }
 }
 
-/// Checks that the first line consists of the column names, with or without those of friction, and returns their
-/// number.
-fn check_header(path: &Path, line: Option<&[u8]>) -> Result<usize, Error> {
+/// Checks that the first line consists of the column names, and returns which further ones it has.
+fn check_header(path: &Path, line: Option<&[u8]>) -> Result<Further, Error> {
     let wrong = |place: String, found: String, expected: String| Error::Table {
         path: path.into(),
         line: 1,
@@ -221,9 +227,10 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<usize, Error> {
         found,
         expected,
     };
-    let further = line.unwrap_or_default().split(|byte| *byte == b',').nth(PLAIN);
-    let has_friction = further == Some(FRICTION_COLUMNS[0].0.as_bytes());
-    let names: Vec<&str> = columns(has_friction).map(|(name, _)| name).collect();
+    let first = line.unwrap_or_default().split(|byte| *byte == b',').nth(PLAIN);
+    let begins = |further: &Further| first == further.columns().first().map(|(name, _)| name.as_bytes());
+    let further = [Further::Friction, Further::Second].into_iter().find(begins).unwrap_or(Further::None);
+    let names: Vec<&str> = columns(further).map(|(name, _)| name).collect();
     let Some(line) = line else { return Err(wrong("header".into(), "an empty file".into(), names.join(","))) };
     let cells: Vec<&[u8]> = line.split(|byte| *byte == b',').collect();
     for i in 0..cells.len().max(names.len()) {
@@ -234,7 +241,7 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<usize, Error> {
             return Err(wrong(format!("header, column {}", i + 1), found, expected));
         }
     }
-    Ok(names.len())
+    Ok(further)
 }
 
 /// Row of the table, split at its commas.
@@ -244,13 +251,14 @@ struct Line<'a> {
     text: &'a [u8],
     /// End of each cell.
     ends: [usize; CELLS],
-    /// Number of cells.
-    cells: usize,
+    /// Columns beyond the plain ones.
+    further: Further,
 }
 
 impl<'a> Line<'a> {
     #[inline]
-    fn split(path: &'a Path, number: u64, text: &'a [u8], cells: usize) -> Result<Self, Error> {
+    fn split(path: &'a Path, number: u64, text: &'a [u8], further: Further) -> Result<Self, Error> {
+        let cells = PLAIN + further.columns().len();
         let mut ends = [text.len(); CELLS];
         let mut commas = 0;
         for place in memchr_iter(b',', text) {
@@ -268,7 +276,7 @@ impl<'a> Line<'a> {
                 expected: format!("{cells} fields"),
             });
         }
-        Ok(Self { path, number, text, ends, cells })
+        Ok(Self { path, number, text, ends, further })
     }
 
     #[inline]
@@ -283,9 +291,10 @@ impl<'a> Line<'a> {
         if cell.is_empty() {
             return Ok(None);
         }
+        let most = MOST[self.further as usize][i];
         match fast_float2::parse::<f64, _>(cell) {
-            Ok(value) if value.abs() <= MOST[i] => Ok(Some(value)),
-            Ok(value) if value.is_finite() => Err(self.wrong(i, &format!("a number of at most {}", MOST[i]))),
+            Ok(value) if value.abs() <= most => Ok(Some(value)),
+            Ok(value) if value.is_finite() => Err(self.wrong(i, &format!("a number of at most {most}"))),
             _ => Err(self.wrong(i, "a finite number")),
         }
     }
@@ -327,6 +336,19 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// The second contact: all of its cells or none.
+    #[inline]
+    fn second(&self) -> Result<Option<SecondTruth>, Error> {
+        let place = (self.point(PLAIN)?, self.point(PLAIN + 2)?);
+        match (place, self.optional(PLAIN + 4)?, self.optional(PLAIN + 5)?) {
+            ((Some(contact), Some(surface)), Some(arc_m), Some(force_n)) => {
+                Ok(Some(SecondTruth { contact, surface, arc_m, force_n }))
+            }
+            ((None, None), None, None) => Ok(None),
+            _ => Err(self.wrong(PLAIN, "all values of the second contact or none")),
+        }
+    }
+
     /// Parses the row, whose time must be after `last_s`.
     #[inline]
     fn row(&self, last_s: Option<f64>) -> Result<(Instant, TruthInstant), Error> {
@@ -350,7 +372,7 @@ impl<'a> Line<'a> {
         };
         let touching = self.flag(9)?;
         if touching == Some(false)
-            && let Some(i) = (10..self.cells).find(|&i| !self.cell(i).is_empty())
+            && let Some(i) = (10..PLAIN + self.further.columns().len()).find(|&i| !self.cell(i).is_empty())
         {
             return Err(self.wrong(i, "an empty field while truth_touching is 0"));
         }
@@ -363,13 +385,14 @@ impl<'a> Line<'a> {
             arc_m: self.optional(16)?,
             force_n: self.optional(17)?,
             tangent_rad: self.optional(18)?,
-            friction: if self.cells == CELLS { self.friction()? } else { None },
+            friction: if self.further == Further::Friction { self.friction()? } else { None },
+            second: if self.further == Further::Second { self.second()? } else { None },
         };
         Ok((known, truth))
     }
 
     fn wrong(&self, i: usize, expected: &str) -> Error {
-        let name = if i < PLAIN { COLUMNS[i].0 } else { FRICTION_COLUMNS[i - PLAIN].0 };
+        let name = if i < PLAIN { COLUMNS[i].0 } else { self.further.columns()[i - PLAIN].0 };
         field_error(self.path, self.number, name, self.cell(i), expected)
     }
 }

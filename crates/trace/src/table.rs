@@ -35,6 +35,16 @@ pub const COLUMNS: [(&str, usize); 19] = [
 pub const FRICTION_COLUMNS: [(&str, usize); 3] =
     [("truth_friction_angle_rad", 10), ("truth_slip_m_s", 10), ("truth_sticking", 0)];
 
+/// Further columns, of the second contact with an object that is not convex, and the number of decimals written for each.
+pub const SECOND_COLUMNS: [(&str, usize); 6] = [
+    ("truth_second_contact_x_m", 10),
+    ("truth_second_contact_y_m", 10),
+    ("truth_second_surface_x_m", 10),
+    ("truth_second_surface_y_m", 10),
+    ("truth_second_arc_m", 10),
+    ("truth_second_force_n", 12),
+];
+
 /// Largest magnitude of a position coordinate. Larger values are errors of the file.
 pub const FARTHEST_M: f64 = 1e3;
 
@@ -77,6 +87,21 @@ pub struct TruthInstant {
     pub tangent_rad: Option<f64>,
     /// Friction. `None` without contact and in traces of scenes without friction.
     pub friction: Option<FrictionTruth>,
+    /// Second contact. `None` where there is none and in traces of convex objects.
+    pub second: Option<SecondTruth>,
+}
+
+/// Ground truth of the second contact at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SecondTruth {
+    /// Contact on the whisker's centre line, in World.
+    pub contact: Point<World>,
+    /// Contact on the object's surface, in World.
+    pub surface: Point<World>,
+    /// Arc length from root to contact.
+    pub arc_m: f64,
+    /// Magnitude of the force.
+    pub force_n: f64,
 }
 
 /// Ground truth of the friction at one instant.
@@ -155,10 +180,10 @@ impl Trace {
 
     /// Table in CSV.
     pub fn to_csv(&self) -> String {
-        let has_friction = self.truth.instants.iter().any(|truth| truth.friction.is_some());
-        let mut text = header(has_friction);
+        let further = Further::of(&self.truth);
+        let mut text = header(further);
         for (known, truth) in self.recording.instants.iter().zip(&self.truth.instants) {
-            push_row(&mut text, known, truth, has_friction);
+            push_row(&mut text, known, truth, further);
         }
         text
     }
@@ -176,23 +201,52 @@ impl Trace {
     }
 }
 
-/// Columns of a table, with or without those of friction.
-pub(crate) fn columns(has_friction: bool) -> impl Iterator<Item = (&'static str, usize)> {
-    let further: &[(&str, usize)] = if has_friction { &FRICTION_COLUMNS } else { &[] };
-    COLUMNS.into_iter().chain(further.iter().copied())
+/// Columns of a table beyond [`COLUMNS`]. A scene has friction or an object that is not convex, but not both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Further {
+    None,
+    Friction,
+    Second,
 }
 
-pub(crate) fn header(has_friction: bool) -> String {
-    let names: Vec<&str> = columns(has_friction).map(|(name, _)| name).collect();
+impl Further {
+    /// Those that this truth has values of.
+    fn of(truth: &Truth) -> Self {
+        let has = |value: fn(&TruthInstant) -> bool| truth.instants.iter().any(value);
+        if has(|truth| truth.friction.is_some()) {
+            Self::Friction
+        } else if has(|truth| truth.second.is_some()) {
+            Self::Second
+        } else {
+            Self::None
+        }
+    }
+
+    pub(crate) const fn columns(self) -> &'static [(&'static str, usize)] {
+        match self {
+            Self::None => &[],
+            Self::Friction => &FRICTION_COLUMNS,
+            Self::Second => &SECOND_COLUMNS,
+        }
+    }
+}
+
+/// Columns of a table.
+pub(crate) fn columns(further: Further) -> impl Iterator<Item = (&'static str, usize)> {
+    COLUMNS.into_iter().chain(further.columns().iter().copied())
+}
+
+pub(crate) fn header(further: Further) -> String {
+    let names: Vec<&str> = columns(further).map(|(name, _)| name).collect();
     let mut text = names.join(",");
     text.push('\n');
     text
 }
 
-pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant, has_friction: bool) {
+pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant, further: Further) {
     let flag = |value: Option<bool>| value.map(|v| f64::from(u8::from(v)));
     let origin = known.base.origin();
-    let cells: [Option<f64>; COLUMNS.len() + FRICTION_COLUMNS.len()] = [
+    let cells: [Option<f64>; COLUMNS.len()] = [
         Some(known.t_s),
         Some(origin.x()),
         Some(origin.y()),
@@ -212,11 +266,31 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant,
         truth.arc_m,
         truth.force_n,
         truth.tangent_rad,
-        truth.friction.map(|friction| friction.angle_rad),
-        truth.friction.map(|friction| friction.slip_m_s),
-        flag(truth.friction.map(|friction| friction.sticking)),
     ];
-    for (i, (cell, (_, decimals))) in cells.iter().zip(columns(has_friction)).enumerate() {
+    let (friction, second) = (truth.friction, truth.second);
+    let of_friction = || {
+        [
+            friction.map(|friction| friction.angle_rad),
+            friction.map(|friction| friction.slip_m_s),
+            flag(friction.map(|friction| friction.sticking)),
+        ]
+    };
+    let of_second = || {
+        [
+            second.map(|second| second.contact.x()),
+            second.map(|second| second.contact.y()),
+            second.map(|second| second.surface.x()),
+            second.map(|second| second.surface.y()),
+            second.map(|second| second.arc_m),
+            second.map(|second| second.force_n),
+        ]
+    };
+    let further_cells: &[Option<f64>] = match further {
+        Further::None => &[],
+        Further::Friction => &of_friction(),
+        Further::Second => &of_second(),
+    };
+    for (i, (cell, (_, decimals))) in cells.iter().chain(further_cells).zip(columns(further)).enumerate() {
         if i > 0 {
             text.push(',');
         }

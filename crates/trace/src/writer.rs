@@ -8,7 +8,7 @@ use files::{AtomicFile, Error, write_json};
 use sha2::{Digest as _, Sha256};
 
 use crate::Sidecar;
-use crate::table::{Instant, TruthInstant, header, push_row};
+use crate::table::{Further, Instant, TruthInstant, header, push_row};
 
 /// Trace under construction. The files appear when [`TraceWriter::finish`] is called.
 #[derive(Debug)]
@@ -29,7 +29,7 @@ impl TraceWriter {
         let path = folder.join(format!("{}.csv", sidecar.name));
         let file = AtomicFile::create(&path)?;
         let sidecar = Sidecar { rows: 0, ..sidecar };
-        let mut writer = Self { sidecar, path, file, digest: Sha256::new(), line: header(false) };
+        let mut writer = Self { sidecar, path, file, digest: Sha256::new(), line: header(Further::None) };
         writer.write_line()?;
         Ok(writer)
     }
@@ -40,7 +40,7 @@ impl TraceWriter {
     /// [`Error::Io`] with the path.
     pub fn push(&mut self, known: &Instant, truth: &TruthInstant) -> Result<(), Error> {
         self.line.clear();
-        push_row(&mut self.line, known, truth, false);
+        push_row(&mut self.line, known, truth, Further::None);
         self.sidecar.rows += 1;
         self.write_line()
     }

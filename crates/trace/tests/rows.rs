@@ -5,7 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::Error;
-use trace::{FrictionTruth, Trace, TraceRows, TraceWriter};
+use trace::{FrictionTruth, SecondTruth, Trace, TraceRows, TraceWriter};
+use whisker::frames::Point;
 
 fn golden() -> Trace {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.csv");
@@ -167,4 +168,47 @@ fn robust_invalid_friction_is_one_error_with_its_place() {
     fs::write(&path, text.replacen("truth_slip_m_s", "slip", 1)).unwrap();
     let found = TraceRows::open(&path).unwrap_err().to_string();
     assert!(found.contains("header, column 21: found `slip`, expected `truth_slip_m_s`"), "{found}");
+}
+
+/// A golden trace with a second contact while the whisker touches, and the path of its table.
+fn with_second(folder: &Path) -> (Trace, PathBuf) {
+    let mut trace = golden();
+    for truth in trace.truth.instants.iter_mut().filter(|truth| truth.touching == Some(true)) {
+        let (contact, surface) = (Point::new(0.03, 0.01), Point::new(0.03, 0.0101));
+        truth.second = Some(SecondTruth { contact, surface, arc_m: 0.03, force_n: 2e-4 });
+    }
+    trace.sidecar.csv_sha256 = files::sha256(trace.to_csv().as_bytes());
+    let path = trace.write(folder).unwrap();
+    (trace, path)
+}
+
+#[test]
+fn verif_a_second_contact_is_read_as_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (trace, path) = with_second(folder.path());
+    assert_eq!(Trace::read(&path).unwrap(), trace);
+    assert!(!golden().to_csv().contains("second"));
+}
+
+#[test]
+fn robust_an_invalid_second_contact_is_one_error_with_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, path) = with_second(folder.path());
+    let text = fs::read_to_string(&path).unwrap();
+    let values = "0.0300000000,0.0100000000,0.0300000000,0.0101000000,0.0300000000,0.000200000000";
+    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
+    for (cells, expected) in [
+        ("0.03,,0.03,0.01,0.03,0.1", "column truth_second_contact_x_m: found `0.03`, expected both coordinates or neither"),
+        (
+            "0.03,0.01,0.03,0.01,,0.1",
+            "column truth_second_contact_x_m: found `0.03`, expected all values of the second contact or none",
+        ),
+        ("0.03,0.01,1e4,0.01,0.03,0.1", "column truth_second_surface_x_m: found `1e4`, expected a number of at most 1000"),
+        ("0.03,0.01,0.03,0.01,0.03", "row: found 24 fields, expected 25 fields"),
+    ] {
+        fs::write(&path, text.replacen(values, cells, 1)).unwrap();
+        let found = error(&path);
+        let place = format!(".csv:{line}: {expected}");
+        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
+    }
 }

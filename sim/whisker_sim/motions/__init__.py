@@ -7,6 +7,7 @@ from whisker_sim.motions.increments_beam_test import IncrementsBeamTest
 from whisker_sim.motions.lateral_sweep import LateralSweep
 from whisker_sim.motions.lift_offs import LiftOffs
 from whisker_sim.motions.smooth import Smooth
+from whisker_sim.motions.stations import Stations
 
 AnyMotion = (
     CalibrationGrid  #
@@ -15,6 +16,7 @@ AnyMotion = (
     | LateralSweep
     | LiftOffs
     | Smooth
+    | Stations
 )
 """Motions that the key `kind` of a scene's `motion` may name."""
 

@@ -1,7 +1,7 @@
 """Interface of object shapes: MuJoCo geometry, outline, support point and signed distance.
 
-A shape is a convex region of the plane in its own frame, which `center_m` and `yaw_rad` place in World. A new shape subclasses
-`Shape`, implements its abstract methods in its own frame, and is added to the registry.
+A shape is a region of the plane in its own frame, bounded by one closed line, which `center_m` and `yaw_rad` place in World. A new
+shape subclasses `Shape`, implements its abstract methods in its own frame, and is added to the registry.
 """
 
 from typing import Any, ClassVar
@@ -32,6 +32,9 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
 
     upright: ClassVar[bool] = True
     """Whether the geoms have the outline as their section at every height, not only in the plane of the whisker."""
+
+    convex: ClassVar[bool] = True
+    """Whether the shape is convex: a whisker then touches it in one place, except on a flat or with its concave side."""
 
     def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """Attributes of the MJCF geoms (mm), in the frame of the shape."""
