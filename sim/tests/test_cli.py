@@ -23,7 +23,7 @@ WRONG = {
     "unknown shape": ({"object": {"shape": "star"}}, ["object.shape", "pin, circle, rectangle", '"star"']),
     "unknown motion": (
         {"motion": {"kind": "dance"}},
-        ["motion.kind", "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth", '"dance"'],
+        ["motion.kind", "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, rub, smooth", '"dance"'],
     ),
     "unknown whisker": ({"whisker": "cat"}, ["scene.json:7:3", "whisker", "straight, curved, stanford", "'cat'"]),
     "unknown role": ({"role": "test"}, ["role", "trial", "calibration", '"test"']),
