@@ -25,7 +25,7 @@ WRONG = {
         {"motion": {"kind": "dance"}},
         [
             "motion.kind",
-            "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, smooth, stations",
+            "calibration_grid, excursions, increments_beam_test, lateral_sweep, lift_offs, rub, smooth, stations",
             '"dance"',
         ],
     ),

@@ -13,6 +13,11 @@ Contact. Contact has a softness of about a micrometre, and no friction unless a 
 carries short capsules along its undeflected arc: the bending moment vanishes at a frictionless contact, so the rod has its
 undeflected curvature there. A tapered link carries capsules along both flanks of its cone. Capsules along its centre line would
 form a staircase, on whose edges the contact normal deviates by several times the cone's half angle.
+
+Where a capsule ends, its round end is inclined to the surface by up to sqrt(2 d / R) at the penetration d, R being the sum of the
+radii of wire and object. Without friction the contact leaves that place; with friction the force, which is on the cone about that
+normal, deviates there, by some degrees on a pin. The surface of a whisker with friction therefore consists of several chains of
+capsules in parallel, whose ends lie at different places.
 """
 
 import functools
@@ -58,13 +63,14 @@ SENSORS = {"force": slice(0, 3), "distance": 3, "points": slice(4, 4 + 6 * POINT
 the `POINTS` strongest contacts, zero for missing ones."""
 
 
-_FRICTION_DAMPING_RATIO = 1.0
-_FRICTION_RATE_S = 1e-5
-"""Rate at which a slip velocity decays in a contact that begins to stick, times the square of the time step."""
+_FRICTION_CHAINS = 8
+"""Chains of capsules in parallel, of which the surface of a whisker with friction consists."""
+_FRICTION_RATE_PER_S = 250.0
+"""Rate at which a slip velocity decays in a contact that begins to stick."""
 _FRICTION_SOFTNESS_S2 = 5e-9
 """Regularisation of the normal direction relative to the inertia, times the square of the time step. As the stiffness of the
 reference acceleration has the same dependence, the penetration is the same at every time step."""
-_FRICTION_IMPRATIO = 2e4
+_FRICTION_IMPRATIO = 2e5
 """Ratio of the regularisations of normal and slip: a sticking whisker creeps by less than a micrometre per second."""
 
 
@@ -95,7 +101,7 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float, friction: floa
     for mesh in shape.meshes():
         ET.SubElement(asset, "mesh", mesh)
     _add_object(world, shape)
-    add_whisker(_add_base(world), whisker, timestep_s)
+    add_whisker(_add_base(world), whisker, timestep_s, chains=_FRICTION_CHAINS if friction > 0.0 else 1)
     _add_actuators(root)
     add_contact_sensors(ET.SubElement(root, "sensor"), {"subtree1": "base", "body2": "object"})
     if friction > 0.0:
@@ -106,16 +112,22 @@ def build_mjcf(whisker: Whisker, shape: Shape, timestep_s: float, friction: floa
 def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> None:
     """Replaces the frictionless contacts of MJCF's `root` by pairs with Coulomb friction.
 
-    MuJoCo's contact is a convex relaxation of Coulomb's law, in which a slip velocity v drives the surfaces apart: the normal force
-    is reduced by mu b v / R, with the rate b of the reference acceleration of slip and the regularisation R of the normal. With
-    the rate of the normal direction, 1 / `timestep_s`, a whisker of a few milligrams loses contact at some mm/s and then bounces.
-    Only a pair can have a rate of its own (`solreffriction`). With a lower rate and a softer normal direction contact persists; the
-    ratio of the regularisations keeps creep small. `noslip_iterations` have no effect with this integrator.
+    MuJoCo's contact is a convex relaxation of Coulomb's law, in which a slip velocity v drives the surfaces apart: they separate if
+    the normal force is below mu b v / R, with the rate b of the reference acceleration of slip and the regularisation R of the
+    normal. With the rate of the normal direction, 1 / `timestep_s`, a whisker of a few milligrams loses contact at some mm/s and
+    then bounces. Only a pair can have a rate of its own (`solreffriction`). With a lower rate and a softer normal direction contact
+    persists; the ratio of the regularisations keeps creep small. `noslip_iterations` have no effect with this integrator.
+
+    In every direction the `_FRICTION_CHAINS` contacts in parallel have together the regularisation and each the reference
+    acceleration of a single contact. MuJoCo divides given rates by the impedance, on which the regularisation depends.
     """
     root.find("option").set("cone", "elliptic")
     root.find("option").set("impratio", mjcf(_FRICTION_IMPRATIO))
-    rate_per_s = _FRICTION_RATE_S / timestep_s**2
-    impedance = 1.0 / (1.0 + _FRICTION_SOFTNESS_S2 / timestep_s**2)
+    softness = _FRICTION_SOFTNESS_S2 / timestep_s**2
+    impedance = 1.0 / (1.0 + _FRICTION_CHAINS * softness)
+    # Critically damped, with the time constant 2 h that MuJoCo recommends, which the softness of the contact lengthens.
+    rate_per_s = (1.0 + softness) / timestep_s
+    stiffness_per_s2 = rate_per_s / (4.0 * timestep_s)
     geoms = root.findall(".//body[@name='base']//geom"), root.findall(".//body[@name='object']/geom")
     for kind, of_kind in zip(("whisker", "object"), geoms, strict=True):
         for index, geom in enumerate(of_kind):
@@ -132,9 +144,9 @@ def add_friction(root: ET.Element, coefficient: float, timestep_s: float) -> Non
             geom2=of_object.get("name"),
             condim="3",
             friction=mjcf(coefficient, coefficient, 0.0, 0.0, 0.0),
-            solref=mjcf(2.0 * timestep_s, _FRICTION_DAMPING_RATIO),
+            solref=mjcf(-impedance * stiffness_per_s2, -impedance * rate_per_s),
             solimp=mjcf(impedance, impedance, 0.001, 0.5, 2.0),
-            solreffriction=mjcf(-1.0, -rate_per_s),
+            solreffriction=mjcf(-1.0, -impedance * _FRICTION_RATE_PER_S),
         )
 
 
@@ -188,14 +200,16 @@ def _add_base(world: ET.Element) -> ET.Element:
     return base
 
 
-def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: str = "") -> None:
-    """Adds `whisker` to the body `base`, whose frame is its Base. Names of bodies and joints begin with `prefix`."""
+def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: str = "", chains: int = 1) -> None:
+    """Adds `whisker` to the body `base`, whose frame is its Base. Names of bodies and joints begin with `prefix`.
+
+    The surface consists of `chains` chains of capsules in parallel (`capsule_cuts_m`).
+    """
     length_m, step_m = whisker.length_m, whisker.segment_m
     hinges_m = (np.arange(whisker.segments) + 0.5) * step_m
     ends_m = np.concatenate(([0.0], hinges_m, [length_m]))
     nodes_m = np.arange(whisker.segments + 1) * step_m
-    curved = any(arc.curvature_per_m != 0.0 for arc in whisker.curvature)
-    pieces = ceil(_CAPSULES_PER_LINK_AND_SEGMENT * whisker.segments) if curved else 1
+    pieces = ceil(_CAPSULES_PER_LINK_AND_SEGMENT * whisker.segments)
     parent, frame = base, _RestFrame(np.zeros(2), 0.0)
     for index, node_m in enumerate(nodes_m):
         start_m, end_m = ends_m[index], ends_m[index + 1]
@@ -220,9 +234,27 @@ def add_whisker(base: ET.Element, whisker: Whisker, timestep_s: float, prefix: s
             damping=mjcf(NNM_PER_NM * stiffness_n_m_rad * whisker.damping_s),
         )
         _add_inertial(body, whisker, link_frame, start_m, end_m)
-        for a, b, radius_mm in _capsules(whisker, link_frame, np.linspace(start_m, end_m, pieces + 1)):
-            add_capsule(body, (*a, 0.0), (*b, 0.0), radius_mm, timestep_s)
+        for cuts_m in capsule_cuts_m(whisker, index, (start_m, end_m), pieces, chains):
+            for a, b, radius_mm in _capsules(whisker, link_frame, cuts_m):
+                add_capsule(body, (*a, 0.0), (*b, 0.0), radius_mm, timestep_s)
         parent, frame = body, link_frame
+
+
+def capsule_cuts_m(whisker: Whisker, link: int, ends_m: tuple[float, float], pieces: int, chains: int) -> Iterator[Array]:
+    """Arc lengths between which a link has capsules, its index and ends given; one array for each of `chains` chains.
+
+    A link of a curved whisker has `pieces` capsules in a chain, one of a straight whisker one. The chains are shifted along the
+    wire, beyond the ends of the link by less than a capsule of a curved whisker.
+    """
+    curved = any(arc.curvature_per_m != 0.0 for arc in whisker.curvature)
+    for chain in range(chains):
+        shift_m = (chain - 0.5 * (chains - 1)) * whisker.segment_m / pieces / chains
+        cuts_m = shift_m + np.linspace(*ends_m, (pieces if curved else 1) + 1)
+        if link == 0:
+            cuts_m[0] = 0.0
+        if link == whisker.segments:
+            cuts_m[-1] = whisker.length_m
+        yield cuts_m
 
 
 def add_capsule(

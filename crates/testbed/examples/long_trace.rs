@@ -7,7 +7,7 @@ use std::path::Path;
 use std::{env, process};
 
 use anyhow::{Context, bail};
-use trace::{Sidecar, Trace, TraceWriter};
+use trace::{FurtherColumns, Sidecar, Trace, TraceWriter};
 
 fn main() {
     if let Err(error) = run() {
@@ -22,7 +22,8 @@ fn run() -> anyhow::Result<()> {
     let rows: usize = rows.parse().with_context(|| format!("ROWS: found `{rows}`, expected a number"))?;
     let Trace { sidecar, recording, truth } = Trace::read(Path::new(source))?;
     let round_s = recording.instants.len() as f64 / sidecar.rate_hz;
-    let mut writer = TraceWriter::create(Path::new(folder), Sidecar { name: "long".into(), contour: None, ..sidecar })?;
+    let sidecar = Sidecar { name: "long".into(), contour: None, ..sidecar };
+    let mut writer = TraceWriter::create(Path::new(folder), sidecar, FurtherColumns::of(&truth))?;
     for row in 0..rows {
         let (round, at) = (row / recording.instants.len(), row % recording.instants.len());
         let mut known = recording.instants[at];

@@ -14,8 +14,7 @@ use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::Sidecar;
 use crate::table::{
-    COLUMNS, FARTHEST_M, FrictionTruth, Further, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant,
-    columns,
+    COLUMNS, FARTHEST_M, FrictionTruth, FurtherColumns, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant, columns,
 };
 
 /// Number of columns without further ones, and the largest number with them.
@@ -28,7 +27,7 @@ const MOST_ANGLE_RAD: f64 = FRAC_PI_2 + 1e-10;
 /// Largest magnitude per column: [`FARTHEST_M`] for positions, 1e12 for times, which may count from any epoch, and 1e6
 /// for all other quantities. The bounds keep derived quantities finite and outlines between positions of bounded
 /// length.
-const fn bounds(further: Further) -> [f64; CELLS] {
+const fn bounds(further: FurtherColumns) -> [f64; CELLS] {
     let mut most = [1e6; CELLS];
     most[0] = 1e12;
     let further = further.columns();
@@ -44,7 +43,8 @@ const fn bounds(further: Further) -> [f64; CELLS] {
 }
 
 /// Bounds of a table without further columns, with those of friction and with those of the second contact.
-const MOST: [[f64; CELLS]; 3] = [bounds(Further::None), bounds(Further::Friction), bounds(Further::Second)];
+const MOST: [[f64; CELLS]; 3] =
+    [bounds(FurtherColumns::None), bounds(FurtherColumns::Friction), bounds(FurtherColumns::Second)];
 
 /// Size of a read buffer in bytes; larger than [`MOST_LINE_BYTES`].
 const CHUNK_BYTES: usize = 1 << 18;
@@ -63,7 +63,7 @@ pub struct TraceRows {
     expected_rows: usize,
     expected_sha256: String,
     /// Columns of the table beyond the plain ones.
-    further: Further,
+    further: FurtherColumns,
     rows: usize,
     last_s: Option<f64>,
     is_over: bool,
@@ -219,7 +219,7 @@ impl Lines {
 }
 
 /// Checks that the first line consists of the column names, and returns which further ones it has.
-fn check_header(path: &Path, line: Option<&[u8]>) -> Result<Further, Error> {
+fn check_header(path: &Path, line: Option<&[u8]>) -> Result<FurtherColumns, Error> {
     let wrong = |place: String, found: String, expected: String| Error::Table {
         path: path.into(),
         line: 1,
@@ -228,8 +228,9 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<Further, Error> {
         expected,
     };
     let first = line.unwrap_or_default().split(|byte| *byte == b',').nth(PLAIN);
-    let begins = |further: &Further| first == further.columns().first().map(|(name, _)| name.as_bytes());
-    let further = [Further::Friction, Further::Second].into_iter().find(begins).unwrap_or(Further::None);
+    let begins = |further: &FurtherColumns| first == further.columns().first().map(|(name, _)| name.as_bytes());
+    let further =
+        [FurtherColumns::Friction, FurtherColumns::Second].into_iter().find(begins).unwrap_or(FurtherColumns::None);
     let names: Vec<&str> = columns(further).map(|(name, _)| name).collect();
     let Some(line) = line else { return Err(wrong("header".into(), "an empty file".into(), names.join(","))) };
     let cells: Vec<&[u8]> = line.split(|byte| *byte == b',').collect();
@@ -252,12 +253,12 @@ struct Line<'a> {
     /// End of each cell.
     ends: [usize; CELLS],
     /// Columns beyond the plain ones.
-    further: Further,
+    further: FurtherColumns,
 }
 
 impl<'a> Line<'a> {
     #[inline]
-    fn split(path: &'a Path, number: u64, text: &'a [u8], further: Further) -> Result<Self, Error> {
+    fn split(path: &'a Path, number: u64, text: &'a [u8], further: FurtherColumns) -> Result<Self, Error> {
         let cells = PLAIN + further.columns().len();
         let mut ends = [text.len(); CELLS];
         let mut commas = 0;
@@ -385,8 +386,8 @@ impl<'a> Line<'a> {
             arc_m: self.optional(16)?,
             force_n: self.optional(17)?,
             tangent_rad: self.optional(18)?,
-            friction: if self.further == Further::Friction { self.friction()? } else { None },
-            second: if self.further == Further::Second { self.second()? } else { None },
+            friction: if self.further == FurtherColumns::Friction { self.friction()? } else { None },
+            second: if self.further == FurtherColumns::Second { self.second()? } else { None },
         };
         Ok((known, truth))
     }

@@ -31,11 +31,11 @@ pub const COLUMNS: [(&str, usize); 19] = [
     ("truth_tangent_rad", 10),
 ];
 
-/// Further columns, of the ground truth of a scene with friction, and the number of decimals written for each.
+/// FurtherColumns columns, of the ground truth of a scene with friction, and the number of decimals written for each.
 pub const FRICTION_COLUMNS: [(&str, usize); 3] =
     [("truth_friction_angle_rad", 10), ("truth_slip_m_s", 10), ("truth_sticking", 0)];
 
-/// Further columns, of the second contact with an object that is not convex, and the number of decimals written for each.
+/// FurtherColumns columns, of the second contact with an object that is not convex, and the number of decimals written for each.
 pub const SECOND_COLUMNS: [(&str, usize); 6] = [
     ("truth_second_contact_x_m", 10),
     ("truth_second_contact_y_m", 10),
@@ -180,7 +180,7 @@ impl Trace {
 
     /// Table in CSV.
     pub fn to_csv(&self) -> String {
-        let further = Further::of(&self.truth);
+        let further = FurtherColumns::of(&self.truth);
         let mut text = header(further);
         for (known, truth) in self.recording.instants.iter().zip(&self.truth.instants) {
             push_row(&mut text, known, truth, further);
@@ -203,15 +203,18 @@ impl Trace {
 
 /// Columns of a table beyond [`COLUMNS`]. A scene has friction or an object that is not convex, but not both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Further {
+pub enum FurtherColumns {
+    /// None.
     None,
+    /// [`FRICTION_COLUMNS`].
     Friction,
+    /// [`SECOND_COLUMNS`].
     Second,
 }
 
-impl Further {
+impl FurtherColumns {
     /// Those that this truth has values of.
-    fn of(truth: &Truth) -> Self {
+    pub fn of(truth: &Truth) -> Self {
         let has = |value: fn(&TruthInstant) -> bool| truth.instants.iter().any(value);
         if has(|truth| truth.friction.is_some()) {
             Self::Friction
@@ -232,18 +235,18 @@ impl Further {
 }
 
 /// Columns of a table.
-pub(crate) fn columns(further: Further) -> impl Iterator<Item = (&'static str, usize)> {
+pub(crate) fn columns(further: FurtherColumns) -> impl Iterator<Item = (&'static str, usize)> {
     COLUMNS.into_iter().chain(further.columns().iter().copied())
 }
 
-pub(crate) fn header(further: Further) -> String {
+pub(crate) fn header(further: FurtherColumns) -> String {
     let names: Vec<&str> = columns(further).map(|(name, _)| name).collect();
     let mut text = names.join(",");
     text.push('\n');
     text
 }
 
-pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant, further: Further) {
+pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant, further: FurtherColumns) {
     let flag = |value: Option<bool>| value.map(|v| f64::from(u8::from(v)));
     let origin = known.base.origin();
     let cells: [Option<f64>; COLUMNS.len()] = [
@@ -286,9 +289,9 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant,
         ]
     };
     let further_cells: &[Option<f64>] = match further {
-        Further::None => &[],
-        Further::Friction => &of_friction(),
-        Further::Second => &of_second(),
+        FurtherColumns::None => &[],
+        FurtherColumns::Friction => &of_friction(),
+        FurtherColumns::Second => &of_second(),
     };
     for (i, (cell, (_, decimals))) in cells.iter().chain(further_cells).zip(columns(further)).enumerate() {
         if i > 0 {

@@ -8,7 +8,7 @@ use files::{AtomicFile, Error, write_json};
 use sha2::{Digest as _, Sha256};
 
 use crate::Sidecar;
-use crate::table::{Further, Instant, TruthInstant, header, push_row};
+use crate::table::{FurtherColumns, Instant, TruthInstant, header, push_row};
 
 /// Trace under construction. The files appear when [`TraceWriter::finish`] is called.
 #[derive(Debug)]
@@ -18,18 +18,20 @@ pub struct TraceWriter {
     file: AtomicFile,
     digest: Sha256,
     line: String,
+    further: FurtherColumns,
 }
 
 impl TraceWriter {
-    /// Starts a trace with this sidecar. Row count and hash are computed from the rows written.
+    /// Starts a trace with this sidecar and these columns beyond [`crate::COLUMNS`]. Row count and hash are computed from the
+    /// rows written.
     ///
     /// # Errors
     /// [`Error::Io`] with the path.
-    pub fn create(folder: &Path, sidecar: Sidecar) -> Result<Self, Error> {
+    pub fn create(folder: &Path, sidecar: Sidecar, further: FurtherColumns) -> Result<Self, Error> {
         let path = folder.join(format!("{}.csv", sidecar.name));
         let file = AtomicFile::create(&path)?;
         let sidecar = Sidecar { rows: 0, ..sidecar };
-        let mut writer = Self { sidecar, path, file, digest: Sha256::new(), line: header(Further::None) };
+        let mut writer = Self { sidecar, path, file, digest: Sha256::new(), line: header(further), further };
         writer.write_line()?;
         Ok(writer)
     }
@@ -40,7 +42,7 @@ impl TraceWriter {
     /// [`Error::Io`] with the path.
     pub fn push(&mut self, known: &Instant, truth: &TruthInstant) -> Result<(), Error> {
         self.line.clear();
-        push_row(&mut self.line, known, truth, Further::None);
+        push_row(&mut self.line, known, truth, self.further);
         self.sidecar.rows += 1;
         self.write_line()
     }

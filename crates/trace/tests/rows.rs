@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::Error;
-use trace::{FrictionTruth, SecondTruth, Trace, TraceRows, TraceWriter};
+use trace::{FrictionTruth, FurtherColumns, SecondTruth, Trace, TraceRows, TraceWriter};
 use whisker::frames::Point;
 
 fn golden() -> Trace {
@@ -17,7 +17,7 @@ fn golden() -> Trace {
 fn repeated(folder: &Path, times: usize) -> PathBuf {
     let Trace { sidecar, recording, truth } = golden();
     let period_s = recording.instants.len() as f64 / sidecar.rate_hz;
-    let mut writer = TraceWriter::create(folder, sidecar).unwrap();
+    let mut writer = TraceWriter::create(folder, sidecar, FurtherColumns::of(&truth)).unwrap();
     for round in 0..times {
         for (known, truth) in recording.instants.iter().zip(&truth.instants) {
             let mut known = *known;
@@ -135,6 +135,22 @@ fn verif_friction_is_read_as_written() {
 }
 
 #[test]
+fn verif_a_trace_written_row_by_row_has_the_bytes_of_one_written_whole() {
+    let (folder, rows) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (trace, path) = with_friction(folder.path());
+    let further = FurtherColumns::of(&trace.truth);
+    let mut writer = TraceWriter::create(rows.path(), trace.sidecar, further).unwrap();
+    for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
+        writer.push(known, truth).unwrap();
+    }
+    let again = writer.finish().unwrap();
+    for extension in ["csv", "json"] {
+        let read = |path: &Path| fs::read(path.with_extension(extension)).unwrap();
+        assert!(read(&again) == read(&path), "{extension}");
+    }
+}
+
+#[test]
 fn verif_a_right_angle_of_the_force_is_read_as_written() {
     let folder = tempfile::tempdir().unwrap();
     let (mut trace, _) = with_friction(folder.path());
@@ -198,12 +214,18 @@ fn robust_an_invalid_second_contact_is_one_error_with_its_place() {
     let values = "0.0300000000,0.0100000000,0.0300000000,0.0101000000,0.0300000000,0.000200000000";
     let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
     for (cells, expected) in [
-        ("0.03,,0.03,0.01,0.03,0.1", "column truth_second_contact_x_m: found `0.03`, expected both coordinates or neither"),
+        (
+            "0.03,,0.03,0.01,0.03,0.1",
+            "column truth_second_contact_x_m: found `0.03`, expected both coordinates or neither",
+        ),
         (
             "0.03,0.01,0.03,0.01,,0.1",
             "column truth_second_contact_x_m: found `0.03`, expected all values of the second contact or none",
         ),
-        ("0.03,0.01,1e4,0.01,0.03,0.1", "column truth_second_surface_x_m: found `1e4`, expected a number of at most 1000"),
+        (
+            "0.03,0.01,1e4,0.01,0.03,0.1",
+            "column truth_second_surface_x_m: found `1e4`, expected a number of at most 1000",
+        ),
         ("0.03,0.01,0.03,0.01,0.03", "row: found 24 fields, expected 25 fields"),
     ] {
         fs::write(&path, text.replacen(values, cells, 1)).unwrap();

@@ -6,6 +6,7 @@ from whisker_sim.motions.excursions import Excursions
 from whisker_sim.motions.increments_beam_test import IncrementsBeamTest
 from whisker_sim.motions.lateral_sweep import LateralSweep
 from whisker_sim.motions.lift_offs import LiftOffs
+from whisker_sim.motions.rub import Rub
 from whisker_sim.motions.smooth import Smooth
 from whisker_sim.motions.stations import Stations
 
@@ -15,6 +16,7 @@ AnyMotion = (
     | IncrementsBeamTest
     | LateralSweep
     | LiftOffs
+    | Rub
     | Smooth
     | Stations
 )

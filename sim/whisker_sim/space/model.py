@@ -25,12 +25,21 @@ from math import ceil
 import mujoco
 import numpy as np
 
-from whisker_sim.model import G_PER_KG, MM_PER_M, NNM_PER_NM, add_capsule, add_contact_sensors, compiled, new_model
+from whisker_sim.model import (
+    G_PER_KG,
+    MM_PER_M,
+    NNM_PER_NM,
+    add_capsule,
+    add_contact_sensors,
+    capsule_cuts_m,
+    compiled,
+    new_model,
+)
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.rotation import quaternion_of, undone
 from whisker_sim.space.solids import Solid
 from whisker_sim.space.whisker import ROOT_ORDER, SpatialWhisker, hinge_order
-from whisker_sim.whisker import Array, Whisker
+from whisker_sim.whisker import Array
 
 BASE_COORDINATES = 6
 """Coordinates of the base: position along the axes of the start pose (mm), then yaw, pitch and roll relative to it (rad)."""
@@ -107,6 +116,7 @@ def add_whisker(base: ET.Element, whisker: SpatialWhisker, solid_radius_m: float
     """Adds `whisker` to the body `base`, whose frame is its Base, for contacts with a surface of the radius `solid_radius_m`."""
     wire, nodes_m = whisker.whisker, whisker.node_arcs_m
     ends_m = np.concatenate(([0.0], whisker.hinge_arcs_m, [wire.length_m]))
+    pieces = ceil(_CURVED_CAPSULES / wire.segments)
     parent, origin_m, frame = base, np.zeros(3), np.eye(3)
     for index, node_m in enumerate(nodes_m):
         start_m, end_m = ends_m[index], ends_m[index + 1]
@@ -127,7 +137,7 @@ def add_whisker(base: ET.Element, whisker: SpatialWhisker, solid_radius_m: float
             stiffness = whisker.stiffness_n_m_rad(index - 1)
             _add_joints(body, f"hinge_{index}", hinge_order(index - 1), axes, stiffness, wire.damping_s)
         _add_inertial(body, whisker, (next_origin_m, next_frame), start_m, end_m)
-        for cuts_m in _cuts_m(wire, index, start_m, end_m):
+        for cuts_m in capsule_cuts_m(wire, index, (start_m, end_m), pieces, _CHAINS):
             for a, b, radius_mm in _capsules(whisker, (next_origin_m, next_frame), cuts_m, solid_radius_m):
                 add_capsule(body, a, b, radius_mm, timestep_s, _IMPEDANCE)
         parent, origin_m, frame = body, next_origin_m, next_frame
@@ -148,23 +158,6 @@ def _add_joints(
             stiffness=mjcf(stiffness),
             damping=mjcf(stiffness * damping_s),
         )
-
-
-def _cuts_m(wire: Whisker, index: int, start_m: float, end_m: float) -> Iterator[Array]:
-    """Arc lengths between which the link `index`, from `start_m` to `end_m`, has capsules; one array for each chain.
-
-    The chains are shifted along the wire, beyond the ends of the link by less than a capsule of a curved whisker.
-    """
-    curved = any(arc.curvature_per_m != 0.0 for arc in wire.curvature)
-    pieces = ceil(_CURVED_CAPSULES / wire.segments)
-    for chain in range(_CHAINS):
-        shift_m = (chain - 0.5 * (_CHAINS - 1)) * wire.segment_m / pieces / _CHAINS
-        cuts_m = shift_m + np.linspace(start_m, end_m, (pieces if curved else 1) + 1)
-        if index == 0:
-            cuts_m[0] = 0.0
-        if index == wire.segments:
-            cuts_m[-1] = wire.length_m
-        yield cuts_m
 
 
 def _capsules(
