@@ -129,6 +129,7 @@ impl Tracker for Swarm {
             at_tip: false,
             innovation: None,
             radius: None,
+            friction: None,
             models: None,
             model_doubtful: false,
         })

@@ -89,6 +89,19 @@ impl Estimate {
         self.estimate.radius.map(|radius| radius.sd_m)
     }
 
+    /// Coefficient of friction between whisker and object. `None` if the method does not estimate it or the readings do not
+    /// determine it.
+    #[getter]
+    fn friction(&self) -> Option<f64> {
+        self.estimate.friction.map(|friction| friction.coefficient)
+    }
+
+    /// Standard deviation of `friction`.
+    #[getter]
+    fn friction_sd(&self) -> Option<f64> {
+        self.estimate.friction.map(|friction| friction.sd)
+    }
+
     /// Probabilities of the competing models by name, in descending order. `None` if the method has one model only.
     #[getter]
     fn models<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
@@ -155,6 +168,7 @@ pub(crate) fn returned(
         at_tip: false,
         innovation: innovation(object)?,
         radius: None,
+        friction: None,
         models: None,
         model_doubtful: false,
     };

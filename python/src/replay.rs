@@ -126,6 +126,18 @@ impl Replay {
         self.column(py, |estimate| Some(estimate.radius?.sd_m))
     }
 
+    /// Coefficients of friction between whisker and object (n). NaN where none is stated.
+    #[getter]
+    fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |estimate| Some(estimate.friction?.coefficient))
+    }
+
+    /// Standard deviations of the coefficients of friction (n).
+    #[getter]
+    fn friction_sd<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.column(py, |estimate| Some(estimate.friction?.sd))
+    }
+
     /// Normalised innovations squared (n). NaN for methods without an innovation.
     #[getter]
     fn nis<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
@@ -147,8 +159,8 @@ impl Replay {
         Ok(models)
     }
 
-    /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius and
-    /// truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip` and `model_doubtful`, where there is no value.
+    /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius,
+    /// friction and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip` and `model_doubtful`, where there is no value.
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rows = self.rows();
@@ -172,6 +184,8 @@ impl Replay {
             ("at_tip", flags(|row| row.at_tip)),
             ("radius_m", numbers(|row| row.radius_m)),
             ("radius_sd_m", numbers(|row| row.radius_sd_m)),
+            ("friction", numbers(|row| row.friction)),
+            ("friction_sd", numbers(|row| row.friction_sd)),
             ("models", texts(py, rows.iter().map(|row| row.models.as_deref().unwrap_or("")))?),
             ("model_doubtful", flags(|row| row.model_doubtful)),
             ("truth_contact_x_m", numbers(|row| row.truth_contact_x_m)),

@@ -244,6 +244,8 @@ mod tests {
             at_tip: None,
             radius_m: None,
             radius_sd_m: None,
+            friction: None,
+            friction_sd: None,
             models: None,
             model_doubtful: None,
             truth_contact_x_m: contact.map(|contact| contact.0),

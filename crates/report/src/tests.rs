@@ -343,6 +343,8 @@ fn estimate(step: u32, error_m: f64) -> EstimateRow {
         at_tip: touching.then_some(false),
         radius_m: None,
         radius_sd_m: None,
+        friction: None,
+        friction_sd: None,
         models: None,
         model_doubtful: None,
         truth_contact_x_m: at(0.05),

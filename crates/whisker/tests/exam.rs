@@ -23,7 +23,7 @@ fn error_m(samples: &[(f64, Sample)], estimates: &[Option<Estimate>]) -> f64 {
 const NOISE_N_M: f64 = 3e-7;
 
 /// Filters that estimate the object's radius as well as the contact, whose errors are correlated.
-const FIND_THE_RADIUS: [&str; 4] = ["round", "installed", "sliding", "smoother-sliding"];
+const FIND_THE_RADIUS: [&str; 5] = ["round", "rubbing", "installed", "sliding", "smoother-sliding"];
 
 /// Largest final error with noise-free readings: the beam-theory baselines keep their initial error, and the published
 /// filters have a fading memory.

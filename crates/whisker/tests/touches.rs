@@ -60,7 +60,7 @@ fn verif_a_touch_of_the_same_object_begins_with_its_belief() {
 
 #[test]
 fn robust_a_touch_of_another_object_is_recognised() {
-    for name in ["round", "installed", "recommended"] {
+    for name in ["round", "rubbing", "installed", "recommended"] {
         let mut estimator = estimator(row(name).unwrap(), &knowledge(NOISE_N_M), 1);
         let errors_m = errors_after_lift_off_m(&mut estimator, 12e-3);
         assert!(errors_m[errors_m.len() - 1] < 0.5e-3, "{name}: {:?}", errors_m.last());

@@ -122,6 +122,8 @@ pub fn estimate_row(
         at_tip: estimate.map(|e| e.at_tip),
         radius_m: estimate.and_then(|e| e.radius).map(|radius| radius.radius_m),
         radius_sd_m: estimate.and_then(|e| e.radius).map(|radius| radius.sd_m),
+        friction: estimate.and_then(|e| e.friction).map(|friction| friction.coefficient),
+        friction_sd: estimate.and_then(|e| e.friction).map(|friction| friction.sd),
         models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
         model_doubtful: estimate.filter(|e| e.models.is_some()).map(|e| e.model_doubtful),
         truth_contact_x_m: truth.contact.map(|p| p.x()),

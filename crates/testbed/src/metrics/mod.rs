@@ -12,6 +12,7 @@ pub mod contact_events;
 pub mod contour;
 pub mod doubt;
 pub mod error;
+pub mod friction;
 pub mod radius;
 pub mod rows;
 mod scored;
@@ -94,6 +95,8 @@ pub const METRICS: &[Metric] = &[
     contour::BAND_COVERAGE,
     radius::ERROR,
     radius::COVERED,
+    friction::ERROR,
+    friction::COVERED,
     bound::RMSE,
     bound::DEVIATING_RMSE,
     bound::UNSIZED_RMSE,

@@ -224,6 +224,7 @@ fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
         at_tip: false,
         innovation: None,
         radius: None,
+        friction: None,
         models: None,
         model_doubtful: false,
     }
@@ -321,6 +322,12 @@ pub struct AnswerLine {
     /// Its standard deviation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius_sd_m: Option<f64>,
+    /// Coefficient of friction between whisker and object.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction_sd: Option<f64>,
     /// Whether the readings contradict the models of the estimator.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_doubtful: Option<bool>,
@@ -344,6 +351,8 @@ impl AnswerLine {
             at_tip: Some(estimate.at_tip),
             radius_m: estimate.radius.map(|radius| radius.radius_m),
             radius_sd_m: estimate.radius.map(|radius| radius.sd_m),
+            friction: estimate.friction.map(|friction| friction.coefficient),
+            friction_sd: estimate.friction.map(|friction| friction.sd),
             model_doubtful: Some(estimate.model_doubtful),
             ..Self::default()
         }

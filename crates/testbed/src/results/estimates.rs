@@ -38,6 +38,10 @@ pub struct EstimateRow {
     pub radius_m: Option<f64>,
     /// Standard deviation of `radius_m`.
     pub radius_sd_m: Option<f64>,
+    /// Estimated coefficient of friction between whisker and object.
+    pub friction: Option<f64>,
+    /// Standard deviation of `friction`.
+    pub friction_sd: Option<f64>,
     /// Probabilities of the models that the estimator averages, the most probable first, as `sliding=0.970 ekf=0.030`.
     pub models: Option<String>,
     /// Whether the readings contradict the models that the estimator averages.

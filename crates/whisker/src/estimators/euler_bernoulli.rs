@@ -277,6 +277,7 @@ impl Tracker for Baseline {
             at_tip: false,
             innovation: None,
             radius: None,
+            friction: None,
             models: None,
             model_doubtful: false,
         })

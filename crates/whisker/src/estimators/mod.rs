@@ -22,12 +22,13 @@ mod motion;
 mod outline;
 mod paper;
 mod particle;
+mod rubbing;
 mod shares;
 mod side;
 mod smoother;
 mod start;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 mod unscented;
 
 pub use crate::settings::{Settings, SettingsError, parse, within};
@@ -76,6 +77,9 @@ pub struct Estimate {
     pub innovation: Option<Innovation<1>>,
     /// Radius of the object at the contact, without the wire's. `None` if the method does not estimate it.
     pub radius: Option<Radius>,
+    /// Coefficient of friction between whisker and object. `None` if the method does not estimate it or the readings do not
+    /// determine it.
+    pub friction: Option<FrictionCoefficient>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,
     /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
@@ -90,6 +94,15 @@ pub struct Radius {
     pub radius_m: f64,
     /// Its standard deviation.
     pub sd_m: f64,
+}
+
+/// Estimated coefficient of Coulomb friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrictionCoefficient {
+    /// The coefficient.
+    pub coefficient: f64,
+    /// Its standard deviation.
+    pub sd: f64,
 }
 
 /// Prior information available to an estimator.
@@ -565,7 +578,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \
-            convex outline) and `installed` (inexact calibration)",
+            convex outline), `rubbing` (friction) and `installed` (inexact calibration)",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,
@@ -594,6 +607,14 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<installed::Config>,
         build: installed::build,
+    },
+    EstimatorRow {
+        name: "rubbing",
+        about: "`round` for a contact with Coulomb friction, with estimated coefficient",
+        class: MethodClass::Recursive,
+        sensor_model: None,
+        defaults: defaults::<rubbing::Config>,
+        build: rubbing::build,
     },
     EstimatorRow {
         name: "ekf",

@@ -28,8 +28,8 @@ use serde_json::{Map, Value};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
-    ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Radius, Sample, Touch, Tracker,
-    estimator,
+    ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
+    Sample, Touch, Tracker, estimator,
 };
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
@@ -94,12 +94,13 @@ pub(super) struct Config {
 
 impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
-    /// centimetres, `round` one of any size, `outline` only a convex object; `installed` also doubts the calibration, with
-    /// an even chance nearly, and is considered. Odds, powers and factor were chosen on the training suite of random scenes
-    /// and on the standard suite. Readings before a touch are averaged, so that its first step is short;
-    /// the belief of an object is kept from touch to touch.
+    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction;
+    /// `installed` also doubts the calibration, with an even chance nearly, and is considered. Odds, powers and factor were
+    /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so
+    /// that its first step is short; the belief of an object is kept from touch to touch.
     fn default() -> Self {
-        let mut average = Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0)]);
+        let mut average =
+            Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 5.0)]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
         {
@@ -421,9 +422,15 @@ impl AveragingTracker {
             let Radius { radius_m, sd_m } = part.estimate.radius?;
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), lead))
         };
+        let rubs = |(part, lead): (&Part<'_>, f64)| {
+            let FrictionCoefficient { coefficient, sd } = part.estimate.friction?;
+            Some((Gaussian::new(Vector1::new(coefficient), Matrix1::new(sd * sd)), lead))
+        };
         let places: Option<Vec<_>> = parts.iter().filter(|part| share(part) > 0.0).map(place).collect();
         // The candidate for thin objects states no radius. If others state one, the radius is the mean over those that do.
         let size = Gaussian::of_mixture(moving().filter_map(size));
+        // Likewise, the candidates without friction state no coefficient.
+        let friction = Gaussian::of_mixture(moving().filter_map(rubs));
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
             (places.covariance + apart * apart.transpose()) * self.config.covariance_factor
@@ -433,6 +440,10 @@ impl AveragingTracker {
             contact: leading.contact.shifted(shift),
             covariance_m2,
             radius: size.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
+            friction: friction.map(|friction| FrictionCoefficient {
+                coefficient: friction.mean[0],
+                sd: friction.covariance[0].sqrt(),
+            }),
             innovation,
             models: Some(ModelShares::new(self.names().zip(shares.iter().copied()))),
             model_doubtful: false,

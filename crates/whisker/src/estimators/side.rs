@@ -13,7 +13,7 @@ use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2,
 use super::{BENT_STRETCH, BaseNoise, Estimate, Knowledge, Radius};
 use crate::Whisker;
 use crate::frames::{Base, Point};
-use crate::sensor::{AlongAway, CalibratedFace, Turn};
+use crate::sensor::{AlongAway, CalibratedFace, Lean, Leaning, Turn};
 
 /// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
@@ -65,6 +65,30 @@ impl Side {
         let beyond = slope.dot(&(at.vector() - held.vector()));
         let rest_rad = self.face.rest.tangent_rad(at.along_m);
         (rest_rad + turn_rad + beyond, slope + vector![self.face.rest.curvature_per_m(at.along_m), 0.0])
+    }
+
+    /// Effect of friction on the whisker's contacts.
+    fn lean(&self) -> &Lean {
+        self.face.lean(&self.whisker)
+    }
+
+    /// As [`Self::turn_rad`], with the ratio of friction to normal force; and the derivative by the ratio.
+    pub(super) fn turn_with_friction_rad(&self, at: AlongAway, ratio: f64) -> ((f64, Vector2<f64>), f64) {
+        let (turn_rad, slope) = self.turn_rad(at);
+        let lean = self.lean().turn_rad(self.face.domain.clamp(at), ratio);
+        ((turn_rad + lean.value, slope + lean.by_place), lean.by_ratio)
+    }
+
+    /// Arc length of a contact with a ratio of friction to normal force. Beyond the border of the calibrated domain, the
+    /// difference from the coordinate along is constant.
+    pub(super) fn arc_with_friction_m(&self, at: AlongAway, ratio: f64) -> Leaning {
+        let beyond = self.lean().beyond_m(self.face.domain.clamp(at), ratio);
+        Leaning { value: at.along_m + beyond.value, by_place: vector![1.0, 0.0] + beyond.by_place, ..beyond }
+    }
+
+    /// Factor of the expected reading of a contact with a ratio of friction to normal force.
+    fn friction_factor(&self, at: AlongAway, ratio: f64) -> Leaning {
+        self.lean().moment_ratio(self.face.domain.clamp(at), ratio)
     }
 
     /// Expected reading of a contact, and its derivatives along and away. Beyond the calibrated domain it is
@@ -219,6 +243,7 @@ impl Side {
             at_tip: false,
             innovation,
             radius: None,
+            friction: None,
             models: None,
             model_doubtful: false,
         }
@@ -256,6 +281,8 @@ pub(super) struct StateIndices {
     pub(super) model_error: Option<usize>,
     /// Relative error of the gain. `None` if the gain is exact.
     pub(super) gain: Option<usize>,
+    /// Ratio of friction to normal force. `None` without friction.
+    pub(super) friction: Option<usize>,
 }
 
 impl<'a> ContactReading<'a> {
@@ -286,7 +313,9 @@ impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
             .indices
             .model_error
             .map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(AlongAway::of_state(x)).sqrt());
-        Some(Vector1::new(self.gain(x) * self.side.reading_n_m(AlongAway::of_state(x)) + error_n_m))
+        let at = AlongAway::of_state(x);
+        let leaning = self.indices.friction.map_or(1.0, |q| self.side.friction_factor(at, x[q]).value);
+        Some(Vector1::new(self.gain(x) * leaning * self.side.reading_n_m(at) + error_n_m))
     }
 
     /// Neglects the change of the error along and away, which is far smaller than that of the reading.
@@ -296,8 +325,14 @@ impl<const N: usize> Measurement<N, 1> for ContactReading<'_> {
 
     /// Evaluates the sensor model once.
     fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
-        let (mut expected_n_m, gradient) = self.side.expect(AlongAway::of_state(x));
+        let (mut expected_n_m, mut gradient) = self.side.expect(AlongAway::of_state(x));
         let mut jacobian = SMatrix::<f64, 1, N>::zeros();
+        if let Some(q) = self.indices.friction {
+            let factor = self.side.friction_factor(AlongAway::of_state(x), x[q]);
+            jacobian[q] = self.gain(x) * expected_n_m * factor.by_ratio;
+            gradient = gradient * factor.value + factor.by_place.transpose() * expected_n_m;
+            expected_n_m *= factor.value;
+        }
         if let Some(g) = self.indices.gain {
             jacobian[g] = expected_n_m;
         }

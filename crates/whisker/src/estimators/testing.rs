@@ -1,15 +1,22 @@
-//! Fixture shared by the unit tests of estimators.
+//! Fixtures shared by the unit tests of estimators.
 
 use std::sync::Arc;
 
 use super::Knowledge;
-use crate::elastica::{Elastica, Load};
+use crate::elastica::{Circle, Elastica, Load, Touch};
+use crate::frames::{Base, Pose, World};
 use crate::sensor::{self, Face, FitData};
 use crate::{Curvature, Whisker};
 
 /// A curved whisker, its left face calibrated by the elastica.
-pub(super) fn knowledge() -> Knowledge {
-    let whisker = Whisker { damping_s: 0.0, ..Whisker::curved() }.with_curvature([Curvature::new(0.08, -6.0)]);
+pub(crate) fn knowledge() -> Knowledge {
+    knowledge_of(-6.0)
+}
+
+/// A whisker of this pre-curvature, its left face calibrated by the elastica.
+pub(crate) fn knowledge_of(curvature_per_m: f64) -> Knowledge {
+    let whisker =
+        Whisker { damping_s: 0.0, ..Whisker::curved() }.with_curvature([Curvature::new(0.08, curvature_per_m)]);
     let elastica = Elastica::new(&whisker).unwrap();
     let lines: Vec<Vec<sensor::Sample>> = (0..24)
         .map(|i| {
@@ -42,4 +49,43 @@ pub(super) fn knowledge() -> Knowledge {
         rate_hz: 250.0,
         contact_prior: None,
     }
+}
+
+/// Quasi-static contacts with Coulomb friction of the coefficient `most` on a circle on the left, for successive poses of the
+/// base; with the ratio of friction to normal force. Of the ratios within the cone, each is the one without slip or, if there
+/// is none, the nearest.
+pub(crate) fn swept(
+    elastica: &Elastica,
+    circle: &Circle,
+    most: f64,
+    bases: impl IntoIterator<Item = Pose<Base, World>>,
+) -> Vec<(Touch, f64)> {
+    let mut found: Vec<(Touch, f64)> = Vec::new();
+    let mut last_yaw_rad = 0.0;
+    for base in bases {
+        let touch = |ratio| elastica.against_with_friction(circle, &base, Face::Left, ratio).unwrap().unwrap();
+        let ratio = found.last().map_or(-most, |(last, _)| {
+            let slip_m = |ratio| {
+                let next = touch(ratio);
+                let turned_rad = base.yaw_rad() + next.normal_rad - last_yaw_rad - last.normal_rad;
+                circle.radius_m * turned_rad - (next.load.arc_m - last.load.arc_m)
+            };
+            // The slip increases with the ratio.
+            let (mut low, mut high) = (-most, most);
+            if slip_m(low) >= 0.0 {
+                return low;
+            }
+            if slip_m(high) <= 0.0 {
+                return high;
+            }
+            for _ in 0..40 {
+                let middle = 0.5 * (low + high);
+                if slip_m(middle) < 0.0 { low = middle } else { high = middle }
+            }
+            0.5 * (low + high)
+        });
+        last_yaw_rad = base.yaw_rad();
+        found.push((touch(ratio), ratio));
+    }
+    found
 }

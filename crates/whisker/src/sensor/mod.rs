@@ -11,6 +11,7 @@ pub(crate) mod domain;
 mod elastica;
 pub(crate) mod error_map;
 mod fit;
+mod lean;
 mod mechanics;
 pub(crate) mod physical;
 mod polar;
@@ -34,6 +35,7 @@ pub use along_away::AlongAway;
 pub use domain::{Domain, Shares};
 pub use error_map::ErrorMap;
 pub use fit::{Fit, FitData, fit};
+pub(crate) use lean::{Lean, Leaning};
 pub(crate) use turn::Turn;
 
 /// One calibration sample: a known contact and its reading.
@@ -226,18 +228,27 @@ pub struct CalibratedFace {
     /// Distance of the calibration's contacts from the centre of its pin: the radius of pin and wire together. Zero if
     /// the recorded contacts are the pin's centre.
     pub pin_radius_m: f64,
-    /// Rotation of the whisker at its contacts, computed on first use.
+    /// Rotation of the whisker at its contacts, and the effect of friction on them, computed on first use.
     pub turn: OnceTurn,
 }
 
-/// Rotation of a whisker at its contacts, fitted on first use and shared by all estimators.
+/// Rotation of a whisker at its contacts, and the effect of friction on them, each fitted on first use and shared by all
+/// estimators.
 #[derive(Clone, Debug, Default)]
-pub struct OnceTurn(Arc<OnceLock<Turn>>);
+pub struct OnceTurn {
+    turn: Arc<OnceLock<Turn>>,
+    lean: Arc<OnceLock<Lean>>,
+}
 
 impl CalibratedFace {
     /// Rotation of the calibrated whisker at its contacts.
     pub(crate) fn turn(&self, whisker: &Whisker) -> &Turn {
-        self.turn.0.get_or_init(|| Turn::fitted(self, whisker))
+        self.turn.turn.get_or_init(|| Turn::fitted(self, whisker))
+    }
+
+    /// Effect of friction on the contacts of the calibrated whisker.
+    pub(crate) fn lean(&self, whisker: &Whisker) -> &Lean {
+        self.turn.lean.get_or_init(|| Lean::fitted(self, whisker))
     }
 
     /// Coordinates of a contact along and away from the undeflected whisker.

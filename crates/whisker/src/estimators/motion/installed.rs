@@ -76,7 +76,7 @@ pub(in crate::estimators) struct Moving<'a> {
 }
 
 impl Motion<8> for Installed {
-    const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: Some(GAIN) };
+    const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: Some(GAIN), friction: None };
 
     type Step<'a> = Moving<'a>;
     type CartesianStep<'a> = Cartesian<'a, Moving<'a>>;

@@ -6,10 +6,12 @@ mod cartesian;
 mod installed;
 mod resting;
 mod round;
+mod rubbing;
 
 pub(super) use installed::Installed;
 pub(super) use resting::Resting;
 pub(super) use round::Round;
+pub(super) use rubbing::Rubbing;
 
 use filters::{Gaussian, Process};
 use serde::{Deserialize, Serialize};
@@ -21,7 +23,7 @@ use crate::settings::SettingsError;
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// Indices in the state of the errors of the reading.
-    const INDICES: StateIndices = StateIndices { model_error: None, gain: None };
+    const INDICES: StateIndices = StateIndices { model_error: None, gain: None, friction: None };
 
     /// Process of one step.
     type Step<'a>: Process<N>;

@@ -90,6 +90,12 @@ impl Round {
         Self { larger_parts: 5, thin_log_odds: 3.0, slip_sqrt_rad: 0.02, ..Self::default() }
     }
 
+    /// Settings for an object from a thin one to a plane whose radius may change along the outline.
+    pub(in crate::estimators) fn of_changing_scale() -> Self {
+        let Self { radius_wander_m_sqrt_s, wander_m_sqrt_s, .. } = Self::of_any_size();
+        Self { slip_sqrt_rad: 0.0, radius_wander_m_sqrt_s, wander_m_sqrt_s, ..Self::of_any_scale() }
+    }
+
     /// The settings relative to the radius of the calibration's pin and wire.
     pub(in crate::estimators) fn beyond_pin(self, face: &CalibratedFace) -> Self {
         Self { pin_radius_m: face.pin_radius_m, ..self }
@@ -146,8 +152,8 @@ const LEAST_RENEWAL: f64 = 1e-9;
 
 /// Process of one step.
 pub(in crate::estimators) struct Wandering<'a> {
-    side: &'a Side,
-    motion: Pose<Base, Base>,
+    pub(super) side: &'a Side,
+    pub(super) motion: Pose<Base, Base>,
     /// Variances that the step adds to the position and to the radius (m2).
     place_m2: f64,
     radius_m2: f64,
@@ -157,7 +163,7 @@ pub(in crate::estimators) struct Wandering<'a> {
 }
 
 impl Motion<4> for Round {
-    const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: None };
+    const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: None, friction: None };
 
     type Step<'a> = Wandering<'a>;
     type CartesianStep<'a> = Cartesian<'a, Wandering<'a>>;
@@ -213,23 +219,28 @@ impl Motion<4> for Round {
 }
 
 /// Tangency of whisker and object.
-struct Tangency {
+pub(super) struct Tangency {
     /// Centre of the object in Base.
-    middle_m: Vector2<f64>,
+    pub(super) middle_m: Vector2<f64>,
     /// Unit vector from the contact to the centre.
-    inward: Vector2<f64>,
+    pub(super) inward: Vector2<f64>,
     /// Inverse of the derivatives of the centre by the coordinates.
-    inverse: Matrix2<f64>,
+    pub(super) inverse: Matrix2<f64>,
     /// Derivatives of the centre by the coordinates.
-    by_place: Matrix2<f64>,
+    pub(super) by_place: Matrix2<f64>,
 }
 
-impl Wandering<'_> {
-    /// Tangency of the whisker and an object of radius `rho` at a contact.
-    fn tangency(&self, place: &Vector2<f64>, radius_m: f64) -> Tangency {
-        let face = &self.side.face;
+impl Tangency {
+    /// Tangency of the whisker and an object of radius `radius_m` at a contact, where the whisker has turned by `turn_rad`
+    /// with the derivatives `by_place` along and away.
+    pub(super) fn new(
+        side: &Side,
+        place: &Vector2<f64>,
+        radius_m: f64,
+        (turn_rad, by_place): (f64, Vector2<f64>),
+    ) -> Self {
+        let face = &side.face;
         let at = AlongAway::of_state(place);
-        let (turn_rad, by_place) = self.side.turn_rad(at);
         let ahead = direction(face.rest.tangent_rad(at.along_m) + turn_rad);
         let inward = vector![-ahead.y, ahead.x] * -face.face.away_sign();
         // The inward normal turns in the opposite direction to the tangent.
@@ -243,7 +254,7 @@ impl Wandering<'_> {
         let to_place = of_contact.try_inverse().unwrap_or_default();
         let bent = product(&to_place, &turning);
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
-        Tangency {
+        Self {
             middle_m: contact.vector() + inward * radius_m,
             inward,
             // Sherman-Morrison formula: the second part is of rank one.
@@ -252,13 +263,13 @@ impl Wandering<'_> {
         }
     }
 
-    /// Coordinates one step later, with the object's centre at rest in the world; and the tangencies before and after.
-    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency, Tangency) {
-        let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
-        let middle_m = self.motion.apply(Point::from_vector(before.middle_m)).vector();
-        let face = &self.side.face;
-        let mut place = face.along_and_away(self.motion.apply(face.contact_at(AlongAway::of_state(x)))).vector();
-        let mut after = self.tangency(&place, x[2]);
+    /// The contact, found from `place` on, at which the object's centre is `middle_m`, if `at` is the tangency at a contact.
+    pub(super) fn with_middle(
+        middle_m: &Vector2<f64>,
+        mut place: Vector2<f64>,
+        at: impl Fn(&Vector2<f64>) -> Self,
+    ) -> (Vector2<f64>, Self) {
+        let mut after = at(&place);
         for _ in 0..NEWTON_STEPS {
             let step = product(&after.inverse, &(middle_m - after.middle_m));
             // Without a tangency, as behind a whisker's centre of curvature, the iteration diverges.
@@ -267,37 +278,54 @@ impl Wandering<'_> {
                 break;
             }
             place += step;
-            after = self.tangency(&place, x[2]);
+            after = at(&place);
             if step.norm() < CLOSE_ENOUGH_M {
                 break;
             }
         }
+        (place, after)
+    }
+}
+
+impl Wandering<'_> {
+    /// Tangency of the whisker and an object of radius `rho` at a contact.
+    fn tangency(&self, place: &Vector2<f64>, radius_m: f64) -> Tangency {
+        Tangency::new(self.side, place, radius_m, self.side.turn_rad(AlongAway::of_state(place)))
+    }
+
+    /// Coordinates one step later, with the object's centre at rest in the world; and the tangencies before and after.
+    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency, Tangency) {
+        let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
+        let middle_m = self.motion.apply(Point::from_vector(before.middle_m)).vector();
+        let face = &self.side.face;
+        let start = face.along_and_away(self.motion.apply(face.contact_at(AlongAway::of_state(x)))).vector();
+        let (place, after) = Tangency::with_middle(&middle_m, start, |place| self.tangency(place, x[2]));
         (place, before, after)
     }
 
     /// Process noise of a step over which the sensor model's error has the correlation `kept` and the whisker turns by
     /// `turn_rad` on an object of radius `radius_m`.
-    fn noise_over(&self, kept: f64, turn_rad: f64, radius_m: f64) -> Matrix4<f64> {
+    pub(super) fn noise_over(&self, kept: f64, turn_rad: f64, radius_m: f64) -> Matrix4<f64> {
         let renewed = (1.0 - kept * kept).max(LEAST_RENEWAL);
         let slip_m2 = self.slip_per_rad * turn_rad.abs() * radius_m.powi(2);
         Matrix4::from_diagonal(&vector![self.place_m2 + slip_m2, self.place_m2, self.radius_m2, renewed])
     }
 
     /// Angle by which the whisker's tangent turns on the object from one tangency to the next.
-    fn turn_rad(&self, before: &Tangency, after: &Tangency) -> f64 {
+    pub(super) fn turn_rad(&self, before: &Tangency, after: &Tangency) -> f64 {
         product(&self.motion.rotation(), &before.inward).perp(&after.inward)
     }
 
     /// Displacement of the contact in Base by the base's motion. The variance of the two measured poses, which would
     /// give a displacement even at standstill, is subtracted from its square.
-    fn way_m(&self, x: &Vector4<f64>) -> f64 {
+    pub(super) fn way_m(&self, x: &Vector4<f64>) -> f64 {
         let before = self.side.face.contact_at(AlongAway::of_state(x));
         let noise_m2 = 2.0 * self.side.base_noise.of_point_m2(before).trace();
         (self.motion.apply(before).distance(&before).powi(2) - noise_m2).max(0.0).sqrt()
     }
 
     /// Correlation of the sensor model's error over the step.
-    fn kept(&self, x: &Vector4<f64>) -> f64 {
+    pub(super) fn kept(&self, x: &Vector4<f64>) -> f64 {
         (-self.way_m(x) / self.error_length_m).exp()
     }
 }
