@@ -3,11 +3,18 @@
 //! If the residual of a reading exceeds `gate_sds` of its standard deviations, the measurement noise is inflated until
 //! the residual lies at the gate. The influence of an outlier then decreases with its distance. Unlike a gate that
 //! rejects readings, an inconsistent belief still converges to the readings, since each has some weight. With an
-//! infinite gate this is the plain update.
+//! infinite gate this is the plain update. In a least-squares fit the cost of a residual beyond the gate grows by its logarithm.
 
 use nalgebra::{SMatrix, SVector, Vector1};
 
 use crate::{Gaussian, Innovation, Measurement, StateArray, UpdateError};
+
+/// Half of a squared residual in its standard deviations, which grows logarithmically beyond the gate; and the factor of the
+/// residual's weight in the quadratic that majorises it.
+pub fn logarithmic_cost(squared: f64, gate_sds: f64) -> (f64, f64) {
+    let gate = gate_sds.powi(2);
+    if squared <= gate { (0.5 * squared, 1.0) } else { (0.5 * gate * (1.0 + (squared / gate).ln()), gate / squared) }
+}
 
 /// Result of an update: innovation and marginal likelihood of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -114,6 +114,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod candidates;
 pub mod elastica;
 pub mod estimators;
 pub mod events;

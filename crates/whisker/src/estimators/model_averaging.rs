@@ -31,12 +31,10 @@ use super::{
     ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
     Sample, Touch, Tracker, estimator,
 };
+use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
 use crate::settings::{Settings, SettingsError, parse, within};
-
-/// Least probability of the candidates with an estimate for which there is one of the mixture.
-const LEAST_KNOWN: f64 = 0.5;
 
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -139,13 +137,8 @@ impl Config {
 
 impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
-        within("candidates", self.candidates.len() as f64, 1.0..=MOST_MODELS as f64)?;
-        for (place, candidate) in self.candidates.iter().enumerate() {
-            within("candidates.weight", candidate.weight, 1e-9..=1e9)?;
-            if self.candidates[..place].iter().any(|other| other.name == candidate.name) {
-                return Err(refused(&candidate.name, "named twice, expected each name once"));
-            }
-        }
+        let weighted = self.candidates.iter().map(|candidate| (candidate.name.as_str(), candidate.weight));
+        check(&weighted.collect::<Vec<_>>(), MOST_MODELS)?;
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("considered_power", self.considered_power, 1e-6..=1.0)?;
@@ -161,16 +154,9 @@ impl Settings for Config {
     }
 }
 
-fn refused(name: &str, why: &str) -> SettingsError {
-    SettingsError::Parse(format!("`candidates`: `{name}` is {why}"))
-}
-
 /// The registry's row of a candidate, which must not average itself and must smooth if and only if `looks_back`.
 fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, SettingsError> {
-    let row = estimator(name).ok_or_else(|| {
-        let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
-        refused(name, &format!("unknown, expected one of: {}", known.join(", ")))
-    })?;
+    let row = estimator(name).ok_or_else(|| unknown(name, ESTIMATORS.iter().map(|row| row.name)))?;
     if (row.defaults)().get("candidates").is_some() {
         return Err(refused(name, "a model average itself, expected a single method"));
     }
@@ -198,10 +184,7 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     let config: Config = parse(config)?;
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
-        let mut settings = (row.defaults)();
-        if let Some(all) = settings.as_object_mut() {
-            all.extend(candidate.settings.clone());
-        }
+        let settings = extended((row.defaults)(), &candidate.settings);
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;

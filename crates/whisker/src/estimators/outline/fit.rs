@@ -3,6 +3,7 @@
 use std::cell::Cell;
 
 use filters::least_squares::{Problem, Quadratic};
+use filters::robust::logarithmic_cost;
 use nalgebra::{DMatrix, DVector};
 
 use super::contact::{Contact, contact};
@@ -47,15 +48,10 @@ impl Residual {
         (Self { residual_n_m: reading.reading_n_m - expected_n_m, variance_n2_m2 }, !is_free)
     }
 
-    /// Half the squared residual, growing logarithmically beyond the gate; and the weight of the quadratic that
-    /// majorises it.
+    /// Cost, logarithmic beyond the gate, and weight of the quadratic that majorises it.
     fn robust(&self, gate_sds: f64) -> (f64, f64) {
-        let (squared, gate) = (self.residual_n_m.powi(2) / self.variance_n2_m2, gate_sds * gate_sds);
-        if squared <= gate {
-            (0.5 * squared, 1.0 / self.variance_n2_m2)
-        } else {
-            (0.5 * gate * (1.0 + (squared / gate).ln()), gate / squared / self.variance_n2_m2)
-        }
+        let (cost, factor) = logarithmic_cost(self.residual_n_m.powi(2) / self.variance_n2_m2, gate_sds);
+        (cost, factor / self.variance_n2_m2)
     }
 }
 

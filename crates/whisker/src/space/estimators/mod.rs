@@ -1,12 +1,15 @@
 //! Estimators of the contact in space.
 //!
 //! The input is a sequence of [`Sample`]s: the motion of the base between two instants and both bending moments. An
-//! [`Estimator`] detects contact in either moment ([`crate::events`]) and filters the readings from touch to release with a bank
-//! of Gaussian hypotheses ([`filters::Bank`]) along the whisker. Methods differ in the model of the contact's motion: a fixed
-//! point, a straight edge or rod of unknown direction, or a sphere.
+//! [`Estimator`] detects contact in either moment ([`crate::events`]) and follows it from touch to release. There are three kinds
+//! of methods:
 //!
-//! The same models serve a fit of the object to all readings of a touch (`fit/`), and an average over models weighs several by
-//! their evidence (`model_averaging.rs`).
+//! - a filter (`follower.rs`): a bank of Gaussian hypotheses ([`filters::Bank`]) along the whisker,
+//! - a fit (`fit/`) of an object to all readings of the touch,
+//! - an average (`model_averaging.rs`) over fits, weighted by their evidence.
+//!
+//! Filters and fits have the same models of the contact's motion (`motion/`): a fixed point, a straight edge or rod of unknown
+//! direction, a sphere, or a surface of two principal curvatures.
 //!
 //! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
 //! of `MotionSettings`.
@@ -27,6 +30,7 @@ use serde_json::Value;
 use super::frames::{Point, Pose};
 use super::sensor::CalibratedSpace;
 use crate::ReadingGate;
+pub use crate::estimators::Radius;
 use crate::events::{ContactDetector, Sensing, TouchConfig};
 use crate::frames::Base;
 use crate::settings::{SettingsError, parse};
@@ -57,21 +61,12 @@ pub struct Estimate {
     pub normal_covariance: Matrix3<f64>,
     /// Direction of the edge or rod. `None` if the method does not estimate it.
     pub direction: Option<Direction>,
-    /// Radius of the object across the wire's direction or its own. `None` if the method does not estimate it.
+    /// Radius of a sphere, or of a rod across its axis, without that of the wire. `None` if the method does not estimate it.
     pub radius: Option<Radius>,
     /// Whether the contact lies within the calibrated domain.
     pub calibrated: bool,
     /// Innovation of the last update. `None` at the touch.
     pub innovation: Option<Innovation<2>>,
-}
-
-/// Estimated radius of a round object, without that of the wire.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Radius {
-    /// Radius.
-    pub radius_m: f64,
-    /// Standard deviation.
-    pub sd_m: f64,
 }
 
 /// Estimated direction of an edge.
@@ -160,7 +155,7 @@ impl Method for fit::Config {
     }
 }
 
-/// Default settings of a method, and the method with given settings.
+/// Kind of a method, which has default settings and makes the method with given ones.
 #[derive(Clone, Copy)]
 enum Kind {
     /// Filter.

@@ -1,8 +1,8 @@
 //! Bayesian model averaging over models of the object, as in the plane ([`crate::estimators`]).
 //!
-//! Each candidate is a fit of an object to all readings of the touch and gives its evidence, the probability of the readings under
-//! its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
-//! posterior probability. Until the fits have converged, the priors decide. The estimate is the mean and covariance of the
+//! Each candidate is a fit of an object to all readings of the touch. It gives its evidence, the marginal likelihood of the readings
+//! under its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
+//! posterior probability. Until the first fits have ended, the priors decide. The estimate is the mean and covariance of the
 //! mixture, so that the disagreement of probable candidates counts as uncertainty. The more flexible a candidate, the smaller its
 //! prior.
 
@@ -15,13 +15,11 @@ use serde_json::{Map, Value};
 
 use super::follower::Tracker;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
+use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
 use crate::settings::{Settings, SettingsError, within};
 
 /// Largest number of candidates.
 const MOST: usize = 16;
-
-/// Least probability of the candidates with an estimate for which there is one of the mixture.
-const LEAST_KNOWN: f64 = 0.5;
 
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,21 +65,12 @@ impl Default for Config {
 
 impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
-        within("candidates", self.candidates.len() as f64, 1.0..=MOST as f64)?;
-        for (place, candidate) in self.candidates.iter().enumerate() {
-            within("candidates.weight", candidate.weight, 1e-9..=1e9)?;
-            if self.candidates[..place].iter().any(|other| other.name == candidate.name) {
-                return Err(refused(&candidate.name, "named twice, expected each name once"));
-            }
-        }
+        let weighted = self.candidates.iter().map(|candidate| (candidate.name.as_str(), candidate.weight));
+        check(&weighted.collect::<Vec<_>>(), MOST)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)
     }
-}
-
-fn refused(name: &str, why: &str) -> SettingsError {
-    SettingsError::Parse(format!("`candidates`: `{name}` is {why}"))
 }
 
 /// The average of several methods.
@@ -95,18 +84,12 @@ impl ModelAveraging {
     /// [`SettingsError`] if a candidate is unknown or no fit, or its settings are invalid.
     pub(super) fn new(config: Config) -> Result<Self, SettingsError> {
         let method = |candidate: &Candidate| {
-            let row = spatial_estimator(&candidate.name).ok_or_else(|| {
-                let known: Vec<_> = SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect();
-                refused(&candidate.name, &format!("unknown, expected one of: {}", known.join(", ")))
-            })?;
+            let row = spatial_estimator(&candidate.name)
+                .ok_or_else(|| unknown(&candidate.name, SPATIAL_ESTIMATORS.iter().map(|row| row.name)))?;
             if !matches!(row.kind, Kind::Fit(_)) {
                 return Err(refused(&candidate.name, "a method without evidence for its model, expected a fit"));
             }
-            let mut settings = row.defaults();
-            if let Some(all) = settings.as_object_mut() {
-                all.extend(candidate.settings.clone());
-            }
-            row.kind.method(&settings)
+            row.kind.method(&extended(row.defaults(), &candidate.settings))
         };
         let methods = config.candidates.iter().map(method).collect::<Result<_, _>>()?;
         Ok(Self { config: Arc::new(config), methods })
@@ -167,9 +150,9 @@ impl Average {
             let Radius { radius_m, sd_m } = estimate.radius?;
             Some((Gaussian::new(Vector1::new(radius_m), Matrix1::new(sd_m * sd_m)), *share))
         });
-        let radius = Gaussian::of_mixture(sizes.collect::<Vec<_>>());
+        let radius = Gaussian::of_mixture(sizes);
         let innovations = parts.iter().filter_map(|(estimate, share)| Some((estimate.innovation?, *share)));
-        let innovation = Innovation::of_mixture(innovations.collect::<Vec<_>>());
+        let innovation = Innovation::of_mixture(innovations);
         Some(Estimate {
             contact: leading.contact.shifted(place.mean),
             covariance_m2: place.covariance * self.config.covariance_factor,
@@ -183,7 +166,8 @@ impl Average {
     }
 }
 
-/// Direction of the mixture, over the candidates that state one. `None` if they have less than half of the probability.
+/// Direction of the mixture, over the candidates that state one. `None` if they have less than [`LEAST_KNOWN`] of the
+/// probability.
 fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
     let total: f64 = parts.iter().map(|(_, share)| share).sum();
     let stated: Vec<(Direction, f64)> =
@@ -194,7 +178,7 @@ fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
     let along = stated.iter().map(|(one, share)| signed(one) * *share).sum::<Vector3<f64>>().normalize();
     let spread =
         |(one, share): &(Direction, f64)| share / known * (one.sd_rad.powi(2) + (signed(one) - along).norm_squared());
-    (known >= 0.5 * total).then(|| Direction { along, sd_rad: stated.iter().map(spread).sum::<f64>().sqrt() })
+    (known >= LEAST_KNOWN * total).then(|| Direction { along, sd_rad: stated.iter().map(spread).sum::<f64>().sqrt() })
 }
 
 impl Tracker for Average {

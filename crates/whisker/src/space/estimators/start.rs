@@ -9,16 +9,12 @@ use crate::space::sensor::Around;
 /// Newton steps for the displacement that explains the readings.
 const NEWTON_STEPS: usize = 8;
 
-/// Smallest arc length of a hypothesis, relative to the largest.
-const LEAST_SHARE: f64 = 0.02;
-
 /// Gaussians of the contact at the touch with their weights: the calibrated part of the whisker is divided into `count` intervals
 /// of equal ratio, since the readings are nearly powers of the arc length; the standard deviation along the whisker is half an
 /// interval, the weight its length. The displacement follows from the two readings, with their
 /// uncertainty, so no position along the whisker is favoured before it is known how the readings grow.
 pub(super) fn beliefs(side: &Side, count: usize, reading_n_m: Vector2<f64>) -> Vec<(Gaussian<3>, f64)> {
-    let (low_m, high_m) = side.calibrated.domain.arc_range_m();
-    let first_m = low_m.max(LEAST_SHARE * high_m);
+    let (first_m, high_m) = side.calibrated.domain.tabulated_range_m();
     let edge_m = |i: usize| first_m * (high_m / first_m).powf(i as f64 / count as f64);
     let stretches = (0..count).map(|i| (edge_m(i), edge_m(i + 1)));
     stretches

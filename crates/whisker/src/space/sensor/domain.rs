@@ -17,6 +17,9 @@ const MOST_NODES: usize = 16;
 /// Smallest share of the directions with contacts that each node along the whisker has contacts in.
 const LEAST_SHARE: f64 = 0.75;
 
+/// Smallest arc length of a tabulated function, relative to the largest.
+const LEAST_TABULATED: f64 = 0.02;
+
 /// Smallest distance, relative to the largest of the calibration, of a contact whose direction counts.
 const DIRECTED: f64 = 0.05;
 
@@ -96,6 +99,12 @@ impl SpatialDomain {
     /// First and last calibrated arc length.
     pub fn arc_range_m(&self) -> (f64, f64) {
         (self.arc_m[0], self.arc_m[self.arc_m.len() - 1])
+    }
+
+    /// First and last arc length of functions that are tabulated over the region, whose nodes have equal ratios.
+    pub(crate) fn tabulated_range_m(&self) -> (f64, f64) {
+        let (low_m, high_m) = self.arc_range_m();
+        (low_m.max(LEAST_TABULATED * high_m), high_m)
     }
 
     /// Largest calibrated distance at the arc length and in the direction of a contact.

@@ -1,10 +1,10 @@
 //! Tabulated smooth functions of the coordinates about a whisker.
 //!
 //! The table spans the calibrated domain in the coordinates `ln s`, `u / a(s)` and `v / a(s)`, with the arc length `s`, the
-//! displacements `u` to the left and `v` upwards, and an extent `a(s) = c s^k`. The readings are nearly powers of `s` and nearly
-//! linear in the displacements. Between
-//! the nodes the function is the cubic polynomial through the four nearest nodes along each axis, whose error decreases with
-//! the fourth power of the pitch. Beyond the table it is that of the nearest cell.
+//! displacements `u` to the left and `v` upwards, and an extent `a(s) = c s^k`: the readings are nearly powers of `s` and nearly
+//! linear in the displacements. Between the nodes the function is the cubic polynomial through the four nearest nodes along each
+//! axis, whose error decreases with the fourth power of the pitch. Beyond the table it is that of the nearest cell, and below a
+//! tenth of the first arc length that at this tenth.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -12,9 +12,6 @@ use super::{Around, SpatialDomain};
 
 /// Nodes along the whisker and across.
 const NODES: [usize; 3] = [19, 13, 13];
-
-/// Smallest arc length of a table, relative to the largest.
-const LEAST_SHARE: f64 = 0.02;
 
 /// Extent of the table across the whisker, relative to the calibrated domain.
 const MARGIN: f64 = 1.05;
@@ -50,8 +47,7 @@ pub(crate) struct Table<const C: usize> {
 impl Grid {
     /// The grid around a calibrated domain: of the extents that contain it, the one that exceeds it least.
     pub(crate) fn new(domain: &SpatialDomain) -> Self {
-        let (low_m, last_m) = domain.arc_range_m();
-        let first_m = low_m.max(LEAST_SHARE * last_m);
+        let (first_m, last_m) = domain.tabulated_range_m();
         let node = |i: usize| (domain.arc_m[i].max(first_m), domain.most_at_node_m(i));
         let fitted = |k: f64| {
             let c = (0..domain.arc_m.len()).map(|i| node(i).1 / node(i).0.powf(k)).fold(0.0, f64::max);
@@ -153,9 +149,10 @@ impl<const C: usize> Table<C> {
         }
         // From the coordinates of the grid, in nodes, to those about the whisker.
         let shrink = growth / extent_m;
+        let by_along = if at.along_m < held_m { 0.0 } else { 1.0 / (self.grid.pitch * held_m) };
         let by_grid = SMatrix::<f64, C, 3>::from_columns(&[found[1], found[2], found[3]]);
         let of_coordinates = Matrix3::from_rows(&[
-            Vector3::new(1.0 / (self.grid.pitch * held_m), 0.0, 0.0).transpose(),
+            Vector3::new(by_along, 0.0, 0.0).transpose(),
             (Vector3::new(-left * shrink, 1.0 / extent_m, 0.0) * half[0]).transpose(),
             (Vector3::new(-up * shrink, 0.0, 1.0 / extent_m) * half[1]).transpose(),
         ]);
@@ -192,6 +189,15 @@ mod tests {
     use nalgebra::Vector2;
 
     use super::*;
+
+    #[test]
+    fn regress_below_the_least_arc_length_the_function_is_constant_along_the_whisker() {
+        let domain = SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![2e-3; 8] };
+        let table =
+            Table::new(Grid::new(&domain), |at, _: Option<()>| Some((Vector2::new(at.along_m, 1.0), ()))).unwrap();
+        let [near, nearer] = [2e-3, 1e-3].map(|along_m| table.look(Around::new(along_m, 1e-3, 0.0)));
+        assert!((near.values - nearer.values).norm() < 1e-15 && near.slopes.column(0).norm() == 0.0, "{}", near.slopes);
+    }
 
     #[test]
     fn val_values_and_slopes_of_a_smooth_function() {

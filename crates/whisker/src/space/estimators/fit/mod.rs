@@ -54,7 +54,7 @@ const LOST: usize = 25;
 
 /// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Config {
     /// Model of the contact's motion. A contact at rest is filtered, not fitted.
     pub(super) motion: MotionSettings,
@@ -73,12 +73,6 @@ pub(super) struct Config {
     pub(super) means_per_step: usize,
     /// Standard deviation of the contact for deviations of the object from its model.
     pub(super) deviation_m: f64,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self::new(MotionSettings::line())
-    }
 }
 
 impl Config {
@@ -180,6 +174,15 @@ impl LogEvidence {
         }
     }
 
+    /// That after a round, `since` whose means were taken the readings have another. If the round has none, that of the readings
+    /// since the last one still counts.
+    fn after(&self, round: Option<f64>, since: f64) -> Self {
+        match round {
+            Some(_) => Self { round, since, ..*self },
+            None => *self,
+        }
+    }
+
     /// That of a fit which begins anew.
     fn anew(&self) -> Self {
         Self { before: self.total(), ..Self::default() }
@@ -253,16 +256,16 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
         let Some(mut round) = self.round.take() else { return };
         let mode = &mut self.modes[round.mode];
-        if let Some((x, quadratic)) = round.search.best()
-            && let (Some(about), Some(covariance)) = (Neighbours::new(&self.side, &x), quadratic.covariance())
+        if let Some((about, quadratic)) = round.search.best()
+            && let Some(covariance) = quadratic.covariance()
         {
             (mode.about, mode.covariance) = (about, covariance);
             round.log_evidence[round.mode] = quadratic.log_evidence(&mode.prior).unwrap_or(f64::NEG_INFINITY);
         }
         let next = round.mode + 1;
         if next == self.modes.len() {
-            self.weigh(&round.log_evidence, round.means.len());
-            self.log_evidence.since = round.since;
+            let evidence = self.weigh(&round.log_evidence, round.means.len());
+            self.log_evidence = self.log_evidence.after(evidence, round.since);
             self.front = None;
         } else {
             self.round = self.search_of(next).map(|search| Round { mode: next, search, ..round });
@@ -276,11 +279,12 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Search::new(&self.side, *reference, *prior, &about.x, (*near, pose))
     }
 
-    /// Weights of the modes by their evidence from a number of means; improbable modes and duplicates are dropped.
-    fn weigh(&mut self, log_evidence: &[f64], means: usize) {
+    /// Weights of the modes by their evidence from a number of means; improbable modes and duplicates are dropped. Returns the
+    /// evidence of all modes; without any, the modes are kept.
+    fn weigh(&mut self, log_evidence: &[f64], means: usize) -> Option<f64> {
         let most = log_evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if most == f64::NEG_INFINITY {
-            return;
+            return None;
         }
         for (mode, evidence) in self.modes.iter_mut().zip(log_evidence) {
             mode.log_weight = evidence - most;
@@ -304,11 +308,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
         // The cost of a mean of two readings is 1 on average: without it, rounds with different numbers of means are comparable.
         let total: f64 = kept.iter().map(|mode| mode.log_weight.exp()).sum();
-        self.log_evidence.round = Some(most + total.ln() + means as f64);
         self.modes = kept;
         for mode in &mut self.modes {
             mode.renew(&self.side, &self.model, &self.base);
         }
+        Some(most + total.ln() + means as f64)
     }
 
     /// Belief about the present state of a mode, and the innovation of the reading, which the fit does not include yet.
@@ -319,7 +323,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let found = touch(side, model, &object, mode.near)
             .or_else(|| touch(side, model, &object, mode.about.carried(side, &motion)))?;
         let place = found.0;
-        mode.near = place.at();
+        mode.near = place.at;
         // The entries about the object hardly change from pose to pose.
         let mut slopes = SMatrix::<f64, N, N>::identity();
         slopes.fixed_rows_mut::<3>(0).copy_from(&mode.about.contact_slopes(model, &motion, &found));
@@ -353,7 +357,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
     }
 
-    /// Evidence of a reading: the logarithm of its likelihood, relative to the mean one of a known contact.
+    /// Evidence of a reading: the logarithm of its likelihood, `-nis / 2 - ln det S / 2` up to a constant, relative to the expected
+    /// one under the covariance of a known contact, `-1 - ln det R / 2` up to the same constant.
     fn evidence_of(&self, innovation: &Innovation<2>, belief: &Gaussian<N>) -> f64 {
         let known = self.side.covariance_n2_m2(Around::of_state(&belief.mean));
         let spread = (innovation.covariance.determinant() / known.determinant()).ln();
@@ -451,6 +456,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_a_round_without_a_solution_keeps_the_evidence_since_the_last_one() {
+        let first = LogEvidence::default().after(Some(-80.0), -2.0);
+        assert_eq!(first.total(), Some(-82.0));
+        let later = LogEvidence { since: -20.0, ..first };
+        assert_eq!(later.after(None, -5.0).total(), Some(-100.0));
+        assert_eq!(later.after(Some(-90.0), -5.0).total(), Some(-95.0));
+    }
 
     #[test]
     fn regress_a_fit_that_begins_anew_keeps_the_evidence_of_the_readings_before() {

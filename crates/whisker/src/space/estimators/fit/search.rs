@@ -1,5 +1,6 @@
 //! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
 
+use filters::robust::logarithmic_cost;
 use nalgebra::{SMatrix, SVector};
 
 use super::readings::Mean;
@@ -15,11 +16,11 @@ const LESS: f64 = 0.1;
 const MORE: f64 = 10.0;
 const MOST_DAMPING: f64 = 1e4;
 
-/// Expected decrease of the cost at which the search has converged: an eighth of a standard deviation.
+/// Expected decrease of the cost at which the search has converged: that of a seventh of a standard deviation.
 const CONVERGED: f64 = 0.01;
 
-/// Accepted and rejected steps after which the search ends.
-const MOST_STEPS: usize = 5;
+/// Most states that a search evaluates, the first and rejected ones included.
+const MOST_TRIALS: usize = 5;
 
 /// Prior of the state of a contact at its reference pose: independent entries.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +80,7 @@ impl<const N: usize> Quadratic<N> {
     }
 }
 
-/// What a search needs.
+/// The means that an object is to explain, and the models of sensor and object that predict them.
 pub(super) struct Evidence<'a, Object, const N: usize> {
     pub(super) side: &'a Side,
     pub(super) shape: &'a Object,
@@ -100,18 +101,17 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         near: &mut Around,
     ) -> bool {
         let Self { side, shape, .. } = self;
-        let gate = self.gate_sds.powi(2);
         let motion = reference.then(&mean.base().inverse());
         let object = about.object(*shape, &motion, 0.0);
         let found =
             touch(side, *shape, &object, *near).or_else(|| touch(side, *shape, &object, about.carried(side, &motion)));
         let Some(found) = found else {
             // A contact that does not exist is as improbable as an outlier.
-            quadratic.cost += gate;
+            quadratic.cost += self.gate_sds.powi(2);
             return false;
         };
         let place = &found.0;
-        *near = place.at();
+        *near = place.at;
         let (expected_n_m, by_contact) = side.expect(*near);
         let slopes = by_contact * about.contact_slopes(*shape, &motion, &found);
         // The mean of an oscillation decreases with the duration, its variance with the square.
@@ -123,11 +123,7 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         let Some(factor) = covariance.cholesky() else { return false };
         let residual = expected_n_m - mean.reading_n_m;
         let squared = residual.dot(&factor.solve(&residual));
-        let (cost, weight) = if squared <= gate {
-            (0.5 * squared, 1.0)
-        } else {
-            (0.5 * gate * (1.0 + (squared / gate).ln()), gate / squared)
-        };
+        let (cost, weight) = logarithmic_cost(squared, self.gate_sds);
         quadratic.cost += cost;
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
@@ -143,9 +139,10 @@ pub(super) struct Search<const N: usize> {
     near: Vec<Option<Around>>,
     /// The contact that was found last, with its pose.
     last: (Around, Pose<Base, Start>),
-    best: Option<(SVector<f64, N>, Quadratic<N>)>,
+    /// The best state so far with the approximation about it.
+    best: Option<(Neighbours<N>, Quadratic<N>)>,
     damping: f64,
-    steps: usize,
+    trials: usize,
     /// The state that is evaluated, the approximation about it, and the number of means that this includes.
     trial: Neighbours<N>,
     quadratic: Quadratic<N>,
@@ -171,7 +168,7 @@ impl<const N: usize> Search<N> {
             last,
             best: None,
             damping: FIRST_DAMPING,
-            steps: 0,
+            trials: 0,
             trial,
             quadratic,
             done: 0,
@@ -201,23 +198,23 @@ impl<const N: usize> Search<N> {
 
     /// Accepts or rejects the evaluated state and begins the next one. Whether the search has ended.
     fn conclude(&mut self, side: &Side) -> bool {
-        self.steps += 1;
+        self.trials += 1;
         let is_better = self.best.as_ref().is_none_or(|(_, best)| self.quadratic.cost < best.cost);
         if is_better {
             if self.best.is_some() {
                 self.damping *= LESS;
             }
-            self.best = Some((self.trial.x, self.quadratic));
+            self.best = Some((self.trial, self.quadratic));
         } else {
             self.damping *= MORE;
         }
-        let Some((x, best)) = &self.best else { return true };
-        while self.steps < MOST_STEPS && self.damping < MOST_DAMPING {
+        let Some((about, best)) = &self.best else { return true };
+        while self.trials < MOST_TRIALS && self.damping < MOST_DAMPING {
             let Some((step, decrease)) = best.step(self.damping) else { return true };
             if decrease < CONVERGED {
                 return true;
             }
-            let mut moved = x + step;
+            let mut moved = about.x + step;
             side.hold(&mut moved);
             if let Some(trial) = Neighbours::new(side, &moved) {
                 self.quadratic = Quadratic::of_prior(&self.prior, &moved);
@@ -230,7 +227,7 @@ impl<const N: usize> Search<N> {
     }
 
     /// The best state with the approximation about it.
-    pub(super) fn best(self) -> Option<(SVector<f64, N>, Quadratic<N>)> {
+    pub(super) fn best(self) -> Option<(Neighbours<N>, Quadratic<N>)> {
         self.best
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SVector, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
-use super::{Motion, Radius, check_wander, describe_normal, describe_radius, extended};
+use super::{Motion, RadiusPrior, check_wander, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
 use crate::space::estimators::side::Side;
@@ -46,12 +46,12 @@ pub(in crate::space::estimators) struct Line {
     /// Number of Gaussians over the half circle of directions at the touch.
     pub(super) directions: usize,
     /// Prior of the radius of rod and wire together.
-    pub(super) radius: Radius,
+    pub(super) radius: RadiusPrior,
 }
 
 impl Default for Line {
     fn default() -> Self {
-        Self { wander_m_sqrt_s: 3e-5, turn_rad_sqrt_s: 1e-3, directions: 4, radius: Radius::THIN }
+        Self { wander_m_sqrt_s: 3e-5, turn_rad_sqrt_s: 1e-3, directions: 4, radius: RadiusPrior::THIN }
     }
 }
 

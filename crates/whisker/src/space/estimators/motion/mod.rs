@@ -15,9 +15,8 @@ use serde::{Deserialize, Serialize};
 use super::fit::{self, Fitter};
 use super::follower::{Config, Follower, Tracker};
 use super::side::Side;
-use super::{Estimate, Knowledge, Sample};
+use super::{Estimate, Knowledge, Radius, Sample};
 use crate::settings::{SettingsError, within};
-use crate::space::estimators;
 use line::Line;
 use rolling::{Axes, Place};
 
@@ -70,11 +69,11 @@ impl MotionSettings {
     }
 
     pub(super) fn cylinder() -> Self {
-        Self::Line(Line { radius: Radius::ANY, ..Line::default() })
+        Self::Line(Line { radius: RadiusPrior::ANY, ..Line::default() })
     }
 
     pub(super) fn fitted_cylinder() -> Self {
-        Self::Line(Line { radius: Radius::ANY_FITTED, ..Line::default() })
+        Self::Line(Line { radius: RadiusPrior::ANY_FITTED, ..Line::default() })
     }
 
     pub(super) fn patch() -> Self {
@@ -119,7 +118,7 @@ impl MotionSettings {
 /// Prior of the radius of object and wire together: log-uniform, as a sum of equal Gaussians of the logarithm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Radius {
+pub(super) struct RadiusPrior {
     /// Smallest radius.
     pub(super) least_m: f64,
     /// Largest radius.
@@ -128,7 +127,7 @@ pub(super) struct Radius {
     pub(super) parts: usize,
 }
 
-impl Radius {
+impl RadiusPrior {
     /// Thin rods and edges.
     pub(super) const THIN: Self = Self { least_m: 0.1e-3, most_m: 1.5e-3, parts: 1 };
     /// From a thin rod to nearly a plane.
@@ -181,12 +180,10 @@ fn describe_normal<const N: usize>(place: &Place, belief: &Gaussian<N>, estimate
 
 /// States the radius of an object from the logarithm of that of object and wire together.
 fn describe_radius<const N: usize>(side: &Side, belief: &Gaussian<N>, index: usize, estimate: &mut Estimate) {
-    let whisker = &side.calibrated.whisker.whisker;
-    let share = belief.mean[0] / whisker.length_m;
-    let wire_m = 0.5 * (whisker.root_diameter_m + share * (whisker.tip_diameter_m - whisker.root_diameter_m));
+    let wire_m = 0.5 * side.calibrated.whisker.whisker.diameter_m(belief.mean[0]);
     let together_m = belief.mean[index].exp();
     let sd_m = together_m * belief.covariance[(index, index)].max(0.0).sqrt();
-    estimate.radius = Some(estimators::Radius { radius_m: (together_m - wire_m).max(0.0), sd_m });
+    estimate.radius = Some(Radius { radius_m: (together_m - wire_m).max(0.0), sd_m });
 }
 
 /// Checks the random walk of the contact: without process noise a covariance can lose its last digits.

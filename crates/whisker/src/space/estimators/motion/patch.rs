@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
 use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
-use super::{Motion, Radius, check_wander, describe_normal, extended};
+use super::{Motion, RadiusPrior, describe_normal, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
 use crate::space::estimators::side::Side;
@@ -46,13 +46,12 @@ pub(in crate::space::estimators) struct Patch {
 
 impl Default for Patch {
     fn default() -> Self {
-        Self { spine: Line { radius: Radius::ANY_FITTED, ..Line::default() }, bend_sd_per_m: 50.0 }
+        Self { spine: Line { radius: RadiusPrior::ANY_FITTED, ..Line::default() }, bend_sd_per_m: 50.0 }
     }
 }
 
 impl Patch {
     pub(super) fn validate(&self) -> Result<(), SettingsError> {
-        check_wander(self.spine.wander_m_sqrt_s)?;
         within("bend_sd_per_m", self.bend_sd_per_m, 1e-6..=1e6)?;
         self.spine.validate()
     }
@@ -101,6 +100,25 @@ pub(in crate::space::estimators) struct Torus {
     tilt_rad: f64,
 }
 
+/// The centre of a cross-section of a torus, and the direction of the spine there.
+struct Section {
+    /// The centre relative to the known point of the spine, and its coordinates along and away from the centre of the spine.
+    off: Vector3<f64>,
+    l: f64,
+    h: f64,
+    direction: Vector3<f64>,
+}
+
+impl Torus {
+    /// The cross-section that is touched at a place with this normal.
+    fn section(&self, place: &Place, normal: &Vector3<f64>) -> Section {
+        let off = place.contact - normal * self.radius_m - self.spine;
+        let (l, h) = (self.along.dot(&off), self.outwards.dot(&off));
+        let direction = self.along * (1.0 + self.bend_per_m * h) - self.outwards * (self.bend_per_m * l);
+        Section { off, l, h, direction }
+    }
+}
+
 impl Shape<7> for Patch {
     type Object = Torus;
 
@@ -119,15 +137,13 @@ impl Shape<7> for Patch {
     }
 
     fn equations(&self, torus: &Torus, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
-        let Torus { spine, along, outwards, bend_per_m, radius_m, tilt_rad } = *torus;
+        let Torus { along, outwards, bend_per_m, radius_m, tilt_rad, .. } = *torus;
         let across = along.cross(&outwards);
         let (normal, normal_slopes) = (place.axes(tilt_rad).normal, place.normal_slopes(tilt_rad));
-        let off = place.contact - normal * radius_m - spine;
+        let Section { off, l, h, direction } = torus.section(place, &normal);
         let off_slopes = place.slopes - normal_slopes * radius_m;
-        let (l, h) = (along.dot(&off), outwards.dot(&off));
         let (l_slopes, h_slopes) = (off_slopes.tr_mul(&along), off_slopes.tr_mul(&outwards));
         let (bent, turned) = (1.0 + bend_per_m * h, bend_per_m * l);
-        let direction = along * bent - outwards * turned;
         let residual =
             Vector3::new(across.dot(&off), h + 0.5 * bend_per_m * (l * l + h * h), LEVER_M * direction.dot(&normal));
         let by_direction =
@@ -142,9 +158,7 @@ impl Shape<7> for Patch {
 
     fn state(&self, torus: &Torus, place: &Place, before: &SVector<f64, 7>) -> SVector<f64, 7> {
         let Axes { normal, tangent, across } = place.axes(torus.tilt_rad);
-        let off = place.contact - normal * torus.radius_m - torus.spine;
-        let (l, h) = (torus.along.dot(&off), torus.outwards.dot(&off));
-        let direction = torus.along * (1.0 + torus.bend_per_m * h) - torus.outwards * (torus.bend_per_m * l);
+        let Section { direction, .. } = torus.section(place, &normal);
         let angle = nearest_angle(direction.dot(&across).atan2(direction.dot(&tangent)), before[ANGLE]);
         let [s, u, v] = place.at.vector().into();
         [s, u, v, torus.tilt_rad, angle, before[RADIUS], before[BEND]].into()

@@ -47,7 +47,8 @@ const STEP: f64 = 1e-6;
 /// A contact with its geometry in Base.
 #[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Place {
-    pub(super) at: Around,
+    /// Coordinates about the whisker.
+    pub(in crate::space::estimators) at: Around,
     /// Contact on the centre line (m), and its derivatives by the coordinates about the whisker.
     pub(super) contact: Vector3<f64>,
     pub(super) slopes: Matrix3<f64>,
@@ -66,11 +67,6 @@ impl Place {
     pub(in crate::space::estimators) fn new(side: &Side, at: Around) -> Option<Self> {
         let (contact, slopes) = at.contact_with_jacobian(side.rest());
         Some(Self { at, contact: contact.vector(), slopes, directions: side.directions(at)? })
-    }
-
-    /// Coordinates about the whisker.
-    pub(in crate::space::estimators) fn at(&self) -> Around {
-        self.at
     }
 
     /// Axes with the normal tilted by `tilt_rad`.
@@ -152,6 +148,7 @@ pub(in crate::space::estimators) fn touch<Object: Shape<N>, const N: usize>(
 type Sides<const N: usize> = ([(SVector<f64, N>, Place); 2], f64);
 
 /// A state with the neighbouring states by which derivatives are computed.
+#[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Neighbours<const N: usize> {
     pub(in crate::space::estimators) x: SVector<f64, N>,
     here: Place,

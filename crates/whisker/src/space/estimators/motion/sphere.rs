@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::rolling::{FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
-use super::{Motion, Radius, check_wander, describe_normal, describe_radius, extended};
+use super::{Motion, RadiusPrior, check_wander, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::SettingsError;
 use crate::space::estimators::side::Side;
@@ -24,12 +24,12 @@ pub(in crate::space::estimators) struct Sphere {
     /// Random walk of the contact in the world along each axis, as the standard deviation after one second.
     wander_m_sqrt_s: f64,
     /// Prior of the radius of sphere and wire together.
-    radius: Radius,
+    radius: RadiusPrior,
 }
 
 impl Default for Sphere {
     fn default() -> Self {
-        Self { wander_m_sqrt_s: 3e-5, radius: Radius::ANY }
+        Self { wander_m_sqrt_s: 3e-5, radius: RadiusPrior::ANY }
     }
 }
 
