@@ -80,6 +80,8 @@ TABLES = {
     "platform": Table("platform.csv", ("recordings", "hold_out", "regression", "log")),
     "rig": Table("platform_rig.csv", ("run",)),
     "real": Table("stanford/contour_trials.csv", ("trace", "estimator")),
+    "space_claims": Table("spatial/claims.csv", ("id",), "measured"),
+    "space_times": Table("spatial/space_times.csv", ("estimator",)),
     "space": Table("spatial/space_summary.csv", ("group", "whisker", "estimator")),
     "space_maps": Table("stanford/space_maps.csv", ("calibration", "model")),
     "space_pins": Table("stanford/space_pins_summary.csv", ("group", "estimator")),
@@ -215,16 +217,16 @@ def unmet_claims() -> str:
     return "\n".join([*lines, ""])
 
 
-def certainty_claims() -> str:
-    """Table of the claims about certainty."""
+def claims_of(name: str) -> str:
+    """Table of a set of claims, by the name of its folder."""
     lines = [
         "",
         "| | measured | bound | unit | holds |",
         "| --- | --- | --- | --- | --- |",
     ]
-    with (REFERENCE / "certainty" / "claims.csv").open(encoding="utf-8", newline="") as file:
+    with (REFERENCE / name / "claims.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            holds = "yes" if row["holds"] == "true" else "no"
+            holds = {"true": "yes", "false": "no"}.get(row["holds"], "not measured")
             lines.append(f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |")
     return "\n".join([*lines, ""])
 
@@ -240,7 +242,8 @@ def bound(row: dict[str, str]) -> str:
 
 
 GENERATED: dict[str, Callable[[], str]] = {
-    "certainty_claims": certainty_claims,
+    "certainty_claims": functools.partial(claims_of, "certainty"),
+    "space_claims": functools.partial(claims_of, "spatial"),
     "unmet_claims": unmet_claims,
     "unmet_count": lambda: str(len(unmet())),
 }

@@ -158,18 +158,19 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
         evaluate_into(&results, &dataset, &settings, force, &ProgressBar::hidden())
     };
     let first = run(0.01, &["point"], false).unwrap();
-    assert!(first.step_us.is_some());
+    assert!(first.is_new);
     let again = run(0.01, &["point"], false).unwrap();
-    assert!(again.step_us.is_none(), "evaluated although nothing had changed");
+    assert!(!again.is_new, "evaluated although nothing had changed");
     assert_eq!(again.summary, first.summary);
     let message = run(0.02, &["point", "line"], false).unwrap_err().to_string();
     for words in ["noise: 0.01 there, 0.02 here", "estimators: none only there, line only here", "--force"] {
         assert!(message.contains(words), "{message}");
     }
-    assert!(run(0.02, &["point", "line"], true).unwrap().step_us.is_some());
+    assert!(run(0.02, &["point", "line"], true).unwrap().is_new);
     trace("press", Role::Trial, &golden().sidecar.rod().unwrap(), &vec![None; 300]).write(folder.path()).unwrap();
-    let changed = run(0.02, &["point", "line"], false).unwrap().step_us.expect("stale run");
-    assert_eq!(changed[0].1, None, "a time of a step although no step had an estimate");
+    let changed = run(0.02, &["point", "line"], false).unwrap();
+    assert!(changed.is_new, "a stale run was kept");
+    assert_eq!(changed.times[0].p99_us, None, "a time of a step although no step had an estimate");
 }
 
 #[test]

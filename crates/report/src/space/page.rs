@@ -36,7 +36,7 @@ impl Column {
     }
 }
 
-const COLUMNS: [Column; 9] = [
+const COLUMNS: [Column; 13] = [
     Column {
         heading: "RMSE",
         unit: "mm",
@@ -107,6 +107,38 @@ const COLUMNS: [Column; 9] = [
         meaning: "root mean square angle between the estimated and the true direction of the edge or rod",
         value: |row| row.direction_rad.map(f64::to_degrees),
         decimals: 2,
+        is_ranked: true,
+    },
+    Column {
+        heading: "radius",
+        unit: "%",
+        meaning: "root mean square error of the last estimated radius of a sphere or cylinder, relative to the true one",
+        value: |row| row.radius_error.map(|value| 100.0 * value),
+        decimals: 1,
+        is_ranked: true,
+    },
+    Column {
+        heading: "radius covered",
+        unit: "%",
+        meaning: "share of the replays whose 95 % interval of the radius contains the true one",
+        value: |row| row.radius_coverage.map(|value| 100.0 * value),
+        decimals: 0,
+        is_ranked: false,
+    },
+    Column {
+        heading: "edge",
+        unit: "mm",
+        meaning: "mean distance of the estimated points of the surface from the touched edge of a box",
+        value: |row| row.edge_m.map(|value| 1e3 * value),
+        decimals: 3,
+        is_ranked: true,
+    },
+    Column {
+        heading: "corner",
+        unit: "mm",
+        meaning: "mean distance of the estimated points of the surface from the touched corner of a box",
+        value: |row| row.corner_m.map(|value| 1e3 * value),
+        decimals: 3,
         is_ranked: true,
     },
 ];

@@ -89,6 +89,10 @@ fn write_run(folder: &Path) {
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
         direction_bound_rad: Some(0.015),
+        radius_error: Some(0.05),
+        radius_coverage: Some(1.0),
+        edge_m: Some(1e-4),
+        corner_m: None,
     };
     let summary = |estimator: &str| SpatialSummaryRow {
         group: "<edge>".into(),
@@ -108,6 +112,10 @@ fn write_run(folder: &Path) {
         normal_rad: Some(0.01),
         direction_rad: Some(0.02),
         direction_bound_rad: Some(0.015),
+        radius_error: Some(0.05),
+        radius_coverage: Some(1.0),
+        edge_m: Some(1e-4),
+        corner_m: None,
     };
     files::write_json(&folder.join("space_run.json"), &run).expect("written");
     let write =

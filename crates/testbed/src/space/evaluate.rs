@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use trace::{Role, SpatialSidecar, SpatialTrace};
-use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, SpatialEstimatorRow};
+use whisker::space::estimators::{Estimate, Knowledge, Radius, SPATIAL_ESTIMATORS, SpatialEstimatorRow};
 use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
 
@@ -24,6 +24,7 @@ use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_ba
 use crate::dataset::Dataset;
 use crate::results::write_rows;
 use crate::settings::merged;
+use crate::statistics;
 
 /// Time after the touch from which estimates are scored.
 pub const START_S: f64 = 1.0;
@@ -31,7 +32,10 @@ pub const START_S: f64 = 1.0;
 /// Largest number of instants of a trial whose estimates a run keeps.
 const KEPT: usize = 400;
 
-/// Probability of the ellipsoids whose coverage is measured.
+/// Distance of the true point of the surface from an edge or corner within which the contact is one with this feature.
+const FEATURE_M: f64 = 20e-6;
+
+/// Probability of the ellipsoids and intervals whose coverage is measured.
 const PROBABILITY: f64 = 0.95;
 
 /// Settings of an evaluation in space.
@@ -86,6 +90,15 @@ pub struct SpatialTrialRow {
     pub direction_rad: Option<f64>,
     /// RMS of the bound of this angle with an unknown rod.
     pub direction_bound_rad: Option<f64>,
+    /// Error of the last stated radius relative to the true one, positive if it is too large. `None` unless the solid is a sphere or
+    /// a cylinder.
+    pub radius_error: Option<f64>,
+    /// Whether the 95 % interval of that radius contains the true one: 1 or 0.
+    pub radius_coverage: Option<f64>,
+    /// Mean distance of the estimated points of the surface from the touched edge of a box, over the instants with a contact on one.
+    pub edge_m: Option<f64>,
+    /// The same of the touched corner of a box.
+    pub corner_m: Option<f64>,
 }
 
 /// Scores of the trials of one group with one whisker.
@@ -125,6 +138,41 @@ pub struct SpatialSummaryRow {
     pub direction_rad: Option<f64>,
     /// The same of the bound of this angle.
     pub direction_bound_rad: Option<f64>,
+    /// RMS over the replays of the relative error of the radius.
+    pub radius_error: Option<f64>,
+    /// Share of the replays whose 95 % interval of the radius contains the true one.
+    pub radius_coverage: Option<f64>,
+    /// Mean over the replays of the distance from the touched edge.
+    pub edge_m: Option<f64>,
+    /// The same from the touched corner.
+    pub corner_m: Option<f64>,
+}
+
+/// Wall-clock times of the steps of an estimator with an estimate, in all replays: a row of `space_times.csv`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialTimesRow {
+    /// Name of the estimator.
+    pub estimator: String,
+    /// Number of steps.
+    pub steps: usize,
+    /// Mean time of a step. `None` if there is none.
+    pub mean_us: Option<f64>,
+    /// 99th percentile.
+    pub p99_us: Option<f64>,
+}
+
+impl SpatialTimesRow {
+    /// The row of these times.
+    fn new(estimator: &str, mut steps_us: Vec<f64>) -> Self {
+        steps_us.sort_by(f64::total_cmp);
+        Self {
+            estimator: estimator.into(),
+            steps: steps_us.len(),
+            mean_us: statistics::mean(steps_us.iter().copied()),
+            p99_us: statistics::quantile_of_sorted(&steps_us, 0.99),
+        }
+    }
 }
 
 /// Result of an evaluation in space.
@@ -134,12 +182,12 @@ pub struct SpatialEvaluated {
     pub trials: Vec<SpatialTrialRow>,
     /// One row per group, whisker and estimator.
     pub summary: Vec<SpatialSummaryRow>,
-    /// Mean wall-clock time of a step with an estimate (us) by estimator; `None` if there is no estimate.
-    pub step_us: Vec<(String, Option<f64>)>,
+    /// One row per estimator.
+    pub times: Vec<SpatialTimesRow>,
 }
 
-/// Scores of one replay, and the mean wall-clock time of a step with an estimate (us).
-type Scored = (SpatialTrialRow, Option<f64>);
+/// Scores of one replay, and the wall-clock times of its steps with an estimate (us).
+type Scored = (SpatialTrialRow, Vec<f64>);
 
 /// A trial with what does not depend on estimator and noise.
 struct Prepared {
@@ -186,13 +234,13 @@ pub(super) fn evaluate_keeping(
         })
         .collect();
     let scored: Vec<Scored> = found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
-    let step_us = rows.iter().map(|(row, _)| {
-        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name).filter_map(|(_, step_us)| *step_us);
-        (row.name.to_owned(), crate::statistics::mean(of_row))
+    let times = rows.iter().map(|(row, _)| {
+        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name);
+        SpatialTimesRow::new(row.name, of_row.flat_map(|(_, steps_us)| steps_us).copied().collect())
     });
-    let step_us = step_us.collect();
+    let times = times.collect();
     let trials: Vec<SpatialTrialRow> = scored.into_iter().map(|(trial, _)| trial).collect();
-    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, step_us })
+    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times })
 }
 
 pub(super) fn estimators(
@@ -262,7 +310,11 @@ struct Sums {
     normal: f64,
     direction: f64,
     directions: usize,
+    /// Distances from the touched edges and corners, and their numbers.
+    edge: (f64, usize),
+    corner: (f64, usize),
     last_nees: Option<f64>,
+    last_radius: Option<Radius>,
 }
 
 impl Prepared {
@@ -289,13 +341,14 @@ impl Prepared {
             };
             write_rows(&folder.join(estimates_file(&self.trace.sidecar.name, row.name)), kept.map(row_of))?;
         }
-        let within = ChiSquared::new(3.0)?.inverse_cdf(PROBABILITY);
+        let within = |degrees: f64| Ok::<_, anyhow::Error>(ChiSquared::new(degrees)?.inverse_cdf(PROBABILITY));
+        let within = [within(1.0)?, within(3.0)?];
         let mut sums = Sums::default();
         for (i, bound) in self.bound.iter().enumerate() {
             if let Some(bound) = bound.filter(|bound| bound.since_touch_s >= START_S) {
                 sums.instants += 1;
                 if let Some(estimate) = &replayed.estimates[i] {
-                    self.add(&mut sums, i, estimate, &bound, within);
+                    self.add(&mut sums, i, estimate, &bound, within[1]);
                 }
             }
         }
@@ -303,6 +356,8 @@ impl Prepared {
         let mean = |sum: f64| (answered > 0).then(|| sum / answered as f64);
         let rms = |sum: f64| mean(sum).map(f64::sqrt);
         let of_rod = |sum: f64| (sums.rods > 0 && self.noise_sd_n_m > 0.0).then(|| (sum / sums.rods as f64).sqrt());
+        let radius = sums.last_radius.zip(self.solid.as_ref().and_then(Solid::radius_m));
+        let of_feature = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64);
         let sidecar = &self.trace.sidecar;
         let scores = SpatialTrialRow {
             trace: sidecar.name.clone(),
@@ -322,8 +377,14 @@ impl Prepared {
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
             direction_bound_rad: of_rod(sums.direction_bound),
+            radius_error: radius.map(|(stated, truth_m)| stated.radius_m / truth_m - 1.0),
+            radius_coverage: radius.map(|(stated, truth_m)| {
+                f64::from((stated.radius_m - truth_m).powi(2) <= within[0] * stated.sd_m.powi(2))
+            }),
+            edge_m: of_feature(sums.edge),
+            corner_m: of_feature(sums.corner),
         };
-        Ok((scores, replayed.step_us))
+        Ok((scores, replayed.steps_us))
     }
 
     fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
@@ -344,9 +405,19 @@ impl Prepared {
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.last_nees = nees;
         if let Some(solid) = &self.solid {
-            let surface = to_base.inverse().apply(self.calibrated.surface(estimate.contact, estimate.normal));
-            sums.surface += solid.distance_m(surface.vector());
+            let surface = to_base.inverse().apply(self.calibrated.surface(estimate.contact, estimate.normal)).vector();
+            sums.surface += solid.distance_m(surface);
+            let features = solid.features_m(truth.surface).zip(solid.features_m(surface));
+            if let Some(((edge_m, corner_m), (from_edge_m, from_corner_m))) = features
+                && edge_m < FEATURE_M
+            {
+                let is_corner = corner_m < FEATURE_M;
+                let (sum, error_m) =
+                    if is_corner { (&mut sums.corner, from_corner_m) } else { (&mut sums.edge, from_edge_m) };
+                (sum.0, sum.1) = (sum.0 + error_m, sum.1 + 1);
+            }
         }
+        sums.last_radius = estimate.radius;
         sums.normal += normal.angle(&estimate.normal).powi(2);
         if let (Some(rod), Some(found)) = (self.rod, estimate.direction) {
             // The direction of an edge has no sign.
@@ -364,7 +435,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
     }
     let rows = groups.into_iter().map(|((group, whisker, estimator), trials)| {
         let mean = |score: fn(&SpatialTrialRow) -> Option<f64>| {
-            crate::statistics::mean(trials.iter().filter_map(|trial| score(trial)))
+            statistics::mean(trials.iter().filter_map(|trial| score(trial)))
         };
         let nees: Vec<f64> = trials.iter().filter_map(|trial| trial.nees).collect();
         let degrees = 3.0 * nees.len().max(1) as f64;
@@ -380,7 +451,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             out_of_plane_m: mean(|trial| trial.out_of_plane_m.map(|error| error * error)).map(f64::sqrt),
             bound_m: mean(|trial| trial.bound_m.map(|bound| bound * bound)).map(f64::sqrt),
             rod_bound_m: mean(|trial| trial.rod_bound_m.map(|bound| bound * bound)).map(f64::sqrt),
-            nees: crate::statistics::mean(nees).map(|nees| nees / 3.0),
+            nees: statistics::mean(nees).map(|nees| nees / 3.0),
             nees_low,
             nees_high,
             coverage: mean(|trial| trial.coverage),
@@ -388,6 +459,10 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_bound_rad: mean(|trial| trial.direction_bound_rad.map(|angle| angle * angle)).map(f64::sqrt),
+            radius_error: mean(|trial| trial.radius_error.map(|error| error * error)).map(f64::sqrt),
+            radius_coverage: mean(|trial| trial.radius_coverage),
+            edge_m: mean(|trial| trial.edge_m),
+            corner_m: mean(|trial| trial.corner_m),
         })
     });
     rows.collect()

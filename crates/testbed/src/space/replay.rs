@@ -60,8 +60,8 @@ pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sampl
 pub struct SpatialReplay {
     /// One entry per sample; `None` while the estimator has no contact.
     pub estimates: Vec<Option<Estimate>>,
-    /// Mean wall-clock time of a step with an estimate (us). `None` if there is no estimate.
-    pub step_us: Option<f64>,
+    /// Wall-clock time of each step with an estimate (us).
+    pub steps_us: Vec<f64>,
 }
 
 /// Replays samples through a registered estimator.
@@ -76,17 +76,15 @@ pub fn replay(
 ) -> anyhow::Result<SpatialReplay> {
     let built = row.build(config, TouchConfig::default(), knowledge);
     let mut estimator = built.with_context(|| format!("settings of `{}`", row.name))?;
-    let mut elapsed_s = 0.0;
+    let mut steps_us = Vec::new();
     let mut estimates = Vec::with_capacity(samples.len());
     for sample in samples {
         let start = Clock::now();
         let estimate = estimator.step(sample);
         if estimate.is_some() {
-            elapsed_s += start.elapsed().as_secs_f64();
+            steps_us.push(1e6 * start.elapsed().as_secs_f64());
         }
         estimates.push(estimate);
     }
-    let count = estimates.iter().flatten().count();
-    let step_us = (count > 0).then(|| 1e6 * elapsed_s / count as f64);
-    Ok(SpatialReplay { estimates, step_us })
+    Ok(SpatialReplay { estimates, steps_us })
 }

@@ -14,7 +14,9 @@ use trace::{Role, SpatialSidecar, StatedSuspension};
 use whisker::Whisker;
 
 use super::SpatialEstimateRow;
-use super::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTrialRow, estimators, evaluate_keeping};
+use super::evaluate::{
+    SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow, estimators, evaluate_keeping,
+};
 use super::map::{SpatialMap, Sweep};
 use super::solid::Solid;
 use crate::dataset::Dataset;
@@ -26,6 +28,7 @@ use crate::statistics;
 const RUN: &str = "space_run.json";
 const TRIALS: &str = "space_trials.csv";
 const SUMMARY: &str = "space_summary.csv";
+const TIMES: &str = "space_times.csv";
 const ESTIMATES: &str = "space_estimates";
 
 const MAPS: &str = "space_maps";
@@ -141,6 +144,14 @@ impl SpatialRun {
         read_rows(&folder.join(TRIALS))
     }
 
+    /// Times of the steps of the run in a folder, one row per estimator. They depend on the machine.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn times(folder: &Path) -> anyhow::Result<Vec<SpatialTimesRow>> {
+        read_rows(&folder.join(TIMES))
+    }
+
     /// Estimates of one estimator on one trace with the first seed, at evenly spaced instants.
     ///
     /// # Errors
@@ -234,8 +245,10 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
 pub struct SpatialWritten {
     /// One row per group, whisker and estimator.
     pub summary: Vec<SpatialSummaryRow>,
-    /// Mean wall-clock time of a step with an estimate (us) by estimator. `None` if the run was found up to date.
-    pub step_us: Option<Vec<(String, Option<f64>)>>,
+    /// Times of the steps, one row per estimator.
+    pub times: Vec<SpatialTimesRow>,
+    /// Whether it was evaluated. `false` if it was found up to date.
+    pub is_new: bool,
 }
 
 /// Evaluates a dataset and writes the tables into a folder, unless a run with the same inputs is there. A finished run with
@@ -251,14 +264,15 @@ pub fn evaluate_into(
     force: bool,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialWritten> {
-    let [run_path, trials_path, summary_path] = [RUN, TRIALS, SUMMARY].map(|name| folder.join(name));
+    let [run_path, trials_path, summary_path, times_path] = [RUN, TRIALS, SUMMARY, TIMES].map(|name| folder.join(name));
     let run = SpatialRun::new(dataset, settings)?;
     if run_path.is_file() {
         let old: Result<SpatialRun, _> = read_json(&run_path);
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
             && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
+            && let Ok(times) = SpatialRun::times(folder)
         {
-            return Ok(SpatialWritten { summary, step_us: None });
+            return Ok(SpatialWritten { summary, times, is_new: false });
         }
         if !force {
             check_same(folder, old.map(|old| old.differences(&run)).map_err(Into::into))?;
@@ -278,8 +292,9 @@ pub fn evaluate_into(
     write_maps(folder, &run)?;
     write_atomically(&trials_path, &csv_bytes(&evaluated.trials)?)?;
     write_atomically(&summary_path, &csv_bytes(&evaluated.summary)?)?;
+    write_atomically(&times_path, &csv_bytes(&evaluated.times)?)?;
     write_json(&run_path, &run)?;
-    Ok(SpatialWritten { summary: evaluated.summary, step_us: Some(evaluated.step_us) })
+    Ok(SpatialWritten { summary: evaluated.summary, times: evaluated.times, is_new: true })
 }
 
 /// Removes a folder, if it is there.

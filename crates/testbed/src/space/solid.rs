@@ -118,6 +118,28 @@ impl Solid {
         }
     }
 
+    /// Radius of a sphere or cylinder. `None` for other solids.
+    pub fn radius_m(&self) -> Option<f64> {
+        match self {
+            Self::Sphere { radius_m, .. } | Self::Cylinder { radius_m, .. } => Some(*radius_m),
+            _ => None,
+        }
+    }
+
+    /// Distances of a point in World (m, 3x1) from the nearest edge and the nearest corner of a box. `None` for other solids.
+    pub fn features_m(&self, point: Vector3<f64>) -> Option<(f64, f64)> {
+        let Self::Box { size_m, center_m, orientation } = self else { return None };
+        let local = rotation(*orientation).inverse() * (point - Vector3::from(*center_m));
+        let from_corner = local.abs() - 0.5 * Vector3::from(*size_m);
+        // An edge extends from a corner inwards along one axis.
+        let from_edge = |along: usize| {
+            let mut from = from_corner;
+            from[along] = from[along].max(0.0);
+            from.norm()
+        };
+        Some(((0..3).map(from_edge).fold(f64::INFINITY, f64::min), from_corner.norm()))
+    }
+
     /// Curves of the surface, in World (m).
     pub fn curves_m(&self) -> Vec<Vec<Vector3<f64>>> {
         match self {
@@ -259,6 +281,23 @@ mod tests {
             }
         }
         assert!(Solid::of_scene(&json!({"shape": "mesh", "file": "solid.stl"})).is_none());
+    }
+
+    #[test]
+    fn verif_edges_and_corners_of_a_box_are_those_of_its_curves() {
+        let solids = solids();
+        let block = solids.last().expect("a box");
+        for edge in block.curves_m() {
+            let (from_edge, from_corner) = block.features_m(edge[0]).expect("a box");
+            assert!(from_edge < 1e-12 && from_corner < 1e-12);
+            let middle = 0.5 * (edge[0] + edge[1]);
+            let (from_edge, from_corner) = block.features_m(middle).expect("a box");
+            assert!(from_edge < 1e-12 && (from_corner - 0.5 * (edge[1] - edge[0]).norm()).abs() < 1e-12);
+            let outwards = (middle - Vector3::from(CENTER)).normalize();
+            let (from_edge, _) = block.features_m(middle + 1e-3 * outwards).expect("a box");
+            assert!((from_edge - 1e-3).abs() < 1e-12);
+        }
+        assert!(solids[0].features_m(Vector3::zeros()).is_none());
     }
 
     #[test]

@@ -135,7 +135,7 @@ fn best_at_rest_over_recommended(context: &Context, group: &str, whisker: &str) 
     let Evaluation { run, .. } = context.run(RUN);
     let set = run.sets.iter().find(|set| set.group == group && set.whisker == whisker);
     let traces = &set.with_context(|| format!("{group}, {whisker}: no such set in the run"))?.traces;
-    let dataset = context.dataset.only(traces);
+    let dataset = context.dataset().only(traces);
     let folder = tempfile::tempdir()?;
     let mut errors_m = Vec::new();
     for fading in FADINGS {

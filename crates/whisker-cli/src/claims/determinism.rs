@@ -34,7 +34,7 @@ fn tables(context: &Context, results: &Path, threads: usize) -> anyhow::Result<[
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let evaluated =
-        pool.install(|| evaluate(std::slice::from_ref(&context.dataset), &settings, &ProgressBar::hidden()))?;
+        pool.install(|| evaluate(std::slice::from_ref(context.dataset()), &settings, &ProgressBar::hidden()))?;
     let trials = evaluated.folder.join("trials.csv");
     let mut summary: Vec<SummaryRow> = read_scores(&evaluated.folder.join("summary.csv"))?;
     for row in &mut summary {

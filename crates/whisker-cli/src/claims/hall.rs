@@ -158,7 +158,7 @@ fn white_rmse_m(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>>
         touch: run.touch,
         noise: vec![sensor.noise_sd_n_m / set.largest_reading_n_m],
         seeds: run.seeds.clone(),
-        calibrations: Some(context.dataset.calibrations(FRONT_ENDS[0].name)),
+        calibrations: Some(context.dataset().calibrations(FRONT_ENDS[0].name)),
         results: folder.path().into(),
         ..Default::default()
     };

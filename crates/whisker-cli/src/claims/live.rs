@@ -47,7 +47,7 @@ pub(super) fn claims() -> Vec<Claim> {
 /// Geometric mean, over trials and seeds, of the steady RMSE through a disturbed connection relative to that without. `None` if
 /// a trial has no steady RMSE.
 fn growth(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>> {
-    let mut trials = context.dataset.read(Role::Trial)?;
+    let mut trials = context.dataset().read(Role::Trial)?;
     trials.retain(|trace| trace.sidecar.whisker.name == whisker);
     let jobs: Vec<_> = trials.iter().flat_map(|trace| (1..=SEEDS).map(move |seed| (trace, seed))).collect();
     let ratios: Vec<Option<f64>> = jobs
@@ -67,7 +67,7 @@ fn growth(context: &Context, whisker: &str) -> anyhow::Result<Option<f64>> {
 /// estimate.
 fn largest_difference_m(context: &Context) -> anyhow::Result<f64> {
     let differences: Vec<f64> = context
-        .dataset
+        .dataset()
         .read(Role::Trial)?
         .par_iter()
         .map(|trace| {
@@ -96,7 +96,7 @@ struct Sensed {
 impl Sensed {
     /// Measurement noise of the default front end under a seed.
     fn new(context: &Context, trace: &Trace, seed: u64) -> anyhow::Result<Self> {
-        let folder = context.dataset.calibrations(FRONT_ENDS[0].name);
+        let folder = context.dataset().calibrations(FRONT_ENDS[0].name);
         let path = folder.join(format!("{}.json", trace.sidecar.whisker.name));
         let faces = CalibrationFile::read(&path)?.calibrated(&path, None)?;
         let front_end = FrontEnd::new(&FrontEndConfig::default())?;

@@ -15,9 +15,10 @@ mod noiseless;
 mod pins;
 mod real;
 mod sensor_model;
+mod space;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use arm::RUN as ARM;
 
@@ -61,8 +62,8 @@ pub struct Claim {
     pub relation: Relation,
     /// The bound.
     pub bound: f64,
-    /// Whether the claim needs the recordings, which are optional.
-    needs_recordings: bool,
+    /// Whether there are the data that the claim needs: the recordings are optional.
+    has_data: fn(&Context) -> bool,
     measure: Measure,
 }
 
@@ -74,7 +75,7 @@ impl Claim {
         unit: &'static str,
         measure: impl Fn(&Context) -> anyhow::Result<Option<f64>> + 'static,
     ) -> Self {
-        Self { id, claim, unit, relation: Relation::AtMost, bound, needs_recordings: false, measure: Box::new(measure) }
+        Self { id, claim, unit, relation: Relation::AtMost, bound, has_data: |_| true, measure: Box::new(measure) }
     }
 
     fn at_least(
@@ -87,9 +88,9 @@ impl Claim {
         Self { relation: Relation::AtLeast, ..Self::at_most(id, claim, bound, unit, measure) }
     }
 
-    /// The same claim on recordings: not measured if they are missing.
-    fn of_recordings(self) -> Self {
-        Self { needs_recordings: true, ..self }
+    /// The same claim on optional data: not measured if they are missing.
+    fn if_there_are(self, has_data: fn(&Context) -> bool) -> Self {
+        Self { has_data, ..self }
     }
 }
 
@@ -130,6 +131,7 @@ pub const SETS: &[ClaimSet] = &[
         figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
     },
     ClaimSet { name: "certainty", topics: &[certainty::claims], runs: certainty::RUNS, figures: &[] },
+    ClaimSet { name: "space", topics: &[space::claims], runs: &[], figures: &[] },
 ];
 
 impl ClaimSet {
@@ -166,7 +168,7 @@ pub struct MeasuredClaim {
     pub bound: f64,
     /// Unit of both.
     pub unit: String,
-    /// Whether the claim holds. `None` if it was not measured because the recordings are missing.
+    /// Whether the claim holds. `None` if it was not measured because optional data are missing.
     pub holds: Option<bool>,
 }
 
@@ -176,8 +178,10 @@ pub struct Context {
     runs: BTreeMap<&'static str, Evaluation>,
     /// Run of the recordings. `None` if they are missing.
     recordings: Option<Evaluation>,
-    /// The standard suite.
-    dataset: Dataset,
+    /// The standard suite. `None` if the set has no claims on it.
+    dataset: Option<Dataset>,
+    /// Folder of the results.
+    results: PathBuf,
 }
 
 /// An evaluated run.
@@ -204,10 +208,11 @@ impl Context {
             runs.insert(*name, Evaluation::open(&results.join(name))?);
         }
         let suite = Path::new("scenes/suites").join(STANDARD).with_extension("json");
+        let dataset = set.runs.contains(&STANDARD).then(|| Dataset::open(&suite, None)).transpose()?;
         let recordings = results.join(real::RUN);
         let recordings = recordings.join("run.json").is_file().then(|| Evaluation::open(&recordings)).transpose()?;
         let recordings = recordings.filter(real::is_whole);
-        Ok(Self { runs, recordings, dataset: Dataset::open(&suite, None)? })
+        Ok(Self { runs, recordings, dataset, results: results.into() })
     }
 
     /// Names of the runs that claims are measured on.
@@ -218,6 +223,11 @@ impl Context {
     /// The run of the standard suite.
     fn standard(&self) -> &Evaluation {
         self.run(STANDARD)
+    }
+
+    /// The standard suite, on a run of which the claims of the set are measured.
+    fn dataset(&self) -> &Dataset {
+        self.dataset.as_ref().expect("the set has a run of the standard suite")
     }
 
     /// One of the set's runs.
@@ -308,7 +318,7 @@ pub fn measure(
     let claims = set.claims();
     progress.set_length(claims.len() as u64);
     for claim in claims {
-        let can_be_measured = !claim.needs_recordings || context.recordings.is_some();
+        let can_be_measured = (claim.has_data)(context);
         let value = if can_be_measured { (claim.measure)(context)? } else { None };
         let (relation, holds) = match claim.relation {
             Relation::AtMost => ("<=", value.is_some_and(|value| value <= claim.bound)),

@@ -85,12 +85,12 @@ fn final_offsets(
     settings: &Value,
     seeds: u64,
 ) -> anyhow::Result<Vec<Vec<Vector2<f64>>>> {
-    let path = context.dataset.calibrations(FRONT_ENDS[0].name).join(format!("{whisker}.json"));
+    let path = context.dataset().calibrations(FRONT_ENDS[0].name).join(format!("{whisker}.json"));
     let faces = CalibrationFile::read(&path)?.calibrated(&path, None)?;
     let row = estimators::estimator(filter).context("a registered estimator")?;
     let config = merged((row.defaults)(), settings)?;
     let mut ideals = Vec::new();
-    for trace in context.dataset.read(Role::Trial)? {
+    for trace in context.dataset().read(Role::Trial)? {
         if trace.sidecar.whisker.name == whisker && trace.sidecar.group == "pin" {
             let face = faces.iter().find(|face| face.face == trace.sidecar.face);
             let face = face.context("the pin's face is calibrated")?;

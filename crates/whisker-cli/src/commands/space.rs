@@ -10,7 +10,7 @@ use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
 use testbed::results::csv_bytes;
-use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow};
+use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow};
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 use testbed::space::replay::{calibrated, replay, samples};
 use testbed::space::{
@@ -89,7 +89,7 @@ pub(super) fn replay_in_space(
         Some(out) => write_atomically(out, &csv_bytes(&rows)?)?,
         None => print(&String::from_utf8(csv_bytes(&rows)?)?)?,
     }
-    if replayed.step_us.is_none() {
+    if replayed.steps_us.is_empty() {
         eprintln!(
             "no estimates: no touch was detected in {} rows, or its contact lies outside the calibration",
             rows.len()
@@ -116,11 +116,13 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     let progress = Progress::of("evaluating");
     let written = evaluate_into(folder, dataset, &settings, force, &progress)?;
     drop(progress);
-    let state = if written.step_us.is_some() { "" } else { " (up to date)" };
+    let state = if written.is_new { "" } else { " (up to date)" };
     print(&format!("{}{}{state}\n", summary_table(&written.summary), folder.display()))?;
-    for (estimator, step_us) in written.step_us.into_iter().flatten() {
-        match step_us {
-            Some(step_us) => eprintln!("{estimator}: {step_us:.0} us per step"),
+    for SpatialTimesRow { estimator, mean_us, p99_us, .. } in written.times.iter().filter(|_| written.is_new) {
+        match mean_us.zip(*p99_us) {
+            Some((mean_us, p99_us)) => {
+                eprintln!("{estimator}: {mean_us:.0} us per step, 99th percentile {p99_us:.0} us")
+            }
             None => eprintln!("{estimator}: no estimate"),
         }
     }
@@ -146,6 +148,10 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "normal, deg",
         "direction, deg",
         "its bound, deg",
+        "radius error, %",
+        "radius in 95 %",
+        "edge, mm",
+        "corner, mm",
     ];
     let degrees = |angle_rad: Option<f64>| table::number(angle_rad.map(f64::to_degrees));
     let row = |row: &SpatialSummaryRow| {
@@ -166,6 +172,10 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             degrees(row.normal_rad),
             degrees(row.direction_rad),
             degrees(row.direction_bound_rad),
+            table::number(row.radius_error.map(|error| 100.0 * error)),
+            table::percent(row.radius_coverage),
+            table::millimetres(row.edge_m),
+            table::millimetres(row.corner_m),
         ]
     };
     table::render(&header, &summary.iter().map(row).collect::<Vec<_>>(), 3)

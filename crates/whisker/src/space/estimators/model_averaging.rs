@@ -50,14 +50,15 @@ pub(super) struct Config {
 }
 
 impl Default for Config {
+    /// Weights, factor and the number of means per step of the fits were chosen on random scenes in space that are not reported.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate { name: name.into(), settings: Map::new(), weight };
         Self {
-            candidates: [("line-fit", 20.0), ("cylinder-fit", 5.0), ("sphere-fit", 1.0), ("patch-fit", 0.3)]
+            candidates: [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0)]
                 .map(candidate)
                 .into(),
             evidence_power: 0.5,
-            covariance_factor: 1.0,
+            covariance_factor: 1.5,
             ignored_share: 0.02,
         }
     }

@@ -85,7 +85,7 @@ impl Config {
             kept_modes: 3,
             prune_share: 1e-2,
             gate_sds: 5.0,
-            means_per_step: 3,
+            means_per_step: 5,
             deviation_m: 5e-6,
         }
     }
