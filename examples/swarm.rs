@@ -131,6 +131,7 @@ impl Tracker for Swarm {
             radius: None,
             models: None,
             model_doubtful: false,
+            second_contact: false,
         })
     }
 }

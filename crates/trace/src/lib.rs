@@ -73,7 +73,7 @@ pub use spatial::{
 };
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
 pub use table::{
-    COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant, Recording, SECOND_COLUMNS, SecondTruth, Trace, Truth,
-    TruthInstant,
+    COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, Instant, Recording, SECOND_COLUMNS, SecondTruth, Trace,
+    Truth, TruthInstant,
 };
 pub use writer::TraceWriter;

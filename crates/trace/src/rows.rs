@@ -14,8 +14,7 @@ use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::Sidecar;
 use crate::table::{
-    COLUMNS, FARTHEST_M, FrictionTruth, Further, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant,
-    columns,
+    COLUMNS, FARTHEST_M, FrictionTruth, Further, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant, columns,
 };
 
 /// Number of columns without further ones, and the largest number with them.

@@ -185,12 +185,18 @@ fn robust_an_invalid_second_contact_is_one_error_with_its_place() {
     let values = "0.0300000000,0.0100000000,0.0300000000,0.0101000000,0.0300000000,0.000200000000";
     let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
     for (cells, expected) in [
-        ("0.03,,0.03,0.01,0.03,0.1", "column truth_second_contact_x_m: found `0.03`, expected both coordinates or neither"),
+        (
+            "0.03,,0.03,0.01,0.03,0.1",
+            "column truth_second_contact_x_m: found `0.03`, expected both coordinates or neither",
+        ),
         (
             "0.03,0.01,0.03,0.01,,0.1",
             "column truth_second_contact_x_m: found `0.03`, expected all values of the second contact or none",
         ),
-        ("0.03,0.01,1e4,0.01,0.03,0.1", "column truth_second_surface_x_m: found `1e4`, expected a number of at most 1000"),
+        (
+            "0.03,0.01,1e4,0.01,0.03,0.1",
+            "column truth_second_surface_x_m: found `1e4`, expected a number of at most 1000",
+        ),
         ("0.03,0.01,0.03,0.01,0.03", "row: found 24 fields, expected 25 fields"),
     ] {
         fs::write(&path, text.replacen(values, cells, 1)).unwrap();

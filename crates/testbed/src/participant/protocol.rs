@@ -226,6 +226,7 @@ fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
         radius: None,
         models: None,
         model_doubtful: false,
+        second_contact: false,
     }
 }
 
@@ -324,6 +325,9 @@ pub struct AnswerLine {
     /// Whether the readings contradict the models of the estimator.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_doubtful: Option<bool>,
+    /// Whether a second contact has taken load.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub second_contact: Option<bool>,
 }
 
 impl AnswerLine {
@@ -345,6 +349,7 @@ impl AnswerLine {
             radius_m: estimate.radius.map(|radius| radius.radius_m),
             radius_sd_m: estimate.radius.map(|radius| radius.sd_m),
             model_doubtful: Some(estimate.model_doubtful),
+            second_contact: Some(estimate.second_contact),
             ..Self::default()
         }
     }

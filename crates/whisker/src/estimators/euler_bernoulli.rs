@@ -279,6 +279,7 @@ impl Tracker for Baseline {
             radius: None,
             models: None,
             model_doubtful: false,
+            second_contact: false,
         })
     }
 }

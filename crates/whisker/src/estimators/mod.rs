@@ -10,6 +10,7 @@
 mod base_noise;
 mod batch;
 mod doubt;
+mod drifting;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
@@ -22,6 +23,7 @@ mod motion;
 mod outline;
 mod paper;
 mod particle;
+mod second;
 mod shares;
 mod side;
 mod smoother;
@@ -81,6 +83,9 @@ pub struct Estimate {
     /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
     /// for methods that average no models.
     pub model_doubtful: bool,
+    /// Whether the readings show that a second contact has taken load within the last instants. Always `false` for methods that
+    /// average no models.
+    pub second_contact: bool,
 }
 
 /// Estimated radius of an object, without the wire's.
@@ -565,7 +570,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \
-            convex outline) and `installed` (inexact calibration)",
+            convex outline), `drifting` (moving object) and `installed` (inexact calibration)",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,
@@ -594,6 +599,14 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<installed::Config>,
         build: installed::build,
+    },
+    EstimatorRow {
+        name: "drifting",
+        about: "`round` for an object that moves uniformly, by millimetres per second",
+        class: MethodClass::Recursive,
+        sensor_model: None,
+        defaults: defaults::<drifting::Config>,
+        build: drifting::build,
     },
     EstimatorRow {
         name: "ekf",

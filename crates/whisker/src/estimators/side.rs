@@ -221,6 +221,7 @@ impl Side {
             radius: None,
             models: None,
             model_doubtful: false,
+            second_contact: false,
         }
     }
 }

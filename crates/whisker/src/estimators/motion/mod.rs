@@ -3,10 +3,12 @@
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
 mod cartesian;
+mod drifting;
 mod installed;
 mod resting;
 mod round;
 
+pub(super) use drifting::Drifting;
 pub(super) use installed::Installed;
 pub(super) use resting::Resting;
 pub(super) use round::Round;
