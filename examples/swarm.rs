@@ -132,6 +132,7 @@ impl Tracker for Swarm {
             friction: None,
             models: None,
             model_doubtful: false,
+            second_contact: false,
         })
     }
 }

@@ -77,6 +77,13 @@ impl Estimate {
         self.estimate.model_doubtful
     }
 
+    /// Whether the readings show that a second contact has taken load within the last instants. Always false for methods that
+    /// average no models.
+    #[getter]
+    fn second_contact(&self) -> bool {
+        self.estimate.second_contact
+    }
+
     /// Radius of the object at the contact, without the wire's (m). `None` if the method does not estimate it.
     #[getter]
     fn radius_m(&self) -> Option<f64> {
@@ -171,6 +178,7 @@ pub(crate) fn returned(
         friction: None,
         models: None,
         model_doubtful: false,
+        second_contact: false,
     };
     Ok(Some(estimators::Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate }))
 }

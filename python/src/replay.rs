@@ -114,6 +114,12 @@ impl Replay {
         flags(py, self.replay.estimates.iter().map(|estimate| estimate.is_some_and(|estimate| estimate.model_doubtful)))
     }
 
+    /// Whether the readings show that a second contact has taken load (n), see `Estimate.second_contact`.
+    #[getter]
+    fn second_contact<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        flags(py, self.replay.estimates.iter().map(|estimate| estimate.is_some_and(|estimate| estimate.second_contact)))
+    }
+
     /// Radii of the object at the contacts (n), in m. NaN if the method does not estimate them.
     #[getter]
     fn radius_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
@@ -160,7 +166,8 @@ impl Replay {
     }
 
     /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius,
-    /// friction and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip` and `model_doubtful`, where there is no value.
+    /// friction and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip`, `model_doubtful` and
+    /// `second_contact`, where there is no value.
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rows = self.rows();
@@ -188,6 +195,7 @@ impl Replay {
             ("friction_sd", numbers(|row| row.friction_sd)),
             ("models", texts(py, rows.iter().map(|row| row.models.as_deref().unwrap_or("")))?),
             ("model_doubtful", flags(|row| row.model_doubtful)),
+            ("second_contact", flags(|row| row.second_contact)),
             ("truth_contact_x_m", numbers(|row| row.truth_contact_x_m)),
             ("truth_contact_y_m", numbers(|row| row.truth_contact_y_m)),
             ("truth_surface_x_m", numbers(|row| row.truth_surface_x_m)),

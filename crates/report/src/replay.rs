@@ -248,6 +248,7 @@ mod tests {
             friction_sd: None,
             models: None,
             model_doubtful: None,
+            second_contact: None,
             truth_contact_x_m: contact.map(|contact| contact.0),
             truth_contact_y_m: contact.map(|contact| contact.1),
             truth_surface_x_m: None,

@@ -347,6 +347,7 @@ fn estimate(step: u32, error_m: f64) -> EstimateRow {
         friction_sd: None,
         models: None,
         model_doubtful: None,
+        second_contact: None,
         truth_contact_x_m: at(0.05),
         truth_contact_y_m: at(0.0),
         truth_surface_x_m: at(0.05),

@@ -140,6 +140,12 @@ impl Sidecar {
         stated.unwrap_or_else(|| ObjectClass::of_shape(&self.object))
     }
 
+    /// Whether the object is at rest throughout the trace.
+    pub fn is_object_at_rest(&self) -> bool {
+        let velocity_m_s = self.scene.get("object_velocity_m_s").and_then(Value::as_array);
+        velocity_m_s.is_none_or(|velocity_m_s| velocity_m_s.iter().all(|along| along.as_f64() == Some(0.0)))
+    }
+
     /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)

@@ -144,7 +144,8 @@ impl Prepared {
             sensor: self.front_end.sensor(&path, &calibration.file, &mounting)?.cloned(),
             sidecar: sidecar.clone(),
             path: csv.into(),
-            outline: trace.outline(folder)?,
+            // The file has the pose at the start.
+            outline: if sidecar.is_object_at_rest() { trace.outline(folder)? } else { None },
             mounting,
             array: None,
             contact_prior: None,

@@ -126,6 +126,7 @@ pub fn estimate_row(
         friction_sd: estimate.and_then(|e| e.friction).map(|friction| friction.sd),
         models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
         model_doubtful: estimate.filter(|e| e.models.is_some()).map(|e| e.model_doubtful),
+        second_contact: estimate.filter(|e| e.models.is_some()).map(|e| e.second_contact),
         truth_contact_x_m: truth.contact.map(|p| p.x()),
         truth_contact_y_m: truth.contact.map(|p| p.y()),
         truth_surface_x_m: truth.surface.map(|p| p.x()),

@@ -16,6 +16,7 @@ pub mod friction;
 pub mod radius;
 pub mod rows;
 mod scored;
+pub mod second;
 
 pub use scored::{Contact, GroundTruth, START_UP_S, Scored, Trial, Unscored, first_touch_s};
 
@@ -108,6 +109,9 @@ pub const METRICS: &[Metric] = &[
     consistency::STATED_RMSE,
     doubt::DOUBTED,
     doubt::DOUBT_TIME,
+    second::RECALL,
+    second::PRECISION,
+    second::FALSE_RATE,
     contact_events::LOST_PRECISION,
     contact_events::LOST_RECALL,
     contact_events::LOST_DELAY,

@@ -227,6 +227,7 @@ fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
         friction: None,
         models: None,
         model_doubtful: false,
+        second_contact: false,
     }
 }
 
@@ -331,6 +332,9 @@ pub struct AnswerLine {
     /// Whether the readings contradict the models of the estimator.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_doubtful: Option<bool>,
+    /// Whether a second contact has taken load.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub second_contact: Option<bool>,
 }
 
 impl AnswerLine {
@@ -354,6 +358,7 @@ impl AnswerLine {
             friction: estimate.friction.map(|friction| friction.coefficient),
             friction_sd: estimate.friction.map(|friction| friction.sd),
             model_doubtful: Some(estimate.model_doubtful),
+            second_contact: Some(estimate.second_contact),
             ..Self::default()
         }
     }

@@ -46,6 +46,8 @@ pub struct EstimateRow {
     pub models: Option<String>,
     /// Whether the readings contradict the models that the estimator averages.
     pub model_doubtful: Option<bool>,
+    /// Whether a second contact has taken load.
+    pub second_contact: Option<bool>,
     /// True contact, x.
     pub truth_contact_x_m: Option<f64>,
     /// True contact, y.

@@ -280,6 +280,7 @@ impl Tracker for Baseline {
             friction: None,
             models: None,
             model_doubtful: false,
+            second_contact: false,
         })
     }
 }

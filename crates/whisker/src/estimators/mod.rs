@@ -10,6 +10,7 @@
 mod base_noise;
 mod batch;
 mod doubt;
+mod drifting;
 mod euler_bernoulli;
 mod extended;
 mod gaussian;
@@ -23,6 +24,7 @@ mod outline;
 mod paper;
 mod particle;
 mod rubbing;
+mod second;
 mod shares;
 mod side;
 mod smoother;
@@ -85,6 +87,9 @@ pub struct Estimate {
     /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
     /// for methods that average no models.
     pub model_doubtful: bool,
+    /// Whether the readings show that a second contact has taken load within the last instants. Always `false` for methods that
+    /// average no models.
+    pub second_contact: bool,
 }
 
 /// Estimated radius of an object, without the wire's.
@@ -578,7 +583,7 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \
-            convex outline), `rubbing` (friction) and `installed` (inexact calibration)",
+            convex outline), `rubbing` (friction), `drifting` (moving object) and `installed` (inexact calibration)",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,
@@ -615,6 +620,14 @@ pub const ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<rubbing::Config>,
         build: rubbing::build,
+    },
+    EstimatorRow {
+        name: "drifting",
+        about: "`round` for an object that moves uniformly, by millimetres per second",
+        class: MethodClass::Recursive,
+        sensor_model: None,
+        defaults: defaults::<drifting::Config>,
+        build: drifting::build,
     },
     EstimatorRow {
         name: "ekf",

@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
+use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
@@ -88,14 +89,16 @@ pub(super) struct Config {
     pub farthest_m: f64,
     /// Signal that the models are in doubt.
     pub doubt: DoubtSettings,
+    /// Signal that a second contact has taken load.
+    pub second: SecondSettings,
 }
 
 impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
-    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction;
-    /// `installed` also doubts the calibration, with an even chance nearly, and is considered. Odds, powers and factor were
-    /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so
-    /// that its first step is short; the belief of an object is kept from touch to touch.
+    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction, `drifting`
+    /// an object that moves; `installed` also doubts the calibration, with an even chance nearly, and is considered. Odds,
+    /// powers and factor were chosen on the training suite of random scenes and on the standard suite. Readings before a touch
+    /// are averaged, so that its first step is short; the belief of an object is kept from touch to touch.
     fn default() -> Self {
         let mut average =
             Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 5.0)]);
@@ -105,8 +108,16 @@ impl Default for Config {
             candidate.settings.insert("onset_way_m".into(), ONSET_WAY_M.into());
             candidate.settings.insert("kept_share".into(), KEPT_SHARE.into());
         }
+        average.candidates.push(Candidate::new("drifting", 1.0));
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
-        Self { ignored_share: 0.02, evidence_power: 0.5, considered_power: 0.01, covariance_factor: 1.5, ..average }
+        Self {
+            ignored_share: 0.02,
+            evidence_power: 0.5,
+            considered_power: 0.01,
+            covariance_factor: 1.5,
+            second: SecondSettings::default(),
+            ..average
+        }
     }
 }
 
@@ -131,6 +142,7 @@ impl Config {
             ignored_share: 0.0,
             farthest_m: 2e-3,
             doubt: DoubtSettings::default(),
+            second: SecondSettings::NONE,
         }
     }
 }
@@ -148,6 +160,7 @@ impl Settings for Config {
         within("doubt.window_s", self.doubt.window_s, 1e-3..=1e3)?;
         within("doubt.most_nis", self.doubt.most_nis, 1.0..=1e6)?;
         within("doubt.nis", self.doubt.nis, 1.0..=1e6)?;
+        self.second.validate()?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
         within("farthest_m", self.farthest_m, 0.0..=1.0)
@@ -210,6 +223,7 @@ impl Method for ModelAveraging {
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
+            second: Second::default(),
             base: touch.before,
             last: None,
             weights,
@@ -283,6 +297,7 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
+    second: Second,
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
@@ -430,6 +445,7 @@ impl AveragingTracker {
             innovation,
             models: Some(ModelShares::new(self.names().zip(shares.iter().copied()))),
             model_doubtful: false,
+            second_contact: false,
             ..*leading
         })
     }
@@ -442,6 +458,21 @@ impl AveragingTracker {
         let mut ranked: Vec<_> = self.right.probabilities().iter().copied().zip(trackers).collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked
+    }
+
+    /// Begins a new touch at the present sample: the contact may be the last one or another, anywhere along the whisker.
+    fn begin_again(&mut self) {
+        let face = self.face.clone();
+        self.begin_again_with(&Touch { face: &face, history: &[], before: self.base, contact_prior: None, seed: 0 });
+    }
+
+    /// Begins a new touch. Candidates that keep no belief of the object begin anew.
+    fn begin_again_with(&mut self, touch: &Touch<'_>) {
+        for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
+            if !tracker.resume(touch) {
+                *tracker = method.begin(touch);
+            }
+        }
     }
 
     /// Points of an outline with the last stated variance across it, at the point nearest to the contact, in their covariances.
@@ -465,7 +496,13 @@ impl Tracker for AveragingTracker {
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
-        let stated = self.near_the_domain(Estimate { model_doubtful, ..self.together(&estimates, innovation)? })?;
+        let is_second = self.second.advance(&self.config.second, sample.dt_s, self.face.face, innovation);
+        let second_contact = self.second.is_raised();
+        let together = self.together(&estimates, innovation);
+        if is_second && self.config.second.begins_touch {
+            self.begin_again();
+        }
+        let stated = self.near_the_domain(Estimate { model_doubtful, second_contact, ..together? })?;
         let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
         self.last = stated.covariance_m2.map(in_start).or(self.last);
         Some(stated)
@@ -479,16 +516,13 @@ impl Tracker for AveragingTracker {
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
-    /// Candidates that keep no belief of the object begin anew. The object may be the last one or another with equal
-    /// probability: the candidates' probabilities are the mean of those at the release and the priors.
+    /// The object may be the last one or another with equal probability: the candidates' probabilities are the mean of those at
+    /// the release and the priors.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         self.face = touch.face.clone();
         self.base = touch.before;
-        for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
-            if !tracker.resume(touch) {
-                *tracker = method.begin(touch);
-            }
-        }
+        self.second.resume();
+        self.begin_again_with(touch);
         let total: f64 = self.weights.iter().sum();
         let halves = self.right.probabilities().iter().zip(&self.weights).map(|(share, weight)| share + weight / total);
         self.right = Modes::new(halves.collect::<Vec<_>>());
@@ -549,6 +583,7 @@ mod tests {
             trackers: Vec::new(),
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
+            second: Second::default(),
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,
         }

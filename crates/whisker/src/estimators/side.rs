@@ -246,6 +246,7 @@ impl Side {
             friction: None,
             models: None,
             model_doubtful: false,
+            second_contact: false,
         }
     }
 }

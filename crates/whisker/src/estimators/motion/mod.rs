@@ -3,11 +3,13 @@
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
 mod cartesian;
+mod drifting;
 mod installed;
 mod resting;
 mod round;
 mod rubbing;
 
+pub(super) use drifting::Drifting;
 pub(super) use installed::Installed;
 pub(super) use resting::Resting;
 pub(super) use round::Round;

@@ -1,0 +1,88 @@
+//! The signal that a second contact has taken load ([`whisker::estimators::Estimate::second_contact`]), for traces whose truth has
+//! second contacts.
+
+use super::{Metric, Scored, Summary};
+
+/// Time after the beginning of a second contact within which its signal is expected, and after its end until which a signal still
+/// belongs to it.
+const WINDOW_S: f64 = 0.2;
+
+/// Duration of gaps in a second contact that are bridged.
+const GAP_S: f64 = 0.04;
+
+/// Recall of second contacts.
+pub const RECALL: Metric = Metric {
+    name: "second_recall",
+    about: "fraction of the second contacts that are signalled within 0.2 s of their beginning",
+    summary: Summary::Mean,
+    measure: |scored| {
+        let (actual, found) = (contacts_s(scored), signals_s(scored));
+        let is_found =
+            |&(start_s, _): &(f64, f64)| found.iter().any(|at_s| (start_s..=start_s + WINDOW_S).contains(at_s));
+        share(actual.iter().map(is_found))
+    },
+};
+
+/// Precision of second contacts.
+pub const PRECISION: Metric = Metric {
+    name: "second_precision",
+    about: "fraction of the signals of a second contact that are raised during one or within 0.2 s after it",
+    summary: Summary::Mean,
+    measure: |scored| {
+        let actual = contacts_s(scored);
+        let is_true = |at_s: f64| actual.iter().any(|(start_s, end_s)| (*start_s..=end_s + WINDOW_S).contains(&at_s));
+        share(signals_s(scored).into_iter().map(is_true))
+    },
+};
+
+/// Rate of false signals.
+pub const FALSE_RATE: Metric = Metric {
+    name: "second_false_per_s",
+    about: "signals of a second contact without one, per second of contact",
+    summary: Summary::Mean,
+    measure: |scored| {
+        let actual = contacts_s(scored);
+        let is_false = |at_s: &f64| !actual.iter().any(|(start_s, end_s)| (*start_s..=end_s + WINDOW_S).contains(at_s));
+        let count = signals_s(scored).iter().filter(|at_s| is_false(at_s)).count();
+        let touching = scored.trial.trace.truth.instants.iter().filter(|truth| truth.touching == Some(true)).count();
+        (touching > 0).then(|| count as f64 * scored.trial.trace.sidecar.rate_hz / touching as f64)
+    },
+};
+
+/// Beginnings and ends of the true second contacts.
+fn contacts_s(scored: &Scored<'_>) -> Vec<(f64, f64)> {
+    let trace = scored.trial.trace;
+    let rows = trace.recording.instants.iter().zip(&trace.truth.instants);
+    let mut contacts: Vec<(f64, f64)> = Vec::new();
+    for (known, _) in rows.filter(|(_, truth)| truth.second.is_some()) {
+        match contacts.last_mut() {
+            Some((_, end_s)) if known.t_s - *end_s <= GAP_S => *end_s = known.t_s,
+            _ => contacts.push((known.t_s, known.t_s)),
+        }
+    }
+    contacts
+}
+
+/// Times at which the signal is raised.
+fn signals_s(scored: &Scored<'_>) -> Vec<f64> {
+    let mut was_raised = false;
+    let mut signals = Vec::new();
+    for (known, estimate) in scored.trial.trace.recording.instants.iter().zip(scored.estimates) {
+        let is_raised = estimate.is_some_and(|estimate| estimate.second_contact);
+        if is_raised && !was_raised {
+            signals.push(known.t_s);
+        }
+        was_raised = is_raised;
+    }
+    signals
+}
+
+/// Share of true values. `None` without values.
+fn share(values: impl Iterator<Item = bool>) -> Option<f64> {
+    let (mut count, mut right) = (0, 0);
+    values.for_each(|value| {
+        count += 1;
+        right += usize::from(value);
+    });
+    (count > 0).then(|| right as f64 / f64::from(count))
+}

@@ -1,0 +1,136 @@
+//! Signal that a second contact has taken load.
+//!
+//! Whisker and object press on one another, so that a further contact on the same side can only add to the magnitude of the moment
+//! at the root. As long as there is one contact, the normalised innovations of a model that describes it have mean zero; from
+//! the instant at which a second contact takes load they have a positive mean in the direction of a larger moment. The
+//! change is detected by Page's test ("Continuous inspection schemes", Biometrika 41, 1954): the cumulative sum of the
+//! innovations less a drift, kept from falling below zero, exceeds a threshold.
+
+use filters::Innovation;
+use serde::{Deserialize, Serialize};
+
+use crate::sensor::Face;
+use crate::settings::{SettingsError, within};
+
+/// Settings of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct SecondSettings {
+    /// Half of the mean of the normalised innovations to be detected, which the test subtracts from each.
+    pub drift_sds: f64,
+    /// Largest normalised innovation that counts, which bounds the influence of an outlier.
+    pub most_sds: f64,
+    /// Cumulative sum above which the signal is raised. A lower value detects more and raises more false alarms. 0: no test.
+    pub evidence_sds: f64,
+    /// Time after the touch and after a signal during which the model is still learning the contact and there is no test.
+    pub settling_s: f64,
+    /// Time for which the signal stays raised.
+    pub hold_s: f64,
+    /// Whether the signal also begins a new touch: the contact is then sought anywhere along the whisker, beside the place that
+    /// it had. For objects whose protruding points are far apart; on a polygon, along whose sides the contact slides
+    /// from corner to corner, it discards what is known.
+    pub begins_touch: bool,
+}
+
+impl Default for SecondSettings {
+    fn default() -> Self {
+        Self { drift_sds: 0.75, most_sds: 4.0, evidence_sds: 9.0, settling_s: 0.25, hold_s: 0.2, begins_touch: false }
+    }
+}
+
+impl SecondSettings {
+    /// No test.
+    pub(super) const NONE: Self =
+        Self { drift_sds: 0.75, most_sds: 4.0, evidence_sds: 0.0, settling_s: 0.25, hold_s: 0.2, begins_touch: false };
+
+    /// Checks every value.
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("second.drift_sds", self.drift_sds, 0.0..=10.0)?;
+        within("second.most_sds", self.most_sds, 1.0..=1e3)?;
+        within("second.evidence_sds", self.evidence_sds, 0.0..=1e6)?;
+        within("second.settling_s", self.settling_s, 0.0..=1e3)?;
+        within("second.hold_s", self.hold_s, 0.0..=1e3)
+    }
+}
+
+/// Page's test on the innovations of one touch.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Second {
+    sum_sds: f64,
+    since_start_s: f64,
+    /// Time for which the signal stays raised.
+    held_s: f64,
+}
+
+impl Second {
+    /// Takes the innovation of a step of a contact on `face` and returns whether it raises the signal.
+    pub(super) fn advance(
+        &mut self,
+        settings: &SecondSettings,
+        dt_s: f64,
+        face: Face,
+        innovation: Option<Innovation<1>>,
+    ) -> bool {
+        self.since_start_s += dt_s;
+        self.held_s -= dt_s;
+        let Some(innovation) = innovation.filter(|_| settings.evidence_sds > 0.0) else { return false };
+        if self.since_start_s < settings.settling_s {
+            return false;
+        }
+        // An object on the left of the whisker causes a negative moment.
+        let larger = innovation.residual.x * face.away_sign() / innovation.covariance.x.sqrt();
+        let bounded = larger.clamp(-settings.most_sds, settings.most_sds);
+        self.sum_sds = (self.sum_sds + bounded - settings.drift_sds).max(0.0);
+        let is_detected = self.sum_sds > settings.evidence_sds;
+        if is_detected {
+            *self = Self { held_s: settings.hold_s, ..Self::default() };
+        }
+        is_detected
+    }
+
+    /// Whether the signal is raised.
+    pub(super) fn is_raised(&self) -> bool {
+        self.held_s > 0.0
+    }
+
+    /// Begins the next touch.
+    pub(super) fn resume(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix1, vector};
+
+    use super::*;
+
+    /// Samples until the signal is raised, of at most 10,000, for these innovations in standard deviations.
+    fn raised(face: Face, sds: impl Fn(usize) -> f64) -> Option<usize> {
+        let (settings, mut second) = (SecondSettings::default(), Second::default());
+        (0..10_000)
+            .find(|&i| second.advance(&settings, 0.004, face, Innovation::of(vector![sds(i)], Matrix1::new(1.0))))
+    }
+
+    /// An evenly spaced quantile sample of the normal distribution, shuffled.
+    fn white(i: usize) -> f64 {
+        [0.1, -1.8, 0.5, -0.15, 0.95, -0.45, 1.5, -1.05, -0.3, 0.3, 1.8, -0.6][i % 12]
+    }
+
+    #[test]
+    fn verif_a_lasting_increase_of_the_moment_is_detected_and_a_decrease_is_not() {
+        for (face, sign) in [(Face::Left, Face::Left.away_sign()), (Face::Right, Face::Right.away_sign())] {
+            assert_eq!(raised(face, white), None);
+            let after = |i: usize| if i < 200 { 0.0 } else { 2.0 };
+            let found = raised(face, |i| white(i) + sign * after(i)).unwrap();
+            assert!((200..220).contains(&found), "{found}");
+            assert_eq!(raised(face, |i| white(i) - sign * after(i)), None);
+        }
+    }
+
+    #[test]
+    fn robust_a_single_outlier_does_not_raise_the_signal() {
+        let sign = Face::Left.away_sign();
+        assert_eq!(raised(Face::Left, |i| if i % 50 == 0 { sign * 1e6 } else { white(i) }), None);
+    }
+}
