@@ -24,7 +24,7 @@ const ALLOCATING: &[(&str, &str)] = &[
 ];
 
 /// The estimators that allocate only if they search for a contact that has left its place.
-const SEARCHING: [&str; 3] = ["round", "rubbing", "installed"];
+const SEARCHING: [&str; 4] = ["round", "rubbing", "drifting", "installed"];
 
 #[test]
 fn verif_only_listed_estimators_allocate() {

@@ -32,8 +32,7 @@ fn covers(stated: FrictionCoefficient, true_coefficient: f64) -> bool {
 
 /// Coefficient that the last estimate during contact states.
 fn last(scored: &Scored<'_>) -> Option<FrictionCoefficient> {
-    let estimates = scored.contacts.iter().filter_map(|contact| scored.estimates[contact.row]);
-    estimates.last()?.friction
+    scored.contacts.iter().rev().find_map(|contact| scored.estimates[contact.row])?.friction
 }
 
 /// True coefficient. `None` for contacts without friction.
