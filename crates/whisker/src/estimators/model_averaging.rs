@@ -101,7 +101,7 @@ impl Default for Config {
     /// are averaged, so that its first step is short; the belief of an object is kept from touch to touch.
     fn default() -> Self {
         let mut average =
-            Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 5.0)]);
+            Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 0.01)]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
         {
@@ -644,14 +644,17 @@ mod tests {
     }
 
     #[test]
-    fn verif_the_radius_is_that_of_the_candidates_that_estimate_one() {
+    fn verif_radius_and_friction_are_those_of_the_candidates_that_estimate_them() {
         let knowledge = knowledge();
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let thin = side.estimate_at(Point::new(0.05, 0.0), true, Matrix2::identity() * 1e-8, None);
-        let round = Estimate { radius: Some(Radius { radius_m: 0.01, sd_m: 1e-3 }), ..thin };
+        let friction = Some(FrictionCoefficient { coefficient: 0.3, sd: 0.05 });
+        let round = Estimate { radius: Some(Radius { radius_m: 0.01, sd_m: 1e-3 }), friction, ..thin };
         let mut tracker = tracker([0.9, 0.1], &knowledge.faces[0]);
         tracker.considered = vec![false, false];
-        let radius = tracker.together(&[Some(thin), Some(round)], None).unwrap().radius.unwrap();
+        let stated = tracker.together(&[Some(thin), Some(round)], None).unwrap();
+        let (radius, found) = (stated.radius.unwrap(), stated.friction.unwrap());
+        assert!((found.coefficient - 0.3).abs() < 1e-12 && (found.sd - 0.05).abs() < 1e-12, "{found:?}");
         assert!((radius.radius_m - 0.01).abs() < 1e-12 && (radius.sd_m - 1e-3).abs() < 1e-12, "{radius:?}");
         assert_eq!(tracker.together(&[Some(thin), Some(thin)], None).unwrap().radius, None);
     }

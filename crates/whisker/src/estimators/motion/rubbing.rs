@@ -28,6 +28,9 @@ const LEAST_YIELD_M: f64 = 1e-9;
 /// slips, because the ratio then is the coefficient.
 const LEAST_RATIO_VARIANCE: f64 = 1e-8;
 
+/// Lower bound of the random walks over those of `full_wander_radius_m`.
+const LEAST_WANDER: f64 = 0.02;
+
 /// A contact on a round object at rest, with Coulomb friction.
 ///
 /// The state is that of [`Round`], then the ratio `q` of friction to normal force, positive if the friction on the whisker is
@@ -47,8 +50,11 @@ const LEAST_RATIO_VARIANCE: f64 = 1e-8;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(in crate::estimators) struct Rubbing {
-    /// The object.
+    /// The object. Its random walks are those of one with the radius `full_wander_radius_m`.
     pub object: Round,
+    /// Radius of object and wire from which on the random walks of the object are the full ones; those of a smaller one are in
+    /// proportion to the radius.
+    pub full_wander_radius_m: f64,
     /// Prior mean of the coefficient of friction.
     pub coefficient: f64,
     /// Prior standard deviation of the coefficient of friction.
@@ -65,6 +71,7 @@ impl Default for Rubbing {
     fn default() -> Self {
         Self {
             object: Round::of_changing_scale(),
+            full_wander_radius_m: 2e-3,
             coefficient: 0.3,
             coefficient_sd: 0.3,
             coefficient_wander_sqrt_s: 0.01,
@@ -82,6 +89,7 @@ impl Rubbing {
 
     pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
         self.object.validate()?;
+        within("full_wander_radius_m", self.full_wander_radius_m, 1e-6..=1.0)?;
         within("coefficient", self.coefficient, 0.0..=1.0)?;
         within("coefficient_sd", self.coefficient_sd, 1e-3..=1.0)?;
         within("coefficient_wander_sqrt_s", self.coefficient_wander_sqrt_s, 1e-6..=1.0)?;
@@ -121,6 +129,7 @@ impl Motion<6> for Rubbing {
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Sticking<'a> {
         Sticking {
             object: self.object.step(side, sample),
+            full_wander_radius_m: self.full_wander_radius_m,
             slip_error: self.slip_error,
             coefficient_variance: self.coefficient_wander_sqrt_s.powi(2) * sample.dt_s,
             is_back: sample.dt_s == 0.0,
@@ -142,6 +151,7 @@ impl Motion<6> for Rubbing {
 /// Process of one step.
 pub(in crate::estimators) struct Sticking<'a> {
     object: Wandering<'a>,
+    full_wander_radius_m: f64,
     slip_error: f64,
     /// Variance that the step adds to the coefficient of friction.
     coefficient_variance: f64,
@@ -315,6 +325,8 @@ impl Process<6> for Sticking<'_> {
         let mut noise = SMatrix::<f64, 6, 6>::zeros();
         let turn_rad = self.object.turn_rad(&before.tangency, &after.tangency);
         noise.fixed_view_mut::<4, 4>(0, 0).copy_from(&self.object.noise_over(correlation, turn_rad, radius_m));
+        let wander = (radius_m / self.full_wander_radius_m).clamp(LEAST_WANDER, 1.0).powi(2);
+        (0..=RADIUS).for_each(|i| noise[(i, i)] *= wander);
         let mut by_error = SVector::<f64, 6>::zeros();
         by_error.fixed_rows_mut::<2>(0).copy_from(&by_ratio);
         by_error[RATIO] = 1.0;
@@ -456,6 +468,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn verif_random_walks_of_a_small_object_are_in_proportion_to_its_radius() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let radius_sd_m = |radius_m: f64| {
+            let x = SVector::<f64, 6>::from([0.055, 3e-3, radius_m, 0.0, 0.3, 0.3]);
+            Rubbing::default().step(&side, &sample(20, 21)).noise(&x)[(RADIUS, RADIUS)].sqrt()
+        };
+        assert!((radius_sd_m(1e-3) / radius_sd_m(0.5e-3) - 2.0).abs() < 1e-9);
+        assert_eq!(radius_sd_m(0.1), radius_sd_m(0.02));
     }
 
     #[test]
