@@ -66,14 +66,11 @@ class SweepRenderer:
         self._m_per_n = _ARROW_SHARE * whisker.length_m / largest_n if largest_n > 0.0 else 0.0
         # Without friction the force is normal to the surface, along the line from there to the centre line; friction turns it
         # towards the tip or the root.
-        offset_m = truth.contact_m - truth.surface_m
-        distance_m = np.hypot(*offset_m.T)
-        arrow_m = offset_m / np.where(distance_m > 0.0, distance_m, 1.0)[:, None]
+        arrow_m = truth.normal
         if simulated.friction is not None:
             side = 1.0 if run.scene.face == "left" else -1.0
             arrow_m = turned(arrow_m, side * simulated.friction.angle_rad)
-        arrow_m *= (self._m_per_n * simulated.force_n)[:, None]
-        self._arrow_end_m = truth.surface_m + arrow_m
+        self._arrow_end_m = truth.surface_m + (self._m_per_n * simulated.force_n)[:, None] * arrow_m
         self._fit_view()
         self._font = ImageFont.load_default(OVERSAMPLING * _FONT_SIZE)
 

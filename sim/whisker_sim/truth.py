@@ -81,6 +81,13 @@ class ContactTruth:
     tangent_rad: Array
     tip: NDArray[np.bool_]
 
+    @property
+    def normal(self) -> Array:
+        """Outward normals (n, 2) of the object, from its surface to the centre line; zero where the two coincide."""
+        outward_m = self.contact_m - self.surface_m
+        distance_m = np.hypot(*outward_m.T)
+        return outward_m / np.where(distance_m > 0.0, distance_m, 1.0)[:, None]
+
 
 SEPARATE_M = 1e-3
 """Loaded points at larger distances count as separate contacts. A single soft contact extends over some tenths of a millimetre."""
@@ -136,9 +143,7 @@ def friction_truth(
     """
     (ahead_m, ahead_rad), (behind_m, behind_rad) = (later(way_s).at(truth.arc_m) for way_s in (_DIFFERENCE_S, -_DIFFERENCE_S))
     velocity_m_s, spin_rad_s = ((a - b) / (2.0 * _DIFFERENCE_S) for a, b in ((ahead_m, behind_m), (ahead_rad, behind_rad)))
-    outward_m = truth.contact_m - truth.surface_m
-    distance_m = np.hypot(*outward_m.T)
-    normal = outward_m / np.where(distance_m > 0.0, distance_m, 1.0)[:, None]
+    outward_m, normal = truth.contact_m - truth.surface_m, truth.normal
     along = np.stack((np.cos(truth.tangent_rad), np.sin(truth.tangent_rad)), axis=-1)
     # The tangent of the two surfaces, towards the tip.
     forward = np.stack((-normal[:, 1], normal[:, 0]), axis=-1)

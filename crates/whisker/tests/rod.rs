@@ -230,7 +230,7 @@ fn verif_the_contact_at_a_point_inverts_the_forward_map() {
 }
 
 /// Random whiskers and loads, solved by SciPy (`sim/whisker_sim/physics/scipy_rod.py`). The environment variable names another file
-/// of such cases.
+/// of solved cases, as the study `space_oracle` writes it, with solutions by NumPy.
 #[test]
 fn val_agrees_with_scipy() {
     let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/rod.csv");

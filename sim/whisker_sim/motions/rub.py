@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Array, Motion, Path, Plan, Stage
-from whisker_sim.whisker import Length, NotNegativeLength, Positive
+from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 
 
 class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
@@ -15,7 +15,7 @@ class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
     The press moves the base by `press_m` from the depth `touch_depth_m`, in the direction of the normal of the undeflected whisker
     at `contact_arc_m`, turned by `oblique_rad` towards the tip. Then the base moves along the tangent there, by `along_m` towards
     the tip, by twice that towards the root, and back. The release is the reversed press, so that the contact lasts from the first
-    touch on. Every move begins and ends at rest.
+    touch on. Every move begins and ends at rest, and is followed by a rest of `dwell_s`.
     """
 
     contact_arc_m: Length
@@ -24,6 +24,7 @@ class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
     oblique_rad: Annotated[float, msgspec.Meta(ge=-1.4, le=1.4)] = 0.0
     strokes: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 2
     peak_speed_m_s: Positive = 0.035
+    dwell_s: NotNegative = 0.0
     clearance_m: Length = 1.5e-3
     touch_depth_m: Length = 1e-3
     touch_speed_m_s: Positive = 0.01
@@ -48,6 +49,7 @@ class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
 
         def move(target: Array) -> None:
             path.move(target, self.peak_speed_m_s)
+            path.rest(self.dwell_s)
 
         for _ in range(self.strokes):
             move(pressed)

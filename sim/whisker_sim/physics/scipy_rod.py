@@ -10,13 +10,11 @@ and end at the contact with m = 0 and the given components of n along the direct
 shooting, continued from the unloaded whisker. Nothing but the parameters of the whisker is shared with the other two solvers
 (`crates/whisker/src/rod`, `whisker_sim.rod`), which integrate from the contact.
 
-`python -m whisker_sim.physics.scipy_rod` writes the golden cases that both languages test; `... prove N FILE` compares the solver
-for many loads at once with SciPy on the golden cases and writes N other cases, for the test in Rust.
+`python -m whisker_sim.physics.scipy_rod` writes the golden cases that both languages test.
 """
 
-import sys
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -40,8 +38,6 @@ HEADER = (
     "arc_m,along_n,left_n,up_n,point_x_m,point_y_m,point_z_m,tangent_x,tangent_y,tangent_z,moment_x_n_m,moment_y_n_m,moment_z_n_m"
 )
 _LOAD_STEPS = 8
-_LOADS = 20
-"""Loads on each whisker of the cases that `prove` writes."""
 
 
 @dataclass(frozen=True)
@@ -181,28 +177,11 @@ def deviation(case: Case, answer: Array) -> float:
     return float(max(apart, turned, np.linalg.norm(found.moment_n_m[0] - moment) / np.linalg.norm(moment)))
 
 
-def main(arguments: list[str]) -> None:
-    """Write the golden cases, or compare and write other cases."""
-    if not arguments:
-        cases = [random_spatial_case(GOLDEN_SEED, index) for index in range(GOLDEN_CASES)]
-        write_atomically(GOLDEN, "\n".join((HEADER, *(row(case, *solve(case)) for case in cases), "")).encode())
-        return
-    count, path = int(arguments[1]), Path(arguments[2])
-    worst = max(deviation(case, answer) for case, answer in read_cases(GOLDEN))
-    print(f"{GOLDEN_CASES} cases: worst relative deviation of the batched solver from SciPy {worst:.1e}")
-    rows = []
-    for index in range(count // _LOADS):
-        case = random_spatial_case(GOLDEN_SEED + 1, index)
-        rng = np.random.default_rng((GOLDEN_SEED + 1, index, 4))
-        arc_m = case.whisker.length_m * rng.uniform(0.1, 1.0, _LOADS)
-        across, about_rad = rng.uniform(0.0, 1.0, _LOADS), rng.uniform(0.0, 2.0 * np.pi, _LOADS)
-        across *= float(np.linalg.norm(case.force_n)) * np.minimum(1.0, case.arc_m / arc_m) ** 2
-        force_n = np.stack((np.zeros(_LOADS), across * np.cos(about_rad), across * np.sin(about_rad)), axis=-1)
-        found = spatially_loaded(case.whisker, case.suspension, case.poisson_ratio, arc_m, force_n)
-        answers = zip(arc_m, force_n, found.point_m, found.directors[:, :, 0], found.moment_n_m, strict=True)
-        rows += [row(replace(case, arc_m=float(arc), force_n=force), *answer) for arc, force, *answer in answers]
+def write_cases(path: Path, rows: Iterable[str]) -> None:
+    """Writes solved cases, as made by `row`."""
     write_atomically(path, "\n".join((HEADER, *rows, "")).encode())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    golden = (random_spatial_case(GOLDEN_SEED, index) for index in range(GOLDEN_CASES))
+    write_cases(GOLDEN, (row(case, *solve(case)) for case in golden))

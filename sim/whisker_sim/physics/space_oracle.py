@@ -16,10 +16,9 @@ import numpy as np
 
 from whisker_sim.physics.cases import WHISKERS, largest
 from whisker_sim.physics.rust_tests import NUMBER, rust_tests
-from whisker_sim.physics.scipy_rod import HEADER, Case, carried, row
+from whisker_sim.physics.scipy_rod import Case, carried, row, write_cases
 from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.rod import SpatiallyLoaded, Suspension, spatially_loaded
-from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import Array, Whisker
 
 CASES = 10_000
@@ -130,7 +129,7 @@ def _rust(rows: list[str]) -> tuple[list[Agreement], dict[str, float]]:
     """Deviation of the solver in Rust from NumPy, and its figures against closed forms; empty if one of its tests fails."""
     with TemporaryDirectory() as folder:
         cases = Path(folder) / "cases.csv"
-        write_atomically(cases, "\n".join((HEADER, *rows, "")).encode())
+        write_cases(cases, rows)
         printed = rust_tests("rod", _RUST_TESTS, {"ROD_CASES": str(cases)})
     if printed is None:
         return [], {}

@@ -1,17 +1,16 @@
 """Speed of the generator: `python -m whisker_sim.physics.speed` measures, prints and evaluates claims.
 
 Times of one process are processor times, so that other programs on the machine have little influence. Compared variants alternate;
-medians are reported. Workers are timed by the wall clock on the whole standard suite, including their start.
+medians are reported. Workers are timed by the wall clock on the whole suites `standard` and `spatial`, including their start. The
+claims about the arm and about scenes in space (`whisker_sim.physics.space_speed`) are included.
 
 Exit codes: 0 every claim holds, 1 a claim does not hold, 2 wrong usage, 130 interrupted.
 """
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
@@ -26,13 +25,13 @@ import numpy as np
 
 from whisker_sim.arm.simulate import SimulatedPassage, simulate_passage
 from whisker_sim.cli import exit_code
-from whisker_sim.errors import WhiskerSimError
 from whisker_sim.jobs import FAILED, SUCCESS
 from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.paths import ROOT
 from whisker_sim.physics import space_speed
 from whisker_sim.physics.command import claim_line
 from whisker_sim.physics.study import Claim
+from whisker_sim.physics.timing import processor_s, suite_s
 from whisker_sim.progress import Progress
 from whisker_sim.runs import Run, load_runs, with_simulation
 from whisker_sim.scene import SIMULATIONS
@@ -70,7 +69,7 @@ def _report() -> int:
     trials = {(run.scene.group, run.scene.whisker): run for run in load_runs(_SUITE)[1] if run.scene.role == "trial"}
     print(f"{'trace':<20}{'simulation':<12}{'times real time':>16}{'over bare steps':>17}{'and written':>13}", flush=True)
     rows = []
-    with Progress("measure", "part", len(trials) * len(SIMULATIONS) + 2) as progress:
+    with Progress("measure", "part", len(trials) * len(SIMULATIONS) + 4) as progress:
         for run, simulation in product(trials.values(), SIMULATIONS):
             row = measure(run, simulation)
             rows.append(row)
@@ -81,8 +80,10 @@ def _report() -> int:
             )
             progress.finish()
         claims = conclude(rows, two_workers())
+        for further in (lambda: [arm()], space_speed.claims, lambda: [space_speed.suite_claim()]):
+            progress.finish()
+            claims += further()
         progress.finish()
-        claims += [arm(), *space_speed.claims(), space_speed.suite_claim()]
     print()
     for claim in claims:
         print(claim_line(claim))
@@ -94,7 +95,7 @@ def measure(run: Run, simulation: str) -> Row:
     run = with_simulation(run, SIMULATIONS[simulation][1])
     with tempfile.TemporaryDirectory() as folder:
         ways = (bare_steps(run), lambda: simulate(run), lambda: write_trace(Path(folder), run, simulate(run)))
-        times = np.array([[_processor_s(way) for way in ways] for _ in range(1 + _TURNS)])
+        times = np.array([[processor_s(way) for way in ways] for _ in range(1 + _TURNS)])
     # The first turn warms up the caches.
     return Row(run.name, simulation, simulate(run).time_s[-1], *np.median(times[1:], axis=0))
 
@@ -117,14 +118,14 @@ def bare_steps(run: Run) -> Callable[[], object]:
 
 def two_workers() -> float:
     """Speed-up of the standard suite by two workers over one, by the wall clock, from the start of the command to its end."""
-    return _suite_s(1) / _suite_s(2)
+    return suite_s(_SUITE, 1) / suite_s(_SUITE, 2)
 
 
 def arm() -> Claim:
     """The claim about the arm with its six whiskers and free objects in one model: plan, steps, logging and ground truth, once."""
     ((run,),) = load_runs(_PASSAGE)[1:]
     passed: list[SimulatedPassage] = []
-    taken_s = _processor_s(lambda: passed.append(simulate_passage(run)))
+    taken_s = processor_s(lambda: passed.append(simulate_passage(run)))
     claim = f"arm with six whiskers and free objects, one core, times real time ({run.name})"
     return Claim("speed_arm", claim, passed[0].time_s[-1] / taken_s, ">=", 0.5, "")
 
@@ -145,22 +146,6 @@ def conclude(rows: list[Row], gain_of_two_workers: float) -> list[Claim]:
     claims.append(Claim("overhead", claim, most.traced_s / most.steps_s, "<=", 1.1, ""))
     claims.append(Claim("two_workers", "two workers, times faster than one", gain_of_two_workers, ">=", 1.8, ""))
     return claims
-
-
-def _suite_s(jobs: int) -> float:
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "whisker_sim", "simulate", str(_SUITE), "--out", folder, "--jobs", str(jobs)]
-        start_s = time.perf_counter()
-        finished = subprocess.run(command, capture_output=True, text=True, check=False)
-        if finished.returncode != SUCCESS:
-            raise WhiskerSimError(f"`{' '.join(command)}` fails: {finished.stderr.strip()}")
-        return time.perf_counter() - start_s
-
-
-def _processor_s(work: Callable[[], object]) -> float:
-    start_s = time.process_time()
-    work()
-    return time.process_time() - start_s
 
 
 if __name__ == "__main__":

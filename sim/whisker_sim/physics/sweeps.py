@@ -13,7 +13,7 @@ from whisker_sim.errors import InputError
 from whisker_sim.physics.cases import largest, rms
 from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.scene import Scene
-from whisker_sim.trace import COLUMNS, Sidecar
+from whisker_sim.trace import Sidecar
 from whisker_sim.whisker import Array
 
 
@@ -63,8 +63,9 @@ def read_columns(folder: Path, sidecar: Sidecar) -> tuple[dict[str, Array], str]
     found = hashlib.sha256(content).hexdigest()
     if found != sidecar.csv_sha256:
         raise InputError(f"{path}: expected the SHA-256 {sidecar.csv_sha256} that its sidecar states, found {found}")
-    values = np.genfromtxt(content.decode().splitlines()[1:], delimiter=",")
-    return {name: values[:, index] for index, (name, _) in enumerate(COLUMNS)}, found
+    header, *rows = content.decode().splitlines()
+    values = np.genfromtxt(rows, delimiter=",")
+    return {name: values[:, index] for index, name in enumerate(header.split(","))}, found
 
 
 def compare(path: Path) -> tuple[Row, list[Instant]]:
@@ -89,7 +90,7 @@ def contacts_of_columns(columns: dict[str, Array]) -> Contacts:
         surface_m=stacked("truth_surface_x_m", "truth_surface_y_m"),
         arc_m=columns["truth_arc_m"][rows],
         force_n=columns["truth_force_n"][rows],
-        friction_rad=np.zeros(len(rows)),
+        friction_rad=columns.get("truth_friction_angle_rad", np.zeros(len(columns["t_s"])))[rows],
         on_the_side=((columns["truth_tip"] == 0.0) & (columns["truth_split"] == 0.0))[rows],
         recording_end_s=float(columns["t_s"][-1]),
     )

@@ -7,6 +7,7 @@ mod convergence;
 mod data;
 mod disturbance;
 mod frequencies;
+mod friction;
 mod page;
 mod panels;
 mod rig;
@@ -113,6 +114,16 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
                   between 1 and 6 mm with that of the linear beam. The two nearly coincide. Grey: rotation with a \
                   rigid shaft.",
         draw: rig::draw,
+    },
+    Figure {
+        name: "friction",
+        title: "Hysteresis by friction",
+        caption: "Moment at the root less that of the frictionless contact at the same pose of the base, relative to \
+                  the largest moment: while the whisker is pressed against the object and released (above), and while \
+                  it is moved lengthwise between, first towards the tip (middle). Below, angle of the force to the \
+                  normal, positive if the friction on the whisker is towards its tip. Simulation and quasi-static \
+                  solution with stick and slip.",
+        draw: friction::draw,
     },
     Figure {
         name: "space_chain",

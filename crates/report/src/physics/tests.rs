@@ -97,6 +97,14 @@ fn write_study(folder: &Path) {
                 0.145,0.006,0.03,0.03002,-7e-4,5.1,5.12,6.9\n0.045,0.006,0.12,0.1201,-8e-4,20.1,20.2,22.2\n"
                 .to_owned(),
         ),
+        ("friction", "case,coefficient,range_n_m\npin,0.3,6e-5\n".to_owned()),
+        (
+            "friction_instants",
+            "case,t_s,press_m,lengthwise_m,friction_n_m,static_friction_n_m,angle_rad,static_angle_rad\n\
+                pin,0.5,0.001,0,1e-8,1e-8,0.29,0.29\npin,1.5,0.02,0,-1e-7,-1e-7,0.29,0.29\n\
+                pin,2,0.02,0.006,2e-7,2e-7,-0.29,-0.29\npin,3,0.001,0,-1e-8,-1e-8,-0.29,-0.29\n"
+                .to_owned(),
+        ),
         ("steps", "case,segments,timestep_s,change_worst\na,40,0.0005,0\na,40,0.00025,1e-4\n".to_owned()),
         (
             "space_chain",

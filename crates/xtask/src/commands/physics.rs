@@ -18,7 +18,7 @@ const SPATIAL_SUITE: &str = "spatial";
 const NAME: &str = "physics";
 const RESULTS: &str = "results/physics";
 /// Files that the documentation shows.
-const KEPT: [&str; 13] = [
+const KEPT: [&str; 14] = [
     "claims.csv",
     "figures/convergence.svg",
     "figures/sweeps.svg",
@@ -29,6 +29,7 @@ const KEPT: [&str; 13] = [
     "figures/disturbance_head_on.svg",
     "figures/disturbance_speed.svg",
     "figures/rig.svg",
+    "figures/friction.svg",
     "figures/space_chain.svg",
     "figures/space_scenes.svg",
     "figures/space_suite.svg",
