@@ -1,8 +1,10 @@
 //! Table of a trace, with a sidecar of matching row count and hash.
 
+use std::ops::Range;
+
 use files::sha256;
 use serde_json::json;
-use trace::{COLUMNS, FRICTION_COLUMNS, Trace};
+use trace::{COLUMNS, FRICTION_COLUMNS, SECOND_COLUMNS, Trace};
 
 use crate::properties::{is_decimal, lines, one_error};
 use crate::{golden, scratch};
@@ -44,9 +46,22 @@ fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
     for (line, row) in lines.iter().zip(rows(trace)) {
         let line = std::str::from_utf8(line).expect("numbers are ASCII");
         let cells: Vec<&str> = line.split(',').collect();
-        assert!([COLUMNS.len(), row.len()].contains(&cells.len()));
-        let cells = cells.into_iter().chain(std::iter::repeat(""));
-        for ((cell, value), (column, _)) in cells.zip(row).zip(columns()) {
+        let further = match cells.len() - COLUMNS.len() {
+            0 => 0..0,
+            count if count == FRICTION_COLUMNS.len() => OF_FRICTION,
+            count => {
+                assert_eq!(count, SECOND_COLUMNS.len());
+                OF_SECOND
+            }
+        };
+        for (i, (value, (column, _))) in row.into_iter().zip(columns()).enumerate() {
+            let cell = if i < COLUMNS.len() {
+                cells[i]
+            } else if further.contains(&i) {
+                cells[COLUMNS.len() + i - further.start]
+            } else {
+                ""
+            };
             match value {
                 None => assert_eq!(cell, "", "{column}"),
                 Some(value) => {
@@ -57,13 +72,17 @@ fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
     }
 }
 
-/// All columns, those of friction included.
+/// Places of the columns of friction and of the second contact among all columns.
+const OF_FRICTION: Range<usize> = COLUMNS.len()..COLUMNS.len() + FRICTION_COLUMNS.len();
+const OF_SECOND: Range<usize> = OF_FRICTION.end..OF_FRICTION.end + SECOND_COLUMNS.len();
+
+/// All columns. A table has those of friction or those of the second contact, or neither.
 fn columns() -> impl Iterator<Item = (&'static str, usize)> {
-    COLUMNS.into_iter().chain(FRICTION_COLUMNS)
+    COLUMNS.into_iter().chain(FRICTION_COLUMNS).chain(SECOND_COLUMNS)
 }
 
 /// Values of each row in column order, `None` in columns that the table does not have. Independent of the crate under test.
-fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len() + FRICTION_COLUMNS.len()]> {
+fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; OF_SECOND.end]> {
     let flag = |value: Option<bool>| value.map(|value| f64::from(u8::from(value)));
     trace.recording.instants.iter().zip(&trace.truth.instants).map(move |(known, truth)| {
         let origin = known.base.origin();
@@ -90,6 +109,12 @@ fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; COLUMNS.len() + FRI
             truth.friction.map(|friction| friction.angle_rad),
             truth.friction.map(|friction| friction.slip_m_s),
             flag(truth.friction.map(|friction| friction.sticking)),
+            truth.second.map(|second| second.contact.x()),
+            truth.second.map(|second| second.contact.y()),
+            truth.second.map(|second| second.surface.x()),
+            truth.second.map(|second| second.surface.y()),
+            truth.second.map(|second| second.arc_m),
+            truth.second.map(|second| second.force_n),
         ]
     })
 }
