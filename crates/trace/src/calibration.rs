@@ -374,6 +374,7 @@ impl CalibrationFile {
             face: face.face,
             rest: self.whisker.rest_shape(),
             domain: face.domain.clone(),
+            modelled: sensor::modelled(&*loaded, &face.domain, self.whisker.length_m),
             label: loaded.label(),
             model: loaded.into(),
             error: model.error.clone(),

@@ -110,7 +110,7 @@ impl<Model: Motion<N>, const N: usize> Collector<Model, N> {
 
 /// A prior that is diffuse in the contact's position.
 fn anywhere(side: &Side) -> Gaussian<2> {
-    let (low_m, high_m) = side.face.domain.arc_range_m();
+    let (low_m, high_m) = side.face.modelled.arc_range_m();
     let variance_m2 = (high_m - low_m).powi(2);
     Gaussian::new(vector![0.5 * (low_m + high_m), 0.0], Matrix2::identity() * variance_m2)
 }

@@ -333,9 +333,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             self.bank = Some(bank);
             return Some(Advance { predicted, filtered: predicted, innovation: None });
         };
-        let beyond_n_m =
-            if self.config.corrected { self.side.beyond_n_m(AlongAway::of_state(&predicted.mean)) } else { 0.0 };
-        let reading = self.reading().with_error((INERTIA_SD * inertia_n_m).hypot(BEYOND_SD * beyond_n_m));
+        let extrapolation_sd_n_m = if self.config.corrected {
+            self.side.extrapolation_sd_n_m(AlongAway::of_state(&predicted.mean))
+        } else {
+            0.0
+        };
+        let reading = self.reading().with_error((INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m));
         let innovation = self.condition(&mut bank, &reading, sample.reading_n_m - inertia_n_m).ok();
         self.search(&mut bank, sample, innovation);
         let filtered = bank.moments_above(self.config.ignored_share)?;
@@ -382,9 +385,6 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
 /// Relative standard deviation of the moment by the wire's inertia.
 const INERTIA_SD: f64 = 0.3;
-
-/// Relative standard deviation of the part of a reading that is extrapolated beyond the calibrated domain.
-const BEYOND_SD: f64 = 0.3;
 
 /// Standard deviation along the whisker below which a contact counts as located, and the standard deviations within
 /// which it may be at the tip.

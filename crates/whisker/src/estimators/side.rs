@@ -15,8 +15,13 @@ use crate::Whisker;
 use crate::frames::{Base, Point};
 use crate::sensor::{AlongAway, CalibratedFace, Lean, Leaning, Turn};
 
-/// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
+/// Largest distance of a contact from the modelled region, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
+
+/// Relative standard deviations of the part of a reading that is extrapolated beyond the calibrated domain: linearly, and by
+/// the mechanics of the whisker.
+const LINEAR_SD: f64 = 0.3;
+const MECHANICS_SD: f64 = 0.03;
 
 /// Part of the whisker's length that counts as its tip.
 const TIP_SHARE: f64 = 0.01;
@@ -52,15 +57,15 @@ impl Side {
     }
 
     /// Angle (rad) from the undeflected whisker's tangent at arc length `s` to that of the deflected whisker at the
-    /// contact, and its derivatives along and away. Constant beyond the border of the calibrated domain.
+    /// contact, and its derivatives along and away. Constant beyond the border of the modelled region.
     pub(super) fn turn_rad(&self, at: AlongAway) -> (f64, Vector2<f64>) {
-        self.turn().at(self.face.domain.clamp(at))
+        self.turn().at(self.face.modelled.clamp(at))
     }
 
     /// Angle in Base (rad) of the deflected whisker's tangent at a contact, and its derivatives along and away.
-    /// Extrapolated linearly beyond the calibrated domain.
+    /// Extrapolated linearly beyond the modelled region.
     pub(super) fn tangent_rad(&self, at: AlongAway) -> (f64, Vector2<f64>) {
-        let held = self.face.domain.clamp(at);
+        let held = self.face.modelled.clamp(at);
         let (turn_rad, slope) = self.turn().at(held);
         let beyond = slope.dot(&(at.vector() - held.vector()));
         let rest_rad = self.face.rest.tangent_rad(at.along_m);
@@ -75,27 +80,27 @@ impl Side {
     /// As [`Self::turn_rad`], with the ratio of friction to normal force; and the derivative by the ratio.
     pub(super) fn turn_with_friction_rad(&self, at: AlongAway, ratio: f64) -> ((f64, Vector2<f64>), f64) {
         let (turn_rad, slope) = self.turn_rad(at);
-        let lean = self.lean().turn_rad(self.face.domain.clamp(at), ratio);
+        let lean = self.lean().turn_rad(self.face.modelled.clamp(at), ratio);
         ((turn_rad + lean.value, slope + lean.by_place), lean.by_ratio)
     }
 
-    /// Arc length of a contact with a ratio of friction to normal force. Beyond the border of the calibrated domain, the
+    /// Arc length of a contact with a ratio of friction to normal force. Beyond the border of the modelled region, the
     /// difference from the coordinate along is constant.
     pub(super) fn arc_with_friction_m(&self, at: AlongAway, ratio: f64) -> Leaning {
-        let beyond = self.lean().beyond_m(self.face.domain.clamp(at), ratio);
+        let beyond = self.lean().beyond_m(self.face.modelled.clamp(at), ratio);
         Leaning { value: at.along_m + beyond.value, by_place: vector![1.0, 0.0] + beyond.by_place, ..beyond }
     }
 
     /// Factor of the expected reading of a contact with a ratio of friction to normal force.
     fn friction_factor(&self, at: AlongAway, ratio: f64) -> Leaning {
-        self.lean().moment_ratio(self.face.domain.clamp(at), ratio)
+        self.lean().moment_ratio(self.face.modelled.clamp(at), ratio)
     }
 
-    /// Expected reading of a contact, and its derivatives along and away. Beyond the calibrated domain it is
-    /// extrapolated linearly from the nearest calibrated contact, so that a belief that extends over the border is
-    /// drawn back; the sensor model itself is never evaluated there.
+    /// Expected reading of a contact, and its derivatives along and away. Beyond the modelled region
+    /// ([`CalibratedFace::modelled`]) it is extrapolated linearly from the region's nearest contact, so that a belief that
+    /// extends over the border is drawn back; the sensor model itself is never evaluated there.
     pub(super) fn expect(&self, at: AlongAway) -> (f64, RowVector2<f64>) {
-        let held = self.face.domain.clamp(at);
+        let held = self.face.modelled.clamp(at);
         let (contact, jacobian) = self.face.contact_with_jacobian(held);
         let expected = self.face.model.predict(contact);
         let gradient = product(&expected.gradient_n.transpose(), &jacobian);
@@ -108,15 +113,21 @@ impl Side {
         (at.vector() - self.face.domain.clamp(at).vector()).norm()
     }
 
-    /// Part of the expected reading of a contact that is extrapolated beyond the calibrated domain.
-    pub(super) fn beyond_n_m(&self, at: AlongAway) -> f64 {
-        let held = self.face.domain.clamp(at);
-        if held == at { 0.0 } else { self.expect(at).0 - self.expect(held).0 }
+    /// Standard deviation of the error by which the expected reading of a contact outside of the calibrated domain exceeds
+    /// that of a calibrated one: in proportion to the part that is extrapolated.
+    pub(super) fn extrapolation_sd_n_m(&self, at: AlongAway) -> f64 {
+        let calibrated = self.face.domain.clamp(at);
+        if calibrated == at {
+            return 0.0;
+        }
+        let [wanted_n_m, modelled_n_m, calibrated_n_m] =
+            [at, self.face.modelled.clamp(at), calibrated].map(|at| self.expect(at).0);
+        LINEAR_SD * (wanted_n_m - modelled_n_m).abs() + MECHANICS_SD * (modelled_n_m - calibrated_n_m).abs()
     }
 
     /// Expected reading of a contact.
     pub(super) fn reading_n_m(&self, at: AlongAway) -> f64 {
-        if self.face.domain.clamp(at) == at {
+        if self.face.modelled.clamp(at) == at {
             self.face.model.reading_n_m(self.face.contact_at(at))
         } else {
             self.expect(at).0
@@ -134,7 +145,7 @@ impl Side {
         if !self.base_is_noisy {
             return self.sensor_noise_n2_m2;
         }
-        let contact = self.face.contact_at(self.face.domain.clamp(at));
+        let contact = self.face.contact_at(self.face.modelled.clamp(at));
         let gradient_n = self.face.model.predict(contact).gradient_n;
         self.sensor_noise_n2_m2 + self.base_noise.of_reading_n2_m2(contact, &gradient_n)
     }
@@ -160,14 +171,14 @@ impl Side {
         self.bent_arc_m(at) >= (1.0 - TIP_SHARE) * self.face.rest.length_m()
     }
 
-    /// Limits the distance of a contact from the calibrated domain. The contact is not moved into the domain: objects
-    /// push the whisker farther than its calibration did, and a belief held within the region would be biased from then
-    /// on.
+    /// Limits the distance of a contact from the modelled region. The contact is not moved into the region: objects push the
+    /// whisker farther than its calibration did, and a belief held within the region would be biased from then on.
     pub(super) fn hold<const N: usize>(&self, x: &mut SVector<f64, N>) {
-        let AlongAway { along_m, away_m } = self.face.domain.clamp(AlongAway::of_state(x));
-        let (low_m, high_m) = self.face.domain.arc_range_m();
+        let AlongAway { along_m, away_m } = self.face.modelled.clamp(AlongAway::of_state(x));
+        let (low_m, high_m) = self.face.modelled.arc_range_m();
         let most_m = MARGIN * (high_m - low_m);
-        (x[0], x[1]) = (x[0].clamp(along_m - most_m, along_m + most_m), x[1].clamp(away_m - most_m, away_m + most_m));
+        x[0] = x[0].clamp((along_m - most_m).max(0.0), along_m + most_m);
+        x[1] = x[1].clamp(away_m - most_m, away_m + most_m);
     }
 
     /// The estimate that belongs to a belief, whose entry `radius` is that of object and wire together. `None` stands

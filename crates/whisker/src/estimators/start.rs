@@ -53,7 +53,7 @@ impl Start {
             Self::Single => 1,
             Self::Hypotheses { count } => count,
         };
-        let (mut low_m, mut high_m) = side.face.domain.arc_range_m();
+        let (mut low_m, mut high_m) = side.face.modelled.arc_range_m();
         let contact_prior = contact_prior.map(|contact_prior| {
             (side.face.along_and_away(contact_prior.contact).along_m.clamp(low_m, high_m), contact_prior.sd_m)
         });
@@ -74,7 +74,7 @@ impl Start {
 
 /// The belief that the contact lies about `arc_m`, with the deflection at which it reads `reading_n_m`.
 fn pushed(side: &Side, arc_m: f64, sd_m: f64, reading_n_m: f64) -> Gaussian<2> {
-    let (lowest_m, highest_m) = side.face.domain.away_range_m(arc_m);
+    let (lowest_m, highest_m) = side.face.modelled.away_range_m(arc_m);
     let mut away_m = 0.0;
     for _ in 0..NEWTON_STEPS {
         let (expected_n_m, slope) = side.expect(AlongAway::new(arc_m, away_m));

@@ -14,6 +14,12 @@ const LEAST_SAMPLES: usize = 5;
 /// Number of nodes that a gap between two lines of a calibration may span.
 const GAP: usize = 2;
 
+/// Part of the calibrated extent, along the whisker and away from it, by which a domain is widened.
+const WIDENING: f64 = 0.15;
+
+/// Smallest part of the first calibrated arc length to which a domain is widened towards the root.
+const LEAST_ROOT_SHARE: f64 = 0.5;
+
 /// Calibrated range of the distance from the undeflected whisker, as a function of arc length, linear between nodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -60,6 +66,25 @@ impl Domain {
         }
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
         counts.iter().all(|&count| count >= least).then(|| Self { arc_m, lower_m, upper_m: closed_line(&upper_m) })
+    }
+
+    /// The region in which a model that [extrapolates](super::SensorModel::extrapolates) is evaluated: this one, widened
+    /// along the whisker, up to its tip, and away from it. Nearer to the root the distances shrink in proportion to the
+    /// arc length.
+    pub(crate) fn widened(&self, length_m: f64) -> Self {
+        let (low, high) = self.arc_range_m();
+        let margin_m = WIDENING * (high - low);
+        let first = (low - margin_m).max(LEAST_ROOT_SHARE * low);
+        let last = (high + margin_m).min(length_m).max(high);
+        let nodes = self.arc_m.len();
+        let arc_m: Vec<f64> = (0..nodes).map(|i| first + (last - first) * i as f64 / (nodes - 1) as f64).collect();
+        let range = |&arc_m: &f64| {
+            let (lower, upper) = self.away_range_m(arc_m);
+            let share = (arc_m / low).min(1.0);
+            (share * (lower - WIDENING * upper), share * (1.0 + WIDENING) * upper)
+        };
+        let (lower_m, upper_m) = arc_m.iter().map(range).unzip();
+        Self { arc_m, lower_m, upper_m }
     }
 
     /// Whether the lists describe a region beside a whisker of this length.

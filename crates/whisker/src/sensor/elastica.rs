@@ -271,6 +271,10 @@ impl SensorModel for ElasticaModel {
         Prediction { reading_n_m, gradient_n: base_in_root.rotation().tr_mul(&moment.gradient_n) * slope }
     }
 
+    fn extrapolates(&self) -> bool {
+        true
+    }
+
     fn tangent_rad(&self, contact: Point<Base>) -> Option<f64> {
         let Tuned { parameters, base_in_root, mechanics } = &*self.tuned;
         Some(mechanics.tangent_rad(base_in_root.apply(contact)) + parameters.root().yaw_rad())

@@ -88,6 +88,7 @@ pub fn fit(row: &ModelRow, config: &Value, material: &FitData<'_>) -> Result<Fit
         }
     }
     let learnt = (row.fit)(&region, &all, config)?;
+    let modelled = super::modelled(&*learnt.model, &domain, material.whisker.length_m);
 
     let flat = || residuals_n_m.iter().flatten();
     let noise_n2_m2 = material.reference_noise_sd_n_m.powi(2);
@@ -109,6 +110,7 @@ pub fn fit(row: &ModelRow, config: &Value, material: &FitData<'_>) -> Result<Fit
             heldout_worst_n_m: flat().map(|r| r.abs()).fold(0.0, f64::max),
             largest_reading_n_m,
             pin_radius_m: material.pin_radius_m,
+            modelled,
             turn: Default::default(),
             domain,
         },

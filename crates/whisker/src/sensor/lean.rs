@@ -1,23 +1,22 @@
 //! Effect of friction on a contact at a given place.
 
-use nalgebra::{DMatrix, DVector, Vector2, vector};
+use nalgebra::{DMatrix, DVector, Vector2};
 
+use super::scales::{Scaled, Scales, places};
 use super::{AlongAway, CalibratedFace};
 use crate::Whisker;
 use crate::elastica::{Elastica, Friction};
 
 /// Moment, tangent and arc length of a contact as smooth functions of its coordinates and of the ratio `q` of friction to
-/// normal force (positive if the friction on the whisker is towards its tip), fitted over the calibrated domain to the exact
+/// normal force (positive if the friction on the whisker is towards its tip), fitted over the region in which the model is evaluated to the exact
 /// whisker.
 ///
-/// Each effect is a polynomial in `s` and `d` for each of the first three powers of `q`. The effect on the moment is
+/// Each effect is a polynomial in `s` and `d / s` for each of the first three powers of `q`. The effect on the moment is
 /// relative, so that it applies to the reading of any sensor model. Those on tangent and arc length vanish with the
 /// deflection, with which the force vanishes.
 #[derive(Debug)]
 pub(crate) struct Lean {
-    centre_m: f64,
-    half_m: f64,
-    away_m: f64,
+    scales: Scales,
     moment: Effect,
     turn_rad: Effect,
     arc_m: Effect,
@@ -35,7 +34,7 @@ pub(crate) struct Leaning {
     pub(crate) by_ratio: f64,
 }
 
-/// Powers of `s` and `d` in the polynomials.
+/// Powers of `s` and `d / s` in the polynomials.
 const TERMS: [(usize, usize); 12] =
     [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2)]; // fmt: skip
 
@@ -50,7 +49,7 @@ const MOST_RATIO: f64 = 1.0;
 
 type Coefficients = [f64; TERMS.len()];
 
-/// Polynomials in `s` and `d` by which the powers of `q` from the first on are multiplied.
+/// Polynomials in `s` and `d / s` by which the powers of `q` from the first on are multiplied.
 type Effect = [Coefficients; 3];
 
 /// Coefficients of `q`, `q^2` and `q^3` of a function that vanishes at zero, given at `-b, -a, a, b` with [`RATIOS`] `a, b`.
@@ -64,22 +63,15 @@ fn powers([low, less, more, high]: [f64; 4]) -> [f64; 3] {
 
 impl Lean {
     pub(super) fn fitted(face: &CalibratedFace, whisker: &Whisker) -> Self {
-        let (low, high) = face.domain.arc_range_m();
-        let highest = face.domain.upper_m.iter().copied().fold(0.0, f64::max);
+        let scales = Scales::over(&face.modelled);
         let map = Self {
-            centre_m: 0.5 * (low + high),
-            half_m: 0.5 * (high - low),
-            away_m: highest,
+            scales,
             moment: Effect::default(),
             turn_rad: Effect::default(),
             arc_m: Effect::default(),
             straight_arc_m: Coefficients::default(),
         };
         let Ok(elastica) = Elastica::new(whisker) else { return map };
-        let places = (0..PLACES.0).flat_map(|i| (1..=PLACES.1).map(move |j| (i, j))).map(|(i, j)| {
-            let arc_m = low + (high - low) * i as f64 / (PLACES.0 - 1) as f64;
-            AlongAway::new(arc_m, face.domain.away_range_m(arc_m).1 * j as f64 / PLACES.1 as f64)
-        });
         let solved = |at: &AlongAway| {
             let contact = face.contact_at(*at);
             let with = |ratio| {
@@ -92,13 +84,14 @@ impl Lean {
             let change = |quantity: usize, from: f64, scale: f64| {
                 powers([v1, v2, v3, v4].map(|found| (found[quantity] - from) / scale))
             };
-            let deflection = at.away_m / highest;
+            let scaled = scales.scaled(*at);
+            let deflection = scaled.v;
             let effects = [change(0, moment, moment), change(1, tangent, deflection), change(2, arc, deflection)];
-            Some((map.scaled(*at), effects, (arc - at.along_m) / deflection))
+            Some((scaled, effects, (arc - at.along_m) / deflection))
         };
-        let found: Vec<_> = places.filter(|at| at.away_m > 0.0).filter_map(|at| solved(&at)).collect();
+        let found: Vec<_> = places(&face.modelled, PLACES.0, PLACES.1).filter_map(|at| solved(&at)).collect();
         let matrix = DMatrix::from_fn(found.len(), TERMS.len(), |row, term| {
-            let ([u, v], (i, j)) = (found[row].0, TERMS[term]);
+            let (Scaled { u, v, .. }, (i, j)) = (found[row].0, TERMS[term]);
             u.powi(i as i32) * v.powi(j as i32)
         });
         let svd = matrix.svd(true, true);
@@ -114,12 +107,9 @@ impl Lean {
         Self { moment, turn_rad, arc_m, straight_arc_m, ..map }
     }
 
-    fn scaled(&self, at: AlongAway) -> [f64; 2] {
-        [(at.along_m - self.centre_m) / self.half_m, at.away_m / self.away_m]
-    }
-
     /// Value of a polynomial, and its derivatives along and away.
-    fn polynomial(&self, coefficients: &Coefficients, [u, v]: [f64; 2]) -> (f64, Vector2<f64>) {
+    fn polynomial(&self, coefficients: &Coefficients, at: &Scaled) -> (f64, Vector2<f64>) {
+        let Scaled { u, v, .. } = *at;
         let [a0, a1, a2, a3, a4, b0, b1, b2, b3, c0, c1, c2] = *coefficients;
         // The polynomials in u that multiply the powers of v, and their derivatives.
         let values =
@@ -132,11 +122,11 @@ impl Lean {
         let value = values[0] + v * (values[1] + v * values[2]);
         let by_u = slopes[0] + v * (slopes[1] + v * slopes[2]);
         let by_v = values[1] + 2.0 * v * values[2];
-        (value, vector![by_u / self.half_m, by_v / self.away_m])
+        (value, self.scales.gradient(by_u, by_v, at))
     }
 
     /// The effect at a contact.
-    fn effect(&self, effect: &Effect, at: [f64; 2], ratio: f64) -> Leaning {
+    fn effect(&self, effect: &Effect, at: &Scaled, ratio: f64) -> Leaning {
         let q = ratio.clamp(-MOST_RATIO, MOST_RATIO);
         let [first, second, third] = effect;
         let at_ratio: Coefficients = std::array::from_fn(|i| q * (first[i] + q * (second[i] + q * third[i])));
@@ -151,32 +141,28 @@ impl Lean {
     }
 
     /// The same times the relative deflection.
-    fn deflected(&self, of: Leaning, [_, v]: [f64; 2]) -> Leaning {
-        Leaning {
-            value: v * of.value,
-            by_place: v * of.by_place + vector![0.0, of.value / self.away_m],
-            by_ratio: v * of.by_ratio,
-        }
+    fn deflected(of: Leaning, &Scaled { v, slope_v, .. }: &Scaled) -> Leaning {
+        Leaning { value: v * of.value, by_place: v * of.by_place + of.value * slope_v, by_ratio: v * of.by_ratio }
     }
 
     /// Ratio of the moment to that without friction.
     pub(crate) fn moment_ratio(&self, at: AlongAway, ratio: f64) -> Leaning {
-        let effect = self.effect(&self.moment, self.scaled(at), ratio);
+        let effect = self.effect(&self.moment, &self.scales.scaled(at), ratio);
         Leaning { value: 1.0 + effect.value, ..effect }
     }
 
     /// Angle (rad) from the tangent without friction to that with friction.
     pub(crate) fn turn_rad(&self, at: AlongAway, ratio: f64) -> Leaning {
-        let scaled = self.scaled(at);
-        self.deflected(self.effect(&self.turn_rad, scaled, ratio), scaled)
+        let scaled = self.scales.scaled(at);
+        Self::deflected(self.effect(&self.turn_rad, &scaled, ratio), &scaled)
     }
 
     /// Arc length of the contact, less its coordinate along.
     pub(crate) fn beyond_m(&self, at: AlongAway, ratio: f64) -> Leaning {
-        let scaled = self.scaled(at);
-        let Leaning { value, by_place, by_ratio } = self.effect(&self.arc_m, scaled, ratio);
-        let (straight_m, slope) = self.polynomial(&self.straight_arc_m, scaled);
-        self.deflected(Leaning { value: value + straight_m, by_place: by_place + slope, by_ratio }, scaled)
+        let scaled = self.scales.scaled(at);
+        let Leaning { value, by_place, by_ratio } = self.effect(&self.arc_m, &scaled, ratio);
+        let (straight_m, slope) = self.polynomial(&self.straight_arc_m, &scaled);
+        Self::deflected(Leaning { value: value + straight_m, by_place: by_place + slope, by_ratio }, &scaled)
     }
 }
 

@@ -15,7 +15,7 @@ use crate::elastica::{Elastica, Friction, Load, PointContact};
 use crate::frames::{Base, Point};
 
 /// Nodes by distance from the root and by angle.
-const NODES: [usize; 2] = [28, 20];
+const NODES: [usize; 2] = [36, 26];
 
 /// The same for the derivatives by mechanical parameters, for which three digits suffice.
 const COARSE_NODES: [usize; 2] = [14, 10];
@@ -24,8 +24,9 @@ const COARSE_NODES: [usize; 2] = [14, 10];
 /// where the contact passes that point.
 const DENSER: usize = 3;
 
-/// Extent of the grid beyond the calibrated domain on each side, relative to the extent of the domain.
-const MARGIN: f64 = 0.06;
+/// Extent of the grid beyond the widened domain on each side, relative to the extent of that domain: the root of a fitted
+/// whisker may lie elsewhere.
+const MARGIN: f64 = 0.04;
 
 /// Number of shorter steps from a node to the next if one step does not lead to a solution.
 const SHORTER: i32 = 8;
@@ -71,7 +72,8 @@ pub(super) struct Sensitivities {
 
 impl Lattice {
     fn new(region: &Region<'_>, nodes: [usize; 2]) -> Option<Self> {
-        let frame = Frame::new(region)?;
+        let widened = region.domain.widened(region.whisker.length_m);
+        let frame = Frame::new(&Region { domain: &widened, ..*region })?;
         let margin = [0, 1].map(|axis| MARGIN * (frame.last[axis] - frame.first[axis]));
         // A smaller margin towards the root, if the region comes near it.
         let first = [(frame.first[0] - margin[0]).max(0.5 * frame.first[0]), frame.first[1] - margin[1]];

@@ -17,6 +17,7 @@ pub(crate) mod physical;
 mod polar;
 mod polynomial;
 pub(crate) mod regression;
+mod scales;
 mod spline;
 mod table;
 mod turn;
@@ -120,6 +121,11 @@ pub trait SensorModel: Debug + Send + Sync {
         }
     }
 
+    /// Whether the formula is that of the whisker's mechanics, which holds beyond the calibrated domain too.
+    fn extrapolates(&self) -> bool {
+        false
+    }
+
     /// Angle in Base (rad) of the deflected whisker's tangent at the contact. `None` for models without mechanics.
     fn tangent_rad(&self, _contact: Point<Base>) -> Option<f64> {
         None
@@ -213,6 +219,9 @@ pub struct CalibratedFace {
     pub rest: RestShape,
     /// The calibrated domain.
     pub domain: Domain,
+    /// The region in which the formula is evaluated: the calibrated domain, or a wider one if the formula extrapolates.
+    /// Beyond it readings are extrapolated linearly.
+    pub modelled: Domain,
     /// Name of the formula within the calibration.
     pub label: String,
     /// The formula.
@@ -238,6 +247,11 @@ pub struct CalibratedFace {
 pub struct OnceTurn {
     turn: Arc<OnceLock<Turn>>,
     lean: Arc<OnceLock<Lean>>,
+}
+
+/// The region in which a model of a whisker of this length is evaluated; see [`CalibratedFace::modelled`].
+pub fn modelled(model: &dyn SensorModel, domain: &Domain, length_m: f64) -> Domain {
+    if model.extrapolates() { domain.widened(length_m) } else { domain.clone() }
 }
 
 impl CalibratedFace {
@@ -298,6 +312,7 @@ impl CalibratedFace {
             error: self.error.beside(variance_n2_m2),
             rest: self.rest.clone(),
             domain: self.domain.clone(),
+            modelled: self.modelled.clone(),
             label: self.label.clone(),
             model: self.model.clone(),
             turn: self.turn.clone(),

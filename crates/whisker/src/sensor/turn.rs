@@ -1,22 +1,22 @@
 //! Rotation of the whisker at a contact.
 
-use nalgebra::{DMatrix, DVector, Vector2, vector};
+use nalgebra::{DMatrix, DVector, Vector2};
 
+use super::scales::{Scaled, Scales, places};
 use super::{AlongAway, CalibratedFace};
 use crate::Whisker;
 use crate::elastica::Elastica;
 
-/// Rotation of the whisker at a contact as a smooth function of its coordinates: `d` times a polynomial in `s` and `d`,
-/// fitted over the calibrated domain to that of the sensor model or, if it has none, of the exact whisker.
+/// Rotation of the whisker at a contact as a smooth function of its coordinates: `v` times a polynomial in `s` and
+/// `v = d / s`, fitted over the region in which the model is evaluated to that of the sensor model or, if it has none, of the
+/// exact whisker.
 #[derive(Debug)]
 pub(crate) struct Turn {
-    centre_m: f64,
-    half_m: f64,
-    away_m: f64,
+    scales: Scales,
     coefficients: [f64; TERMS.len()],
 }
 
-/// Powers of `s` and `d` in the polynomial.
+/// Powers of `s` and `v` in the polynomial.
 const TERMS: [(i32, i32); 14] =
     [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2), (0, 3), (1, 3)]; // fmt: skip
 
@@ -25,43 +25,29 @@ const PLACES: (usize, usize) = (12, 6);
 
 impl Turn {
     pub(super) fn fitted(face: &CalibratedFace, whisker: &Whisker) -> Self {
-        let (low, high) = face.domain.arc_range_m();
-        let highest = face.domain.upper_m.iter().copied().fold(0.0, f64::max);
-        let mut map = Self {
-            centre_m: 0.5 * (low + high),
-            half_m: 0.5 * (high - low),
-            away_m: highest,
-            coefficients: [0.0; TERMS.len()],
-        };
+        let scales = Scales::over(&face.modelled);
         let elastica = Elastica::new(whisker).ok();
-        let places = (0..PLACES.0).flat_map(|i| (1..=PLACES.1).map(move |j| (i, j))).map(|(i, j)| {
-            let arc_m = low + (high - low) * i as f64 / (PLACES.0 - 1) as f64;
-            AlongAway::new(arc_m, face.domain.away_range_m(arc_m).1 * j as f64 / PLACES.1 as f64)
-        });
-        let (rows, turns): (Vec<_>, Vec<f64>) = places
-            .filter(|at| at.away_m > 0.0)
+        let (rows, turns): (Vec<_>, Vec<f64>) = places(&face.modelled, PLACES.0, PLACES.1)
             .filter_map(|at| {
                 let contact = face.contact_at(at);
                 let solved = || Some(elastica.as_ref()?.at_point(contact).ok()?.deflection.tangent_rad);
                 let tangent_rad = face.model.tangent_rad(contact).or_else(solved)?;
-                let [u, v] = map.scaled(at);
+                let Scaled { u, v, .. } = scales.scaled(at);
                 Some((TERMS.map(|(i, j)| v * u.powi(i) * v.powi(j)), tangent_rad - face.rest.tangent_rad(at.along_m)))
             })
             .unzip();
         let matrix = DMatrix::from_fn(rows.len(), TERMS.len(), |row, term| rows[row][term]);
+        let mut coefficients = [0.0; TERMS.len()];
         if let Ok(solution) = matrix.svd(true, true).solve(&DVector::from_vec(turns), 1e-9) {
-            map.coefficients.copy_from_slice(solution.as_slice());
+            coefficients.copy_from_slice(solution.as_slice());
         }
-        map
-    }
-
-    fn scaled(&self, at: AlongAway) -> [f64; 2] {
-        [(at.along_m - self.centre_m) / self.half_m, at.away_m / self.away_m]
+        Self { scales, coefficients }
     }
 
     /// The rotation (rad) at a contact, and its derivatives along and away.
     pub(crate) fn at(&self, at: AlongAway) -> (f64, Vector2<f64>) {
-        let [u, v] = self.scaled(at);
+        let at = self.scales.scaled(at);
+        let Scaled { u, v, .. } = at;
         let [a0, a1, a2, a3, a4, b0, b1, b2, b3, c0, c1, c2, d0, d1] = self.coefficients;
         // The polynomials in u that multiply the powers of v, and their derivatives.
         let values = [
@@ -78,6 +64,6 @@ impl Turn {
         ];
         let horner = |of: [f64; 4]| of[0] + v * (of[1] + v * (of[2] + v * of[3]));
         let by_v = values[0] + v * (2.0 * values[1] + v * (3.0 * values[2] + v * 4.0 * values[3]));
-        (v * horner(values), vector![v * horner(slopes) / self.half_m, by_v / self.away_m])
+        (v * horner(values), self.scales.gradient(v * horner(slopes), by_v, &at))
     }
 }

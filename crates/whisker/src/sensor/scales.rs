@@ -1,0 +1,57 @@
+//! Coordinates in which quantities of the deflected whisker are nearly polynomials of low degree.
+
+use nalgebra::{Vector2, vector};
+
+use super::{AlongAway, Domain};
+
+/// Coordinates of a contact for polynomials: `u`, the arc length `s` from -1 to 1, and `v`, the slope `d / s` from 0 to 1 of
+/// the largest. A given slope deflects a whisker to similar shapes anywhere along it, so that polynomials of low degree
+/// suffice.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scales {
+    centre_m: f64,
+    half_m: f64,
+    steepest: f64,
+}
+
+/// `u` and `v` of a contact, with the gradient of `v` along and away.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scaled {
+    pub(super) u: f64,
+    pub(super) v: f64,
+    pub(super) slope_v: Vector2<f64>,
+}
+
+/// Smallest arc length by which a distance is divided.
+const LEAST_ARC_M: f64 = 1e-6;
+
+impl Scales {
+    pub(super) fn over(region: &Domain) -> Self {
+        let (low_m, high_m) = region.arc_range_m();
+        let slopes = region.arc_m.iter().zip(&region.upper_m).map(|(arc_m, upper_m)| upper_m / arc_m.max(LEAST_ARC_M));
+        Self { centre_m: 0.5 * (low_m + high_m), half_m: 0.5 * (high_m - low_m), steepest: slopes.fold(0.0, f64::max) }
+    }
+
+    pub(super) fn scaled(&self, at: AlongAway) -> Scaled {
+        let along_m = at.along_m.max(LEAST_ARC_M);
+        let by_away = 1.0 / (along_m * self.steepest);
+        let v = at.away_m * by_away;
+        Scaled { u: (at.along_m - self.centre_m) / self.half_m, v, slope_v: vector![-v / along_m, by_away] }
+    }
+
+    /// Gradient along and away of a function with these derivatives by `u` and `v`.
+    pub(super) fn gradient(&self, by_u: f64, by_v: f64, at: &Scaled) -> Vector2<f64> {
+        at.slope_v * by_v + vector![by_u / self.half_m, 0.0]
+    }
+}
+
+/// Deflected contacts, `along` by `away` of them, spread over a region.
+pub(super) fn places(region: &Domain, along: usize, away: usize) -> impl Iterator<Item = AlongAway> {
+    let (low_m, high_m) = region.arc_range_m();
+    let at = move |(i, j): (usize, usize)| {
+        let arc_m = low_m + (high_m - low_m) * i as f64 / (along - 1) as f64;
+        AlongAway::new(arc_m, region.away_range_m(arc_m).1 * j as f64 / away as f64)
+    };
+    let numbers = (0..along).flat_map(move |i| (1..=away).map(move |j| (i, j)));
+    numbers.map(at).filter(|at| at.away_m > 0.0)
+}
