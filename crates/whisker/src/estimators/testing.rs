@@ -13,8 +13,13 @@ pub(crate) fn knowledge() -> Knowledge {
     knowledge_of(-6.0)
 }
 
-/// A whisker of this pre-curvature, its left face calibrated by the elastica.
+/// A whisker of this pre-curvature, its left face calibrated by the elastica and modelled by a polynomial.
 pub(crate) fn knowledge_of(curvature_per_m: f64) -> Knowledge {
+    knowledge_with(curvature_per_m, "polynomial")
+}
+
+/// As [`knowledge_of`], with this sensor model.
+pub(crate) fn knowledge_with(curvature_per_m: f64, model: &str) -> Knowledge {
     let whisker =
         Whisker { damping_s: 0.0, ..Whisker::curved() }.with_curvature([Curvature::new(0.08, curvature_per_m)]);
     let elastica = Elastica::new(&whisker).unwrap();
@@ -37,7 +42,7 @@ pub(crate) fn knowledge_of(curvature_per_m: f64) -> Knowledge {
         reference_noise_sd_n_m: 0.0,
         pin_radius_m: 0.0,
     };
-    let row = sensor::model("polynomial").unwrap();
+    let row = sensor::model(model).unwrap();
     let face = sensor::fit(row, &(row.defaults)(), &material).unwrap().face;
     let rest = whisker.rest_shape();
     Knowledge {

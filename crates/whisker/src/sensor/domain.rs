@@ -193,6 +193,22 @@ mod tests {
     }
 
     #[test]
+    fn verif_a_widened_domain_contains_the_domain_and_ends_at_the_tip() {
+        let arc_m: Vec<f64> = (0..9).map(|i| 0.02 + 7e-3 * f64::from(i)).collect();
+        let upper_m = arc_m.iter().map(|arc_m| 0.4 * arc_m).collect();
+        let domain = Domain { lower_m: vec![0.0; arc_m.len()], upper_m, arc_m };
+        let widened = domain.widened(0.08);
+        assert!(widened.arc_range_m().0 < 0.015 && (widened.arc_range_m().1 - 0.08).abs() < 1e-12, "{widened:?}");
+        for arc_m in [0.02, 0.05, 0.076] {
+            let (lower_m, upper_m) = widened.away_range_m(arc_m);
+            assert!(lower_m < 0.0 && upper_m > domain.away_range_m(arc_m).1, "{arc_m}: {lower_m} {upper_m}");
+        }
+        // The slope to which the whisker may be pressed does not increase towards the root.
+        let first_m = widened.arc_m[0];
+        assert!(widened.upper_m[0] < 0.4 * 1.16 * first_m, "{widened:?}");
+    }
+
+    #[test]
     fn robust_sparse_samples_get_fewer_nodes() {
         let domain = Domain::covering(
             &[(0.02, 0.0), (0.05, 0.01), (0.08, 0.002)].map(|(along_m, away_m)| AlongAway::new(along_m, away_m)),

@@ -67,3 +67,48 @@ impl Turn {
         (v * horner(values), self.scales.gradient(v * horner(slopes), by_v, &at))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimators::testing::knowledge_with;
+    use crate::sensor::Shares;
+
+    /// Straight and curved whiskers, concave and convex, with the part of a calibrated reading by which the fitted mechanics
+    /// may be off beyond the calibrated domain.
+    const CASES: [(f64, f64); 3] = [(0.0, 1e-4), (12.5, 1e-4), (-12.5, 1e-4)];
+
+    #[test]
+    fn val_rotation_and_reading_are_those_of_the_exact_whisker_beyond_the_calibrated_domain_too() {
+        for (curvature_per_m, most) in CASES {
+            let knowledge = knowledge_with(curvature_per_m, "elastica");
+            let (face, elastica) = (&knowledge.faces[0], Elastica::new(&knowledge.whisker).unwrap());
+            let (turn, region) = (face.turn(&knowledge.whisker), &face.modelled);
+            let (first_m, last_m) = region.arc_range_m();
+            assert!(first_m < face.domain.arc_range_m().0);
+            let (mut worst_rad, mut worst, mut compared) = (0.0_f64, 0.0_f64, 0);
+            for (i, j) in (0..9).flat_map(|i| (1..9).map(move |j| (i, j))) {
+                let Shares { along, away } = Shares { along: f64::from(i) / 8.0, away: f64::from(j) / 8.0 };
+                let along_m = first_m + along * (0.97 * last_m - first_m);
+                let at = AlongAway::new(along_m, away * region.away_range_m(along_m).1);
+                let contact = face.contact_at(at);
+                let Ok(found) = elastica.at_point(contact) else { continue };
+                let exact = found.deflection;
+                compared += 1;
+                let (turn_rad, slope) = turn.at(at);
+                worst_rad = worst_rad.max((turn_rad + face.rest.tangent_rad(along_m) - exact.tangent_rad).abs());
+                let miss_n_m = face.model.reading_n_m(contact) - exact.moment_n_m;
+                worst = worst.max(miss_n_m.abs() / face.largest_reading_n_m);
+                let h = 1e-6;
+                let after =
+                    |along_m: f64, away_m: f64| turn.at(AlongAway::new(at.along_m + along_m, at.away_m + away_m)).0;
+                let differences = [after(h, 0.0) - after(-h, 0.0), after(0.0, h) - after(0.0, -h)];
+                assert!((0..2).all(|i| (slope[i] - 0.5 * differences[i] / h).abs() < 1e-6 * (1.0 + slope[i].abs())));
+            }
+            assert!(
+                compared > 60 && worst_rad < 2e-4 && worst < most,
+                "{curvature_per_m}: {compared}, {worst_rad} rad, {worst}"
+            );
+        }
+    }
+}
