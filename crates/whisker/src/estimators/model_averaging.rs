@@ -99,7 +99,8 @@ impl Default for Config {
     /// `installed` also doubts the calibration, with an even chance nearly, and is considered. `drifting` is none of them: a
     /// velocity explains errors of recorded sensors too, and wins there on objects at rest. Odds, powers and factor were
     /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so that
-    /// its first step is short; the belief of an object is kept from touch to touch.
+    /// its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings for
+    /// inertia and leave out those at the tip, because one that did not would win there by silence of the others.
     fn default() -> Self {
         let mut average =
             Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 0.01)]);
@@ -108,6 +109,7 @@ impl Default for Config {
         {
             candidate.settings.insert("onset_way_m".into(), ONSET_WAY_M.into());
             candidate.settings.insert("kept_share".into(), KEPT_SHARE.into());
+            candidate.settings.insert("corrected".into(), true.into());
         }
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
         Self {

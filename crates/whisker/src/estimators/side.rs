@@ -21,7 +21,7 @@ const MARGIN: f64 = 0.1;
 /// Relative standard deviations of the part of a reading that is extrapolated beyond the calibrated domain: linearly, and by
 /// the mechanics of the whisker.
 const LINEAR_SD: f64 = 0.3;
-const MECHANICS_SD: f64 = 0.03;
+const MECHANICS_SD: f64 = 0.1;
 
 /// Part of the whisker's length that counts as its tip.
 const TIP_SHARE: f64 = 0.01;
