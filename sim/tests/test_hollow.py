@@ -93,6 +93,19 @@ def test_verif_two_loads_superpose_where_they_are_small():
     assert twice.moment_n_m[0] == pytest.approx(float(sum(once)[0]), rel=1e-5)
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_verif_a_second_load_nearer_to_the_root_raises_the_moment_and_one_nearer_to_the_tip_lowers_it(first):
+    """With the first contact, of the inner (0) or outer (1) load, at the same place; the loads are small and of the same side."""
+    whisker = PRESETS["straight"][1]
+    arcs_m = np.array(((0.03, 0.06),))
+    forces_n = 1e-6 * np.array(((2.0, 1.0),))
+    twice = loaded_twice(whisker, arcs_m, forces_n)
+    once = loaded(whisker, arcs_m[:, first], forces_n[:, first])
+    alone_n_m = once.moment_n_m[0] * twice.point_m[0, first, 1] / once.point_m[0, 1]
+    change = abs(twice.moment_n_m[0]) - abs(alone_n_m)
+    assert change * (1 if first == 1 else -1) > 0.01 * abs(alone_n_m)
+
+
 def test_verif_columns_of_the_second_contact(bridged, tmp_path):
     """They appear in traces of objects that are not convex, and are empty where there is none."""
     run, simulated = bridged

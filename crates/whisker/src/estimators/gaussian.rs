@@ -48,6 +48,10 @@ pub(super) const ONSET_WAY_M: f64 = 0.3e-3;
 /// scenes.
 pub(super) const KEPT_SHARE: f64 = 0.8;
 
+/// Rate (1/s), in the methods of `recommended`, at which a contact returns to a place that it has left, on an object that is not
+/// convex.
+const RETURN_RATE: f64 = 10.0;
+
 /// Settings of a filter with Gaussian hypotheses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, bound = "Filter: GaussianFilter")]
@@ -80,6 +84,9 @@ pub(super) struct Config<Filter> {
     pub corrected: bool,
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
+    /// Rate (1/s) at which the contact returns to a place that it has left, once a model average knows that the object is not
+    /// convex. 0: places are not remembered.
+    pub return_rate: f64,
     /// Settings of this filter alone.
     pub filter: Filter,
 }
@@ -99,6 +106,7 @@ impl<Filter: GaussianFilter> Default for Config<Filter> {
             evidence_power: 1.0,
             corrected: false,
             kept_share: 0.0,
+            return_rate: 0.0,
             filter: Filter::default(),
         }
     }
@@ -121,6 +129,7 @@ impl<Filter: GaussianFilter> Config<Filter> {
             evidence_power: 0.7,
             corrected: true,
             kept_share: KEPT_SHARE,
+            return_rate: RETURN_RATE,
             ..Self::default()
         }
     }
@@ -138,6 +147,7 @@ impl<Filter: GaussianFilter> Settings for Config<Filter> {
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("kept_share", self.kept_share, 0.0..=0.99)?;
+        within("return_rate", self.return_rate, 0.0..=1e3)?;
         self.search.validate()?;
         self.filter.validate()
     }
@@ -192,6 +202,10 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     /// readings between a release and its detection contradict the belief.
     recent: Option<Kept<N>>,
     settled: Option<Kept<N>>,
+    /// Places that the contact has left, the latest one last.
+    left: Vec<Left<N>>,
+    /// Whether the object is known not to be convex.
+    jumps: bool,
     doubt: Doubt,
     inertia: Inertia,
     /// Whether the contact was lost at the tip.
@@ -212,6 +226,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             time_s: 0.0,
             recent: None,
             settled: None,
+            left: Vec::new(),
+            jumps: false,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             is_lost: false,
@@ -318,6 +334,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     pub(super) fn advance(&mut self, sample: &Sample) -> Option<Advance<N>> {
         self.base = sample.motion.inverse().then(&self.base);
         self.time_s += sample.dt_s;
+        self.carry_left(sample);
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
             // If all hypotheses are lost later on, these samples are too old for a new start.
@@ -340,6 +357,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         };
         let reading = self.reading().with_error((INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m));
         let innovation = self.condition(&mut bank, &reading, sample.reading_n_m - inertia_n_m).ok();
+        self.go_back(&mut bank, sample, sample.reading_n_m - inertia_n_m, innovation);
         self.search(&mut bank, sample, innovation);
         let filtered = bank.moments_above(self.config.ignored_share)?;
         self.bank = Some(bank);
@@ -373,14 +391,99 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= self.side.face.rest.length_m() {
             self.is_lost = true;
         } else {
+            self.leave();
             bank.add(self.anywhere(sample, None), self.config.search.share);
         }
+    }
+
+    /// Remembers the place of the contact from before the readings contradicted it, if it was known.
+    fn leave(&mut self) {
+        let Some(Kept { bank, base, time_s }) = self.settled.as_ref().filter(|_| self.config.return_rate > 0.0) else {
+            return;
+        };
+        let Some(most) = bank.most_probable() else { return };
+        let mut belief = most.belief;
+        if most.weight() < 0.5 || belief.covariance[(0, 0)] > LEFT_SD_M.powi(2) {
+            return;
+        }
+        let since = Sample { motion: base.then(&self.base.inverse()), dt_s: self.time_s - time_s, reading_n_m: 0.0 };
+        if self.config.filter.predict(&mut belief, &self.motion.step(&self.side, &since)).is_err() {
+            return;
+        }
+        self.left.retain(|left| !is_same_place(&left.belief, &belief));
+        if self.left.len() == MOST_LEFT {
+            self.left.remove(0);
+        }
+        self.left.push(Left { belief, odds: 0.0 });
+    }
+
+    /// Propagates the places that the contact has left to a sample.
+    fn carry_left(&mut self, sample: &Sample) {
+        if self.left.is_empty() {
+            return;
+        }
+        let (process, filter) = (self.motion.step(&self.side, sample), &self.config.filter);
+        self.left.retain_mut(|left| filter.predict(&mut left.belief, &process).is_ok() && left.belief.is_finite());
+    }
+
+    /// Adds the places to which the readings show that the contact has returned. With the likelihood ratio `L` of a reading, of
+    /// the contact at the place to that of the bank, and the rate `r`, the odds of a return are `(odds + r dt) L` (Shiryaev, "On
+    /// optimum methods in quickest detection problems", Theory of Probability and its Applications 8(1), 1963). The innovations
+    /// of the bank alone detect a return late: where the base goes back the way that it came, the bank explains the readings by
+    /// a displaced contact.
+    fn go_back(&mut self, bank: &mut Bank<N>, sample: &Sample, z_n_m: f64, innovation: Option<Innovation<1>>) {
+        if self.left.is_empty() || !self.jumps {
+            return;
+        }
+        let gate = self.config.gate_sds.powi(2);
+        let log_likelihood = |found: &Innovation<1>| found.log_likelihood() + 0.5 * (found.nis - gate).max(0.0);
+        let (Some(found), Some(most)) = (innovation, bank.most_probable().map(|most| most.belief)) else { return };
+        let (of_bank, z) = (log_likelihood(&found), Vector1::new(z_n_m));
+        let mut left = std::mem::take(&mut self.left);
+        for Left { belief, odds } in &mut left {
+            let mut there = *belief;
+            let update = self.config.filter.update(&mut there, &self.reading(), &z);
+            let Some(found) = update.ok().filter(|_| !is_same_place(belief, &most)) else {
+                *odds = 0.0;
+                continue;
+            };
+            let ratio = (self.config.evidence_power * (log_likelihood(&found) - of_bank)).exp();
+            *odds = (*odds + self.config.return_rate * sample.dt_s) * ratio;
+            if *odds > 1.0 {
+                bank.add([(there, 0.0)], RETURN_SHARE);
+                *odds = 0.0;
+            }
+        }
+        self.left = left;
     }
 
     /// Whether the contact is at the tip, so that there is no estimate.
     pub(super) fn is_at_tip(&self, belief: &Gaussian<N>) -> bool {
         self.config.corrected && (self.is_lost || self.side.is_tip(AlongAway::of_state(&belief.mean)))
     }
+}
+
+/// A place that the contact has left.
+struct Left<const N: usize> {
+    /// Belief of a contact there at the present pose of the base.
+    belief: Gaussian<N>,
+    /// Odds that the contact has returned.
+    odds: f64,
+}
+
+/// Largest number of places that are remembered, and the largest standard deviation along the whisker of one.
+const MOST_LEFT: usize = 4;
+const LEFT_SD_M: f64 = 1e-3;
+
+/// Distance below which two places are the same.
+const SAME_PLACE_M: f64 = 1e-3;
+
+/// Probability of a place when the odds of a return to it are even.
+const RETURN_SHARE: f64 = 0.5;
+
+/// Whether two beliefs are of the same place.
+fn is_same_place<const N: usize>(one: &Gaussian<N>, other: &Gaussian<N>) -> bool {
+    AlongAway::of_state(&one.mean).vector().metric_distance(&AlongAway::of_state(&other.mean).vector()) < SAME_PLACE_M
 }
 
 /// Relative standard deviation of the moment by the wire's inertia.
@@ -421,6 +524,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         Some(self.motion.place(&self.side, &filtered, estimate))
     }
 
+    fn expect_jumps(&mut self) {
+        self.jumps = true;
+    }
+
     /// Keeps the belief of the object beside that of a new one; the readings decide. A contact that was lost at the tip has left
     /// the whisker's side, and the belief describes no object.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
@@ -429,6 +536,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         }
         self.bank = None;
         self.recent = None;
+        let gap = Sample { motion: self.base.then(&touch.before.inverse()), dt_s: 0.0, reading_n_m: 0.0 };
+        self.carry_left(&gap);
+        self.left.iter_mut().for_each(|left| left.odds = 0.0);
         self.time_s += touch.history.iter().map(|sample| sample.dt_s).sum::<f64>();
         self.base = touch.before;
         self.history = touch.history.to_vec();
@@ -436,5 +546,63 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.doubt = Doubt::default();
         self.inertia = Inertia::new(&self.side.whisker);
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::elastica::{Circle, Elastica};
+    use crate::estimators::extended::Extended;
+    use crate::estimators::testing::knowledge;
+    use crate::frames::{Point, World};
+    use crate::sensor::Face;
+
+    /// Errors of a contact that jumps from one thin object to another after 150 samples and back after 300.
+    fn errors_m(jumps: bool) -> Vec<f64> {
+        let knowledge = knowledge();
+        let elastica = Elastica::new(&knowledge.whisker).unwrap();
+        let thin = |arc_m: f64| Circle {
+            center: Point::from_vector(knowledge.rest.beside(arc_m, -4e-3).vector()),
+            radius_m: 1e-4,
+        };
+        let (one, other) = (thin(0.058), thin(0.045));
+        let base = |i: usize| -> Pose<Base, World> {
+            let t = i as f64 / 15.0;
+            Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin())
+        };
+        let touch = Touch {
+            face: &knowledge.faces[0],
+            history: &[],
+            before: Pose::new(0.0, 0.0, 0.0),
+            contact_prior: None,
+            seed: 0,
+        };
+        let motion = Round::of_any_scale().beyond_pin(touch.face);
+        let mut follower = Follower::new(Config::<Extended>::round(), motion, &touch, &knowledge);
+        if jumps {
+            follower.expect_jumps();
+        }
+        let step = |i: usize| {
+            let circle = if (150..300).contains(&i) { &other } else { &one };
+            let exact = elastica.against(circle, &base(i), Face::Left).unwrap().unwrap().deflection;
+            let noise_n_m = knowledge.noise_sd_n_m * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8];
+            let motion = base(i.saturating_sub(1)).then(&base(i).inverse());
+            let sample = Sample { motion, dt_s: 4e-3, reading_n_m: exact.moment_n_m + noise_n_m };
+            follower.step(&sample).map_or(f64::INFINITY, |estimate| estimate.contact.distance(&exact.point))
+        };
+        (0..330).map(step).collect()
+    }
+
+    #[test]
+    fn verif_a_return_to_a_place_that_was_left_is_found_within_a_few_samples() {
+        let [found, sought] = [true, false].map(errors_m);
+        let worst_m = |errors_m: &[f64]| errors_m.iter().copied().fold(0.0, f64::max);
+        assert!(worst_m(&found[140..150]) < 0.2e-3, "{:?}", &found[140..150]);
+        assert!(worst_m(&found[290..300]) < 0.2e-3, "{:?}", &found[290..300]);
+        // The first jump leads to a place that is not known.
+        assert_eq!(found[..300], sought[..300]);
+        assert!(worst_m(&found[310..]) < 0.3e-3, "{:?}", &found[300..]);
+        assert!(worst_m(&sought[310..]) > 1e-3, "{:?}", &sought[300..]);
     }
 }

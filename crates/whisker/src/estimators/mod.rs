@@ -234,6 +234,14 @@ pub trait Tracker: Send {
         false
     }
 
+    /// Whether the readings have refuted every convex outline of the object.
+    fn refutes_convexity(&self) -> bool {
+        false
+    }
+
+    /// Takes note that the object is not convex, so that the contact may jump from one place to another. Default: no effect.
+    fn expect_jumps(&mut self) {}
+
     /// Outline of the object as far as it was touched, ordered by the whisker's tangent turning to the left. `None` for
     /// methods that estimate contacts only.
     fn outline(&self) -> Option<Vec<OutlinePoint>> {

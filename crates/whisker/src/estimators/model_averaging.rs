@@ -495,10 +495,13 @@ impl Tracker for AveragingTracker {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
+        if self.trackers.iter().any(|tracker| tracker.refutes_convexity()) {
+            self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps());
+        }
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
-        let is_second = self.second.advance(&self.config.second, sample.dt_s, self.face.face, innovation);
+        let is_second = self.second.advance(&self.config.second, sample.dt_s, innovation);
         let second_contact = self.second.is_raised();
         let together = self.together(&estimates, innovation);
         if is_second && self.config.second.begins_touch {

@@ -96,6 +96,8 @@ pub(super) struct Tracer {
     pace: Pace,
     doubt: Doubt,
     inertia: Inertia,
+    /// Whether readings have refuted a convex outline.
+    is_refuted: bool,
 }
 
 impl Tracer {
@@ -110,6 +112,7 @@ impl Tracer {
             pace: Pace::default(),
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
+            is_refuted: false,
         }
     }
 
@@ -233,6 +236,7 @@ impl Tracer {
         let face = self.front.side.face.clone();
         let touch = Touch { face: &face, history: &[], before: self.base, contact_prior: None, seed: 0 };
         self.front = front(&touch, &self.knowledge);
+        self.is_refuted = true;
         self.object = None;
         self.onset = Some(Onset::default());
         self.pace = Pace::default();
@@ -265,6 +269,10 @@ impl Tracker for Tracer {
         self.front = front(touch, &self.knowledge);
         self.onset = Some(Onset::default());
         true
+    }
+
+    fn refutes_convexity(&self) -> bool {
+        self.is_refuted
     }
 
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
