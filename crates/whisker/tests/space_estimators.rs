@@ -4,7 +4,7 @@ mod space_world;
 
 use std::sync::{Arc, LazyLock};
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
@@ -64,6 +64,29 @@ fn touched(
     at(*shift_m)
 }
 
+/// Contact of the whisker with a sphere about `center`, of this radius with that of the wire, sought from the contact `near` in
+/// Base.
+fn touched_sphere(
+    rod: &Rod,
+    to_base: &Pose<World, Base>,
+    center: Vector3<f64>,
+    radius_m: f64,
+    near: &mut Vector3<f64>,
+) -> SpatialContact {
+    let center = to_base.apply(Point::from_vector(center)).vector();
+    let off = |p: Vector3<f64>| p - center - rod.at_point(p).unwrap().deflection.force_n.normalize() * radius_m;
+    for _ in 0..30 {
+        let here = off(*near);
+        let columns = [0, 1, 2].map(|axis| (off(*near + Vector3::ith(axis, 1e-7)) - here) / 1e-7);
+        let step = Matrix3::from_columns(&columns).try_inverse().unwrap() * here;
+        *near -= step * (5e-4 / step.norm()).min(1.0);
+        if step.norm() < 1e-8 {
+            break;
+        }
+    }
+    rod.at_point(*near).unwrap()
+}
+
 /// Replays a point or line that is touched at 48 mm; estimates with the true contacts.
 fn replayed(
     knowledge: &Arc<Knowledge>,
@@ -71,16 +94,28 @@ fn replayed(
     along: Vector3<f64>,
     noise: f64,
 ) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
+    let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
+    let mut shift_m = 0.0;
+    replayed_contacts(knowledge, name, 3, noise, |rod, to_base| touched(rod, to_base, point, along, &mut shift_m))
+}
+
+/// Replays the contacts that `touched` gives; estimates with the true contacts.
+fn replayed_contacts(
+    knowledge: &Arc<Knowledge>,
+    name: &str,
+    seed: u64,
+    noise: f64,
+    mut touched: impl FnMut(&Rod, &Pose<World, Base>) -> SpatialContact,
+) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
     let rod = knowledge.calibrated.whisker.rod().unwrap();
-    let mut random = Pcg64::seed_from_u64(3);
+    let mut random = Pcg64::seed_from_u64(seed);
     let row = spatial_estimator(name).unwrap();
     let mut estimator = row.build(&row.defaults(), TouchConfig::default(), knowledge).unwrap();
-    let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
-    let (mut found, mut shift_m) = (Vec::new(), 0.0);
+    let mut found = Vec::new();
     for i in 0..ROWS {
         // The object is touched after a tenth of the push.
         let to_base = to_base(i.max(50));
-        let truth = (i >= 50).then(|| touched(&rod, &to_base, point, along, &mut shift_m));
+        let truth = (i >= 50).then(|| touched(&rod, &to_base));
         let moment = truth.map_or(Vector2::zeros(), |truth| truth.deflection.moment_n_m.yz());
         let mut draw = || noise * knowledge.noise_sd_n_m * random.sample::<f64, _>(StandardNormal);
         let motion = self::to_base(i.max(51) - 1).inverse().then(&to_base);
@@ -140,6 +175,26 @@ fn verif_a_rod_is_located_with_its_direction() {
                 let cosine = to_base.turn_vector(along).dot(&direction.along).abs().min(1.0);
                 assert!(cosine.acos() < (5.0 * direction.sd_rad).max(0.02), "{name} {along}: {direction:?}");
             }
+        }
+    }
+}
+
+#[test]
+fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
+    // A push alone hardly tells the radius; below the deflection the contact would be unstable, and would slide the other way.
+    const RADIUS_M: f64 = 0.02;
+    for seed in 1..=6 {
+        let first = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.rest).vector();
+        let mut near = first + Vector3::new(0.0, -1e-4, -3e-5);
+        let inwards = Vector3::new(0.0, 5.0, 1.5).normalize();
+        let center = first + inwards * RADIUS_M;
+        let found = replayed_contacts(&STRAIGHT, "sphere-fit", seed, 1.0, |rod, to_base| {
+            touched_sphere(rod, to_base, center, RADIUS_M, &mut near)
+        });
+        for (estimate, truth, _) in &found[found.len() - 50..] {
+            assert!(error(estimate, truth).norm() < 0.5e-3, "seed {seed}: {}", error(estimate, truth));
+            let radius_m = estimate.radius.unwrap().radius_m;
+            assert!((radius_m / RADIUS_M - 1.0).abs() < 0.1, "seed {seed}: {radius_m}");
         }
     }
 }

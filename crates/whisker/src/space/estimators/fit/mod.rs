@@ -25,7 +25,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::follower::{self, Follower, Tracker, Unrest};
-use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S, touch};
+use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S, stable_touch};
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::frames::{Base, Start};
@@ -33,7 +33,7 @@ use crate::settings::{Settings, SettingsError, within};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 use readings::{Mean, Readings};
-use search::{Evidence, Prior, Search};
+use search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
 
 /// Prior standard deviations of the contact's coordinates across the whisker.
 const AWAY_SD_M: f64 = 5e-3;
@@ -49,8 +49,13 @@ const FARTHER: f64 = 1.5;
 /// Largest squared distance of two modes, in their covariance, at which they are the same.
 const SAME: f64 = 1.0;
 
+/// Cost per mean, relative to the expected one, above which the readings contradict every mode, and another start is searched;
+/// largest cost of the object found from there, relative to that of the others, at which it counts.
+const CONTRADICTED: f64 = 2.0;
+const BETTER: f64 = 0.5;
+
 /// Consecutive samples without a contact after which the object is given up.
-const LOST: usize = 25;
+const LOST: usize = 50;
 
 /// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,7 +90,7 @@ impl Config {
             kept_modes: 3,
             prune_share: 1e-2,
             gate_sds: 5.0,
-            means_per_step: 5,
+            means_per_step: 8,
             deviation_m: 5e-6,
         }
     }
@@ -112,6 +117,7 @@ impl Settings for Config {
 }
 
 /// An object that explains the readings.
+#[derive(Clone, Copy)]
 struct Mode<const N: usize> {
     /// Pose of the base that the state belongs to.
     reference: Pose<Base, Start>,
@@ -132,6 +138,8 @@ struct Round<const N: usize> {
     mode: usize,
     search: Search<N>,
     log_evidence: Vec<f64>,
+    /// Smallest cost of a mode.
+    least_cost: f64,
     /// Logarithm of the evidence of the readings since the means were taken.
     since: f64,
 }
@@ -149,6 +157,9 @@ pub(super) struct Fitter<Model, const N: usize> {
     elapsed_s: f64,
     readings: Readings,
     modes: Vec<Mode<N>>,
+    /// The modes of the start, of which `next_start` is searched again if the readings contradict all others.
+    starts: Vec<Mode<N>>,
+    next_start: usize,
     round: Option<Round<N>>,
     lost: usize,
     log_evidence: LogEvidence,
@@ -202,6 +213,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             elapsed_s: 0.0,
             readings: Readings::default(),
             modes: Vec::new(),
+            starts: Vec::new(),
+            next_start: 0,
             round: None,
             lost: 0,
             log_evidence: LogEvidence::default(),
@@ -245,6 +258,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 mode: 0,
                 search,
                 log_evidence: vec![f64::NEG_INFINITY; self.modes.len()],
+                least_cost: f64::INFINITY,
                 since: 0.0,
             });
             return;
@@ -256,27 +270,49 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
         let Some(mut round) = self.round.take() else { return };
         let mode = &mut self.modes[round.mode];
+        let is_new = mode.is_new();
+        if (is_new || self.front.is_some())
+            && let Some(near) = round.search.nearest(&round.means, &self.base)
+        {
+            mode.near = near;
+        }
         if let Some((about, quadratic)) = round.search.best()
             && let Some(covariance) = quadratic.covariance()
+            && (!is_new || quadratic.cost < BETTER * round.least_cost)
         {
             (mode.about, mode.covariance) = (about, covariance);
             round.log_evidence[round.mode] = quadratic.log_evidence(&mode.prior).unwrap_or(f64::NEG_INFINITY);
+            round.least_cost = round.least_cost.min(quadratic.cost);
         }
         let next = round.mode + 1;
         if next == self.modes.len() {
             let evidence = self.weigh(&round.log_evidence, round.means.len());
             self.log_evidence = self.log_evidence.after(evidence, round.since);
             self.front = None;
+            if round.least_cost > CONTRADICTED * round.means.len() as f64 {
+                self.start_again();
+            }
         } else {
             self.round = self.search_of(next).map(|search| Round { mode: next, search, ..round });
         }
     }
 
+    /// Adds one of the first starts to the modes, in turn: a search that began with few readings may have found another object than
+    /// all of them tell. The last starts of a sphere have the largest radius, and come first: from above every radius is found.
+    fn start_again(&mut self) {
+        self.modes.retain(|mode| !mode.is_new());
+        let start = self.starts[self.starts.len() - 1 - self.next_start];
+        self.modes.push(Mode { log_weight: f64::NEG_INFINITY, ..start });
+        self.next_start = (self.next_start + 1) % self.starts.len();
+    }
+
     fn search_of(&self, mode: usize) -> Option<Search<N>> {
-        let Mode { reference, prior, about, near, .. } = self.modes.get(mode)?;
-        // Until the first round has ended, the contact is known at the reference pose alone.
-        let pose = if self.front.is_some() { *reference } else { self.base };
-        Search::new(&self.side, *reference, *prior, &about.x, (*near, pose))
+        let mode = self.modes.get(mode)?;
+        let Mode { reference, prior, about, near, .. } = mode;
+        // Until the first search has ended, the contact is known at the reference pose alone.
+        let pose = if self.front.is_some() || mode.is_new() { *reference } else { self.base };
+        let trials = if mode.is_new() { START_TRIALS } else { MOST_TRIALS };
+        Search::new(&self.side, *reference, *prior, &about.x, (*near, pose), trials)
     }
 
     /// Weights of the modes by their evidence from a number of means; improbable modes and duplicates are dropped. Returns the
@@ -320,8 +356,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let (side, model) = (&self.side, &self.model);
         let motion = mode.reference.then(&self.base.inverse());
         let object = mode.about.object(model, &motion, 0.0);
-        let found = touch(side, model, &object, mode.near)
-            .or_else(|| touch(side, model, &object, mode.about.carried(side, &motion)))?;
+        let found = stable_touch(side, model, &object, mode.near)
+            .or_else(|| stable_touch(side, model, &object, mode.about.carried(side, &motion)))?;
         let place = found.0;
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.
@@ -378,6 +414,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let mut modes = std::mem::take(&mut self.modes);
         let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
             .iter_mut()
+            .filter(|mode| !mode.is_new())
             .filter_map(|mode| {
                 let (belief, innovation) = self.present(mode, sample)?;
                 Some((belief, innovation, mode.log_weight.exp()))
@@ -406,6 +443,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 }
 
 impl<const N: usize> Mode<N> {
+    /// Whether it was never weighed against the others.
+    fn is_new(&self) -> bool {
+        self.log_weight == f64::NEG_INFINITY
+    }
+
     /// Refers the state to the present pose of the base if the whisker is deflected farther there.
     fn renew<Model: Shape<N>>(&mut self, side: &Side, model: &Model, base: &Pose<Base, Start>) {
         if self.near.away_m() < FARTHER * Around::of_state(&self.about.x).away_m() {
@@ -437,6 +479,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             Some(front) if self.modes.is_empty() => {
                 if self.elapsed_s >= self.config.start_s {
                     self.modes = self.begin(front);
+                    self.starts = self.modes.clone();
                 }
             }
             _ => self.search(),

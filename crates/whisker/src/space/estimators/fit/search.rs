@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::readings::Mean;
 use crate::frames::{Base, Start};
-use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S, touch};
+use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S, stable_touch};
 use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
@@ -19,8 +19,10 @@ const MOST_DAMPING: f64 = 1e4;
 /// Expected decrease of the cost at which the search has converged: that of a seventh of a standard deviation.
 const CONVERGED: f64 = 0.01;
 
-/// Most states that a search evaluates, the first and rejected ones included.
-const MOST_TRIALS: usize = 5;
+/// Most states that a search evaluates, the first and rejected ones included, and the same of one from a start that readings of
+/// other poses contradicted.
+pub(super) const MOST_TRIALS: usize = 5;
+pub(super) const START_TRIALS: usize = 12;
 
 /// Prior of the state of a contact at its reference pose: independent entries.
 #[derive(Clone, Copy, Debug)]
@@ -103,8 +105,8 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         let Self { side, shape, .. } = self;
         let motion = reference.then(&mean.base().inverse());
         let object = about.object(*shape, &motion, 0.0);
-        let found =
-            touch(side, *shape, &object, *near).or_else(|| touch(side, *shape, &object, about.carried(side, &motion)));
+        let found = stable_touch(side, *shape, &object, *near)
+            .or_else(|| stable_touch(side, *shape, &object, about.carried(side, &motion)));
         let Some(found) = found else {
             // A contact that does not exist is as improbable as an outlier.
             quadratic.cost += self.gate_sds.powi(2);
@@ -143,6 +145,7 @@ pub(super) struct Search<const N: usize> {
     best: Option<(Neighbours<N>, Quadratic<N>)>,
     damping: f64,
     trials: usize,
+    most_trials: usize,
     /// The state that is evaluated, the approximation about it, and the number of means that this includes.
     trial: Neighbours<N>,
     quadratic: Quadratic<N>,
@@ -157,6 +160,7 @@ impl<const N: usize> Search<N> {
         prior: Prior<N>,
         x: &SVector<f64, N>,
         last: (Around, Pose<Base, Start>),
+        most_trials: usize,
     ) -> Option<Self> {
         let trial = Neighbours::new(side, x)?;
         let quadratic = Quadratic::of_prior(&prior, x);
@@ -169,6 +173,7 @@ impl<const N: usize> Search<N> {
             best: None,
             damping: FIRST_DAMPING,
             trials: 0,
+            most_trials,
             trial,
             quadratic,
             done: 0,
@@ -209,7 +214,7 @@ impl<const N: usize> Search<N> {
             self.damping *= MORE;
         }
         let Some((about, best)) = &self.best else { return true };
-        while self.trials < MOST_TRIALS && self.damping < MOST_DAMPING {
+        while self.trials < self.most_trials && self.damping < MOST_DAMPING {
             let Some((step, decrease)) = best.step(self.damping) else { return true };
             if decrease < CONVERGED {
                 return true;
@@ -224,6 +229,13 @@ impl<const N: usize> Search<N> {
             self.damping *= MORE;
         }
         true
+    }
+
+    /// The contact that was found at the pose nearest to `base`.
+    pub(super) fn nearest(&self, means: &[Mean], base: &Pose<Base, Start>) -> Option<Around> {
+        let found = means.iter().zip(&self.near).filter_map(|(mean, near)| Some((mean.base(), (*near)?)));
+        let distance_m = |pose: &Pose<Base, Start>| pose.origin().distance(&base.origin());
+        found.min_by(|a, b| distance_m(&a.0).total_cmp(&distance_m(&b.0))).map(|(_, near)| near)
     }
 
     /// The best state with the approximation about it.

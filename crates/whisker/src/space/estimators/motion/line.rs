@@ -114,6 +114,14 @@ pub(in crate::space::estimators) struct Rod {
     tilt_rad: f64,
 }
 
+impl Rod {
+    /// Two directions across the rod, which with its own are a right-handed frame.
+    fn across(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let one = Unit::new_normalize(self.along.cross(&Vector3::ith(self.along.iamin(), 1.0))).into_inner();
+        (one, self.along.cross(&one))
+    }
+}
+
 impl Shape<6> for Line {
     type Object = Rod;
 
@@ -125,16 +133,19 @@ impl Shape<6> for Line {
         Rod { axis, along: motion.turn_vector(tangent * cos + across * sin), radius_m, tilt_rad }
     }
 
+    fn residual(&self, rod: &Rod, place: &Place) -> Vector3<f64> {
+        let (one, other) = rod.across();
+        let normal = place.axes(rod.tilt_rad).normal;
+        let off = place.contact - normal * rod.radius_m - rod.axis;
+        Vector3::new(one.dot(&off), other.dot(&off), LEVER_M * rod.along.dot(&normal))
+    }
+
     fn equations(&self, rod: &Rod, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
-        let Rod { axis, along, radius_m, tilt_rad } = *rod;
-        let one = Unit::new_normalize(along.cross(&Vector3::ith(along.iamin(), 1.0))).into_inner();
-        let other = along.cross(&one);
-        let (normal, normal_slopes) = (place.axes(tilt_rad).normal, place.normal_slopes(tilt_rad));
-        let off = place.contact - normal * radius_m - axis;
-        let off_slopes = place.slopes - normal_slopes * radius_m;
-        let residual = Vector3::new(one.dot(&off), other.dot(&off), LEVER_M * along.dot(&normal));
-        let rows = [off_slopes.tr_mul(&one), off_slopes.tr_mul(&other), normal_slopes.tr_mul(&along) * LEVER_M];
-        (residual, Matrix3::from_columns(&rows).transpose())
+        let (one, other) = rod.across();
+        let normal_slopes = place.normal_slopes(rod.tilt_rad);
+        let off_slopes = place.slopes - normal_slopes * rod.radius_m;
+        let rows = [off_slopes.tr_mul(&one), off_slopes.tr_mul(&other), normal_slopes.tr_mul(&rod.along) * LEVER_M];
+        (self.residual(rod, place), Matrix3::from_columns(&rows).transpose())
     }
 
     fn state(&self, rod: &Rod, place: &Place, before: &SVector<f64, 6>) -> SVector<f64, 6> {

@@ -109,7 +109,20 @@ struct Section {
     direction: Vector3<f64>,
 }
 
+impl Section {
+    fn residual(&self, torus: &Torus, normal: &Vector3<f64>) -> Vector3<f64> {
+        let Self { off, l, h, direction } = *self;
+        let on_spine = h + 0.5 * torus.bend_per_m * (l * l + h * h);
+        Vector3::new(torus.across().dot(&off), on_spine, LEVER_M * direction.dot(normal))
+    }
+}
+
 impl Torus {
+    /// The direction across the plane of the spine.
+    fn across(&self) -> Vector3<f64> {
+        self.outwards.cross(&self.along)
+    }
+
     /// The cross-section that is touched at a place with this normal.
     fn section(&self, place: &Place, normal: &Vector3<f64>) -> Section {
         let off = place.contact - normal * self.radius_m - self.spine;
@@ -136,16 +149,20 @@ impl Shape<7> for Patch {
         }
     }
 
+    fn residual(&self, torus: &Torus, place: &Place) -> Vector3<f64> {
+        let normal = place.axes(torus.tilt_rad).normal;
+        torus.section(place, &normal).residual(torus, &normal)
+    }
+
     fn equations(&self, torus: &Torus, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
         let Torus { along, outwards, bend_per_m, radius_m, tilt_rad, .. } = *torus;
-        let across = along.cross(&outwards);
+        let across = torus.across();
         let (normal, normal_slopes) = (place.axes(tilt_rad).normal, place.normal_slopes(tilt_rad));
-        let Section { off, l, h, direction } = torus.section(place, &normal);
+        let section = torus.section(place, &normal);
+        let Section { l, h, direction, .. } = section;
         let off_slopes = place.slopes - normal_slopes * radius_m;
         let (l_slopes, h_slopes) = (off_slopes.tr_mul(&along), off_slopes.tr_mul(&outwards));
         let (bent, turned) = (1.0 + bend_per_m * h, bend_per_m * l);
-        let residual =
-            Vector3::new(across.dot(&off), h + 0.5 * bend_per_m * (l * l + h * h), LEVER_M * direction.dot(&normal));
         let by_direction =
             h_slopes * (bend_per_m * along.dot(&normal)) - l_slopes * (bend_per_m * outwards.dot(&normal));
         let rows = [
@@ -153,7 +170,7 @@ impl Shape<7> for Patch {
             h_slopes * bent + l_slopes * turned,
             (normal_slopes.tr_mul(&direction) + by_direction) * LEVER_M,
         ];
-        (residual, Matrix3::from_columns(&rows).transpose())
+        (section.residual(torus, &normal), Matrix3::from_columns(&rows).transpose())
     }
 
     fn state(&self, torus: &Torus, place: &Place, before: &SVector<f64, 7>) -> SVector<f64, 7> {

@@ -22,9 +22,10 @@ use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose};
 use crate::space::sensor::{Around, Directions};
 
-/// Most iterations, and the step after which the next one would change nothing.
+/// Most iterations, and the step that ends them: Newton's steps shrink quadratically, so that what remains after it is below
+/// 10 nm.
 const ITERATIONS: usize = 8;
-const CONVERGED_M: f64 = 1e-7;
+const CONVERGED_M: f64 = 2e-6;
 
 /// Longest step of the iteration, a guard against steps out of the table.
 const LONGEST_M: f64 = 2e-3;
@@ -52,28 +53,54 @@ pub(in crate::space::estimators) struct Place {
     /// Contact on the centre line (m), and its derivatives by the coordinates about the whisker.
     pub(super) contact: Vector3<f64>,
     pub(super) slopes: Matrix3<f64>,
-    /// Directions of the equilibrium.
+    /// Directions of the equilibrium, and the axes that they give.
     directions: Directions,
+    untilted: Axes,
 }
 
 /// Axes at a contact: normal of the touched surface, tangent of the wire, and the direction across both.
+#[derive(Clone, Copy)]
 pub(super) struct Axes {
     pub(super) normal: Vector3<f64>,
     pub(super) tangent: Vector3<f64>,
     pub(super) across: Vector3<f64>,
 }
 
+impl Axes {
+    fn of(directions: &Directions) -> Self {
+        let Directions { normal, tangent, .. } = *directions;
+        let across = normal.cross(&tangent).normalize();
+        Self { normal, tangent: across.cross(&normal), across }
+    }
+}
+
 impl Place {
     pub(in crate::space::estimators) fn new(side: &Side, at: Around) -> Option<Self> {
         let (contact, slopes) = at.contact_with_jacobian(side.rest());
-        Some(Self { at, contact: contact.vector(), slopes, directions: side.directions(at)? })
+        let directions = side.directions(at)?;
+        Some(Self { at, contact: contact.vector(), slopes, untilted: Axes::of(&directions), directions })
+    }
+
+    /// The place after a step so short that its derivatives stay the same.
+    fn shifted(&self, step: &Vector3<f64>) -> Self {
+        let mut directions = self.directions;
+        directions.normal = (directions.normal + directions.normal_slopes * step).normalize();
+        directions.tangent = (directions.tangent + directions.tangent_slopes * step).normalize();
+        Self {
+            at: Around::of_state(&(self.at.vector() + step)),
+            contact: self.contact + self.slopes * step,
+            untilted: Axes::of(&directions),
+            directions,
+            ..*self
+        }
     }
 
     /// Axes with the normal tilted by `tilt_rad`.
     pub(super) fn axes(&self, tilt_rad: f64) -> Axes {
-        let Directions { normal, tangent, .. } = self.directions;
-        let across = normal.cross(&tangent).normalize();
-        let tangent = across.cross(&normal);
+        let Axes { normal, tangent, across } = self.untilted;
+        if tilt_rad == 0.0 {
+            return self.untilted;
+        }
         let (sin, cos) = tilt_rad.sin_cos();
         Axes { normal: normal * cos + across * sin, tangent, across: across * cos - normal * sin }
     }
@@ -88,6 +115,9 @@ impl Place {
     /// Derivatives of the tilted normal by the coordinates about the whisker.
     pub(super) fn normal_slopes(&self, tilt_rad: f64) -> Matrix3<f64> {
         let Directions { normal, normal_slopes, tangent, tangent_slopes, .. } = self.directions;
+        if tilt_rad == 0.0 {
+            return normal_slopes;
+        }
         let across = normal.cross_matrix() * tangent_slopes - tangent.cross_matrix() * normal_slopes;
         normal_slopes * tilt_rad.cos() + across * tilt_rad.sin()
     }
@@ -103,7 +133,11 @@ pub(in crate::space::estimators) trait Shape<const N: usize>:
     /// The object that is touched at a place by a state, moved with the base's motion, and the tilt at the present instant.
     fn object(&self, x: &SVector<f64, N>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self::Object;
 
-    /// The equations of a contact with an object, in metres, and their derivatives by the coordinates about the whisker.
+    /// The equations of a contact with an object, in metres: zero at the contact.
+    fn residual(&self, object: &Self::Object, place: &Place) -> Vector3<f64>;
+
+    /// The same, and their derivatives by the coordinates about the whisker, whose
+    /// determinant is positive where the contact is stable ([`stable_touch`]).
     fn equations(&self, object: &Self::Object, place: &Place) -> (Vector3<f64>, Matrix3<f64>);
 
     /// The state of a contact with an object, from the former state.
@@ -135,13 +169,25 @@ pub(in crate::space::estimators) fn touch<Object: Shape<N>, const N: usize>(
         if !length_m.is_finite() {
             return None;
         }
-        at -= step * (LONGEST_M / length_m).min(1.0);
-        // Newton's steps shrink quadratically.
         if length_m < CONVERGED_M {
-            return Some((Place::new(side, Around::of_state(&at))?, inverse));
+            return Some((place.shifted(&-step), inverse));
         }
+        at -= step * (LONGEST_M / length_m).min(1.0);
     }
     None
+}
+
+/// As [`touch`], if the contact is a stable equilibrium. The energy of the whisker, as a function of the point of the surface that
+/// holds it, has a minimum across the wire, where the whisker may slide off sideways, and a maximum along it, where the wire touches
+/// the point that deflects it most: the determinant of its Hessian is negative, and that of the derivatives of the equations
+/// positive. On a sphere with a radius below the deflection the contact is unstable.
+pub(in crate::space::estimators) fn stable_touch<Object: Shape<N>, const N: usize>(
+    side: &Side,
+    shape: &Object,
+    object: &Object::Object,
+    start: Around,
+) -> Option<(Place, Matrix3<f64>)> {
+    touch(side, shape, object, start).filter(|(_, inverse)| inverse.determinant() > 0.0)
 }
 
 /// The states after a step forwards and backwards along one entry, and half the inverse of the step.
@@ -193,7 +239,7 @@ impl<const N: usize> Neighbours<N> {
         let mut slopes = SMatrix::<f64, 3, N>::zeros();
         for (i, (neighbours, share)) in self.sides.iter().enumerate().filter(|(i, _)| *i != TILT) {
             let [high, low] =
-                neighbours.map(|(x, place)| shape.equations(&shape.object(&x, &place, motion, 0.0), found).0);
+                neighbours.map(|(x, place)| shape.residual(&shape.object(&x, &place, motion, 0.0), found));
             slopes.set_column(i, &(inverse * (low - high) * *share));
         }
         slopes
@@ -211,7 +257,7 @@ impl<const N: usize> Neighbours<N> {
         motion: &Pose<Base, Base>,
         (found, inverse): &(Place, Matrix3<f64>),
     ) -> Vector3<f64> {
-        let [high, low] = [STEP, -STEP].map(|tilt| shape.equations(&self.object(shape, motion, tilt), found).0);
+        let [high, low] = [STEP, -STEP].map(|tilt| shape.residual(&self.object(shape, motion, tilt), found));
         inverse * (low - high) * (0.5 / STEP)
     }
 
@@ -232,7 +278,7 @@ impl<const N: usize> Neighbours<N> {
             let mut slope = SVector::<f64, N>::zeros();
             for ((x, place), sign) in neighbours.iter().zip([1.0, -1.0]) {
                 let object = shape.object(x, place, motion, decay * x[TILT]);
-                let at = found.at.vector() - inverse * shape.equations(&object, &found).0;
+                let at = found.at.vector() - inverse * shape.residual(&object, &found);
                 let place = Place::new(side, Around::of_state(&at))?;
                 slope += shape.state(&object, &place, x) * sign;
             }

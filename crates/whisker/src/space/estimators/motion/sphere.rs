@@ -76,10 +76,13 @@ impl Shape<5> for Sphere {
         Ball { center: carried(place.contact - place.axes(x[TILT]).normal * radius_m, motion), radius_m, tilt_rad }
     }
 
+    fn residual(&self, ball: &Ball, place: &Place) -> Vector3<f64> {
+        ball.center - place.contact + place.axes(ball.tilt_rad).normal * ball.radius_m
+    }
+
     fn equations(&self, ball: &Ball, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
-        let Ball { center, radius_m, tilt_rad } = *ball;
-        let residual = place.contact - place.axes(tilt_rad).normal * radius_m - center;
-        (residual, place.slopes - place.normal_slopes(tilt_rad) * radius_m)
+        let Ball { radius_m, tilt_rad, .. } = *ball;
+        (self.residual(ball, place), place.normal_slopes(tilt_rad) * radius_m - place.slopes)
     }
 
     fn state(&self, ball: &Ball, place: &Place, before: &SVector<f64, 5>) -> SVector<f64, 5> {
