@@ -181,7 +181,7 @@ fn verif_a_rod_is_located_with_its_direction() {
 
 #[test]
 fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
-    // A push alone hardly tells the radius; below the deflection the contact would be unstable, and would slide the other way.
+    // A push alone hardly determines the radius; below the deflection the contact would be unstable, and would slide the other way.
     const RADIUS_M: f64 = 0.02;
     for seed in 1..=6 {
         let first = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.rest).vector();

@@ -48,8 +48,7 @@ pub(super) const ONSET_WAY_M: f64 = 0.3e-3;
 /// scenes.
 pub(super) const KEPT_SHARE: f64 = 0.8;
 
-/// Rate (1/s), in the methods of `recommended`, at which a contact returns to a place that it has left, on an object that is not
-/// convex.
+/// Default of `return_rate` (1/s) in the methods of `recommended`.
 const RETURN_RATE: f64 = 10.0;
 
 /// Settings of a filter with Gaussian hypotheses.
@@ -84,8 +83,8 @@ pub(super) struct Config<Filter> {
     pub corrected: bool,
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
-    /// Rate (1/s) at which the contact returns to a place that it has left, once a model average knows that the object is not
-    /// convex. 0: places are not remembered.
+    /// Prior rate (1/s) at which the contact returns to a place that it has left. Without effect until
+    /// [`Tracker::expect_jumps`] is called; requires `kept_share` and `search`. 0: places are not remembered.
     pub return_rate: f64,
     /// Settings of this filter alone.
     pub filter: Filter,
@@ -204,7 +203,7 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     settled: Option<Kept<N>>,
     /// Places that the contact has left, the latest one last.
     left: Vec<Left<N>>,
-    /// Whether the object is known not to be convex.
+    /// Whether the contact may jump from one place of the object to another.
     jumps: bool,
     doubt: Doubt,
     inertia: Inertia,
@@ -226,7 +225,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             time_s: 0.0,
             recent: None,
             settled: None,
-            left: Vec::new(),
+            left: Vec::with_capacity(MOST_LEFT),
             jumps: false,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
@@ -355,9 +354,11 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         } else {
             0.0
         };
-        let reading = self.reading().with_error((INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m));
-        let innovation = self.condition(&mut bank, &reading, sample.reading_n_m - inertia_n_m).ok();
-        self.go_back(&mut bank, sample, sample.reading_n_m - inertia_n_m, innovation);
+        let error_sd_n_m = (INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m);
+        let reading = self.reading().with_error(error_sd_n_m);
+        let corrected = Sample { reading_n_m: sample.reading_n_m - inertia_n_m, ..*sample };
+        let innovation = self.condition(&mut bank, &reading, corrected.reading_n_m).ok();
+        self.go_back(&mut bank, &corrected, error_sd_n_m, innovation);
         self.search(&mut bank, sample, innovation);
         let filtered = bank.moments_above(self.config.ignored_share)?;
         self.bank = Some(bank);
@@ -426,24 +427,26 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left.retain_mut(|left| filter.predict(&mut left.belief, &process).is_ok() && left.belief.is_finite());
     }
 
-    /// Adds the places to which the readings show that the contact has returned. With the likelihood ratio `L` of a reading, of
-    /// the contact at the place to that of the bank, and the rate `r`, the odds of a return are `(odds + r dt) L` (Shiryaev, "On
-    /// optimum methods in quickest detection problems", Theory of Probability and its Applications 8(1), 1963). The innovations
+    /// Adds remembered places whose odds of a return exceed 1. `L` is the likelihood of a reading for a contact at the place,
+    /// divided by that of the bank, raised to `evidence_power`; `r` is the rate of returns. The odds of a return are then
+    /// `(odds + r dt) L` (Shiryaev, "On optimum methods in quickest detection problems", Theory of Probability and its Applications 8(1), 1963). The innovations
     /// of the bank alone detect a return late: where the base goes back the way that it came, the bank explains the readings by
     /// a displaced contact.
-    fn go_back(&mut self, bank: &mut Bank<N>, sample: &Sample, z_n_m: f64, innovation: Option<Innovation<1>>) {
+    fn go_back(&mut self, bank: &mut Bank<N>, sample: &Sample, error_sd_n_m: f64, innovation: Option<Innovation<1>>) {
         if self.left.is_empty() || !self.jumps {
             return;
         }
         let gate = self.config.gate_sds.powi(2);
         let log_likelihood = |found: &Innovation<1>| found.log_likelihood() + 0.5 * (found.nis - gate).max(0.0);
         let (Some(found), Some(most)) = (innovation, bank.most_probable().map(|most| most.belief)) else { return };
-        let (of_bank, z) = (log_likelihood(&found), Vector1::new(z_n_m));
+        let (of_bank, z) = (log_likelihood(&found), Vector1::new(sample.reading_n_m));
         let mut left = std::mem::take(&mut self.left);
+        let reading = self.reading().with_error(error_sd_n_m);
         for Left { belief, odds } in &mut left {
             let mut there = *belief;
-            let update = self.config.filter.update(&mut there, &self.reading(), &z);
-            let Some(found) = update.ok().filter(|_| !is_same_place(belief, &most)) else {
+            let update = self.config.filter.update(&mut there, &reading, &z);
+            self.side.hold(&mut there.mean);
+            let Some(found) = update.ok().filter(|_| there.is_finite() && !is_same_place(belief, &most)) else {
                 *odds = 0.0;
                 continue;
             };
@@ -524,8 +527,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         Some(self.motion.place(&self.side, &filtered, estimate))
     }
 
-    fn expect_jumps(&mut self) {
-        self.jumps = true;
+    fn expect_jumps(&mut self, expected: bool) {
+        self.jumps = expected;
     }
 
     /// Keeps the belief of the object beside that of a new one; the readings decide. A contact that was lost at the tip has left
@@ -536,10 +539,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         }
         self.bank = None;
         self.recent = None;
-        let gap = Sample { motion: self.base.then(&touch.before.inverse()), dt_s: 0.0, reading_n_m: 0.0 };
-        self.carry_left(&gap);
+        let gap_s = touch.history.iter().map(|sample| sample.dt_s).sum();
+        self.carry_left(&Sample { motion: self.base.then(&touch.before.inverse()), dt_s: gap_s, reading_n_m: 0.0 });
         self.left.iter_mut().for_each(|left| left.odds = 0.0);
-        self.time_s += touch.history.iter().map(|sample| sample.dt_s).sum::<f64>();
+        self.time_s += gap_s;
         self.base = touch.before;
         self.history = touch.history.to_vec();
         self.contact_prior = touch.contact_prior;
@@ -581,7 +584,7 @@ mod tests {
         let motion = Round::of_any_scale().beyond_pin(touch.face);
         let mut follower = Follower::new(Config::<Extended>::round(), motion, &touch, &knowledge);
         if jumps {
-            follower.expect_jumps();
+            follower.expect_jumps(true);
         }
         let step = |i: usize| {
             let circle = if (150..300).contains(&i) { &other } else { &one };

@@ -234,13 +234,14 @@ pub trait Tracker: Send {
         false
     }
 
-    /// Whether the readings have refuted every convex outline of the object.
+    /// Whether the readings have contradicted the convex outline that the tracker fitted to the present object, as they do if the
+    /// object is not convex, moves, or is touched through a sensor with a wrong calibration.
     fn refutes_convexity(&self) -> bool {
         false
     }
 
-    /// Takes note that the object is not convex, so that the contact may jump from one place to another. Default: no effect.
-    fn expect_jumps(&mut self) {}
+    /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.
+    fn expect_jumps(&mut self, _expected: bool) {}
 
     /// Outline of the object as far as it was touched, ordered by the whisker's tangent turning to the left. `None` for
     /// methods that estimate contacts only.

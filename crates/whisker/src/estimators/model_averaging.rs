@@ -100,7 +100,8 @@ impl Default for Config {
     /// velocity explains errors of recorded sensors too, and wins there on objects at rest. Odds, powers and factor were
     /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so that
     /// its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings for
-    /// inertia and leave out those at the tip, because one that did not would win there by silence of the others.
+    /// inertia and leave out those at the tip: a candidate that used them would gain weight there while the others state no
+    /// likelihood.
     fn default() -> Self {
         let mut average =
             Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 0.01)]);
@@ -495,9 +496,8 @@ impl Tracker for AveragingTracker {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
-        if self.trackers.iter().any(|tracker| tracker.refutes_convexity()) {
-            self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps());
-        }
+        let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
+        self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);

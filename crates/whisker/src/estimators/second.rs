@@ -3,9 +3,9 @@
 //! With a first contact at a known place, a second one nearer to the root raises the moment at the root, and one nearer to the tip
 //! lowers it: the second contact takes over a part of the deflection at the first, with a lever that is shorter or longer. As long
 //! as there is one contact, the normalised innovations of a model that describes it have mean zero; from the instant at which a
-//! second contact takes load they have a mean of either sign. The change is detected by Page's two-sided test ("Continuous
-//! inspection schemes", Biometrika 41, 1954): the cumulative sum of the innovations of one sign less a drift, kept from
-//! falling below zero, exceeds a threshold.
+//! second contact takes load they have a positive or a negative mean. The change is detected by Page's two-sided test
+//! ("Continuous inspection schemes", Biometrika 41, 1954): the cumulative sum of the innovations less a drift, or that of their
+//! negatives less the drift, each kept from falling below zero, exceeds a threshold.
 
 use filters::Innovation;
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ impl SecondSettings {
 /// Page's test on the innovations of one touch.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Second {
-    /// Cumulative sums of the innovations above and below zero.
+    /// Cumulative sums that detect a positive and a negative mean of the innovations.
     above_sds: f64,
     below_sds: f64,
     since_start_s: f64,

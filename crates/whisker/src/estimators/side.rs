@@ -113,16 +113,17 @@ impl Side {
         (at.vector() - self.face.domain.clamp(at).vector()).norm()
     }
 
-    /// Standard deviation of the error by which the expected reading of a contact outside of the calibrated domain exceeds
-    /// that of a calibrated one: in proportion to the part that is extrapolated.
+    /// Standard deviation (N m) of the error of the expected reading of a contact outside the calibrated domain: proportional
+    /// to the difference from the reading of the nearest calibrated contact. Zero inside the domain.
     pub(super) fn extrapolation_sd_n_m(&self, at: AlongAway) -> f64 {
         let calibrated = self.face.domain.clamp(at);
         if calibrated == at {
             return 0.0;
         }
-        let [wanted_n_m, modelled_n_m, calibrated_n_m] =
-            [at, self.face.modelled.clamp(at), calibrated].map(|at| self.expect(at).0);
-        LINEAR_SD * (wanted_n_m - modelled_n_m).abs() + MECHANICS_SD * (modelled_n_m - calibrated_n_m).abs()
+        let modelled = self.face.modelled.clamp(at);
+        let [wanted_n_m, modelled_n_m] = [at, modelled].map(|at| self.reading_n_m(at));
+        let by_mechanics_n_m = if modelled == calibrated { 0.0 } else { modelled_n_m - self.reading_n_m(calibrated) };
+        LINEAR_SD * (wanted_n_m - modelled_n_m).abs() + MECHANICS_SD * by_mechanics_n_m.abs()
     }
 
     /// Expected reading of a contact.
@@ -177,7 +178,7 @@ impl Side {
         let AlongAway { along_m, away_m } = self.face.modelled.clamp(AlongAway::of_state(x));
         let (low_m, high_m) = self.face.modelled.arc_range_m();
         let most_m = MARGIN * (high_m - low_m);
-        x[0] = x[0].clamp((along_m - most_m).max(0.0), along_m + most_m);
+        x[0] = x[0].clamp((along_m - most_m).max(0.5 * low_m), along_m + most_m);
         x[1] = x[1].clamp(away_m - most_m, away_m + most_m);
     }
 

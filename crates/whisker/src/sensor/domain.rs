@@ -17,6 +17,9 @@ const GAP: usize = 2;
 /// Part of the calibrated extent, along the whisker and away from it, by which a domain is widened.
 const WIDENING: f64 = 0.15;
 
+/// Number of nodes of a widened domain: enough that it contains the domain, whose nodes lie elsewhere.
+const WIDENED_NODES: usize = 4 * MOST_NODES;
+
 /// Smallest part of the first calibrated arc length to which a domain is widened towards the root.
 const LEAST_ROOT_SHARE: f64 = 0.5;
 
@@ -76,12 +79,13 @@ impl Domain {
         let margin_m = WIDENING * (high - low);
         let first = (low - margin_m).max(LEAST_ROOT_SHARE * low);
         let last = (high + margin_m).min(length_m).max(high);
-        let nodes = self.arc_m.len();
-        let arc_m: Vec<f64> = (0..nodes).map(|i| first + (last - first) * i as f64 / (nodes - 1) as f64).collect();
+        let nodes = WIDENED_NODES - 1;
+        let arc_m: Vec<f64> = (0..=nodes).map(|i| first + (last - first) * i as f64 / nodes as f64).collect();
         let range = |&arc_m: &f64| {
             let (lower, upper) = self.away_range_m(arc_m);
-            let share = (arc_m / low).min(1.0);
-            (share * (lower - WIDENING * upper), share * (1.0 + WIDENING) * upper)
+            let margin_m = WIDENING * (upper - lower);
+            let share = if arc_m < low { arc_m / low } else { 1.0 };
+            (share * (lower - margin_m), share * (upper + margin_m))
         };
         let (lower_m, upper_m) = arc_m.iter().map(range).unzip();
         Self { arc_m, lower_m, upper_m }
@@ -203,6 +207,18 @@ mod tests {
             let (lower_m, upper_m) = widened.away_range_m(arc_m);
             assert!(lower_m < 0.0 && upper_m > domain.away_range_m(arc_m).1, "{arc_m}: {lower_m} {upper_m}");
         }
+        // As does that of a domain of few nodes with another shape, part of which was only touched from the other side.
+        let flat =
+            Domain { arc_m: vec![0.02, 0.048, 0.076], lower_m: vec![-1.1e-4; 3], upper_m: vec![8e-3, 8e-3, -1e-4] };
+        let around = flat.widened(0.08);
+        for (i, &arc_m) in flat.arc_m.iter().enumerate() {
+            let (lower_m, upper_m) = around.away_range_m(arc_m);
+            assert!(
+                lower_m < flat.lower_m[i] && upper_m > flat.upper_m[i] - 1e-4 * upper_m.abs(),
+                "{arc_m}: {upper_m}"
+            );
+        }
+        assert!(around.lower_m.iter().zip(&around.upper_m).all(|(lower_m, upper_m)| lower_m <= upper_m));
         // The slope to which the whisker may be pressed does not increase towards the root.
         let first_m = widened.arc_m[0];
         assert!(widened.upper_m[0] < 0.4 * 1.16 * first_m, "{widened:?}");

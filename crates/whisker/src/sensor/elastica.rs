@@ -380,7 +380,7 @@ struct Calibration<'a> {
 }
 
 impl Calibration<'_> {
-    /// `None` if the parameters have no equilibrium over the calibrated domain.
+    /// `None` if the parameters have no equilibrium over the widened domain.
     fn look(&self, parameters: Parameters) -> Option<Look> {
         let tuned = Tuned::rough(self.region, parameters)?;
         let sensitivities = Sensitivities::new(self.region, &parameters.whisker(self.region.whisker))?;

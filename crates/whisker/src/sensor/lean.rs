@@ -8,10 +8,10 @@ use crate::Whisker;
 use crate::elastica::{Elastica, Friction};
 
 /// Moment, tangent and arc length of a contact as smooth functions of its coordinates and of the ratio `q` of friction to
-/// normal force (positive if the friction on the whisker is towards its tip), fitted over the region in which the model is evaluated to the exact
-/// whisker.
+/// normal force (positive if the friction on the whisker is towards its tip), fitted to the exact whisker over the region in
+/// which the model is evaluated.
 ///
-/// Each effect is a polynomial in `s` and `d / s` for each of the first three powers of `q`. The effect on the moment is
+/// Each effect is a polynomial in `u` and `v` (see [`Scales`]) for each of the first three powers of `q`. The effect on the moment is
 /// relative, so that it applies to the reading of any sensor model. Those on tangent and arc length vanish with the
 /// deflection, with which the force vanishes.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ pub(crate) struct Leaning {
     pub(crate) by_ratio: f64,
 }
 
-/// Powers of `s` and `d / s` in the polynomials.
+/// Powers of `u` and `v` in the polynomials.
 const TERMS: [(usize, usize); 12] =
     [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2)]; // fmt: skip
 
@@ -49,7 +49,7 @@ const MOST_RATIO: f64 = 1.0;
 
 type Coefficients = [f64; TERMS.len()];
 
-/// Polynomials in `s` and `d / s` by which the powers of `q` from the first on are multiplied.
+/// Polynomials in `u` and `v` by which the powers of `q` from the first on are multiplied.
 type Effect = [Coefficients; 3];
 
 /// Coefficients of `q`, `q^2` and `q^3` of a function that vanishes at zero, given at `-b, -a, a, b` with [`RATIOS`] `a, b`.
@@ -141,8 +141,8 @@ impl Lean {
     }
 
     /// The same times the relative deflection.
-    fn deflected(of: Leaning, &Scaled { v, slope_v, .. }: &Scaled) -> Leaning {
-        Leaning { value: v * of.value, by_place: v * of.by_place + of.value * slope_v, by_ratio: v * of.by_ratio }
+    fn deflected(of: Leaning, &Scaled { v, gradient_v, .. }: &Scaled) -> Leaning {
+        Leaning { value: v * of.value, by_place: v * of.by_place + of.value * gradient_v, by_ratio: v * of.by_ratio }
     }
 
     /// Ratio of the moment to that without friction.
@@ -169,22 +169,22 @@ impl Lean {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimators::testing::knowledge;
+    use crate::estimators::testing::knowledge_with;
 
     const RATIOS: [f64; 5] = [-0.6, -0.2, 0.1, 0.3, 0.5];
 
     fn places(face: &CalibratedFace) -> Vec<AlongAway> {
-        let (low_m, high_m) = face.domain.arc_range_m();
+        let (low_m, high_m) = face.modelled.arc_range_m();
         let at = |(i, j): (u32, u32)| {
             let along_m = low_m + (high_m - low_m) * (f64::from(i) + 0.5) / 6.0;
-            AlongAway::new(along_m, face.domain.away_range_m(along_m).1 * (f64::from(j) + 0.5) / 4.0)
+            AlongAway::new(along_m, face.modelled.away_range_m(along_m).1 * (f64::from(j) + 0.5) / 4.0)
         };
         (0..6).flat_map(|i| (0..4).map(move |j| at((i, j)))).collect()
     }
 
     #[test]
     fn val_effects_are_those_of_the_exact_whisker() {
-        let knowledge = knowledge();
+        let knowledge = knowledge_with(-6.0, "elastica");
         let face = &knowledge.faces[0];
         let (lean, elastica) = (face.lean(&knowledge.whisker), Elastica::new(&knowledge.whisker).unwrap());
         let (mut largest, mut worst) = ([0.0_f64; 3], [0.0_f64; 3]);
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn verif_derivatives_are_differences() {
-        let knowledge = knowledge();
+        let knowledge = knowledge_with(-6.0, "elastica");
         let face = &knowledge.faces[0];
         let lean = face.lean(&knowledge.whisker);
         type Quantity = fn(&Lean, AlongAway, f64) -> Leaning;

@@ -2,7 +2,8 @@
 //!
 //! A calibration presses a pin against one [`Face`] of the whisker at known positions. A [`SensorModel`] is a formula
 //! fitted to these samples; a [`CalibratedFace`] is that formula together with the calibrated domain, its [`Domain`].
-//! Outside the domain there is no prediction: a formula that fits within can be arbitrarily wrong outside.
+//! Outside the domain a regression can be arbitrarily wrong, and is not evaluated. A model of the mechanics
+//! ([`SensorModel::extrapolates`]) is evaluated in a wider region, [`CalibratedFace::modelled`].
 //!
 //! To add a model: one file beside `polynomial.rs`, and one row in [`MODELS`].
 

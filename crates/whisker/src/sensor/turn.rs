@@ -7,8 +7,8 @@ use super::{AlongAway, CalibratedFace};
 use crate::Whisker;
 use crate::elastica::Elastica;
 
-/// Rotation of the whisker at a contact as a smooth function of its coordinates: `v` times a polynomial in `s` and
-/// `v = d / s`, fitted over the region in which the model is evaluated to that of the sensor model or, if it has none, of the
+/// Rotation of the whisker at a contact as a smooth function of its coordinates: `v` times a polynomial in `u` and
+/// `v` (see [`Scales`]), fitted over the region in which the model is evaluated to that of the sensor model or, if it has none, of the
 /// exact whisker.
 #[derive(Debug)]
 pub(crate) struct Turn {
@@ -16,7 +16,7 @@ pub(crate) struct Turn {
     coefficients: [f64; TERMS.len()],
 }
 
-/// Powers of `s` and `v` in the polynomial.
+/// Powers of `u` and `v` in the polynomial.
 const TERMS: [(i32, i32); 14] =
     [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1), (2, 1), (3, 1), (0, 2), (1, 2), (2, 2), (0, 3), (1, 3)]; // fmt: skip
 
@@ -72,15 +72,15 @@ impl Turn {
 mod tests {
     use super::*;
     use crate::estimators::testing::knowledge_with;
-    use crate::sensor::Shares;
 
-    /// Straight and curved whiskers, concave and convex, with the part of a calibrated reading by which the fitted mechanics
-    /// may be off beyond the calibrated domain.
-    const CASES: [(f64, f64); 3] = [(0.0, 1e-4), (12.5, 1e-4), (-12.5, 1e-4)];
+    /// Pre-curvatures (1/m) of a straight whisker and of one touched on its concave and on its convex side, and the largest
+    /// permitted error of the fitted reading, relative to the largest calibrated reading.
+    const CURVATURES_PER_M: [f64; 3] = [0.0, 12.5, -12.5];
+    const MOST: f64 = 1e-4;
 
     #[test]
     fn val_rotation_and_reading_are_those_of_the_exact_whisker_beyond_the_calibrated_domain_too() {
-        for (curvature_per_m, most) in CASES {
+        for curvature_per_m in CURVATURES_PER_M {
             let knowledge = knowledge_with(curvature_per_m, "elastica");
             let (face, elastica) = (&knowledge.faces[0], Elastica::new(&knowledge.whisker).unwrap());
             let (turn, region) = (face.turn(&knowledge.whisker), &face.modelled);
@@ -88,7 +88,7 @@ mod tests {
             assert!(first_m < face.domain.arc_range_m().0);
             let (mut worst_rad, mut worst, mut compared) = (0.0_f64, 0.0_f64, 0);
             for (i, j) in (0..9).flat_map(|i| (1..9).map(move |j| (i, j))) {
-                let Shares { along, away } = Shares { along: f64::from(i) / 8.0, away: f64::from(j) / 8.0 };
+                let (along, away) = (f64::from(i) / 8.0, f64::from(j) / 8.0);
                 let along_m = first_m + along * (0.97 * last_m - first_m);
                 let at = AlongAway::new(along_m, away * region.away_range_m(along_m).1);
                 let contact = face.contact_at(at);
@@ -106,7 +106,7 @@ mod tests {
                 assert!((0..2).all(|i| (slope[i] - 0.5 * differences[i] / h).abs() < 1e-6 * (1.0 + slope[i].abs())));
             }
             assert!(
-                compared > 60 && worst_rad < 2e-4 && worst < most,
+                compared > 60 && worst_rad < 2e-4 && worst < MOST,
                 "{curvature_per_m}: {compared}, {worst_rad} rad, {worst}"
             );
         }

@@ -96,7 +96,7 @@ pub(super) struct Tracer {
     pace: Pace,
     doubt: Doubt,
     inertia: Inertia,
-    /// Whether readings have refuted a convex outline.
+    /// Whether readings have contradicted a convex outline of the present object.
     is_refuted: bool,
 }
 
@@ -175,8 +175,10 @@ impl Tracer {
                 onset.readings.means().iter().for_each(|reading| object.keep(*reading));
                 object.begin_search(&self.front.side, Effort::Far);
             }
-            _ => {
-                self.object = None;
+            known => {
+                if known.take().is_some() {
+                    self.is_refuted = false;
+                }
                 self.onset = Some(onset);
             }
         }
@@ -245,7 +247,8 @@ impl Tracer {
 
 /// The bank of filters with which a touch begins.
 fn front(touch: &Touch<'_>, knowledge: &Knowledge) -> Follower<Extended, Round, 4> {
-    Follower::new(gaussian::Config::round(), Round::of_any_scale().beyond_pin(touch.face), touch, knowledge)
+    let config = gaussian::Config { return_rate: 0.0, ..gaussian::Config::round() };
+    Follower::new(config, Round::of_any_scale().beyond_pin(touch.face), touch, knowledge)
 }
 
 impl Tracker for Tracer {

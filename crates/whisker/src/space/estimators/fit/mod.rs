@@ -49,9 +49,10 @@ const FARTHER: f64 = 1.5;
 /// Largest squared distance of two modes, in their covariance, at which they are the same.
 const SAME: f64 = 1.0;
 
-/// Cost per mean, relative to the expected one, above which the readings contradict every mode, and another start is searched;
-/// largest cost of the object found from there, relative to that of the others, at which it counts.
+/// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
+
+/// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
 
 /// Consecutive samples without a contact after which the object is given up.
@@ -272,7 +273,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let mode = &mut self.modes[round.mode];
         let is_new = mode.is_new();
         if (is_new || self.front.is_some())
-            && let Some(near) = round.search.nearest(&round.means, &self.base)
+            && let Some(near) = round.search.nearest(&round.means, &self.base, self.side.rest())
         {
             mode.near = near;
         }
@@ -297,8 +298,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
     }
 
-    /// Adds one of the first starts to the modes, in turn: a search that began with few readings may have found another object than
-    /// all of them tell. The last starts of a sphere have the largest radius, and come first: from above every radius is found.
+    /// Adds the next of the first starts to the modes: a search that began with few readings may have converged to an object that
+    /// contradicts the later ones. The starts are used in reverse order. For spheres the largest radius then comes first, from
+    /// which searches converge to any smaller radius.
     fn start_again(&mut self) {
         self.modes.retain(|mode| !mode.is_new());
         let start = self.starts[self.starts.len() - 1 - self.next_start];
@@ -338,7 +340,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 covariance[(TILT, TILT)] = 1.0;
                 covariance.cholesky().is_some_and(|factor| away.dot(&factor.solve(&away)) < SAME)
             };
-            if kept.len() < self.config.kept_modes && mode.log_weight >= least && !kept.iter().any(is_same) {
+            if kept.len() < self.config.kept_modes
+                && !mode.is_new()
+                && mode.log_weight >= least
+                && !kept.iter().any(is_same)
+            {
                 kept.push(mode);
             }
         }

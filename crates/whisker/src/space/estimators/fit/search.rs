@@ -4,6 +4,7 @@ use filters::robust::logarithmic_cost;
 use nalgebra::{SMatrix, SVector};
 
 use super::readings::Mean;
+use crate::RestShape;
 use crate::frames::{Base, Start};
 use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S, stable_touch};
 use crate::space::estimators::side::Side;
@@ -19,9 +20,10 @@ const MOST_DAMPING: f64 = 1e4;
 /// Expected decrease of the cost at which the search has converged: that of a seventh of a standard deviation.
 const CONVERGED: f64 = 0.01;
 
-/// Most states that a search evaluates, the first and rejected ones included, and the same of one from a start that readings of
-/// other poses contradicted.
+/// Largest number of states that a search evaluates, including the first and the rejected ones.
 pub(super) const MOST_TRIALS: usize = 5;
+
+/// The same for a search that begins again from one of the first starts.
 pub(super) const START_TRIALS: usize = 12;
 
 /// Prior of the state of a contact at its reference pose: independent entries.
@@ -231,11 +233,14 @@ impl<const N: usize> Search<N> {
         true
     }
 
-    /// The contact that was found at the pose nearest to `base`.
-    pub(super) fn nearest(&self, means: &[Mean], base: &Pose<Base, Start>) -> Option<Around> {
+    /// The contact found at the pose nearest to `base`: the one that `base` carries least far away.
+    pub(super) fn nearest(&self, means: &[Mean], base: &Pose<Base, Start>, rest: &RestShape) -> Option<Around> {
         let found = means.iter().zip(&self.near).filter_map(|(mean, near)| Some((mean.base(), (*near)?)));
-        let distance_m = |pose: &Pose<Base, Start>| pose.origin().distance(&base.origin());
-        found.min_by(|a, b| distance_m(&a.0).total_cmp(&distance_m(&b.0))).map(|(_, near)| near)
+        let distance_m = |(pose, near): &(Pose<Base, Start>, Around)| {
+            let contact = near.contact(rest);
+            pose.apply(contact).distance(&base.apply(contact))
+        };
+        found.min_by(|a, b| distance_m(a).total_cmp(&distance_m(b))).map(|(_, near)| near)
     }
 
     /// The best state with the approximation about it.

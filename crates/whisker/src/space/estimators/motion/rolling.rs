@@ -22,8 +22,8 @@ use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose};
 use crate::space::sensor::{Around, Directions};
 
-/// Most iterations, and the step that ends them: Newton's steps shrink quadratically, so that what remains after it is below
-/// 10 nm.
+/// Largest number of Newton iterations, and the step length (m) below which they end: as they converge quadratically, the
+/// remaining error is then below 10 nm.
 const ITERATIONS: usize = 8;
 const CONVERGED_M: f64 = 2e-6;
 
@@ -136,8 +136,8 @@ pub(in crate::space::estimators) trait Shape<const N: usize>:
     /// The equations of a contact with an object, in metres: zero at the contact.
     fn residual(&self, object: &Self::Object, place: &Place) -> Vector3<f64>;
 
-    /// The same, and their derivatives by the coordinates about the whisker, whose
-    /// determinant is positive where the contact is stable ([`stable_touch`]).
+    /// The same, and their derivatives by the coordinates about the whisker, whose determinant is positive where the contact is
+    /// stable ([`stable_touch`]).
     fn equations(&self, object: &Self::Object, place: &Place) -> (Vector3<f64>, Matrix3<f64>);
 
     /// The state of a contact with an object, from the former state.
