@@ -16,6 +16,11 @@ pub fn logarithmic_cost(squared: f64, gate_sds: f64) -> (f64, f64) {
     if squared <= gate { (0.5 * squared, 1.0) } else { (0.5 * gate * (1.0 + (squared / gate).ln()), gate / squared) }
 }
 
+/// Logarithm of the likelihood of an innovation, which beyond the gate decreases no further.
+pub fn log_likelihood<const M: usize>(innovation: &Innovation<M>, gate_sds: f64) -> f64 {
+    innovation.log_likelihood() + 0.5 * (innovation.nis - gate_sds.powi(2)).max(0.0)
+}
+
 /// Result of an update: innovation and marginal likelihood of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Update<const M: usize> {

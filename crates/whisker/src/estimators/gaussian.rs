@@ -283,11 +283,16 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// The kept bank at the touch, conditioned on its reading. `None` if there is none, or none that touches.
     fn kept_until(&self, touch: &Sample) -> Option<Bank<N>> {
-        let Kept { mut bank, base, time_s } = self.settled.clone()?;
-        let since = Sample { motion: base.then(&self.base.inverse()), dt_s: self.time_s - time_s, ..*touch };
-        self.predict(&mut bank, &since);
+        let kept = self.settled.as_ref()?;
+        let mut bank = kept.bank.clone();
+        self.predict(&mut bank, &self.since(kept));
         self.condition(&mut bank, &self.reading(), touch.reading_n_m).ok()?;
         (!bank.hypotheses().is_empty()).then_some(bank)
+    }
+
+    /// Motion and time since a bank was stored, as a sample without a reading.
+    fn since(&self, kept: &Kept<N>) -> Sample {
+        Sample { motion: kept.base.then(&self.base.inverse()), dt_s: self.time_s - kept.time_s, reading_n_m: 0.0 }
     }
 
     /// Propagates a bank to a sample.
@@ -399,16 +404,14 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// Remembers the place of the contact from before the readings contradicted it, if it was known.
     fn leave(&mut self) {
-        let Some(Kept { bank, base, time_s }) = self.settled.as_ref().filter(|_| self.config.return_rate > 0.0) else {
-            return;
-        };
-        let Some(most) = bank.most_probable() else { return };
+        let Some(kept) = self.settled.as_ref().filter(|_| self.config.return_rate > 0.0) else { return };
+        let Some(most) = kept.bank.most_probable() else { return };
         let mut belief = most.belief;
         if most.weight() < 0.5 || belief.covariance[(0, 0)] > LEFT_SD_M.powi(2) {
             return;
         }
-        let since = Sample { motion: base.then(&self.base.inverse()), dt_s: self.time_s - time_s, reading_n_m: 0.0 };
-        if self.config.filter.predict(&mut belief, &self.motion.step(&self.side, &since)).is_err() {
+        let process = self.motion.step(&self.side, &self.since(kept));
+        if self.config.filter.predict(&mut belief, &process).is_err() {
             return;
         }
         self.left.retain(|left| !is_same_place(&left.belief, &belief));
@@ -429,15 +432,14 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// Adds remembered places whose odds of a return exceed 1. `L` is the likelihood of a reading for a contact at the place,
     /// divided by that of the bank, raised to `evidence_power`; `r` is the rate of returns. The odds of a return are then
-    /// `(odds + r dt) L` (Shiryaev, "On optimum methods in quickest detection problems", Theory of Probability and its Applications 8(1), 1963). The innovations
-    /// of the bank alone detect a return late: where the base goes back the way that it came, the bank explains the readings by
-    /// a displaced contact.
+    /// `(odds + r dt) L` (Shiryaev, "On optimum methods in quickest detection problems", Theory of Probability and its
+    /// Applications 8(1), 1963). The innovations of the bank alone detect a return late: where the base goes back the way that
+    /// it came, the bank explains the readings by a displaced contact.
     fn go_back(&mut self, bank: &mut Bank<N>, sample: &Sample, error_sd_n_m: f64, innovation: Option<Innovation<1>>) {
         if self.left.is_empty() || !self.jumps {
             return;
         }
-        let gate = self.config.gate_sds.powi(2);
-        let log_likelihood = |found: &Innovation<1>| found.log_likelihood() + 0.5 * (found.nis - gate).max(0.0);
+        let log_likelihood = |found: &Innovation<1>| robust::log_likelihood(found, self.config.gate_sds);
         let (Some(found), Some(most)) = (innovation, bank.most_probable().map(|most| most.belief)) else { return };
         let (of_bank, z) = (log_likelihood(&found), Vector1::new(sample.reading_n_m));
         let mut left = std::mem::take(&mut self.left);
@@ -474,8 +476,10 @@ struct Left<const N: usize> {
     odds: f64,
 }
 
-/// Largest number of places that are remembered, and the largest standard deviation along the whisker of one.
+/// Largest number of places that are remembered.
 const MOST_LEFT: usize = 4;
+
+/// Largest standard deviation along the whisker of a place that is remembered.
 const LEFT_SD_M: f64 = 1e-3;
 
 /// Distance below which two places are the same.

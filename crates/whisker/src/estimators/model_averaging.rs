@@ -20,7 +20,7 @@
 use std::sync::Arc;
 
 use filters::imm::{Modes, Transition};
-use filters::{Gaussian, Innovation, product};
+use filters::{Gaussian, Innovation, product, robust};
 use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -313,7 +313,7 @@ impl AveragingTracker {
 
     /// Logarithm of the likelihood of a candidate's innovation, bounded by the gate.
     fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
-        innovation.log_likelihood() + 0.5 * (innovation.nis - self.config.gate_sds.powi(2)).max(0.0)
+        robust::log_likelihood(innovation, self.config.gate_sds)
     }
 
     /// The evidence with its powers: within the group of a candidate, considered or not, and that of the group as a whole.

@@ -64,7 +64,7 @@ impl Published {
     }
 }
 
-/// Measurement model of a contact in Cartesian coordinates, extrapolated linearly beyond the modelled region.
+/// Measurement model of a contact in Cartesian coordinates, extrapolated linearly beyond the calibrated domain.
 struct Reading<'a> {
     side: &'a Side,
     /// Index of the sensor model's error in the state, in standard deviations. `None` if the error is part of the

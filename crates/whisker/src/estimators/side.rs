@@ -18,9 +18,11 @@ use crate::sensor::{AlongAway, CalibratedFace, Lean, Leaning, Turn};
 /// Largest distance of a contact from the modelled region, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
 
-/// Relative standard deviations of the part of a reading that is extrapolated beyond the calibrated domain: linearly, and by
-/// the mechanics of the whisker.
+/// Relative standard deviation of the part of a reading that is extrapolated linearly beyond the modelled region.
 const LINEAR_SD: f64 = 0.3;
+
+/// Relative standard deviation of the part of a reading that mechanics add between the calibrated domain and the border of the
+/// modelled region.
 const MECHANICS_SD: f64 = 0.1;
 
 /// Part of the whisker's length that counts as its tip.

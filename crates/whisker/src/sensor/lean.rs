@@ -11,9 +11,9 @@ use crate::elastica::{Elastica, Friction};
 /// normal force (positive if the friction on the whisker is towards its tip), fitted to the exact whisker over the region in
 /// which the model is evaluated.
 ///
-/// Each effect is a polynomial in `u` and `v` (see [`Scales`]) for each of the first three powers of `q`. The effect on the moment is
-/// relative, so that it applies to the reading of any sensor model. Those on tangent and arc length vanish with the
-/// deflection, with which the force vanishes.
+/// Each effect is a polynomial in `u` and `v` (see [`Scales`]) for each of the first three powers of `q`. The effect on the
+/// moment is relative, so that it applies to the reading of any sensor model. Those on tangent and arc length vanish with
+/// the deflection, with which the force vanishes.
 #[derive(Debug)]
 pub(crate) struct Lean {
     scales: Scales,

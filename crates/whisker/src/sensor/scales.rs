@@ -5,17 +5,19 @@ use nalgebra::{Vector2, vector};
 use super::{AlongAway, Domain};
 
 /// Coordinates of a contact for polynomials: `u` is the arc length `s`, scaled to -1 to 1 over the region, and `v` the
-/// slope `d / s` divided by the largest slope of the region. A given slope deflects a whisker to similar shapes anywhere along it, so that polynomials of low degree
-/// suffice.
+/// slope `d / s` divided by the largest slope of the region. A given slope deflects a whisker to similar shapes anywhere
+/// along it, so that polynomials of low degree suffice.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scales {
     centre_m: f64,
     half_m: f64,
+    /// Smallest arc length by which a distance is divided.
     least_m: f64,
+    /// Largest slope.
     steepest: f64,
 }
 
-/// `u` and `v` of a contact, with the gradient of `v` along and away.
+/// `u` and `v` of a contact, with the gradient of `v` (1/m) along and away.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scaled {
     pub(super) u: f64,

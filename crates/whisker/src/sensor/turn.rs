@@ -7,9 +7,9 @@ use super::{AlongAway, CalibratedFace};
 use crate::Whisker;
 use crate::elastica::Elastica;
 
-/// Rotation of the whisker at a contact as a smooth function of its coordinates: `v` times a polynomial in `u` and
-/// `v` (see [`Scales`]), fitted over the region in which the model is evaluated to that of the sensor model or, if it has none, of the
-/// exact whisker.
+/// Rotation of the whisker at a contact as a smooth function of its coordinates: `v` times a polynomial in `u` and `v` (see
+/// [`Scales`]), fitted over the region in which the model is evaluated to that of the sensor model or, if it has none, of
+/// the exact whisker.
 #[derive(Debug)]
 pub(crate) struct Turn {
     scales: Scales,
@@ -73,9 +73,10 @@ mod tests {
     use super::*;
     use crate::estimators::testing::knowledge_with;
 
-    /// Pre-curvatures (1/m) of a straight whisker and of one touched on its concave and on its convex side, and the largest
-    /// permitted error of the fitted reading, relative to the largest calibrated reading.
+    /// Pre-curvatures of a straight whisker and of one touched on its concave and on its convex side.
     const CURVATURES_PER_M: [f64; 3] = [0.0, 12.5, -12.5];
+
+    /// Largest permitted error of the fitted reading, relative to the largest calibrated reading.
     const MOST: f64 = 1e-4;
 
     #[test]

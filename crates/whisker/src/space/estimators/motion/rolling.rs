@@ -177,10 +177,10 @@ pub(in crate::space::estimators) fn touch<Object: Shape<N>, const N: usize>(
     None
 }
 
-/// As [`touch`], if the contact is a stable equilibrium. The energy of the whisker, as a function of the point of the surface that
-/// holds it, has a minimum across the wire, where the whisker may slide off sideways, and a maximum along it, where the wire touches
-/// the point that deflects it most: the determinant of its Hessian is negative, and that of the derivatives of the equations
-/// positive. On a sphere with a radius below the deflection the contact is unstable.
+/// As [`touch`], if the contact is a stable equilibrium. The energy of the whisker, as a function of the point of the surface
+/// that holds it, has a minimum across the wire, where the whisker may slide off sideways, and a maximum along it, where the
+/// wire touches the point that deflects it most: the determinant of its Hessian is negative, and that of the derivatives of
+/// the equations positive. On a sphere with a radius below the deflection the contact is unstable.
 pub(in crate::space::estimators) fn stable_touch<Object: Shape<N>, const N: usize>(
     side: &Side,
     shape: &Object,
