@@ -28,8 +28,8 @@ impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
     ///
     /// If the estimates are contacts on an outline that the estimator carries, its final state is used. Otherwise the surface
-    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If none is usable, a carried
-    /// outline of a less probable model takes their place.
+    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If nearly all of them are too
+    /// uncertain, a carried outline of a less probable model takes their place.
     pub fn found(
         recording: &Recording,
         outline: Option<&CarriedOutline>,
@@ -41,7 +41,14 @@ impl Contour {
             return carried();
         }
         let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
-        Self::merged(points.iter().filter(counts)).or_else(carried)
+        let counting: Vec<_> = points.iter().filter(counts).collect();
+        let sure = counting.iter().filter(|point| point.is_sure()).count();
+        let merged = || Self::merged(counting.iter().copied());
+        if (sure as f64) < LEAST_SURE * counting.len() as f64 {
+            carried().or_else(merged)
+        } else {
+            merged().or_else(carried)
+        }
     }
 
     /// Outline of an estimator (in Start), transformed to World by the pose of the base at the start of its samples,
@@ -104,6 +111,9 @@ impl SurfacePoint {
 
 /// Largest standard deviation of the position of a point that contributes to an outline.
 const MOST_SD_M: f64 = 1e-3;
+
+/// Share of points that are certain enough below which a carried outline takes the place of one through the contacts.
+const LEAST_SURE: f64 = 0.1;
 
 /// Settling time after a touch, during which estimates do not contribute to the outline.
 const SETTLING_S: f64 = 1.0;

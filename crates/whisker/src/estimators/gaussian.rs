@@ -209,6 +209,12 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     inertia: Inertia,
     /// Whether the contact was lost at the tip.
     is_lost: bool,
+    /// Whether the contact was certain to be on the whisker's side during this touch. Until then readings at the tip are not left
+    /// out: the first belief may lie beyond the whisker's end only because it is wide.
+    was_on_side: bool,
+    /// Whether the object has moved past the tip during this touch, so that the tip itself rests on it, in a place of which the
+    /// belief knows nothing.
+    is_past_tip: bool,
 }
 
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
@@ -230,6 +236,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             is_lost: false,
+            was_on_side: false,
+            is_past_tip: false,
         }
     }
 
@@ -350,7 +358,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.inertia.advance(sample);
         self.predict(&mut bank, sample);
         let predicted = bank.moments()?;
-        let Some(inertia_n_m) = self.inertia_n_m(&bank) else {
+        let Some(inertia_n_m) = self.inertia_n_m(&bank, sample) else {
             self.bank = Some(bank);
             return Some(Advance { predicted, filtered: predicted, innovation: None });
         };
@@ -371,13 +379,26 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         Some(Advance { predicted, filtered, innovation })
     }
 
-    /// Part of the reading that is caused by the inertia of the wire. `None` if the contact is at the tip.
-    fn inertia_n_m(&self, bank: &Bank<N>) -> Option<f64> {
+    /// Part of the reading that is caused by the inertia of the wire. `None` if the reading is left out, because the contact has
+    /// reached the tip.
+    fn inertia_n_m(&mut self, bank: &Bank<N>, sample: &Sample) -> Option<f64> {
         if !self.config.corrected {
             return Some(0.0);
         }
-        let at = AlongAway::of_state(&bank.most_probable()?.belief.mean);
-        if self.is_lost || self.side.is_tip(at) {
+        if self.is_lost || self.is_past_tip {
+            return None;
+        }
+        let belief = &bank.most_probable()?.belief;
+        let at = AlongAway::of_state(&belief.mean);
+        let length_m = self.side.face.rest.length_m();
+        if !self.side.is_tip(at) {
+            let sd_m = bank.moments()?.covariance[(0, 0)].max(0.0).sqrt();
+            self.was_on_side |= self.side.bent_arc_m(at) + SIDE_SDS * sd_m < length_m;
+        } else if self.was_on_side {
+            // The whisker is loaded, but every probable place of the belief lies beyond its end.
+            let nearest_m = self.side.bent_arc_m(at) - TIP_SDS * belief.covariance[(0, 0)].max(0.0).sqrt();
+            let is_loaded = sample.reading_n_m.abs() > LOADED_SDS * self.noise_sd_n_m;
+            self.is_past_tip = is_loaded && at.away_m > 0.0 && nearest_m >= length_m;
             return None;
         }
         // Accelerations from noisy poses would be noisier than the effect is large.
@@ -464,7 +485,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// Whether the contact is at the tip, so that there is no estimate.
     pub(super) fn is_at_tip(&self, belief: &Gaussian<N>) -> bool {
-        self.config.corrected && (self.is_lost || self.side.is_tip(AlongAway::of_state(&belief.mean)))
+        self.config.corrected
+            && (self.is_lost || self.is_past_tip || self.side.is_tip(AlongAway::of_state(&belief.mean)))
     }
 }
 
@@ -500,6 +522,12 @@ const INERTIA_SD: f64 = 0.3;
 /// which it may be at the tip.
 const SETTLED_SD_M: f64 = 3e-3;
 const TIP_SDS: f64 = 4.0;
+
+/// Standard deviations along the whisker within which a contact on its side is not at the tip.
+const SIDE_SDS: f64 = 3.0;
+
+/// Smallest reading of a loaded whisker, in standard deviations of its noise.
+const LOADED_SDS: f64 = 5.0;
 
 /// A bank with the pose of the base and the time to which it belongs.
 #[derive(Clone)]
@@ -551,6 +579,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.history = touch.history.to_vec();
         self.contact_prior = touch.contact_prior;
         self.doubt = Doubt::default();
+        self.was_on_side = false;
+        self.is_past_tip = false;
         self.inertia = Inertia::new(&self.side.whisker);
         true
     }
@@ -611,5 +641,42 @@ mod tests {
         assert_eq!(found[..300], sought[..300]);
         assert!(worst_m(&found[310..]) < 0.3e-3, "{:?}", &found[300..]);
         assert!(worst_m(&sought[310..]) > 1e-3, "{:?}", &sought[300..]);
+    }
+
+    /// Samples of a thin object on which the whisker slides as its base moves back by `way_m`, along its tangent, and returns. Beyond the tip the
+    /// reading stays what it was, as where the tip itself rests on an object.
+    fn drawn_back(knowledge: &Knowledge, way_m: f64, count: usize) -> Vec<Sample> {
+        let elastica = Elastica::new(&knowledge.whisker).unwrap();
+        let thin = Circle { center: Point::from_vector(knowledge.rest.beside(0.062, -4e-3).vector()), radius_m: 1e-4 };
+        let share = |i: usize| 1.0 - (2.0 * i as f64 / count as f64 - 1.0).abs();
+        let back = -knowledge.rest.tangent(0.07);
+        let base = |i: usize| -> Pose<Base, World> {
+            let at = back * (way_m * share(i));
+            Pose::new(at.x, at.y, 0.0)
+        };
+        let mut reading_n_m = 0.0;
+        let mut sample = |i: usize| {
+            if let Ok(Some(exact)) = elastica.against(&thin, &base(i), Face::Left) {
+                reading_n_m = exact.deflection.moment_n_m;
+            }
+            Sample { motion: base(i.saturating_sub(1)).then(&base(i).inverse()), dt_s: 4e-3, reading_n_m }
+        };
+        (0..count).map(&mut sample).collect()
+    }
+
+    #[test]
+    fn verif_past_the_tip_there_is_no_estimate_until_the_next_touch() {
+        let knowledge = knowledge();
+        let touch = |before| Touch { face: &knowledge.faces[0], history: &[], before, contact_prior: None, seed: 0 };
+        let first = touch(Pose::new(0.0, 0.0, 0.0));
+        let motion = Round::of_any_scale().beyond_pin(first.face);
+        let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);
+        let samples = drawn_back(&knowledge, 40e-3, 400);
+        let stated: Vec<bool> = samples.iter().map(|sample| follower.step(sample).is_some()).collect();
+        let last = stated.iter().rposition(|&is| is).unwrap();
+        assert!(stated[..80].iter().all(|&is| is), "{stated:?}");
+        // The tip is reached after 84 samples; the base turns back after 200.
+        assert!((80..100).contains(&last) && follower.is_past_tip, "{last}");
+        assert!(follower.resume(&touch(follower.base)) && follower.step(&samples[0]).is_some());
     }
 }

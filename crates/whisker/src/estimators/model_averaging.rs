@@ -207,6 +207,9 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     Ok(Box::new(ModelAveraging { config: Arc::new(config), methods }))
 }
 
+/// Probability, relative to that of the leading candidate, below which the outline of a candidate counts as refuted.
+const CARRYING_SHARE: f64 = 1e-3;
+
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
@@ -338,6 +341,20 @@ impl AveragingTracker {
         evidence.iter().zip(&self.considered).map(of_candidate).collect()
     }
 
+    /// The evidence, in which a candidate without a prediction has the mean likelihood of the others: its probability does not
+    /// change. A candidate whose contact is at the tip thus loses nothing to those that take the readings there for those of a
+    /// contact on the side. `None` if no candidate has a prediction.
+    fn completed(&self, evidence: &[Option<f64>]) -> Option<Vec<f64>> {
+        let known =
+            || evidence.iter().zip(self.right.probabilities()).filter_map(|(log, share)| Some(((*log)?, *share)));
+        let largest = known().map(|(log, _)| log).reduce(f64::max)?;
+        let (likelihood, total) = known().fold((0.0, 0.0), |(likelihood, total), (log, share)| {
+            (likelihood + share * (log - largest).exp(), total + share)
+        });
+        let mean = if likelihood > 0.0 { largest + (likelihood / total).ln() } else { largest };
+        Some(evidence.iter().map(|log| log.unwrap_or(mean)).collect())
+    }
+
     /// Updates the candidates' probabilities and returns the innovation of the mixture.
     fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
         let sojourns_s = vec![self.config.sojourn_s; self.methods.len()];
@@ -346,9 +363,7 @@ impl AveragingTracker {
         let known = innovations.iter().zip(self.right.probabilities());
         let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
         let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
-        // A candidate without a prediction gets the smallest likelihood of the others.
-        let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-        let evidence: Vec<_> = evidence.iter().map(|found| found.unwrap_or(least)).collect();
+        let evidence = self.completed(&evidence)?;
         let tempered: Vec<_> = self.tempered(&evidence).into_iter().map(Some).collect();
         self.right.reweight(&tempered)?;
         Some(innovation)
@@ -534,12 +549,12 @@ impl Tracker for AveragingTracker {
         true
     }
 
-    /// Outline of the leading candidate or, if it carries none, of the most probable candidate that does and counts for the
-    /// estimate. The latter's band contains the variance of the mixture across the outline.
+    /// Outline of the leading candidate or, if it carries none, of the most probable candidate that does and is not refuted. The
+    /// latter's band contains the variance of the mixture across the outline.
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
         let ranked = self.ranked();
         let most = ranked.first()?.0;
-        let counting = ranked.iter().filter(|(share, _)| *share >= self.config.ignored_share * most);
+        let counting = ranked.iter().filter(|(share, _)| *share >= CARRYING_SHARE * most);
         let points = counting.into_iter().find_map(|(_, tracker)| tracker.outline())?;
         Some(if self.outline_leads() { points } else { self.widened(points) })
     }
@@ -644,8 +659,9 @@ mod tests {
         let (outline, leads) = carried([0.6, 0.4]);
         let covariance_m2 = outline.unwrap()[0].covariance_m2;
         assert!(!leads && (covariance_m2 - Matrix2::new(1e-10, 0.0, 0.0, 1.01e-8)).norm() < 1e-16, "{covariance_m2}");
-        // A candidate that does not count for the estimate gives no outline.
-        assert_eq!(carried([0.99, 0.01]), (None, false));
+        // A candidate that does not count for the estimate may give the outline, one that is refuted does not.
+        assert!(carried([0.99, 0.01]).0.is_some());
+        assert_eq!(carried([0.9999, 0.0001]), (None, false));
     }
 
     #[test]
@@ -692,6 +708,18 @@ mod tests {
         let shares = tracker.right.probabilities();
         assert!((shares[2] - 0.4).abs() < 1e-5, "{shares:?}");
         assert!((shares[0] / shares[1] - 1.0_f64.exp()).abs() < 1e-9, "{shares:?}");
+    }
+
+    #[test]
+    fn verif_a_candidate_without_a_prediction_keeps_its_probability() {
+        let knowledge = knowledge();
+        let mut tracker = tracker([0.6, 0.4], &knowledge.faces[0]);
+        tracker.right = Modes::new([0.5, 0.3, 0.2]);
+        let completed = tracker.completed(&[None, Some(1.0), Some(3.0)]).unwrap();
+        tracker.right.reweight(&completed.into_iter().map(Some).collect::<Vec<_>>());
+        let shares = tracker.right.probabilities();
+        assert!((shares[0] - 0.5).abs() < 1e-12 && shares[1] / shares[2] < 0.3, "{shares:?}");
+        assert_eq!(tracker.completed(&[None, None, None]), None);
     }
 
     #[test]
