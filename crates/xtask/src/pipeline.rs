@@ -119,6 +119,12 @@ impl Evaluations {
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &inputs[..], &options[..]].concat()))
     }
 
+    /// The recommended estimator on a suite, for a number of seeds of the measurement noise: `results/<suite>/`.
+    pub(crate) fn recommended(self, suite: &str, seeds: u32) -> Outcome {
+        let options = ["--estimators", "recommended", "--seeds", &seeds.to_string()];
+        step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &options[..]].concat()))
+    }
+
     /// The recommended estimator on a random suite with the noise and the miscalibration that each trace states:
     /// `results/<suite>/`.
     pub(crate) fn as_stated(self, suite: &str) -> Outcome {

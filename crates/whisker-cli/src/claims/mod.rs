@@ -7,6 +7,7 @@ mod certainty;
 mod contact_events;
 mod contours;
 mod determinism;
+mod friction;
 mod hall;
 mod live;
 mod monte_carlo;
@@ -130,7 +131,7 @@ pub const SETS: &[ClaimSet] = &[
         runs: RUNS,
         figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
     },
-    ClaimSet { name: "certainty", topics: &[certainty::claims], runs: certainty::RUNS, figures: &[] },
+    ClaimSet { name: "certainty", topics: &[certainty::claims, friction::claims], runs: certainty::RUNS, figures: &[] },
     ClaimSet { name: "space", topics: &[space::claims], runs: &[], figures: &[] },
 ];
 

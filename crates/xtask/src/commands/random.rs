@@ -1,4 +1,4 @@
-//! Certainty on random scenes, which no setting was chosen on.
+//! Certainty on random scenes, which no setting was chosen on, and on contacts with friction.
 
 use super::docs;
 use crate::failure::{Failure, Outcome};
@@ -12,6 +12,9 @@ const RANDOM: &str = "random";
 
 /// Suite whose pins are evaluated with miscalibrations, and with noise of the calibrated range.
 const STANDARD: &str = "standard";
+
+/// Suite of contacts with friction.
+const FRICTION: &str = "friction";
 
 /// Set of claims, and the folder of their table.
 const CLAIMS: &str = "certainty";
@@ -40,6 +43,10 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     for nis in DOUBT_THRESHOLDS {
         evaluations.doubting(RANDOM, nis)?;
     }
+    pipeline::simulate(FRICTION)?;
+    pipeline::fit(FRICTION)?;
+    evaluations.recommended(FRICTION, 20)?;
+    kept::keep(FRICTION, &["run.json", "summary.csv"])?;
     // The documentation is written even if a claim does not hold.
     let outcome = step("measure", || run_command(whisker(&["reproduce", "--set", CLAIMS, "--out", OUT])));
     step("documentation", docs::run)?;

@@ -1,0 +1,82 @@
+//! Contacts with friction: errors against those without friction, stated certainty, and the coefficient of friction.
+
+use testbed::metrics::{Metric, consistency, error, friction};
+use testbed::results::TrialRow;
+use testbed::statistics::{mean, median};
+
+use super::{Claim, Context, RECOMMENDED, WHISKERS};
+
+/// Run of the suite of contacts with friction.
+pub(super) const RUN: &str = "friction";
+
+/// Objects that the whisker rubs along with each coefficient of friction.
+const OBJECTS: [&str; 7] = ["pin_35", "pin_50", "pin_62", "circle_5", "circle_15", "circle_50", "octagon"];
+
+/// Coefficients of friction in percent, as in the names of the groups.
+const COEFFICIENTS: [u32; 2] = [30, 50];
+
+pub(super) fn claims() -> Vec<Claim> {
+    let mut claims: Vec<Claim> =
+        WHISKERS.into_iter().flat_map(|whisker| OBJECTS.map(|object| (whisker, object))).flat_map(factors).collect();
+    let ellipses = "stated 95 % ellipses that hold the truth, mean over trials";
+    claims.extend([
+        Claim::at_least("friction_coverage_low".into(), about(ellipses), 88.0, "%", |context| {
+            Ok(mean(of_trials(context, &consistency::COVERAGE)).map(|share| 100.0 * share))
+        }),
+        Claim::at_most("friction_coverage_high".into(), about(ellipses), 98.0, "%", |context| {
+            Ok(mean(of_trials(context, &consistency::COVERAGE)).map(|share| 100.0 * share))
+        }),
+        Claim::at_most(
+            "friction_coefficient_error".into(),
+            about("error of the coefficient of friction where it is stated, median over trials"),
+            0.1,
+            "",
+            |context| Ok(median(of_trials(context, &friction::ERROR))),
+        ),
+        Claim::at_least(
+            "friction_coefficient_covered".into(),
+            about("95 % intervals of the coefficient of friction that hold the true one, of those stated"),
+            90.0,
+            "%",
+            |context| Ok(mean(of_trials(context, &friction::COVERED)).map(|share| 100.0 * share)),
+        ),
+    ]);
+    claims
+}
+
+fn about(what: &str) -> String {
+    format!("friction, {RECOMMENDED}: {what}")
+}
+
+/// Name of the group of an object that is touched with a coefficient of friction.
+fn group(object: &str, percent: u32) -> String {
+    format!("{object}_mu{percent:02}")
+}
+
+/// Error with each coefficient relative to that on the same object without friction.
+fn factors((whisker, object): (&'static str, &'static str)) -> [Claim; 2] {
+    COEFFICIENTS.map(|percent| {
+        let coefficient = f64::from(percent) / 100.0;
+        Claim::at_most(
+            format!("friction_{object}_{whisker}_{percent}"),
+            about(&format!(
+                "{object}, {whisker} whisker, coefficient {coefficient}: steady RMSE over that without friction, medians over trials"
+            )),
+            1.5,
+            "times",
+            move |context| {
+                let rmse_m = |percent| {
+                    context.run(RUN).summary(&group(object, percent), whisker, RECOMMENDED)?.get(&error::RMSE)
+                };
+                Ok(rmse_m(percent).zip(rmse_m(0)).map(|(with_m, without_m)| with_m / without_m))
+            },
+        )
+    })
+}
+
+/// Values of a metric in the trials with friction.
+fn of_trials<'a>(context: &'a Context, metric: &'a Metric) -> impl Iterator<Item = f64> + 'a {
+    let has_friction = |trial: &&TrialRow| !trial.head.group.ends_with(&group("", 0));
+    let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
+    trials.filter(has_friction).filter_map(|trial| trial.get(metric))
+}
