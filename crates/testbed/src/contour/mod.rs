@@ -28,8 +28,8 @@ impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
     ///
     /// If the estimates are contacts on an outline that the estimator carries, its final state is used. Otherwise the surface
-    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If nearly all of them are too
-    /// uncertain, a carried outline of a less probable model takes their place.
+    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If fewer than
+    /// [`LEAST_SURE`] of them are certain enough, the outline carried by a less probable candidate is used instead.
     pub fn found(
         recording: &Recording,
         outline: Option<&CarriedOutline>,
@@ -42,13 +42,8 @@ impl Contour {
         }
         let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
         let counting: Vec<_> = points.iter().filter(counts).collect();
-        let sure = counting.iter().filter(|point| point.is_sure()).count();
         let merged = || Self::merged(counting.iter().copied());
-        if (sure as f64) < LEAST_SURE * counting.len() as f64 {
-            carried().or_else(merged)
-        } else {
-            merged().or_else(carried)
-        }
+        if most_are_uncertain(&counting) { carried().or_else(merged) } else { merged().or_else(carried) }
     }
 
     /// Outline of an estimator (in Start), transformed to World by the pose of the base at the start of its samples,
@@ -112,8 +107,15 @@ impl SurfacePoint {
 /// Largest standard deviation of the position of a point that contributes to an outline.
 const MOST_SD_M: f64 = 1e-3;
 
-/// Share of points that are certain enough below which a carried outline takes the place of one through the contacts.
-const LEAST_SURE: f64 = 0.1;
+/// Share of surface points with a standard deviation of at most [`MOST_SD_M`] below which the outline carried by a candidate is used
+/// instead of one merged from the points.
+const LEAST_SURE: f64 = 0.2;
+
+/// Whether fewer than [`LEAST_SURE`] of the points are certain enough.
+fn most_are_uncertain(points: &[&SurfacePoint]) -> bool {
+    let sure = points.iter().filter(|point| point.is_sure()).count();
+    (sure as f64) < LEAST_SURE * points.len() as f64
+}
 
 /// Settling time after a touch, during which estimates do not contribute to the outline.
 const SETTLING_S: f64 = 1.0;
@@ -172,5 +174,28 @@ impl SurfacePoints {
             normal: product(&known.base.rotation(), &outward),
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_an_outline_through_the_points_needs_a_fifth_of_them_certain() {
+        let point = |sd_m: f64| SurfacePoint {
+            row: 0,
+            touch: 0,
+            since_touch_s: 2.0,
+            at: Vector2::zeros(),
+            normal: Vector2::x(),
+            covariance_m2: Some(Matrix2::new(1e-8, 0.0, 0.0, sd_m * sd_m)),
+        };
+        let (sure, unsure) = (point(0.9e-3), point(1.1e-3));
+        let of = |count: usize| [vec![&sure; count], vec![&unsure; 10]].concat();
+        assert!(most_are_uncertain(&of(2)) && !most_are_uncertain(&of(3)));
+        assert!(!most_are_uncertain(&[]));
+        let unstated = SurfacePoint { covariance_m2: None, ..unsure };
+        assert!(!most_are_uncertain(&[&unstated]));
     }
 }

@@ -20,7 +20,7 @@ const MISCALIBRATED: &str = "miscalibrated";
 /// Runs of the random suite with other thresholds of the signal of doubt.
 const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("8", "random_doubt_8"), ("16", "random_doubt_16")];
 
-/// Runs of the set, with those of other topics.
+/// Runs of the claims on certainty: those of this topic, and that of contacts with friction.
 pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1, friction::RUN];
 
 /// Shapes with corners; a plate is met at its edge.

@@ -19,26 +19,34 @@ pub(super) fn claims() -> Vec<Claim> {
     let mut claims: Vec<Claim> =
         WHISKERS.into_iter().flat_map(|whisker| OBJECTS.map(|object| (whisker, object))).flat_map(factors).collect();
     let ellipses = "stated 95 % ellipses that hold the truth, mean over trials";
+    let coverage = |context: &Context| Ok(percent(context, &consistency::COVERAGE));
     claims.extend([
-        Claim::at_least("friction_coverage_low".into(), about(ellipses), 88.0, "%", |context| {
-            Ok(mean(of_trials(context, &consistency::COVERAGE)).map(|share| 100.0 * share))
-        }),
-        Claim::at_most("friction_coverage_high".into(), about(ellipses), 98.0, "%", |context| {
-            Ok(mean(of_trials(context, &consistency::COVERAGE)).map(|share| 100.0 * share))
-        }),
+        Claim::at_least("friction_coverage_low".into(), about(ellipses), 88.0, "%", coverage),
+        Claim::at_most("friction_coverage_high".into(), about(ellipses), 98.0, "%", coverage),
+        Claim::at_least(
+            "friction_coefficient_stated".into(),
+            about("curved whisker: trials in which the coefficient of friction is stated"),
+            50.0,
+            "%",
+            |context| {
+                let curved = rubbing(context).filter(|trial| trial.head.whisker == "curved");
+                Ok(mean(curved.map(|trial| f64::from(trial.get(&friction::ERROR).is_some())))
+                    .map(|share| 100.0 * share))
+            },
+        ),
         Claim::at_most(
             "friction_coefficient_error".into(),
             about("error of the coefficient of friction where it is stated, median over trials"),
             0.1,
             "",
-            |context| Ok(median(of_trials(context, &friction::ERROR))),
+            |context| Ok(median(rubbing(context).filter_map(|trial| trial.get(&friction::ERROR)))),
         ),
         Claim::at_least(
             "friction_coefficient_covered".into(),
             about("95 % intervals of the coefficient of friction that hold the true one, of those stated"),
             90.0,
             "%",
-            |context| Ok(mean(of_trials(context, &friction::COVERED)).map(|share| 100.0 * share)),
+            |context| Ok(percent(context, &friction::COVERED)),
         ),
     ]);
     claims
@@ -74,9 +82,14 @@ fn factors((whisker, object): (&'static str, &'static str)) -> [Claim; 2] {
     })
 }
 
-/// Values of a metric in the trials with friction.
-fn of_trials<'a>(context: &'a Context, metric: &'a Metric) -> impl Iterator<Item = f64> + 'a {
-    let has_friction = |trial: &&TrialRow| !trial.head.group.ends_with(&group("", 0));
+/// Trials in which the whisker rubs along an object with friction.
+fn rubbing(context: &Context) -> impl Iterator<Item = &TrialRow> {
+    let groups: Vec<_> = OBJECTS.iter().flat_map(|object| COEFFICIENTS.map(|percent| group(object, percent))).collect();
     let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
-    trials.filter(has_friction).filter_map(|trial| trial.get(metric))
+    trials.filter(move |trial| groups.contains(&trial.head.group))
+}
+
+/// Mean (%) of a metric over the trials in which the whisker rubs along an object with friction.
+fn percent(context: &Context, metric: &Metric) -> Option<f64> {
+    mean(rubbing(context).filter_map(|trial| trial.get(metric))).map(|share| 100.0 * share)
 }

@@ -79,7 +79,7 @@ pub(super) struct Config<Filter> {
     /// on one another, as those of a motion model do.
     pub evidence_power: f64,
     /// Whether readings are corrected for the inertia of the wire, uncertain outside of the calibrated domain, and left
-    /// out at the tip.
+    /// out at the tip once the contact was certain to be on the side.
     pub corrected: bool,
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
@@ -212,8 +212,8 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     /// Whether the contact was certain to be on the whisker's side during this touch. Until then readings at the tip are not left
     /// out: the first belief may lie beyond the whisker's end only because it is wide.
     was_on_side: bool,
-    /// Whether the object has moved past the tip during this touch, so that the tip itself rests on it, in a place of which the
-    /// belief knows nothing.
+    /// Whether the whole belief has moved beyond the end of the loaded whisker during this touch: the tip itself rests on the
+    /// object, at a place that the belief does not describe.
     is_past_tip: bool,
 }
 
@@ -358,10 +358,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.inertia.advance(sample);
         self.predict(&mut bank, sample);
         let predicted = bank.moments()?;
-        let Some(inertia_n_m) = self.inertia_n_m(&bank, sample) else {
+        let at = AlongAway::of_state(&bank.most_probable()?.belief.mean);
+        if self.config.corrected && self.has_passed(at, &predicted, sample) {
             self.bank = Some(bank);
             return Some(Advance { predicted, filtered: predicted, innovation: None });
-        };
+        }
+        let inertia_n_m = self.inertia_n_m(at);
         let extrapolation_sd_n_m = if self.config.corrected {
             self.side.extrapolation_sd_n_m(AlongAway::of_state(&predicted.mean))
         } else {
@@ -371,38 +373,47 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let reading = self.reading().with_error(error_sd_n_m);
         let corrected = Sample { reading_n_m: sample.reading_n_m - inertia_n_m, ..*sample };
         let innovation = self.condition(&mut bank, &reading, corrected.reading_n_m).ok();
-        self.go_back(&mut bank, &corrected, error_sd_n_m, innovation);
-        self.search(&mut bank, sample, innovation);
+        // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
+        let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
+        if counts {
+            self.go_back(&mut bank, &corrected, error_sd_n_m, innovation);
+            self.search(&mut bank, sample, innovation);
+        }
         let filtered = bank.moments_above(self.config.ignored_share)?;
         self.bank = Some(bank);
-        self.keep();
+        if counts {
+            self.keep();
+        }
         Some(Advance { predicted, filtered, innovation })
     }
 
-    /// Part of the reading that is caused by the inertia of the wire. `None` if the reading is left out, because the contact has
-    /// reached the tip.
-    fn inertia_n_m(&mut self, bank: &Bank<N>, sample: &Sample) -> Option<f64> {
-        if !self.config.corrected {
-            return Some(0.0);
-        }
+    /// Whether the contact has reached the tip, so that the reading of a sample is left out.
+    fn has_passed(&mut self, at: AlongAway, predicted: &Gaussian<N>, sample: &Sample) -> bool {
         if self.is_lost || self.is_past_tip {
-            return None;
+            return true;
         }
-        let belief = &bank.most_probable()?.belief;
-        let at = AlongAway::of_state(&belief.mean);
         let length_m = self.side.face.rest.length_m();
+        let mean = AlongAway::of_state(&predicted.mean);
+        let (arc_m, sd_m) = (self.side.bent_arc_m(mean), predicted.covariance[(0, 0)].max(0.0).sqrt());
         if !self.side.is_tip(at) {
-            let sd_m = bank.moments()?.covariance[(0, 0)].max(0.0).sqrt();
-            self.was_on_side |= self.side.bent_arc_m(at) + SIDE_SDS * sd_m < length_m;
-        } else if self.was_on_side {
-            // The whisker is loaded, but every probable place of the belief lies beyond its end.
-            let nearest_m = self.side.bent_arc_m(at) - TIP_SDS * belief.covariance[(0, 0)].max(0.0).sqrt();
-            let is_loaded = sample.reading_n_m.abs() > LOADED_SDS * self.noise_sd_n_m;
-            self.is_past_tip = is_loaded && at.away_m > 0.0 && nearest_m >= length_m;
-            return None;
+            self.was_on_side |= arc_m + SIDE_SDS * sd_m < length_m;
+            return false;
         }
+        // From here on the belief cannot follow, and a return that it predicts would be a wrong contact. After a release, without
+        // deflection, the belief may drift beyond the end too.
+        let is_loaded = sample.reading_n_m.abs() > LOADED_SDS * self.side.variance_n2_m2(at).sqrt();
+        self.is_past_tip = self.was_on_side && is_loaded && mean.away_m > 0.0 && arc_m - TIP_SDS * sd_m >= length_m;
+        self.was_on_side
+    }
+
+    /// Part of the reading that is caused by the inertia of the wire.
+    fn inertia_n_m(&self, at: AlongAway) -> f64 {
         // Accelerations from noisy poses would be noisier than the effect is large.
-        Some(if self.side.base_noise.is_none() { self.inertia.moment_n_m(&self.side, at) } else { 0.0 })
+        if self.config.corrected && self.side.base_noise.is_none() {
+            self.inertia.moment_n_m(&self.side, at)
+        } else {
+            0.0
+        }
     }
 
     /// Adds hypotheses at other places if the innovations are larger than stated. A contact near the tip that is lost
@@ -483,7 +494,14 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left = left;
     }
 
-    /// Whether the contact is at the tip, so that there is no estimate.
+    /// Whether the belief has no valid covariance, or one so large that the contact may be anywhere on the whisker and beyond.
+    fn has_diverged(&self, belief: &Gaussian<N>) -> bool {
+        let [along_m2, away_m2] = [0, 1].map(|i| belief.covariance[(i, i)]);
+        let most_m2 = self.side.face.rest.length_m().powi(2);
+        !(along_m2 > 0.0 && away_m2 > 0.0 && along_m2 + away_m2 < most_m2)
+    }
+
+    /// Whether the contact is at the tip or past it, so that there is no estimate.
     pub(super) fn is_at_tip(&self, belief: &Gaussian<N>) -> bool {
         self.config.corrected
             && (self.is_lost || self.is_past_tip || self.side.is_tip(AlongAway::of_state(&belief.mean)))
@@ -523,10 +541,10 @@ const INERTIA_SD: f64 = 0.3;
 const SETTLED_SD_M: f64 = 3e-3;
 const TIP_SDS: f64 = 4.0;
 
-/// Standard deviations along the whisker within which a contact on its side is not at the tip.
+/// Distance of a contact from the whisker's end, in its standard deviations, above which it is certain to be on the side.
 const SIDE_SDS: f64 = 3.0;
 
-/// Smallest reading of a loaded whisker, in standard deviations of its noise.
+/// Smallest reading of a loaded whisker, in standard deviations of noise and model error.
 const LOADED_SDS: f64 = 5.0;
 
 /// A bank with the pose of the base and the time to which it belongs.
@@ -552,7 +570,7 @@ pub(super) struct Advance<const N: usize> {
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let Advance { filtered, innovation, .. } = self.advance(sample)?;
-        if self.is_at_tip(&filtered) {
+        if self.is_at_tip(&filtered) || self.has_diverged(&filtered) {
             return None;
         }
         let estimate = self.side.estimate(self.motion.radius(), &filtered, innovation);
@@ -579,6 +597,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.history = touch.history.to_vec();
         self.contact_prior = touch.contact_prior;
         self.doubt = Doubt::default();
+        // The belief kept from before the tip does describe the object.
         self.was_on_side = false;
         self.is_past_tip = false;
         self.inertia = Inertia::new(&self.side.whisker);
@@ -643,8 +662,8 @@ mod tests {
         assert!(worst_m(&sought[310..]) > 1e-3, "{:?}", &sought[300..]);
     }
 
-    /// Samples of a thin object on which the whisker slides as its base moves back by `way_m`, along its tangent, and returns. Beyond the tip the
-    /// reading stays what it was, as where the tip itself rests on an object.
+    /// Samples of a thin object on which the whisker slides while the base retreats by `way_m` along the whisker's tangent and
+    /// returns. Beyond the tip the reading stays constant, as where the tip itself rests on an object.
     fn drawn_back(knowledge: &Knowledge, way_m: f64, count: usize) -> Vec<Sample> {
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
         let thin = Circle { center: Point::from_vector(knowledge.rest.beside(0.062, -4e-3).vector()), radius_m: 1e-4 };
@@ -677,6 +696,10 @@ mod tests {
         assert!(stated[..80].iter().all(|&is| is), "{stated:?}");
         // The tip is reached after 84 samples; the base turns back after 200.
         assert!((80..100).contains(&last) && follower.is_past_tip, "{last}");
-        assert!(follower.resume(&touch(follower.base)) && follower.step(&samples[0]).is_some());
+        // By then the belief predicts a contact on the side again.
+        let belief = follower.bank.as_ref().unwrap().most_probable().unwrap().belief;
+        assert!(!follower.side.is_tip(AlongAway::of_state(&belief.mean)));
+        assert!(follower.resume(&touch(follower.base)) && !follower.is_past_tip);
+        assert!(follower.step(&samples[0]).is_some());
     }
 }

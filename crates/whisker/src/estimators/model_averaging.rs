@@ -100,8 +100,7 @@ impl Default for Config {
     /// velocity explains errors of recorded sensors too, and wins there on objects at rest. Odds, powers and factor were
     /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so that
     /// its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings for
-    /// inertia and leave out those at the tip: a candidate that used them would gain weight there while the others state no
-    /// likelihood.
+    /// inertia and leave out those at the tip: a candidate that used them would state a wrong contact there.
     fn default() -> Self {
         let mut average =
             Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 0.01)]);
@@ -207,8 +206,9 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     Ok(Box::new(ModelAveraging { config: Arc::new(config), methods }))
 }
 
-/// Probability, relative to that of the leading candidate, below which the outline of a candidate counts as refuted.
-const CARRYING_SHARE: f64 = 1e-3;
+/// Smallest probability, relative to that of the leading candidate, at which a candidate's outline is used. Where `ignored_share` is
+/// smaller, it takes its place.
+const CARRYING_SHARE: f64 = 1e-6;
 
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
@@ -320,13 +320,14 @@ impl AveragingTracker {
     }
 
     /// The evidence with its powers: within the group of a candidate, considered or not, and that of the group as a whole.
-    fn tempered(&self, evidence: &[f64]) -> Vec<f64> {
-        let largest = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    fn tempered(&self, evidence: &[Option<f64>]) -> Vec<Option<f64>> {
+        let largest = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
         // Logarithm of the mean likelihood of a group with a power.
         let of_group = |considered: bool, power: f64| {
             let members = || self.considered.iter().zip(self.right.probabilities().iter().zip(evidence));
             let (mut share, mut likelihood) = (0.0, 0.0);
             for (_, (probability, log)) in members().filter(|(is_considered, _)| **is_considered == considered) {
+                let Some(log) = log else { continue };
                 share += probability;
                 likelihood += probability * (power * (log - largest)).exp();
             }
@@ -335,24 +336,23 @@ impl AveragingTracker {
         let of_groups = [false, true].map(|considered| {
             self.config.considered_power * of_group(considered, 1.0) - of_group(considered, self.config.evidence_power)
         });
-        let of_candidate = |(log, considered): (&f64, &bool)| {
-            self.config.evidence_power * (log - largest) + of_groups[usize::from(*considered)]
+        let of_candidate = |(log, considered): (&Option<f64>, &bool)| {
+            Some(self.config.evidence_power * ((*log)? - largest) + of_groups[usize::from(*considered)])
         };
         evidence.iter().zip(&self.considered).map(of_candidate).collect()
     }
 
-    /// The evidence, in which a candidate without a prediction has the mean likelihood of the others: its probability does not
-    /// change. A candidate whose contact is at the tip thus loses nothing to those that take the readings there for those of a
-    /// contact on the side. `None` if no candidate has a prediction.
-    fn completed(&self, evidence: &[Option<f64>]) -> Option<Vec<f64>> {
+    /// Evidence of all candidates. One without has the mean likelihood of the others, weighted by their probabilities, so that its
+    /// own probability does not change.
+    fn completed(&self, evidence: &[Option<f64>]) -> Vec<Option<f64>> {
         let known =
             || evidence.iter().zip(self.right.probabilities()).filter_map(|(log, share)| Some(((*log)?, *share)));
-        let largest = known().map(|(log, _)| log).reduce(f64::max)?;
+        let largest = known().map(|(log, _)| log).fold(f64::NEG_INFINITY, f64::max);
         let (likelihood, total) = known().fold((0.0, 0.0), |(likelihood, total), (log, share)| {
             (likelihood + share * (log - largest).exp(), total + share)
         });
         let mean = if likelihood > 0.0 { largest + (likelihood / total).ln() } else { largest };
-        Some(evidence.iter().map(|log| log.unwrap_or(mean)).collect())
+        evidence.iter().map(|log| Some(log.unwrap_or(mean))).collect()
     }
 
     /// Updates the candidates' probabilities and returns the innovation of the mixture.
@@ -363,9 +363,7 @@ impl AveragingTracker {
         let known = innovations.iter().zip(self.right.probabilities());
         let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
         let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
-        let evidence = self.completed(&evidence)?;
-        let tempered: Vec<_> = self.tempered(&evidence).into_iter().map(Some).collect();
-        self.right.reweight(&tempered)?;
+        self.right.reweight(&self.completed(&self.tempered(&evidence)))?;
         Some(innovation)
     }
 
@@ -549,12 +547,13 @@ impl Tracker for AveragingTracker {
         true
     }
 
-    /// Outline of the leading candidate or, if it carries none, of the most probable candidate that does and is not refuted. The
-    /// latter's band contains the variance of the mixture across the outline.
+    /// Outline of the leading candidate or, if it has none, of the most probable candidate that has one and whose relative probability
+    /// is at least [`CARRYING_SHARE`]. The band of an outline that does not lead contains the variance of the mixture across it.
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
         let ranked = self.ranked();
         let most = ranked.first()?.0;
-        let counting = ranked.iter().filter(|(share, _)| *share >= CARRYING_SHARE * most);
+        let least = most * self.config.ignored_share.min(CARRYING_SHARE);
+        let counting = ranked.iter().filter(|(share, _)| *share >= least);
         let points = counting.into_iter().find_map(|(_, tracker)| tracker.outline())?;
         Some(if self.outline_leads() { points } else { self.widened(points) })
     }
@@ -703,23 +702,22 @@ mod tests {
         let mut tracker = tracker([0.6, 0.4], &knowledge.faces[0]);
         tracker.considered = vec![false, false, true];
         tracker.right = Modes::new([0.3, 0.3, 0.4]);
-        let tempered = tracker.tempered(&[0.0, -2.0, 5.0]);
-        tracker.right.reweight(&tempered.into_iter().map(Some).collect::<Vec<_>>());
+        let tempered = tracker.tempered(&[Some(0.0), Some(-2.0), Some(5.0)]);
+        tracker.right.reweight(&tempered);
         let shares = tracker.right.probabilities();
         assert!((shares[2] - 0.4).abs() < 1e-5, "{shares:?}");
         assert!((shares[0] / shares[1] - 1.0_f64.exp()).abs() < 1e-9, "{shares:?}");
     }
 
     #[test]
-    fn verif_a_candidate_without_a_prediction_keeps_its_probability() {
+    fn verif_a_candidate_without_evidence_keeps_its_probability() {
         let knowledge = knowledge();
         let mut tracker = tracker([0.6, 0.4], &knowledge.faces[0]);
-        tracker.right = Modes::new([0.5, 0.3, 0.2]);
-        let completed = tracker.completed(&[None, Some(1.0), Some(3.0)]).unwrap();
-        tracker.right.reweight(&completed.into_iter().map(Some).collect::<Vec<_>>());
+        tracker.considered = vec![false, false, false, true];
+        tracker.right = Modes::new([0.3, 0.2, 0.1, 0.4]);
+        tracker.right.reweight(&tracker.completed(&tracker.tempered(&[None, Some(1.0), Some(3.0), Some(5.0)])));
         let shares = tracker.right.probabilities();
-        assert!((shares[0] - 0.5).abs() < 1e-12 && shares[1] / shares[2] < 0.3, "{shares:?}");
-        assert_eq!(tracker.completed(&[None, None, None]), None);
+        assert!((shares[0] - 0.3).abs() < 1e-12 && shares[1] / shares[2] < 1.0, "{shares:?}");
     }
 
     #[test]

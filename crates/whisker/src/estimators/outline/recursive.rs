@@ -155,10 +155,10 @@ impl Tracer {
         let known = expected.filter(|_| onset.known_ahead >= 0.0);
         let estimate = match (&known, &advance) {
             (Some(expected), _) => Some(object.estimate(side, &self.base, expected)),
-            (None, Some(advance)) => {
+            (None, Some(advance)) if !self.front.is_at_tip(&advance.filtered) => {
                 Some(side.estimate(self.front.motion.radius(), &advance.filtered, advance.innovation))
             }
-            (None, None) => None,
+            (None, _) => None,
         };
         if onset.samples < LEAST_SAMPLES {
             self.onset = Some(onset);
