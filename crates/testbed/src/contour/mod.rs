@@ -28,8 +28,8 @@ impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
     ///
     /// If the estimates are contacts on an outline that the estimator carries, its final state is used. Otherwise the surface
-    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If fewer than
-    /// [`LEAST_SURE`] of them are certain enough, the outline carried by a less probable candidate is used instead.
+    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If fewer than a
+    /// fifth of them are certain enough, the outline carried by a less probable candidate is used instead.
     pub fn found(
         recording: &Recording,
         outline: Option<&CarriedOutline>,
