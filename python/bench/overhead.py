@@ -1,12 +1,15 @@
-"""Times of `Estimator.step` and `Estimator.replay` beside those of Rust: overhead.py TRACE CALIBRATION [ESTIMATOR ...].
+"""Times of `Estimator.step` and `Estimator.replay` beside those of Rust: overhead.py RUST CALIBRATIONS TRACE [TRACE ...].
 
-Least time of several runs per sample. Build the Rust side first:
-cargo build --release --package whisker-python --example step_times
+RUST is the program `step_times`: cargo build --release --package whisker-python --example step_times. CALIBRATIONS is the
+folder of the calibrations, named after the whiskers of the traces. Writes CSV to stdout: least times of several runs per
+sample, in nanoseconds.
 """
 
+import csv
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +17,12 @@ import numpy as np
 import whisker_contact as wc
 
 RUNS = 30
-RUST = Path(__file__).resolve().parents[2] / "target" / "release" / "examples" / "step_times"
+NOISE = 0.01
+ESTIMATORS = ("paper-ekf", "ekf", "recommended")
+COLUMNS = ("trace", "estimator", "rust_step", "step", "rust_replay", "replay", "rust_step_p99")
 
 
-def least_ns(run, samples: int) -> float:
+def least_ns(run: Callable[[], object], samples: int) -> float:
     """Least time of a run per sample."""
     times = []
     for _ in range(RUNS):
@@ -27,14 +32,14 @@ def least_ns(run, samples: int) -> float:
     return min(times)
 
 
-def times_ns(trace: wc.Trace, calibration: wc.Calibration, name: str) -> tuple[float, float, float]:
-    """Times per sample of step, of the same loop without it, and of replay."""
-    trial = wc.Trial(trace, calibration, noise_sd_n_m=0.0)
+def times_ns(trace: wc.Trace, calibration: wc.Calibration, name: str) -> tuple[float, float]:
+    """Times per sample of step, less that of the same loop without it, and of replay."""
+    trial = wc.Trial(trace, calibration, NOISE)
     samples = list(zip(map(tuple, trial.motions.tolist()), trial.dt_s.tolist(), trial.readings_n_m.tolist(), strict=True))
     recording = trace.recording
     base = np.column_stack([recording["base_x_m"], recording["base_y_m"], recording["base_yaw_rad"]])
     t_s = recording["t_s"].copy()
-    estimator = wc.Estimator(name, calibration, 1e-7, trace.rate_hz)
+    estimator = wc.Estimator(name, calibration, trial.noise_sd_n_m, trace.rate_hz)
 
     def step() -> None:
         estimator.reset()
@@ -47,20 +52,25 @@ def times_ns(trace: wc.Trace, calibration: wc.Calibration, name: str) -> tuple[f
 
     readings_n_m = trial.readings_n_m
     count = len(samples)
-    return least_ns(step, count), least_ns(loop, count), least_ns(lambda: estimator.replay(t_s, base, readings_n_m), count)
+    step_ns = least_ns(step, count) - least_ns(loop, count)
+    return step_ns, least_ns(lambda: estimator.replay(t_s, base, readings_n_m), count)
 
 
-def main(trace: str, calibration: str, *names: str) -> None:
-    """Print a row for each estimator."""
-    print("estimator      Rust step   step   above   Rust replay   replay   ratio   (ns a sample)")
-    for name in names or ("paper-ekf", "ekf", "recommended"):
-        rust = subprocess.run([RUST, trace, calibration, name], check=True, capture_output=True, text=True).stdout
-        rust_step, rust_replay = map(float, rust.split())
-        step, loop, replay = times_ns(wc.Trace.read(trace), wc.load_calibration(calibration), name)
-        print(
-            f"{name:14} {rust_step:9.0f} {step - loop:6.0f} {step - loop - rust_step:7.0f}"
-            f" {rust_replay:13.0f} {replay:8.0f} {replay / rust_replay:7.3f}"
-        )
+def main(rust: str, calibrations: str, *traces: str) -> None:
+    """Write a row for each trace and estimator."""
+    writer = csv.writer(sys.stdout)
+    writer.writerow(COLUMNS)
+    for path in traces:
+        trace = wc.Trace.read(path)
+        calibration = Path(calibrations) / f"{trace.whisker.name}.json"
+        for name in ESTIMATORS:
+            command = [rust, path, str(calibration), name]
+            found = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+            rust_step, rust_replay, p99 = map(float, found)
+            step, replay = times_ns(trace, wc.load_calibration(calibration), name)
+            values = (rust_step, step, rust_replay, replay, p99)
+            writer.writerow((Path(path).stem, name, *(f"{value:.0f}" for value in values)))
+            sys.stdout.flush()
 
 
 main(*sys.argv[1:])

@@ -67,6 +67,11 @@ pub trait Measurement<const N: usize, const M: usize> {
         Some((self.predict(x)?, self.jacobian(x)?))
     }
 
+    /// Predicted reading `h(x)` and noise covariance `R` at one state. Override it if they share computations.
+    fn predict_with_noise(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, M>)> {
+        Some((self.predict(x)?, self.noise(x)))
+    }
+
     /// Predicted reading `h(x)`, Jacobian `H` and noise covariance `R` at one state. Override it if they share computations.
     fn linearised_with_noise(
         &self,

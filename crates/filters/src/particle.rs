@@ -164,25 +164,28 @@ impl<const N: usize> ParticleSet<N> {
         z: &Vector1<f64>,
     ) -> Result<Innovation<1>, UpdateError> {
         let Scratch { logs, expected, residuals, variances, .. } = &mut self.scratch;
-        measurement.predict_each(&self.particles, expected);
         let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
-        let expected = expected.column(0);
         let (sums, variance) = if let Some(noise) = measurement.constant_noise() {
             if !is_positive(noise[0]) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
+            measurement.predict_each(&self.particles, expected);
+            let expected = expected.column(0);
             vectorised!(log_weights_constant_noise(residual, expected, noise[0], &self.logs, residuals, logs));
             let sums = vectorised!(residual_sums(&self.weights, residuals));
             let variance = noise[0] * sums.weight;
             (sums, variance)
         } else {
-            for ((variance, particle), &expected) in variances.iter_mut().zip(self.particles.iter()).zip(expected) {
-                *variance = if expected.is_nan() { 1.0 } else { measurement.noise(&particle)[0] };
+            for (index, (variance, particle)) in variances.iter_mut().zip(self.particles.iter()).enumerate() {
+                let found = measurement.predict_with_noise(&particle);
+                let (at_particle, noise) = found.unwrap_or_else(|| (Vector1::repeat(f64::NAN), Matrix1::identity()));
+                expected.set(index, &at_particle);
+                *variance = noise[0];
             }
             if !variances.iter().all(|&variance| is_positive(variance)) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
-            vectorised!(log_weights(residual, expected, variances, &self.logs, residuals, logs));
+            vectorised!(log_weights(residual, expected.column(0), variances, &self.logs, residuals, logs));
             let sums = vectorised!(residual_sums(&self.weights, residuals));
             (sums, vectorised!(total_variance(&self.weights, residuals, variances)))
         };
@@ -338,8 +341,8 @@ impl<const N: usize> Drawn<'_, N> {
         z: &Vector1<f64>,
         spread: &Cholesky<f64, Const<N>>,
     ) -> f64 {
-        let Some(expected) = measurement.predict(&self.particle) else { return f64::NEG_INFINITY };
-        let variance = measurement.noise(&self.particle)[0];
+        let Some((expected, noise)) = measurement.predict_with_noise(&self.particle) else { return f64::NEG_INFINITY };
+        let variance = noise[0];
         if !is_positive(variance) {
             return f64::NEG_INFINITY;
         }

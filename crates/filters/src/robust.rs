@@ -60,6 +60,10 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.noise(x) * self.factor
     }
 
+    fn predict_with_noise(&self, x: &SVector<f64, N>) -> Option<(SVector<f64, M>, SMatrix<f64, M, M>)> {
+        self.model.predict_with_noise(x).map(|(expected, noise)| (expected, noise * self.factor))
+    }
+
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, M, N>> {
         self.model.jacobian(x)
     }

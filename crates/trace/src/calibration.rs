@@ -322,7 +322,7 @@ impl CalibrationFile {
                 return Err(Error::value(path, "faces", format!("`{}` twice", face.face.name()), "each face once"));
             }
             if !face.domain.is_valid(self.whisker.length_m) {
-                let found = format!("{:?}", face.domain);
+                let found = serde_json::to_string(&face.domain).unwrap_or_default();
                 let expected =
                     "evenly spaced nodes along the whisker, with lower_m <= 0 and lower_m <= upper_m <= its length";
                 return Err(Error::value(path, face.key("domain"), found, expected));

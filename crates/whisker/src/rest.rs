@@ -45,6 +45,7 @@ impl Piece {
     }
 
     /// Point and direction of the tangent at `along_m` from the piece's start.
+    #[inline]
     fn frame(&self, along_m: f64) -> (Vector2<f64>, Vector2<f64>) {
         let curvature = self.curvature_per_m;
         if curvature == 0.0 {
@@ -57,6 +58,7 @@ impl Piece {
     }
 
     /// The nearest point of the piece.
+    #[inline]
     fn foot(&self, p: Vector2<f64>) -> Foot {
         let offset = p - self.origin;
         let along = self.tangent.dot(&offset);
@@ -97,6 +99,7 @@ impl RestShape {
         Self { pieces, tip_radius_m: origin.norm() }
     }
 
+    #[inline]
     fn piece(&self, arc_m: f64) -> &Piece {
         let index = self.pieces.partition_point(|piece| piece.start_m <= arc_m);
         &self.pieces[index.saturating_sub(1)]
@@ -132,6 +135,7 @@ impl RestShape {
 
     /// The nearest point of the undeflected whisker. `point(foot.arc_m)` plus `foot.left_m` along the left normal is
     /// `p` again, unless the foot is an end.
+    #[inline]
     pub fn foot(&self, p: Point<Base>) -> Foot {
         let mut best = Foot { arc_m: 0.0, left_m: f64::INFINITY };
         for piece in &self.pieces {

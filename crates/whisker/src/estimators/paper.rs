@@ -84,6 +84,7 @@ impl<'a> Reading<'a> {
         (contact, self.side.face.along_and_away(contact))
     }
 
+    /// Expected reading of a contact and its gradient.
     fn expect(&self, contact: Point<Base>, place: AlongAway) -> (f64, RowVector2<f64>) {
         let held = self.side.face.nearest_calibrated_at(contact, place);
         let expected = self.side.face.model.predict(held);
@@ -111,9 +112,19 @@ impl<'a> Reading<'a> {
 
 impl<const N: usize> Measurement<N, 1> for Reading<'_> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
+        Some(self.predict_with_noise(x)?.0)
+    }
+
+    /// Computes the coordinates along and away once, and the gradient beyond the calibrated domain alone.
+    fn predict_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, Matrix1<f64>)> {
         let (contact, place) = self.place(x);
-        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * self.side.model_variance_n2_m2(place).sqrt());
-        Some(Vector1::new(self.expect(contact, place).0 + error_n_m))
+        let face = &self.side.face;
+        let (shares, is_calibrated) = face.domain.shares_and_containment(place);
+        let model_variance = face.error.variance_n2_m2(shares);
+        let expected_n_m = if is_calibrated { face.model.reading_n_m(contact) } else { self.expect(contact, place).0 };
+        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * model_variance.sqrt());
+        let variance_n2_m2 = self.side.noise_n2_m2(place) + model_variance;
+        Some((Vector1::new(expected_n_m + error_n_m), Matrix1::new(variance_n2_m2)))
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {

@@ -144,7 +144,8 @@ impl Side {
 
     /// Variance of the measurement noise of a contact's reading: that of the sensor and that which the noise of the
     /// base causes.
-    fn noise_n2_m2(&self, at: AlongAway) -> f64 {
+    #[inline]
+    pub(super) fn noise_n2_m2(&self, at: AlongAway) -> f64 {
         if !self.base_is_noisy {
             return self.sensor_noise_n2_m2;
         }

@@ -25,14 +25,40 @@ const LEAST_ROOT_SHARE: f64 = 0.5;
 
 /// Calibrated range of the distance from the undeflected whisker, as a function of arc length, linear between nodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(from = "Nodes", into = "Nodes")]
 pub struct Domain {
+    nodes: Nodes,
+    /// First and last calibrated arc length.
+    arc_range_m: (f64, f64),
+    /// Number of nodes per length.
+    nodes_per_m: f64,
+}
+
+/// Values at the nodes, as they are stored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Nodes {
     /// Evenly spaced nodes along the undeflected whisker.
-    pub arc_m: Vec<f64>,
+    arc_m: Vec<f64>,
     /// Smallest calibrated distance at each node, at most 0: the undeflected whisker itself reads zero.
-    pub lower_m: Vec<f64>,
+    lower_m: Vec<f64>,
     /// Largest calibrated distance at each node.
-    pub upper_m: Vec<f64>,
+    upper_m: Vec<f64>,
+}
+
+impl From<Nodes> for Domain {
+    fn from(nodes: Nodes) -> Self {
+        let end = |arc_m: Option<&f64>| arc_m.copied().unwrap_or(f64::NAN);
+        let arc_range_m = (end(nodes.arc_m.first()), end(nodes.arc_m.last()));
+        let intervals = nodes.arc_m.len().saturating_sub(1) as f64;
+        Self { nodes_per_m: intervals / (arc_range_m.1 - arc_range_m.0), arc_range_m, nodes }
+    }
+}
+
+impl From<Domain> for Nodes {
+    fn from(domain: Domain) -> Self {
+        domain.nodes
+    }
 }
 
 /// Position within the calibrated domain, each share from 0 to 1.
@@ -45,6 +71,17 @@ pub struct Shares {
 }
 
 impl Domain {
+    /// The region between a smallest distance, at most 0, and a largest one at each of some evenly spaced arc lengths. Whether
+    /// they describe a region is not checked, see [`Self::is_valid`].
+    pub fn new(arc_m: Vec<f64>, lower_m: Vec<f64>, upper_m: Vec<f64>) -> Self {
+        Nodes { arc_m, lower_m, upper_m }.into()
+    }
+
+    /// Evenly spaced arc lengths, and the largest calibrated distance at each.
+    pub fn largest_m(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.nodes.arc_m.iter().copied().zip(self.nodes.upper_m.iter().copied())
+    }
+
     /// The region covered by samples: around each node the extremes of the nearest samples, with as many nodes as have
     /// `LEAST_SAMPLES` each, or one if there are too few. A calibration proceeds along lines, and gaps between them
     /// count as calibrated. `None` if the samples do not spread along the whisker.
@@ -68,7 +105,7 @@ impl Domain {
             upper_m[node] = away_m.max(upper_m[node]);
         }
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
-        counts.iter().all(|&count| count >= least).then(|| Self { arc_m, lower_m, upper_m: closed_line(&upper_m) })
+        counts.iter().all(|&count| count >= least).then(|| Self::new(arc_m, lower_m, closed_line(&upper_m)))
     }
 
     /// The region in which a model that [extrapolates](super::SensorModel::extrapolates) is evaluated: this one, widened
@@ -88,52 +125,65 @@ impl Domain {
             (share * (lower - margin_m), share * (upper + margin_m))
         };
         let (lower_m, upper_m) = arc_m.iter().map(range).unzip();
-        Self { arc_m, lower_m, upper_m }
+        Self::new(arc_m, lower_m, upper_m)
     }
 
     /// Whether the lists describe a region beside a whisker of this length.
     pub fn is_valid(&self, length_m: f64) -> bool {
-        let nodes = self.arc_m.len();
-        if nodes < 2 || self.lower_m.len() != nodes || self.upper_m.len() != nodes {
+        let Nodes { arc_m, lower_m, upper_m } = &self.nodes;
+        if arc_m.len() < 2 || lower_m.len() != arc_m.len() || upper_m.len() != arc_m.len() {
             return false;
         }
-        are_even_nodes(&self.arc_m, length_m)
-            && self.lower_m.iter().zip(&self.upper_m).all(|(&lower, &upper)| lower <= 0.0 && lower <= upper)
-            && self.upper_m.iter().all(|&upper| upper <= length_m)
+        are_even_nodes(arc_m, length_m)
+            && lower_m.iter().zip(upper_m).all(|(&lower, &upper)| lower <= 0.0 && lower <= upper)
+            && upper_m.iter().all(|&upper| upper <= length_m)
     }
 
     /// First and last calibrated arc length.
     pub fn arc_range_m(&self) -> (f64, f64) {
-        (self.arc_m[0], self.arc_m[self.arc_m.len() - 1])
+        self.arc_range_m
     }
 
     /// Calibrated range of the distance at an arc length within [`Self::arc_range_m`].
+    #[inline]
     pub fn away_range_m(&self, arc_m: f64) -> (f64, f64) {
-        let (node, part) = node_below(&self.arc_m, arc_m);
-        let between = |values: &[f64]| values[node] + part * (values[node + 1] - values[node]);
-        (between(&self.lower_m), between(&self.upper_m))
+        let last = self.nodes.arc_m.len() - 1;
+        let position = ((arc_m - self.arc_range_m.0) * self.nodes_per_m).clamp(0.0, last as f64);
+        let node = (position as usize).min(last - 1);
+        let part = position - node as f64;
+        let between = |values: &[f64]| {
+            let [low, high] = [values[node], values[node + 1]];
+            low + part * (high - low)
+        };
+        (between(&self.nodes.lower_m), between(&self.nodes.upper_m))
     }
 
     /// Position of a contact within the region, from 0 to 1 in each direction. Positions outside are moved to the
     /// border.
     pub fn shares(&self, at: AlongAway) -> Shares {
+        self.shares_and_containment(at).0
+    }
+
+    /// As [`Self::shares`], with the answer of [`Self::contains`].
+    #[inline]
+    pub(crate) fn shares_and_containment(&self, at: AlongAway) -> (Shares, bool) {
         let AlongAway { along_m, away_m } = at;
         let (low, high) = self.arc_range_m();
         let (lower, upper) = self.away_range_m(along_m);
         let along = ((along_m - low) / (high - low)).clamp(0.0, 1.0);
         let away = if upper > lower { ((away_m - lower) / (upper - lower)).clamp(0.0, 1.0) } else { 0.0 };
-        Shares { along, away }
+        let contained = low <= along_m && along_m <= high && lower <= away_m && away_m <= upper;
+        (Shares { along, away }, contained)
     }
 
     /// Whether a contact with these coordinates was calibrated.
+    #[inline]
     pub fn contains(&self, at: AlongAway) -> bool {
-        let AlongAway { along_m, away_m } = at;
-        let (low, high) = self.arc_range_m();
-        let (lower, upper) = self.away_range_m(along_m);
-        low <= along_m && along_m <= high && lower <= away_m && away_m <= upper
+        self.shares_and_containment(at).1
     }
 
     /// The nearest coordinates within the region: first along, then away.
+    #[inline]
     pub fn clamp(&self, at: AlongAway) -> AlongAway {
         let (low, high) = self.arc_range_m();
         let along_m = at.along_m.clamp(low, high);
@@ -200,7 +250,7 @@ mod tests {
     fn verif_a_widened_domain_contains_the_domain_and_ends_at_the_tip() {
         let arc_m: Vec<f64> = (0..9).map(|i| 0.02 + 7e-3 * f64::from(i)).collect();
         let upper_m = arc_m.iter().map(|arc_m| 0.4 * arc_m).collect();
-        let domain = Domain { lower_m: vec![0.0; arc_m.len()], upper_m, arc_m };
+        let domain = Domain::new(arc_m.clone(), vec![0.0; arc_m.len()], upper_m);
         let widened = domain.widened(0.08);
         assert!(widened.arc_range_m().0 < 0.015 && (widened.arc_range_m().1 - 0.08).abs() < 1e-12, "{widened:?}");
         for arc_m in [0.02, 0.05, 0.076] {
@@ -208,20 +258,19 @@ mod tests {
             assert!(lower_m < 0.0 && upper_m > domain.away_range_m(arc_m).1, "{arc_m}: {lower_m} {upper_m}");
         }
         // As does that of a domain of few nodes with another shape, part of which was only touched from the other side.
-        let flat =
-            Domain { arc_m: vec![0.02, 0.048, 0.076], lower_m: vec![-1.1e-4; 3], upper_m: vec![8e-3, 8e-3, -1e-4] };
+        let flat = Domain::new(vec![0.02, 0.048, 0.076], vec![-1.1e-4; 3], vec![8e-3, 8e-3, -1e-4]);
         let around = flat.widened(0.08);
-        for (i, &arc_m) in flat.arc_m.iter().enumerate() {
+        for (i, &arc_m) in flat.nodes.arc_m.iter().enumerate() {
             let (lower_m, upper_m) = around.away_range_m(arc_m);
             assert!(
-                lower_m < flat.lower_m[i] && upper_m > flat.upper_m[i] - 1e-4 * upper_m.abs(),
+                lower_m < flat.nodes.lower_m[i] && upper_m > flat.nodes.upper_m[i] - 1e-4 * upper_m.abs(),
                 "{arc_m}: {upper_m}"
             );
         }
-        assert!(around.lower_m.iter().zip(&around.upper_m).all(|(lower_m, upper_m)| lower_m <= upper_m));
+        assert!(around.nodes.lower_m.iter().zip(&around.nodes.upper_m).all(|(lower_m, upper_m)| lower_m <= upper_m));
         // The slope to which the whisker may be pressed does not increase towards the root.
-        let first_m = widened.arc_m[0];
-        assert!(widened.upper_m[0] < 0.4 * 1.16 * first_m, "{widened:?}");
+        let (first_m, largest_m) = widened.largest_m().next().unwrap();
+        assert!(largest_m < 0.4 * 1.16 * first_m, "{widened:?}");
     }
 
     #[test]
@@ -230,7 +279,7 @@ mod tests {
             &[(0.02, 0.0), (0.05, 0.01), (0.08, 0.002)].map(|(along_m, away_m)| AlongAway::new(along_m, away_m)),
         )
         .unwrap();
-        assert_eq!(domain.arc_m.len(), 3);
+        assert_eq!(domain.nodes.arc_m.len(), 3);
         assert!(Domain::covering(&[AlongAway::new(0.02, 0.0)]).is_none());
     }
 }

@@ -37,6 +37,7 @@ pub(super) struct Residual {
 }
 
 /// Indices and weights of the four of `along` x `away` nodes around a position.
+#[inline]
 pub(crate) fn corners(along: usize, away: usize, shares: Shares) -> [(usize, f64); 4] {
     let split = |share: f64, nodes: usize| {
         let position = share * (nodes - 1) as f64;
@@ -105,6 +106,7 @@ impl ErrorMap {
     }
 
     /// Variance of the error at a position within the region.
+    #[inline]
     pub fn variance_n2_m2(&self, shares: Shares) -> f64 {
         let corners = corners(self.along, self.away, shares);
         corners.iter().map(|&(node, weight)| weight * self.sd_n_m[node].powi(2)).sum()

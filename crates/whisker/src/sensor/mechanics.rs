@@ -259,7 +259,7 @@ mod tests {
     fn domain(whisker: &Whisker) -> Domain {
         let arc_m: Vec<f64> = (0..17).map(|i| whisker.length_m * (0.2 + 0.75 * f64::from(i) / 16.0)).collect();
         let upper_m = arc_m.iter().map(|arc_m| 0.25 * arc_m).collect();
-        Domain { lower_m: vec![0.0; arc_m.len()], upper_m, arc_m }
+        Domain::new(arc_m.clone(), vec![0.0; arc_m.len()], upper_m)
     }
 
     /// Whiskers with the errors that their tables may have: of the moment, relative to the largest, and of the tangent,

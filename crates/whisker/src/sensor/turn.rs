@@ -45,6 +45,7 @@ impl Turn {
     }
 
     /// The rotation (rad) at a contact, and its derivatives along and away.
+    #[inline]
     pub(crate) fn at(&self, at: AlongAway) -> (f64, Vector2<f64>) {
         let at = self.scales.scaled(at);
         let Scaled { u, v, .. } = at;

@@ -9,6 +9,7 @@ use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
 use crate::failure::{Failure, Outcome};
+use crate::kept;
 use crate::parts::step;
 use crate::pipeline;
 use crate::repository::root;
@@ -41,8 +42,7 @@ const IN_TRANSIT: usize = 1 << 14;
 /// Resolution and range of the histogram of latencies.
 const BIN_US: f64 = 10.0;
 const BINS: usize = 100_000;
-/// Table of the results, and the beginning of its rows.
-const TABLE: &str = "results/reference/measured.csv";
+/// Beginning of the rows of the results.
 const ROWS: &str = "live_";
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
@@ -286,10 +286,6 @@ fn watch(id: u32, duration_s: u64, over: &AtomicBool) -> (f64, f64) {
 
 /// Replaces the rows of this measurement in the table.
 fn write_rows(measured: &Measured) -> Outcome {
-    let path = root().join(TABLE);
-    let failed = |error: std::io::Error| Failure::new(format!("{}: {error}", path.display()));
-    let text = fs::read_to_string(&path).map_err(failed)?;
-    let mut kept: Vec<String> = text.lines().filter(|line| !line.starts_with(ROWS)).map(Into::into).collect();
     let seconds = measured.duration_s;
     let [median, most, worst] = measured.latency_ms;
     let values = [
@@ -301,20 +297,11 @@ fn write_rows(measured: &Measured) -> Outcome {
         ("memory", "largest resident memory", measured.memory_mb, "MB"),
         ("memory_growth", "growth of the largest resident memory in the second half", measured.growth_mb, "MB"),
     ];
-    let commit = commit()?;
-    kept.extend(values.map(|(id, about, value, unit)| {
+    let rows = values.map(|(id, about, value, unit)| {
         let about = format!("whisker live, recommended, six whiskers at 250 Hz, two cores, {seconds} s: {about}");
-        format!(r#"{ROWS}{id},"{about}",{value:.3},{unit},cargo xtask live --seconds {seconds},{commit}"#)
-    }));
-    let unfinished = path.with_extension("partial");
-    fs::write(&unfinished, kept.join("\n") + "\n").and_then(|()| fs::rename(&unfinished, &path)).map_err(failed)
-}
-
-/// Commit of the working copy, seven digits.
-fn commit() -> Result<String, Failure> {
-    let output = Command::new("git").args(["rev-parse", "--short=7", "HEAD"]).current_dir(root()).output();
-    let output = output.map_err(|error| Failure::new(format!("git: {error}")))?;
-    Ok(String::from_utf8_lossy(&output.stdout).trim().chars().take(7).collect())
+        kept::Measured::new(id, about, value, unit)
+    });
+    kept::write_measured(ROWS, &format!("cargo xtask live --seconds {seconds}"), &rows)
 }
 
 #[cfg(test)]

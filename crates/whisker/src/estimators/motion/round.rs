@@ -142,9 +142,10 @@ const LEAST_SCALE_M: f64 = 0.5e-3;
 /// point.
 const LEAST_PLAY: f64 = 0.1;
 
-/// Maximum number of Newton steps for the point of contact, and the step that ends them.
+/// Maximum number of Newton steps for the point of contact, and the largest step that ends them: the error after it is of
+/// the order of its square over the whisker's length, less than a nanometre.
 const NEWTON_STEPS: usize = 8;
-const CLOSE_ENOUGH_M: f64 = 1e-9;
+const LAST_STEP_M: f64 = 1e-6;
 
 /// Lower bound of the error variance that a step adds. Without it the process noise would be singular while the base
 /// is at rest.
@@ -264,26 +265,25 @@ impl Tangency {
     }
 
     /// The contact, found from `place` on, at which the object's centre is `middle_m`, if `at` is the tangency at a contact.
-    pub(super) fn with_middle(
+    pub(super) fn place_with_middle(
         middle_m: &Vector2<f64>,
         mut place: Vector2<f64>,
         at: impl Fn(&Vector2<f64>) -> Self,
-    ) -> (Vector2<f64>, Self) {
-        let mut after = at(&place);
+    ) -> Vector2<f64> {
         for _ in 0..NEWTON_STEPS {
-            let step = product(&after.inverse, &(middle_m - after.middle_m));
+            let found = at(&place);
+            let step = product(&found.inverse, &(middle_m - found.middle_m));
             // Without a tangency, as behind a whisker's centre of curvature, the iteration diverges.
             let step_m = step.norm();
             if step_m.is_nan() || step_m > FARTHEST_STEP_M {
                 break;
             }
             place += step;
-            after = at(&place);
-            if step.norm() < CLOSE_ENOUGH_M {
+            if step_m < LAST_STEP_M {
                 break;
             }
         }
-        (place, after)
+        place
     }
 }
 
@@ -293,14 +293,13 @@ impl Wandering<'_> {
         Tangency::new(self.side, place, radius_m, self.side.turn_rad(AlongAway::of_state(place)))
     }
 
-    /// Coordinates one step later, with the object's centre at rest in the world; and the tangencies before and after.
-    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency, Tangency) {
+    /// Coordinates one step later, with the object's centre at rest in the world, and the tangency before.
+    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency) {
         let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
         let middle_m = self.motion.apply(Point::from_vector(before.middle_m)).vector();
         let face = &self.side.face;
         let start = face.along_and_away(self.motion.apply(face.contact_at(AlongAway::of_state(x)))).vector();
-        let (place, after) = Tangency::with_middle(&middle_m, start, |place| self.tangency(place, x[2]));
-        (place, before, after)
+        (Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, x[2])), before)
     }
 
     /// Process noise of a step over which the sensor model's error has the correlation `kept` and the whisker turns by
@@ -332,7 +331,7 @@ impl Wandering<'_> {
 
 impl Process<4> for Wandering<'_> {
     fn predict(&self, x: &Vector4<f64>) -> Vector4<f64> {
-        let (place, ..) = self.moved(x);
+        let (place, _) = self.moved(x);
         vector![place[0], place[1], x[2], x[3] * self.kept(x)]
     }
 
@@ -362,7 +361,8 @@ impl Wandering<'_> {
         &self,
         x: &Vector4<f64>,
     ) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>, Matrix2<f64>) {
-        let (place, before, after) = self.moved(x);
+        let (place, before) = self.moved(x);
+        let after = self.tangency(&place, x[2]);
         let kept = self.kept(x);
         let turned = self.motion.rotation();
         let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, kept]);

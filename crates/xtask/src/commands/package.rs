@@ -1,0 +1,171 @@
+//! `cargo xtask package`: installation of the Python package from a clean clone, size of its wheel, and the times of its
+//! calls beside those of Rust. The values are rows of `results/reference/measured.csv`, shown in `docs/PYTHON.md`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use crate::failure::{Failure, Outcome};
+use crate::kept::{self, Measured};
+use crate::parts::step;
+use crate::pipeline;
+use crate::repository::{interpreter, root, words};
+use crate::tools::{cargo, run as run_command};
+
+const SUITE: &str = "standard";
+/// One trace of each object and whisker.
+const TRACES: [&str; 10] = [
+    "pin_straight_00",
+    "pin_curved_00",
+    "circle_15_straight",
+    "circle_15_curved",
+    "circle_50_straight",
+    "circle_50_curved",
+    "octagon_straight",
+    "octagon_curved",
+    "rectangle_straight",
+    "rectangle_curved",
+];
+/// Folder of the clone, its environment and its wheel.
+const TARGET: &str = "target/package";
+/// The program that measures the times of Rust.
+const STEP_TIMES: &str = "target/release/examples/step_times";
+const ROWS: &str = "python_";
+
+pub(crate) fn run() -> Outcome {
+    pipeline::prepare()?;
+    pipeline::simulate(SUITE)?;
+    pipeline::fit(SUITE)?;
+    let mut rows = Vec::new();
+    let folder = root().join(TARGET);
+    step("installation from a clean clone", || {
+        rows.extend(installed(&folder)?);
+        Ok(())
+    })?;
+    step("times of the calls", || {
+        rows.extend(timed(&folder)?);
+        Ok(())
+    })?;
+    for row in &rows {
+        println!("{:60} {:10.3} {}", row.about, row.value, row.unit);
+    }
+    kept::write_measured(ROWS, "cargo xtask package", &rows)
+}
+
+/// Python of the environment into which the package is installed.
+fn python(folder: &Path) -> PathBuf {
+    folder.join("venv/bin/python")
+}
+
+/// Clones the repository and installs the package from the clone, which compiles everything.
+fn installed(folder: &Path) -> Result<Vec<Measured>, Failure> {
+    let failed = |error: std::io::Error| Failure::new(format!("{}: {error}", folder.display()));
+    if folder.exists() {
+        fs::remove_dir_all(folder).map_err(failed)?;
+    }
+    fs::create_dir_all(folder).map_err(failed)?;
+    let clone = folder.join("clone");
+    let mut git = Command::new("git");
+    git.args(["clone", "--quiet"]).arg(root()).arg(&clone);
+    run_command(git)?;
+    let mut venv = Command::new(interpreter());
+    venv.args(["-m", "venv"]).arg(folder.join("venv"));
+    run_command(venv)?;
+    let pip = |arguments: &[&str]| {
+        let mut pip = Command::new(python(folder));
+        pip.args(["-m", "pip", "--quiet", "--disable-pip-version-check"]).args(arguments).current_dir(&clone);
+        pip
+    };
+    let start = Instant::now();
+    run_command(pip(&["install", "./python"]))?;
+    let seconds = start.elapsed().as_secs_f64();
+    let wheels = folder.join("wheels");
+    run_command(pip(&["wheel", "--no-deps", "--wheel-dir", &wheels.to_string_lossy(), "./python"]))?;
+    let mut bytes = 0;
+    for wheel in fs::read_dir(&wheels).map_err(failed)? {
+        bytes += wheel.and_then(|wheel| wheel.metadata()).map_err(failed)?.len();
+    }
+    Ok(vec![
+        Measured::new("install", "pip install ./python in a clean clone, two cores", seconds, "s"),
+        Measured::new("wheel", "size of the wheel", 1e-6 * bytes as f64, "MB"),
+    ])
+}
+
+/// Times of step and replay in Python and in Rust.
+fn timed(folder: &Path) -> Result<Vec<Measured>, Failure> {
+    run_command(cargo(&["build", "--quiet", "--release", "--package", "whisker-python", "--example", "step_times"]))?;
+    let mut script = Command::new(python(folder));
+    script.current_dir(root()).args([
+        "python/bench/overhead.py",
+        STEP_TIMES,
+        &format!("datasets/{SUITE}/calibrations"),
+    ]);
+    script.args(TRACES.map(|trace| format!("datasets/{SUITE}/{trace}.csv")));
+    let found = script.output().map_err(|error| Failure::new(format!("`{}`: {error}", words(&script))))?;
+    let text = String::from_utf8_lossy(&found.stdout).into_owned();
+    if !found.status.success() {
+        return Err(Failure::new(format!("`{}`: {}", words(&script), String::from_utf8_lossy(&found.stderr))));
+    }
+    print!("{text}");
+    let times: Option<Vec<Times>> = text.lines().skip(1).map(Times::of_row).collect();
+    let times = times.ok_or_else(|| Failure::new(format!("`{}`: found {text}", words(&script))))?;
+    let most = |estimator: &str, of: fn(&Times) -> f64| {
+        times.iter().filter(|times| times.estimator == estimator).map(of).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let above = |times: &Times| 1e-3 * (times.step - times.rust_step);
+    let ratio = |times: &Times| times.replay / times.rust_replay;
+    let p99 = |times: &Times| 1e-3 * times.rust_step_p99;
+    Ok(vec![
+        Measured::new(
+            "step_above",
+            "paper-ekf: time of step above that of Rust, most of ten traces",
+            most("paper-ekf", above),
+            "µs",
+        ),
+        Measured::new(
+            "replay_paper-ekf",
+            "paper-ekf: time of replay over that of Rust, most of ten traces",
+            most("paper-ekf", ratio),
+            "times",
+        ),
+        Measured::new(
+            "replay_recommended",
+            "recommended: time of replay over that of Rust, most of ten traces",
+            most("recommended", ratio),
+            "times",
+        ),
+        Measured::new(
+            "step_p99_recommended",
+            "recommended: 99th percentile of a step in Rust, most of ten traces",
+            most("recommended", p99),
+            "µs",
+        ),
+    ])
+}
+
+/// Times (ns) of an estimator on a trace.
+struct Times {
+    estimator: String,
+    rust_step: f64,
+    step: f64,
+    rust_replay: f64,
+    replay: f64,
+    rust_step_p99: f64,
+}
+
+impl Times {
+    /// A row of the script's table.
+    fn of_row(line: &str) -> Option<Self> {
+        let cells: Vec<&str> = line.trim().split(',').collect();
+        let number = |cell: usize| cells.get(cell)?.parse().ok();
+        Some(Self {
+            estimator: (*cells.get(1)?).into(),
+            rust_step: number(2)?,
+            step: number(3)?,
+            rust_replay: number(4)?,
+            replay: number(5)?,
+            rust_step_p99: number(6)?,
+        })
+    }
+}
