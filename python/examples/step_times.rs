@@ -1,8 +1,9 @@
 //! Times of an estimator in Rust on a trace with 1 % noise: `step_times TRACE CALIBRATION ESTIMATOR`, for comparison with
 //! Python.
 //!
-//! Prints times per sample in nanoseconds, each the least of several runs: sample by sample, and as a replay of the
-//! recorded poses; and the 99th percentile over the samples of the least time of each. `python/bench/overhead.py` runs it.
+//! Prints times per sample in nanoseconds, each the least of several runs: sample by sample, and as a replay of arrays of
+//! times, poses and readings; and the 99th percentile over the samples of the least time of each.
+//! `python/bench/overhead.py` runs it.
 
 use std::path::Path;
 use std::time::Instant;
@@ -15,6 +16,7 @@ use testbed::settings::merged;
 use trace::{CalibrationFile, Trace};
 use whisker::estimators;
 use whisker::events::TouchConfig;
+use whisker::frames::Pose;
 
 const RUNS: usize = 30;
 /// Standard deviation of the noise, as a fraction of the largest reading.
@@ -39,6 +41,8 @@ fn main() -> anyhow::Result<()> {
     let config = merged((row.defaults)(), &json!({}))?;
     let fresh = || estimator(row, &config, TouchConfig::default(), &knowledge, &trace.sidecar.name, 1);
     let samples = samples(&trace.recording, &readings_n_m);
+    let bases = instants.iter().map(|now| [now.base.origin().x(), now.base.origin().y(), now.base.yaw_rad()]);
+    let (times_s, bases): (Vec<f64>, Vec<[f64; 3]>) = instants.iter().map(|now| now.t_s).zip(bases).unzip();
     let (mut step_ns, mut replay_ns) = (f64::INFINITY, f64::INFINITY);
     let mut steps_ns = vec![u128::MAX; samples.len()];
     for _ in 0..RUNS {
@@ -58,9 +62,11 @@ fn main() -> anyhow::Result<()> {
         let start = Instant::now();
         let mut running = fresh()?;
         let mut steps = Steps::default();
-        let mut estimates = Vec::with_capacity(instants.len());
-        for (now, &reading_n_m) in instants.iter().zip(&readings_n_m) {
-            running.push(&steps.sample(now, reading_n_m), &mut estimates);
+        let mut estimates = Vec::with_capacity(times_s.len());
+        for ((&t_s, &[x_m, y_m, yaw_rad]), &reading_n_m) in times_s.iter().zip(&bases).zip(&readings_n_m) {
+            let base = Pose::new(x_m, y_m, yaw_rad);
+            let now = trace::Instant { t_s, base, twist: None, moment_z_n_m: reading_n_m, rotation_z_rad: None };
+            running.push(&steps.sample(&now, reading_n_m), &mut estimates);
         }
         running.end(&mut estimates);
         replay_ns = replay_ns.min(start.elapsed().as_nanos() as f64 / estimates.len() as f64);
