@@ -190,100 +190,157 @@ pub struct Solution<State> {
 /// Local minimum of a problem's cost, starting from a state. `None` if the model is undefined or its cost not finite at
 /// the start, or if an iterate has no approximation.
 pub fn minimise<P: Problem>(problem: &P, start: P::State, settings: &Settings) -> Option<Solution<P::State>> {
-    let mut search = Minimisation::begin(problem, start, *settings)?;
+    let mut search = Minimisation::begin(start, *settings);
     loop {
-        if let ControlFlow::Break(outcome) = search.advance(problem)? {
-            return Some(Solution { state: search.state, approximation: search.approximation, outcome });
+        let flow = match search.wanted() {
+            Wanted::Approximation(state) => {
+                let found = problem.approximate(state);
+                search.take_approximation(problem, found)?
+            }
+            Wanted::Cost { state, current } => {
+                let found = problem.cost(state, current);
+                search.take_cost(problem, found)
+            }
+        };
+        if let ControlFlow::Break(outcome) = flow {
+            return Some(Solution { state: search.state, approximation: search.approximation?, outcome });
         }
     }
 }
 
-/// [`minimise`] one iteration at a time, for callers whose time per call is bounded.
+/// Evaluation of the problem that a [`Minimisation`] needs next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wanted<'a, State> {
+    /// Approximation about a state.
+    Approximation(&'a State),
+    /// Cost of a state to which a step was tried from the current one.
+    Cost {
+        /// The state.
+        state: &'a State,
+        /// The current state.
+        current: &'a State,
+    },
+}
+
+/// [`minimise`] for callers that evaluate the problem themselves, for example a part of the residuals per call: they ask what
+/// is [wanted](Self::wanted) and pass it on, until the search breaks.
 #[derive(Clone, Debug)]
 pub struct Minimisation<State> {
     /// State of the least cost that was found.
     pub state: State,
-    approximation: Quadratic,
+    /// Approximation about the state from which steps are tried. `None` at first.
+    approximation: Option<Quadratic>,
     settings: Settings,
     damping: f64,
     iterations: usize,
+    tried: Option<Tried<State>>,
+}
+
+/// State after a step of which it is not known yet whether it decreases the cost.
+#[derive(Clone, Debug)]
+struct Tried<State> {
+    state: State,
+    step_norm: f64,
+    /// Number of attempts so far.
+    attempts: usize,
 }
 
 impl<State> Minimisation<State> {
-    /// Starts from a state. `None` if the model is undefined or its cost not finite there.
-    pub fn begin<P: Problem<State = State>>(problem: &P, start: State, settings: Settings) -> Option<Self> {
-        let approximation = problem.approximate(&start).filter(|here| here.cost.is_finite())?;
+    /// Starts from a state.
+    pub fn begin(start: State, settings: Settings) -> Self {
         let damping = match settings.method {
             Method::GaussNewton => 0.0,
             Method::LevenbergMarquardt(schedule) => schedule.first,
         };
-        Some(Self { state: start, approximation, settings, damping, iterations: 0 })
+        Self { state: start, approximation: None, settings, damping, iterations: 0, tried: None }
     }
 
-    /// One iteration: breaks with the reason if the search has ended, after which it must not be continued. `None` if the
-    /// state has no approximation.
-    pub fn advance<P: Problem<State = State>>(&mut self, problem: &P) -> Option<ControlFlow<Outcome>> {
+    /// The evaluation that is needed next.
+    pub fn wanted(&self) -> Wanted<'_, State> {
+        match &self.tried {
+            Some(Tried { state, .. }) => Wanted::Cost { state, current: &self.state },
+            None => Wanted::Approximation(&self.state),
+        }
+    }
+
+    /// Takes the wanted approximation. Breaks with the reason if the search has ended, after which it must not be continued.
+    /// `None` if the state has no approximation, or at the start no finite cost.
+    pub fn take_approximation<P: Problem<State = State>>(
+        &mut self,
+        problem: &P,
+        found: Option<Quadratic>,
+    ) -> Option<ControlFlow<Outcome>> {
+        let here = found.filter(|here| self.approximation.is_some() || here.cost.is_finite())?;
+        let here = self.approximation.insert(here);
         if self.iterations == self.settings.iterations {
             return Some(ControlFlow::Break(Outcome::IterationLimit));
         }
-        if self.iterations > 0 {
-            self.approximation = problem.approximate(&self.state)?;
-        }
         self.iterations += 1;
-        let next = match self.settings.method {
-            Method::GaussNewton => undamped(problem, &self.state, &self.approximation),
-            Method::LevenbergMarquardt(schedule) => {
-                descend(problem, &self.state, &self.approximation, &schedule, &mut self.damping)
+        Some(match self.settings.method {
+            Method::GaussNewton => {
+                let moved = problem.step(here, 0.0).and_then(|step| Some((problem.moved(&self.state, &step)?, step)));
+                match moved {
+                    Some((state, step)) => self.accept(state, step.norm(), None),
+                    None => ControlFlow::Break(Outcome::NoDescent),
+                }
             }
-        };
-        let Some(Accepted { state: moved, step_norm, descent }) = next else {
-            return Some(ControlFlow::Break(Outcome::NoDescent));
-        };
-        self.state = moved;
-        let enough = self.settings.absolute + self.settings.relative * self.approximation.cost;
-        let has_converged = step_norm < self.settings.step || descent.is_some_and(|descent| descent <= enough);
-        Some(if has_converged { ControlFlow::Break(Outcome::Converged) } else { ControlFlow::Continue(()) })
+            Method::LevenbergMarquardt(schedule) => self.attempt(problem, &schedule, 0),
+        })
     }
-}
 
-/// State after an accepted step.
-struct Accepted<State> {
-    state: State,
-    step_norm: f64,
-    /// Decrease of the cost, if it was computed.
-    descent: Option<f64>,
-}
-
-/// Gauss-Newton step.
-fn undamped<P: Problem>(problem: &P, state: &P::State, here: &Quadratic) -> Option<Accepted<P::State>> {
-    let step = problem.step(here, 0.0)?;
-    Some(Accepted { state: problem.moved(state, &step)?, step_norm: step.norm(), descent: None })
-}
-
-/// First step that decreases the cost, with increasing damping.
-fn descend<P: Problem>(
-    problem: &P,
-    state: &P::State,
-    here: &Quadratic,
-    schedule: &Damping,
-    damping: &mut f64,
-) -> Option<Accepted<P::State>> {
-    for _ in 0..schedule.attempts {
-        let accepted = problem.step(here, *damping).and_then(|step| {
-            let moved = problem.moved(state, &step)?;
-            let cost = problem.cost(&moved, state).filter(|&cost| cost < here.cost)?;
-            Some(Accepted { state: moved, step_norm: step.norm(), descent: Some(here.cost - cost) })
-        });
-        if accepted.is_some() {
-            *damping = (*damping * schedule.decrease).max(schedule.lowest);
-            return accepted;
+    /// Takes the wanted cost, `None` if it is undefined. Breaks with the reason if the search has ended, after which it must not
+    /// be continued.
+    pub fn take_cost<P: Problem<State = State>>(&mut self, problem: &P, found: Option<f64>) -> ControlFlow<Outcome> {
+        let (Some(tried), Some(here), Method::LevenbergMarquardt(schedule)) =
+            (self.tried.take(), &self.approximation, self.settings.method)
+        else {
+            return ControlFlow::Continue(());
+        };
+        if let Some(cost) = found.filter(|&cost| cost < here.cost) {
+            let descent = here.cost - cost;
+            self.damping = (self.damping * schedule.decrease).max(schedule.lowest);
+            return self.accept(tried.state, tried.step_norm, Some(descent));
         }
-        *damping = schedule.increase * damping.max(schedule.restart);
-        if *damping > schedule.highest {
-            break;
-        }
+        self.damping = schedule.increase * self.damping.max(schedule.restart);
+        self.attempt(problem, &schedule, tried.attempts)
     }
-    None
+
+    /// Moves to a state whose cost, if it was computed, is less by `descent`.
+    fn accept(&mut self, state: State, step_norm: f64, descent: Option<f64>) -> ControlFlow<Outcome> {
+        self.state = state;
+        let cost = self.approximation.as_ref().map_or(0.0, |here| here.cost);
+        let enough = self.settings.absolute + self.settings.relative * cost;
+        if step_norm < self.settings.step || descent.is_some_and(|descent| descent <= enough) {
+            return ControlFlow::Break(Outcome::Converged);
+        }
+        if self.iterations == self.settings.iterations {
+            return ControlFlow::Break(Outcome::IterationLimit);
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Tries a step after a number of failed attempts, with more damping if there is none.
+    fn attempt<P: Problem<State = State>>(
+        &mut self,
+        problem: &P,
+        schedule: &Damping,
+        failed: usize,
+    ) -> ControlFlow<Outcome> {
+        for attempts in failed..schedule.attempts {
+            if self.damping > schedule.highest {
+                break;
+            }
+            let here = self.approximation.as_ref();
+            let step = here.and_then(|here| problem.step(here, self.damping));
+            let moved = step.and_then(|step| Some((problem.moved(&self.state, &step)?, step.norm())));
+            if let Some((state, step_norm)) = moved {
+                self.tried = Some(Tried { state, step_norm, attempts: attempts + 1 });
+                return ControlFlow::Continue(());
+            }
+            self.damping = schedule.increase * self.damping.max(schedule.restart);
+        }
+        ControlFlow::Break(Outcome::NoDescent)
+    }
 }
 
 /// Least-squares problem given by its residuals, in units of their standard deviations.

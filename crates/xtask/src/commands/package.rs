@@ -110,37 +110,31 @@ fn timed(folder: &Path) -> Result<Vec<Measured>, Failure> {
     print!("{text}");
     let times: Option<Vec<Times>> = text.lines().skip(1).map(Times::of_row).collect();
     let times = times.ok_or_else(|| Failure::new(format!("`{}`: found {text}", words(&script))))?;
-    let most = |estimator: &str, of: fn(&Times) -> f64| {
-        times.iter().filter(|times| times.estimator == estimator).map(of).fold(f64::NEG_INFINITY, f64::max)
+    let extreme = |estimator: &str, of: fn(&Times) -> f64, pick: fn(f64, f64) -> f64| {
+        times.iter().filter(|times| times.estimator == estimator).map(of).reduce(pick).unwrap_or(f64::NAN)
     };
-    let above = |times: &Times| 1e-3 * (times.step - times.rust_step);
-    let ratio = |times: &Times| times.replay / times.rust_replay;
-    let p99 = |times: &Times| 1e-3 * times.rust_step_p99;
+    let above: fn(&Times) -> f64 = |times| 1e-3 * (times.step - times.rust_step);
+    let ratio: fn(&Times) -> f64 = |times| times.replay / times.rust_replay;
+    let mean: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step;
+    let p99: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step_p99;
+    let row = |id: &'static str, estimator: &str, about: &str, value: f64, unit: &'static str| {
+        Measured::new(id, format!("{estimator}: {about}, ten traces of the standard suite"), value, unit)
+    };
+    let (many, few) = ("recommended", "paper-ekf");
     Ok(vec![
-        Measured::new(
-            "step_above",
-            "paper-ekf: time of step above that of Rust, most of ten traces",
-            most("paper-ekf", above),
-            "µs",
-        ),
-        Measured::new(
-            "replay_paper-ekf",
-            "paper-ekf: time of replay over that of Rust, most of ten traces",
-            most("paper-ekf", ratio),
-            "times",
-        ),
-        Measured::new(
+        row("step_above", few, "time of step above that of Rust, most", extreme(few, above, f64::max), "µs"),
+        row("replay_paper-ekf", few, "time of replay over that of Rust, most", extreme(few, ratio, f64::max), "times"),
+        row(
             "replay_recommended",
-            "recommended: time of replay over that of Rust, most of ten traces",
-            most("recommended", ratio),
+            many,
+            "time of replay over that of Rust, most",
+            extreme(many, ratio, f64::max),
             "times",
         ),
-        Measured::new(
-            "step_p99_recommended",
-            "recommended: 99th percentile of a step in Rust, most of ten traces",
-            most("recommended", p99),
-            "µs",
-        ),
+        row("step_least", many, "mean time of a step in Rust, least", extreme(many, mean, f64::min), "µs"),
+        row("step_most", many, "mean time of a step in Rust, most", extreme(many, mean, f64::max), "µs"),
+        row("step_p99_least", many, "99th percentile of a step in Rust, least", extreme(many, p99, f64::min), "µs"),
+        row("step_p99_most", many, "99th percentile of a step in Rust, most", extreme(many, p99, f64::max), "µs"),
     ])
 }
 

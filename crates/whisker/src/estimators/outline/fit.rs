@@ -55,14 +55,56 @@ impl Residual {
     }
 }
 
-/// A reading of a contact, linearised.
-struct Linear<'a> {
-    contact: &'a Contact,
-    residual_n_m: f64,
-    /// Weight of the square.
-    weight: f64,
-    /// Derivative of the expected reading by the curve's state.
-    slope: &'a [f64],
+/// Sums over the readings so far, for evaluations that take a part of the readings at a time.
+#[derive(Default)]
+pub(super) struct Tally {
+    /// Number of readings so far.
+    pub(super) count: usize,
+    cost: f64,
+    squares: Option<Squares>,
+}
+
+/// Quadratic approximation of the readings' costs.
+struct Squares {
+    gradient: DVector<f64>,
+    /// Its lower triangle.
+    curvature: DMatrix<f64>,
+    /// Gradient that the sensor model's error adds.
+    pull: DVector<f64>,
+    /// Derivative of an expected reading by the curve's state.
+    slope: Vec<f64>,
+}
+
+impl Squares {
+    fn zeros(size: usize) -> Self {
+        Self {
+            gradient: DVector::zeros(size),
+            curvature: DMatrix::zeros(size, size),
+            pull: DVector::zeros(size),
+            slope: vec![0.0; size],
+        }
+    }
+
+    /// Adds the square of a residual with a weight. The contact is that of a curve.
+    fn add(&mut self, side: &Side, curve: &Curve, contact: &Contact, residual_n_m: f64, weight: f64) {
+        let Self { gradient, curvature, pull, slope } = self;
+        slope.fill(0.0);
+        contact.pull_back(curve, contact.reading_by_point, slope);
+        let model_error_n_m = side.model_variance_n2_m2(contact.at).sqrt();
+        // Of the lower triangle, the entries on which the reading depends: the anchor, and the cells between anchor and contact.
+        let cells = curve.cells_to(contact.place.tau_m);
+        for j in (0..ANCHOR).chain(cells.clone()) {
+            let share = weight * slope[j];
+            gradient[j] -= share * residual_n_m;
+            pull[j] += share * model_error_n_m;
+            let mut column = curvature.column_mut(j);
+            let column = column.as_mut_slice();
+            for rows in [j..ANCHOR.max(j), j.max(cells.start)..cells.end] {
+                let entries = column[rows.clone()].iter_mut().zip(&slope[rows]);
+                entries.for_each(|(entry, slope)| *entry += share * slope);
+            }
+        }
+    }
 }
 
 impl<'a> Evidence<'a> {
@@ -77,57 +119,56 @@ impl<'a> Evidence<'a> {
         Self { side, readings, prior, gate_sds, near_m }
     }
 
-    /// Readings with their contacts with a curve.
-    fn contacts(&self, curve: &Curve) -> impl Iterator<Item = (&Reading, Option<Contact>)> {
-        self.readings.iter().zip(self.near_m).map(|(reading, near_m)| {
+    /// Adds the costs of the next readings to a tally, at most `most` of them.
+    pub(super) fn add_costs(&self, curve: &Curve, tally: &mut Tally, most: usize) {
+        self.each(curve, tally, most, |cost, _, _| cost);
+    }
+
+    /// As [`Self::add_costs`], with the squares that approximate them.
+    pub(super) fn add_squares(&self, curve: &Curve, tally: &mut Tally, most: usize) {
+        let mut squares = tally.squares.take().unwrap_or_else(|| Squares::zeros(curve.size()));
+        self.each(curve, tally, most, |cost, contact, square| {
+            if let (Some(contact), Some((residual_n_m, weight))) = (contact, square) {
+                squares.add(self.side, curve, contact, residual_n_m, weight);
+            }
+            cost
+        });
+        tally.squares = Some(squares);
+    }
+
+    /// Adds what `take` returns for the next readings: given are the cost of each, its contact with a curve, and the residual with
+    /// the weight of its square if the reading is that of the contact.
+    fn each(
+        &self,
+        curve: &Curve,
+        tally: &mut Tally,
+        most: usize,
+        mut take: impl FnMut(f64, Option<&Contact>, Option<(f64, f64)>) -> f64,
+    ) {
+        let until = self.readings.len().min(tally.count.saturating_add(most));
+        for (reading, near_m) in self.readings[tally.count..until].iter().zip(&self.near_m[tally.count..until]) {
             let contact = contact(self.side, &reading.base, curve, near_m.get());
             if let Some(contact) = &contact {
                 near_m.set(contact.place.tau_m);
             }
-            (reading, contact)
-        })
-    }
-
-    /// Linearises every reading of a contact about a curve, and returns the cost of all readings.
-    fn linearise(&self, curve: &Curve, mut take: impl FnMut(&Linear<'_>)) -> f64 {
-        let mut slope = vec![0.0; curve.size()];
-        let costs = self.contacts(curve).map(|(reading, contact)| {
             let (residual, touches) = Residual::of(self.side, reading, contact.as_ref());
             let (cost, weight) = residual.robust(self.gate_sds);
-            if let Some(contact) = contact.filter(|_| touches) {
-                slope.fill(0.0);
-                contact.pull_back(curve, contact.reading_by_point, &mut slope);
-                take(&Linear { contact: &contact, residual_n_m: residual.residual_n_m, weight, slope: &slope });
-            }
-            cost
-        });
-        costs.sum()
+            tally.cost += take(cost, contact.as_ref(), touches.then_some((residual.residual_n_m, weight)));
+        }
+        tally.count = until;
     }
 
-    /// Quadratic approximation of the cost, and the gradient that the sensor model's error adds to it if that is one
-    /// standard deviation everywhere. It does not average out: it is nearly the same at nearby contacts.
-    pub(super) fn approximate_with_model_error(&self, curve: &Curve) -> (Quadratic, DVector<f64>) {
-        let size = curve.size();
-        let (mut gradient, mut curvature) = (DVector::zeros(size), DMatrix::zeros(size, size));
-        let mut pull = DVector::zeros(size);
-        let of_readings = self.linearise(curve, |linear| {
-            let model_error_n_m = self.side.model_variance_n2_m2(linear.contact.at).sqrt();
-            // Of the lower triangle, the entries on which the reading depends: the anchor, and the cells between anchor
-            // and contact.
-            let cells = curve.cells_to(linear.contact.place.tau_m);
-            for j in (0..ANCHOR).chain(cells.clone()) {
-                let share = linear.weight * linear.slope[j];
-                gradient[j] -= share * linear.residual_n_m;
-                pull[j] += share * model_error_n_m;
-                let mut column = curvature.column_mut(j);
-                let column = column.as_mut_slice();
-                for rows in [j..ANCHOR.max(j), j.max(cells.start)..cells.end] {
-                    let entries = column[rows.clone()].iter_mut().zip(&linear.slope[rows]);
-                    entries.for_each(|(entry, slope)| *entry += share * slope);
-                }
-            }
-        });
-        let mut quadratic = Quadratic { cost: self.prior.cost(curve) + of_readings, gradient, curvature };
+    /// Cost of a curve, from the tally of all readings.
+    pub(super) fn total(&self, curve: &Curve, tally: &Tally) -> f64 {
+        self.prior.cost(curve) + tally.cost
+    }
+
+    /// Quadratic approximation of the cost, from the tally of all readings, and the gradient that the sensor model's error adds to it
+    /// if that is one standard deviation everywhere. It does not average out: it is nearly the same at nearby contacts.
+    pub(super) fn approximation(&self, curve: &Curve, tally: Tally) -> (Quadratic, DVector<f64>) {
+        let cost = self.total(curve, &tally);
+        let Squares { gradient, curvature, pull, .. } = tally.squares.unwrap_or_else(|| Squares::zeros(curve.size()));
+        let mut quadratic = Quadratic { cost, gradient, curvature };
         self.prior.add_to(curve, &mut quadratic);
         (quadratic, pull)
     }
@@ -137,14 +178,15 @@ impl Problem for Evidence<'_> {
     type State = Curve;
 
     fn cost(&self, curve: &Curve, _: &Curve) -> Option<f64> {
-        let costs = self
-            .contacts(curve)
-            .map(|(reading, contact)| Residual::of(self.side, reading, contact.as_ref()).0.robust(self.gate_sds).0);
-        Some(self.prior.cost(curve) + costs.sum::<f64>())
+        let mut tally = Tally::default();
+        self.add_costs(curve, &mut tally, usize::MAX);
+        Some(self.total(curve, &tally))
     }
 
     fn approximate(&self, curve: &Curve) -> Option<Quadratic> {
-        Some(self.approximate_with_model_error(curve).0)
+        let mut tally = Tally::default();
+        self.add_squares(curve, &mut tally, usize::MAX);
+        Some(self.approximation(curve, tally).0)
     }
 
     fn moved(&self, curve: &Curve, step: &DVector<f64>) -> Option<Curve> {

@@ -134,9 +134,14 @@ impl Object {
         self.near_m
     }
 
-    /// Begins a search for the most probable curve, of which [`Self::advance`] makes one iteration at a time.
-    pub(super) fn begin_search(&mut self, side: &Side, effort: Effort) {
-        self.search = Some(self.new_search(side, effort));
+    /// Begins a search for the most probable curve, which [`Self::advance`] continues.
+    pub(super) fn begin_search(&mut self, effort: Effort, is_urgent: bool) {
+        self.search = Some(self.new_search(effort, is_urgent));
+    }
+
+    /// Makes the search in progress urgent.
+    pub(super) fn hurry(&mut self) {
+        self.search.iter_mut().for_each(Search::hurry);
     }
 
     /// Whether a search is in progress.
@@ -144,7 +149,7 @@ impl Object {
         self.search.is_some()
     }
 
-    /// Continues the search in progress by an iteration.
+    /// Continues the search in progress.
     pub(super) fn advance(&mut self, side: &Side) {
         if let Some(fitted) = self.search.as_mut().and_then(|search| search.advance(side)) {
             self.fitted = fitted;
@@ -155,12 +160,12 @@ impl Object {
     /// Searches for the most probable curve to the end.
     pub(super) fn refine(&mut self, side: &Side, effort: Effort) {
         self.search = None;
-        self.fitted = self.new_search(side, effort).finish(side);
+        self.fitted = self.new_search(effort, true).finish(side);
     }
 
-    fn new_search(&self, side: &Side, effort: Effort) -> Search {
+    fn new_search(&self, effort: Effort, is_urgent: bool) -> Search {
         let cost = (self.config.prior, self.config.gate_sds);
-        Search::new(side, &self.fitted, self.readings.means(), cost, effort)
+        Search::new(&self.fitted, self.readings.means(), cost, (effort, is_urgent))
     }
 
     /// Covariance of a point of the curve. A displacement of the curve along itself does not change it, so only the

@@ -64,8 +64,9 @@ struct Pace {
 }
 
 impl Pace {
-    /// The search after one more sample, which may be an outlier. `None` if none is due or the last one goes on.
-    fn next(&mut self, is_outlier: bool, is_searching: bool) -> Option<Effort> {
+    /// The search after one more sample, which may be an outlier, and whether it is urgent. `None` if none is due or the last one
+    /// goes on.
+    fn next(&mut self, is_outlier: bool, is_searching: bool) -> Option<(Effort, bool)> {
         self.samples += 1;
         self.has_outlier |= is_outlier;
         let pause = self.samples - self.last;
@@ -73,9 +74,10 @@ impl Pace {
             || self.has_outlier && pause >= LEAST_OUTLIER_PAUSE + self.samples / OUTLIER_PAUSE_SHARE;
         (is_due && !is_searching).then(|| {
             self.searches += 1;
-            let is_far = std::mem::take(&mut self.has_outlier) || self.searches.is_multiple_of(FAR_EVERY);
+            let is_urgent = std::mem::take(&mut self.has_outlier);
+            let is_far = is_urgent || self.searches.is_multiple_of(FAR_EVERY);
             self.last = self.samples;
-            if is_far { Effort::Far } else { Effort::Near }
+            (if is_far { Effort::Far } else { Effort::Near }, is_urgent)
         })
     }
 }
@@ -173,7 +175,7 @@ impl Tracer {
         match &mut self.object {
             Some(object) if onset.known_ahead >= 0.0 => {
                 onset.readings.means().iter().for_each(|reading| object.keep(*reading));
-                object.begin_search(&self.front.side, Effort::Far);
+                object.begin_search(Effort::Far, true);
             }
             known => {
                 if known.take().is_some() {
@@ -219,8 +221,11 @@ impl Tracer {
             let reading = Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m());
             object.keep(reading.outlier(nis > OUTLIER_NIS));
         }
-        if let Some(effort) = self.pace.next(nis > OUTLIER_NIS, object.is_searching()) {
-            object.begin_search(side, effort);
+        if nis > OUTLIER_NIS {
+            object.hurry();
+        }
+        if let Some((effort, is_urgent)) = self.pace.next(nis > OUTLIER_NIS, object.is_searching()) {
+            object.begin_search(effort, is_urgent);
         }
         let sd_m = estimate.as_ref().and_then(|estimate| estimate.covariance_m2).map_or(0.0, |p| p.trace().sqrt());
         if sd_m < SETTLED_SD_M && estimate.as_ref().is_some_and(|estimate| self.knowledge.may_be_tip(estimate)) {
