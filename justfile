@@ -52,6 +52,10 @@ rig *arguments:
 live *arguments:
     @cargo xtask live "$@"
 
+# Measure the Python package: installation, size, and times compared with those in Rust
+package:
+    @cargo xtask package
+
 # Time the filters against other libraries: results/reference/peers.csv
 peers:
     @cargo xtask peers

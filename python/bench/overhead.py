@@ -1,4 +1,4 @@
-"""Times of `Estimator.step` and `Estimator.replay` beside those of Rust: overhead.py RUST CALIBRATIONS TRACE [TRACE ...].
+"""Times of `Estimator.step` and `Estimator.replay` and those in Rust: overhead.py RUST CALIBRATIONS TRACE [TRACE ...].
 
 RUST is the program `step_times`: cargo build --release --package whisker-python --example step_times. CALIBRATIONS is the
 folder of the calibrations, named after the whiskers of the traces. Writes CSV to stdout: least times of several runs per
@@ -18,7 +18,7 @@ import whisker_contact as wc
 
 RUNS = 30
 NOISE = 0.01
-ESTIMATORS = ("paper-ekf", "ekf", "recommended")
+ESTIMATORS = ("paper-ekf", "recommended")
 COLUMNS = ("trace", "estimator", "rust_step", "step", "rust_replay", "replay", "rust_step_p99")
 
 

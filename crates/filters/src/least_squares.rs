@@ -222,8 +222,9 @@ pub enum Wanted<'a, State> {
     },
 }
 
-/// [`minimise`] for callers that evaluate the problem themselves, for example a part of the residuals per call: they ask what
-/// is [wanted](Self::wanted) and pass it on, until the search breaks.
+/// [`minimise`] for callers that evaluate the problem themselves, for example some of the residuals per call. The caller
+/// computes the evaluation that [`wanted`](Self::wanted) returns and passes it to
+/// [`take_approximation`](Self::take_approximation) or [`take_cost`](Self::take_cost), until one of them breaks.
 #[derive(Clone, Debug)]
 pub struct Minimisation<State> {
     /// State of the least cost that was found.
@@ -236,7 +237,7 @@ pub struct Minimisation<State> {
     tried: Option<Tried<State>>,
 }
 
-/// State after a step of which it is not known yet whether it decreases the cost.
+/// State after a trial step, whose cost has not been evaluated yet.
 #[derive(Clone, Debug)]
 struct Tried<State> {
     state: State,
@@ -270,6 +271,7 @@ impl<State> Minimisation<State> {
         problem: &P,
         found: Option<Quadratic>,
     ) -> Option<ControlFlow<Outcome>> {
+        debug_assert!(self.tried.is_none(), "a cost is wanted");
         let here = found.filter(|here| self.approximation.is_some() || here.cost.is_finite())?;
         let here = self.approximation.insert(here);
         if self.iterations == self.settings.iterations {
@@ -289,20 +291,20 @@ impl<State> Minimisation<State> {
     }
 
     /// Takes the wanted cost, `None` if it is undefined. Breaks with the reason if the search has ended, after which it must not
-    /// be continued.
+    /// be continued, and if no cost is wanted.
     pub fn take_cost<P: Problem<State = State>>(&mut self, problem: &P, found: Option<f64>) -> ControlFlow<Outcome> {
         let (Some(tried), Some(here), Method::LevenbergMarquardt(schedule)) =
             (self.tried.take(), &self.approximation, self.settings.method)
         else {
-            return ControlFlow::Continue(());
+            debug_assert!(false, "an approximation is wanted");
+            return ControlFlow::Break(Outcome::NoDescent);
         };
         if let Some(cost) = found.filter(|&cost| cost < here.cost) {
             let descent = here.cost - cost;
             self.damping = (self.damping * schedule.decrease).max(schedule.lowest);
             return self.accept(tried.state, tried.step_norm, Some(descent));
         }
-        self.damping = schedule.increase * self.damping.max(schedule.restart);
-        self.attempt(problem, &schedule, tried.attempts)
+        self.raise_damping(problem, &schedule, tried.attempts)
     }
 
     /// Moves to a state whose cost, if it was computed, is less by `descent`.
@@ -319,27 +321,36 @@ impl<State> Minimisation<State> {
         ControlFlow::Continue(())
     }
 
-    /// Tries a step after a number of failed attempts, with more damping if there is none.
+    /// Tries a step after a number of failed attempts.
     fn attempt<P: Problem<State = State>>(
         &mut self,
         problem: &P,
         schedule: &Damping,
         failed: usize,
     ) -> ControlFlow<Outcome> {
-        for attempts in failed..schedule.attempts {
-            if self.damping > schedule.highest {
-                break;
-            }
-            let here = self.approximation.as_ref();
-            let step = here.and_then(|here| problem.step(here, self.damping));
-            let moved = step.and_then(|step| Some((problem.moved(&self.state, &step)?, step.norm())));
-            if let Some((state, step_norm)) = moved {
-                self.tried = Some(Tried { state, step_norm, attempts: attempts + 1 });
-                return ControlFlow::Continue(());
-            }
-            self.damping = schedule.increase * self.damping.max(schedule.restart);
+        if failed >= schedule.attempts {
+            return ControlFlow::Break(Outcome::NoDescent);
         }
-        ControlFlow::Break(Outcome::NoDescent)
+        let here = self.approximation.as_ref();
+        let step = here.and_then(|here| problem.step(here, self.damping));
+        let moved = step.and_then(|step| Some((problem.moved(&self.state, &step)?, step.norm())));
+        let Some((state, step_norm)) = moved else { return self.raise_damping(problem, schedule, failed + 1) };
+        self.tried = Some(Tried { state, step_norm, attempts: failed + 1 });
+        ControlFlow::Continue(())
+    }
+
+    /// Tries a step with more damping after a number of failed attempts.
+    fn raise_damping<P: Problem<State = State>>(
+        &mut self,
+        problem: &P,
+        schedule: &Damping,
+        failed: usize,
+    ) -> ControlFlow<Outcome> {
+        self.damping = schedule.increase * self.damping.max(schedule.restart);
+        if self.damping > schedule.highest {
+            return ControlFlow::Break(Outcome::NoDescent);
+        }
+        self.attempt(problem, schedule, failed)
     }
 }
 

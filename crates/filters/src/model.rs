@@ -82,7 +82,8 @@ pub trait Measurement<const N: usize, const M: usize> {
     }
 
     /// Writes the predicted reading of every state to `expected`, NaN where the model is undefined; by default one by
-    /// one. Override it with a vectorised loop.
+    /// one. Override it with a vectorised loop if the noise is [constant](Self::constant_noise); a particle filter calls
+    /// [`Self::predict_with_noise`] otherwise.
     fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         for (index, state) in states.iter().enumerate() {
             expected.set(index, &self.predict(&state).unwrap_or_else(|| SVector::repeat(f64::NAN)));

@@ -177,7 +177,7 @@ impl<const N: usize> ParticleSet<N> {
             (sums, variance)
         } else {
             for (index, (variance, particle)) in variances.iter_mut().zip(self.particles.iter()).enumerate() {
-                let found = measurement.predict_with_noise(&particle);
+                let found = measurement.predict_with_noise(&particle).filter(|(expected, _)| !expected[0].is_nan());
                 let (at_particle, noise) = found.unwrap_or_else(|| (Vector1::repeat(f64::NAN), Matrix1::identity()));
                 expected.set(index, &at_particle);
                 *variance = noise[0];

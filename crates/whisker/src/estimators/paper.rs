@@ -92,6 +92,22 @@ impl<'a> Reading<'a> {
         (expected.reading_n_m + gradient.transpose().dot(&(contact.vector() - held.vector())), gradient)
     }
 
+    /// Expected reading of a state and the variance of the sensor model's error. Computes the gradient only outside the calibrated
+    /// domain.
+    fn predicted_at<const N: usize>(
+        &self,
+        x: &SVector<f64, N>,
+        contact: Point<Base>,
+        place: AlongAway,
+    ) -> (Vector1<f64>, f64) {
+        let face = &self.side.face;
+        let (shares, is_calibrated) = face.domain.shares_and_containment(place);
+        let variance_n2_m2 = face.error.variance_n2_m2(shares);
+        let expected_n_m = if is_calibrated { face.model.reading_n_m(contact) } else { self.expect(contact, place).0 };
+        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * variance_n2_m2.sqrt());
+        (Vector1::new(expected_n_m + error_n_m), variance_n2_m2)
+    }
+
     fn linearised_at<const N: usize>(
         &self,
         x: &SVector<f64, N>,
@@ -112,19 +128,15 @@ impl<'a> Reading<'a> {
 
 impl<const N: usize> Measurement<N, 1> for Reading<'_> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
-        Some(self.predict_with_noise(x)?.0)
+        let (contact, place) = self.place(x);
+        Some(self.predicted_at(x, contact, place).0)
     }
 
-    /// Computes the coordinates along and away once, and the gradient beyond the calibrated domain alone.
+    /// Computes the coordinates along and away only once.
     fn predict_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, Matrix1<f64>)> {
         let (contact, place) = self.place(x);
-        let face = &self.side.face;
-        let (shares, is_calibrated) = face.domain.shares_and_containment(place);
-        let model_variance = face.error.variance_n2_m2(shares);
-        let expected_n_m = if is_calibrated { face.model.reading_n_m(contact) } else { self.expect(contact, place).0 };
-        let error_n_m = self.model_error.map_or(0.0, |e| x[e] * model_variance.sqrt());
-        let variance_n2_m2 = self.side.noise_n2_m2(place) + model_variance;
-        Some((Vector1::new(expected_n_m + error_n_m), Matrix1::new(variance_n2_m2)))
+        let (expected, model_variance_n2_m2) = self.predicted_at(x, contact, place);
+        Some((expected, Matrix1::new(self.side.noise_n2_m2(place) + model_variance_n2_m2)))
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
@@ -354,5 +366,32 @@ impl<Model: Motion<N>, const N: usize> Tracker for ParticleFollower<Model, N> {
             self.set.resample(self.config.kernel, &mut self.rng);
         }
         Some(estimate)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimators::BaseNoise;
+    use crate::estimators::testing::knowledge;
+
+    #[test]
+    fn verif_prediction_with_noise_is_prediction_and_noise_inside_and_outside_the_calibrated_domain() {
+        let base_noise = BaseNoise(nalgebra::Matrix3::from_diagonal_element(1e-10));
+        let knowledge = Knowledge { base_noise, ..knowledge() };
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        for model_error in [None, Some(2)] {
+            let reading = Reading { side: &side, model_error };
+            for (along_m, away_m) in [(0.05, 3e-3), (0.05, 0.0), (0.079, 3e-3), (0.05, 0.5)] {
+                let contact = side.face.contact_at(AlongAway::new(along_m, away_m));
+                let x = SVector::from([contact.x(), contact.y(), 0.7]);
+                let (expected, noise) = reading.predict_with_noise(&x).unwrap();
+                let single: (Option<Vector1<f64>>, Matrix1<f64>) = (reading.predict(&x), reading.noise(&x));
+                assert_eq!((Some(expected), noise), single);
+                let linearised: Option<(Vector1<f64>, SMatrix<f64, 1, 3>)> = reading.linearised(&x);
+                let apart = (linearised.unwrap().0 - expected)[0].abs();
+                assert!(apart < 1e-9 * knowledge.faces[0].largest_reading_n_m, "{apart}");
+            }
+        }
     }
 }

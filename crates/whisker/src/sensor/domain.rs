@@ -30,8 +30,8 @@ pub struct Domain {
     nodes: Nodes,
     /// First and last calibrated arc length.
     arc_range_m: (f64, f64),
-    /// Number of nodes per length.
-    nodes_per_m: f64,
+    /// Number of intervals between nodes per length.
+    intervals_per_m: f64,
 }
 
 /// Values at the nodes, as they are stored.
@@ -51,7 +51,7 @@ impl From<Nodes> for Domain {
         let end = |arc_m: Option<&f64>| arc_m.copied().unwrap_or(f64::NAN);
         let arc_range_m = (end(nodes.arc_m.first()), end(nodes.arc_m.last()));
         let intervals = nodes.arc_m.len().saturating_sub(1) as f64;
-        Self { nodes_per_m: intervals / (arc_range_m.1 - arc_range_m.0), arc_range_m, nodes }
+        Self { intervals_per_m: intervals / (arc_range_m.1 - arc_range_m.0), arc_range_m, nodes }
     }
 }
 
@@ -71,14 +71,14 @@ pub struct Shares {
 }
 
 impl Domain {
-    /// The region between a smallest distance, at most 0, and a largest one at each of some evenly spaced arc lengths. Whether
-    /// they describe a region is not checked, see [`Self::is_valid`].
+    /// Domain from evenly spaced arc lengths, and the smallest, at most 0, and the largest calibrated distance at each. The values
+    /// are not checked; see [`Self::is_valid`].
     pub fn new(arc_m: Vec<f64>, lower_m: Vec<f64>, upper_m: Vec<f64>) -> Self {
         Nodes { arc_m, lower_m, upper_m }.into()
     }
 
     /// Evenly spaced arc lengths, and the largest calibrated distance at each.
-    pub fn largest_m(&self) -> impl Iterator<Item = (f64, f64)> {
+    pub fn upper_nodes(&self) -> impl Iterator<Item = (f64, f64)> {
         self.nodes.arc_m.iter().copied().zip(self.nodes.upper_m.iter().copied())
     }
 
@@ -148,7 +148,7 @@ impl Domain {
     #[inline]
     pub fn away_range_m(&self, arc_m: f64) -> (f64, f64) {
         let last = self.nodes.arc_m.len() - 1;
-        let position = ((arc_m - self.arc_range_m.0) * self.nodes_per_m).clamp(0.0, last as f64);
+        let position = ((arc_m - self.arc_range_m.0) * self.intervals_per_m).clamp(0.0, last as f64);
         let node = (position as usize).min(last - 1);
         let part = position - node as f64;
         let between = |values: &[f64]| {
@@ -215,15 +215,6 @@ pub(crate) fn are_even_nodes(arc_m: &[f64], length_m: f64) -> bool {
     low >= 0.0 && high > low && high <= length_m * (1.0 + 1e-9) && arc_m.windows(2).all(is_even)
 }
 
-/// Node below an arc length, moved into the range of the evenly spaced nodes, and the part of the way to the next.
-pub(crate) fn node_below(nodes: &[f64], arc_m: f64) -> (usize, f64) {
-    let last = nodes.len() - 1;
-    let (low, high) = (nodes[0], nodes[last]);
-    let position = ((arc_m - low) / (high - low)).clamp(0.0, 1.0) * last as f64;
-    let node = (position as usize).min(last - 1);
-    (node, position - node as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,7 +260,7 @@ mod tests {
         }
         assert!(around.nodes.lower_m.iter().zip(&around.nodes.upper_m).all(|(lower_m, upper_m)| lower_m <= upper_m));
         // The slope to which the whisker may be pressed does not increase towards the root.
-        let (first_m, largest_m) = widened.largest_m().next().unwrap();
+        let (first_m, largest_m) = widened.upper_nodes().next().unwrap();
         assert!(largest_m < 0.4 * 1.16 * first_m, "{widened:?}");
     }
 
@@ -281,5 +272,16 @@ mod tests {
         .unwrap();
         assert_eq!(domain.nodes.arc_m.len(), 3);
         assert!(Domain::covering(&[AlongAway::new(0.02, 0.0)]).is_none());
+    }
+
+    #[test]
+    fn robust_stored_domains_have_exactly_the_lists_of_the_nodes() {
+        let domain = Domain::new(vec![0.02, 0.05], vec![0.0, -1e-3], vec![4e-3, 8e-3]);
+        let text = r#"{"arc_m":[0.02,0.05],"lower_m":[0.0,-0.001],"upper_m":[0.004,0.008]}"#;
+        assert_eq!(serde_json::to_string(&domain).unwrap(), text);
+        assert_eq!(serde_json::from_str::<Domain>(text).unwrap(), domain);
+        assert!(serde_json::from_str::<Domain>(&text.replace("arc_m", "arc")).is_err());
+        let empty = serde_json::from_str::<Domain>(r#"{"arc_m":[],"lower_m":[],"upper_m":[]}"#).unwrap();
+        assert!(!empty.is_valid(0.08));
     }
 }

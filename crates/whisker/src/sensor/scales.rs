@@ -32,7 +32,7 @@ impl Scales {
     pub(super) fn over(region: &Domain) -> Self {
         let (low_m, high_m) = region.arc_range_m();
         let least_m = LEAST_ARC * high_m;
-        let slopes = region.largest_m().map(|(arc_m, upper_m)| upper_m / arc_m.max(least_m));
+        let slopes = region.upper_nodes().map(|(arc_m, upper_m)| upper_m / arc_m.max(least_m));
         let steepest = slopes.fold(f64::EPSILON, f64::max);
         Self { centre_m: 0.5 * (low_m + high_m), half_m: 0.5 * (high_m - low_m), least_m, steepest }
     }

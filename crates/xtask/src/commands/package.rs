@@ -1,11 +1,13 @@
-//! `cargo xtask package`: installation of the Python package from a clean clone, size of its wheel, and the times of its
-//! calls beside those of Rust. The values are rows of `results/reference/measured.csv`, shown in `docs/PYTHON.md`.
+//! `cargo xtask package`: installation of the Python package from a clean clone, size of its wheel, and times of its calls
+//! compared with those in Rust. The values are rows of `results/reference/measured.csv`, shown in `docs/PYTHON.md` and
+//! `docs/PERFORMANCE.md`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+use super::docs;
 use crate::failure::{Failure, Outcome};
 use crate::kept::{self, Measured};
 use crate::parts::step;
@@ -28,8 +30,8 @@ const TRACES: [&str; 10] = [
     "rectangle_curved",
 ];
 /// Folder of the clone, its environment and its wheel.
-const TARGET: &str = "target/package";
-/// The program that measures the times of Rust.
+const TARGET: &str = "target/python-package";
+/// The program that measures the times in Rust, in the clone.
 const STEP_TIMES: &str = "target/release/examples/step_times";
 const ROWS: &str = "python_";
 
@@ -50,7 +52,8 @@ pub(crate) fn run() -> Outcome {
     for row in &rows {
         println!("{:60} {:10.3} {}", row.about, row.value, row.unit);
     }
-    kept::write_measured(ROWS, "cargo xtask package", &rows)
+    kept::write_measured(ROWS, "cargo xtask package", &rows)?;
+    step("documentation", docs::run)
 }
 
 /// Python of the environment into which the package is installed.
@@ -74,7 +77,8 @@ fn installed(folder: &Path) -> Result<Vec<Measured>, Failure> {
     run_command(venv)?;
     let pip = |arguments: &[&str]| {
         let mut pip = Command::new(python(folder));
-        pip.args(["-m", "pip", "--quiet", "--disable-pip-version-check"]).args(arguments).current_dir(&clone);
+        pip.args(["-m", "pip", "--quiet", "--disable-pip-version-check"]).args(arguments);
+        pip.current_dir(&clone).env_remove("CARGO_TARGET_DIR");
         pip
     };
     let start = Instant::now();
@@ -86,21 +90,22 @@ fn installed(folder: &Path) -> Result<Vec<Measured>, Failure> {
     for wheel in fs::read_dir(&wheels).map_err(failed)? {
         bytes += wheel.and_then(|wheel| wheel.metadata()).map_err(failed)?.len();
     }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     Ok(vec![
-        Measured::new("install", "pip install ./python in a clean clone, two cores", seconds, "s"),
+        Measured::new("install", format!("pip install ./python in a clean clone, {cores} cores"), seconds, "s"),
         Measured::new("wheel", "size of the wheel", 1e-6 * bytes as f64, "MB"),
     ])
 }
 
-/// Times of step and replay in Python and in Rust.
+/// Times of step and replay in Python and in Rust, both of the clone.
 fn timed(folder: &Path) -> Result<Vec<Measured>, Failure> {
-    run_command(cargo(&["build", "--quiet", "--release", "--package", "whisker-python", "--example", "step_times"]))?;
+    let clone = folder.join("clone");
+    let mut build = cargo(&["build", "--quiet", "--release", "--package", "whisker-python", "--example", "step_times"]);
+    build.current_dir(&clone).env_remove("CARGO_TARGET_DIR");
+    run_command(build)?;
     let mut script = Command::new(python(folder));
-    script.current_dir(root()).args([
-        "python/bench/overhead.py",
-        STEP_TIMES,
-        &format!("datasets/{SUITE}/calibrations"),
-    ]);
+    script.current_dir(root()).arg(clone.join("python/bench/overhead.py")).arg(clone.join(STEP_TIMES));
+    script.arg(format!("datasets/{SUITE}/calibrations"));
     script.args(TRACES.map(|trace| format!("datasets/{SUITE}/{trace}.csv")));
     let found = script.output().map_err(|error| Failure::new(format!("`{}`: {error}", words(&script))))?;
     let text = String::from_utf8_lossy(&found.stdout).into_owned();
@@ -109,43 +114,46 @@ fn timed(folder: &Path) -> Result<Vec<Measured>, Failure> {
     }
     print!("{text}");
     let times: Option<Vec<Times>> = text.lines().skip(1).map(Times::of_row).collect();
-    let times = times.ok_or_else(|| Failure::new(format!("`{}`: found {text}", words(&script))))?;
-    let extreme = |estimator: &str, of: fn(&Times) -> f64, pick: fn(f64, f64) -> f64| {
-        times.iter().filter(|times| times.estimator == estimator).map(of).reduce(pick).unwrap_or(f64::NAN)
-    };
-    let above: fn(&Times) -> f64 = |times| 1e-3 * (times.step - times.rust_step);
-    let ratio: fn(&Times) -> f64 = |times| times.replay / times.rust_replay;
-    let mean: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step;
-    let p99: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step_p99;
-    let row = |id: &'static str, estimator: &str, about: &str, value: f64, unit: &'static str| {
-        Measured::new(id, format!("{estimator}: {about}, ten traces of the standard suite"), value, unit)
-    };
-    let (many, few) = ("recommended", "paper-ekf");
-    Ok(vec![
-        row("step_above", few, "time of step above that of Rust, most", extreme(few, above, f64::max), "µs"),
-        row("replay_paper-ekf", few, "time of replay over that of Rust, most", extreme(few, ratio, f64::max), "times"),
-        row(
-            "replay_recommended",
-            many,
-            "time of replay over that of Rust, most",
-            extreme(many, ratio, f64::max),
-            "times",
-        ),
-        row("step_least", many, "mean time of a step in Rust, least", extreme(many, mean, f64::min), "µs"),
-        row("step_most", many, "mean time of a step in Rust, most", extreme(many, mean, f64::max), "µs"),
-        row("step_p99_least", many, "99th percentile of a step in Rust, least", extreme(many, p99, f64::min), "µs"),
-        row("step_p99_most", many, "99th percentile of a step in Rust, most", extreme(many, p99, f64::max), "µs"),
-    ])
+    let rows = times.and_then(|times| rows(&times));
+    rows.ok_or_else(|| Failure::new(format!("`{}`: found {text}", words(&script))))
 }
 
-/// Times (ns) of an estimator on a trace.
+/// The extremes over the traces. `None` if an estimator is missing.
+fn rows(times: &[Times]) -> Option<Vec<Measured>> {
+    let extreme = |estimator: &str, of: fn(&Times) -> f64, pick: fn(f64, f64) -> f64| {
+        times.iter().filter(|times| times.estimator == estimator).map(of).reduce(pick)
+    };
+    let above: fn(&Times) -> f64 = |times| 1e-3 * (times.step_ns - times.rust_step_ns);
+    let ratio: fn(&Times) -> f64 = |times| times.replay_ns / times.rust_replay_ns;
+    let mean: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step_ns;
+    let p99: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step_p99_ns;
+    let row = |id: &'static str, estimator: &str, about: &str, value: Option<f64>, unit: &'static str| {
+        let about = format!("{estimator}, ten traces of the standard suite: {about}");
+        Some(Measured::new(id, about, value?, unit))
+    };
+    let (few, many) = ("paper-ekf", "recommended");
+    let times_of_rust = "time of replay over that in Rust, largest";
+    [
+        row("step_above", few, "time of step less that in Rust, largest", extreme(few, above, f64::max), "µs"),
+        row("replay_paper-ekf", few, times_of_rust, extreme(few, ratio, f64::max), ""),
+        row("replay_recommended", many, times_of_rust, extreme(many, ratio, f64::max), ""),
+        row("step_least", many, "mean time of a step in Rust, smallest", extreme(many, mean, f64::min), "µs"),
+        row("step_most", many, "mean time of a step in Rust, largest", extreme(many, mean, f64::max), "µs"),
+        row("step_p99_least", many, "99th percentile of a step in Rust, smallest", extreme(many, p99, f64::min), "µs"),
+        row("step_p99_most", many, "99th percentile of a step in Rust, largest", extreme(many, p99, f64::max), "µs"),
+    ]
+    .into_iter()
+    .collect()
+}
+
+/// Times of an estimator on a trace.
 struct Times {
     estimator: String,
-    rust_step: f64,
-    step: f64,
-    rust_replay: f64,
-    replay: f64,
-    rust_step_p99: f64,
+    rust_step_ns: f64,
+    step_ns: f64,
+    rust_replay_ns: f64,
+    replay_ns: f64,
+    rust_step_p99_ns: f64,
 }
 
 impl Times {
@@ -155,11 +163,27 @@ impl Times {
         let number = |cell: usize| cells.get(cell)?.parse().ok();
         Some(Self {
             estimator: (*cells.get(1)?).into(),
-            rust_step: number(2)?,
-            step: number(3)?,
-            rust_replay: number(4)?,
-            replay: number(5)?,
-            rust_step_p99: number(6)?,
+            rust_step_ns: number(2)?,
+            step_ns: number(3)?,
+            rust_replay_ns: number(4)?,
+            replay_ns: number(5)?,
+            rust_step_p99_ns: number(6)?,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_the_extremes_over_the_traces() {
+        let table =
+            ["a,paper-ekf,100,300,200,210,150", "b,paper-ekf,100,250,200,190,150", "a,recommended,2e4,2e4,2e4,2e4,5e4"];
+        let times: Vec<_> = table.iter().map(|line| Times::of_row(line).unwrap()).collect();
+        let found = rows(&times).unwrap();
+        let values: Vec<_> = found.iter().map(|row| row.value).collect();
+        assert_eq!(values, [0.2, 1.05, 1.0, 20.0, 20.0, 50.0, 50.0]);
+        assert!(rows(&times[..2]).is_none() && Times::of_row("a,paper-ekf,1").is_none());
     }
 }

@@ -143,7 +143,7 @@ const LEAST_SCALE_M: f64 = 0.5e-3;
 const LEAST_PLAY: f64 = 0.1;
 
 /// Maximum number of Newton steps for the point of contact, and the largest step that ends them: the error after it is of
-/// the order of its square over the whisker's length, less than a nanometre.
+/// the order of its square over the smallest radius of curvature, nanometres at most.
 const NEWTON_STEPS: usize = 8;
 const LAST_STEP_M: f64 = 1e-6;
 

@@ -59,7 +59,7 @@ impl Residual {
 #[derive(Default)]
 pub(super) struct Tally {
     /// Number of readings so far.
-    pub(super) count: usize,
+    count: usize,
     cost: f64,
     squares: Option<Squares>,
 }
@@ -119,43 +119,44 @@ impl<'a> Evidence<'a> {
         Self { side, readings, prior, gate_sds, near_m }
     }
 
-    /// Adds the costs of the next readings to a tally, at most `most` of them.
-    pub(super) fn add_costs(&self, curve: &Curve, tally: &mut Tally, most: usize) {
-        self.each(curve, tally, most, |cost, _, _| cost);
+    /// Adds the costs of the next readings to a tally, at most `most` of them. Returns their number.
+    pub(super) fn add_costs(&self, curve: &Curve, tally: &mut Tally, most: usize) -> usize {
+        self.each(curve, tally, most, |_, _, _| ())
     }
 
     /// As [`Self::add_costs`], with the squares that approximate them.
-    pub(super) fn add_squares(&self, curve: &Curve, tally: &mut Tally, most: usize) {
+    pub(super) fn add_squares(&self, curve: &Curve, tally: &mut Tally, most: usize) -> usize {
         let mut squares = tally.squares.take().unwrap_or_else(|| Squares::zeros(curve.size()));
-        self.each(curve, tally, most, |cost, contact, square| {
-            if let (Some(contact), Some((residual_n_m, weight))) = (contact, square) {
-                squares.add(self.side, curve, contact, residual_n_m, weight);
-            }
-            cost
+        let added = self.each(curve, tally, most, |contact, residual_n_m, weight| {
+            squares.add(self.side, curve, contact, residual_n_m, weight);
         });
         tally.squares = Some(squares);
+        added
     }
 
-    /// Adds what `take` returns for the next readings: given are the cost of each, its contact with a curve, and the residual with
-    /// the weight of its square if the reading is that of the contact.
-    fn each(
-        &self,
-        curve: &Curve,
-        tally: &mut Tally,
-        most: usize,
-        mut take: impl FnMut(f64, Option<&Contact>, Option<(f64, f64)>) -> f64,
-    ) {
-        let until = self.readings.len().min(tally.count.saturating_add(most));
-        for (reading, near_m) in self.readings[tally.count..until].iter().zip(&self.near_m[tally.count..until]) {
+    /// Adds the costs of the next readings to a tally, and calls `take` for those of a contact: with the contact, the residual and the
+    /// weight of its square.
+    fn each(&self, curve: &Curve, tally: &mut Tally, most: usize, mut take: impl FnMut(&Contact, f64, f64)) -> usize {
+        let before = tally.count;
+        tally.count = self.readings.len().min(before.saturating_add(most));
+        for (reading, near_m) in self.readings[before..tally.count].iter().zip(&self.near_m[before..tally.count]) {
             let contact = contact(self.side, &reading.base, curve, near_m.get());
             if let Some(contact) = &contact {
                 near_m.set(contact.place.tau_m);
             }
             let (residual, touches) = Residual::of(self.side, reading, contact.as_ref());
             let (cost, weight) = residual.robust(self.gate_sds);
-            tally.cost += take(cost, contact.as_ref(), touches.then_some((residual.residual_n_m, weight)));
+            if let Some(contact) = contact.as_ref().filter(|_| touches) {
+                take(contact, residual.residual_n_m, weight);
+            }
+            tally.cost += cost;
         }
-        tally.count = until;
+        tally.count - before
+    }
+
+    /// Whether a tally contains all readings.
+    pub(super) fn is_complete(&self, tally: &Tally) -> bool {
+        tally.count == self.readings.len()
     }
 
     /// Cost of a curve, from the tally of all readings.

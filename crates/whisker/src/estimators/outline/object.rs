@@ -8,7 +8,7 @@ use super::contact::{Contact, contact};
 use super::curve::{ANCHOR, Curve, PITCH_M, Place, SCALE_M};
 use super::fit::Residual;
 use super::readings::{Reading, Readings};
-use super::search::{Effort, Fitted, Search};
+use super::search::{Effort, Fitted, Haste, Search};
 use crate::estimators::side::Side;
 use crate::estimators::{Estimate, OutlinePoint, Radius};
 use crate::frames::{Base, Point, Pose, Start};
@@ -135,13 +135,15 @@ impl Object {
     }
 
     /// Begins a search for the most probable curve, which [`Self::advance`] continues.
-    pub(super) fn begin_search(&mut self, effort: Effort, is_urgent: bool) {
-        self.search = Some(self.new_search(effort, is_urgent));
+    pub(super) fn begin_search(&mut self, effort: Effort, haste: Haste) {
+        self.search = Some(self.new_search(effort, haste));
     }
 
     /// Makes the search in progress urgent.
     pub(super) fn hurry(&mut self) {
-        self.search.iter_mut().for_each(Search::hurry);
+        if let Some(search) = &mut self.search {
+            search.hurry();
+        }
     }
 
     /// Whether a search is in progress.
@@ -160,12 +162,12 @@ impl Object {
     /// Searches for the most probable curve to the end.
     pub(super) fn refine(&mut self, side: &Side, effort: Effort) {
         self.search = None;
-        self.fitted = self.new_search(effort, true).finish(side);
+        self.fitted = self.new_search(effort, Haste::Urgent).finish(side);
     }
 
-    fn new_search(&self, effort: Effort, is_urgent: bool) -> Search {
+    fn new_search(&self, effort: Effort, haste: Haste) -> Search {
         let cost = (self.config.prior, self.config.gate_sds);
-        Search::new(&self.fitted, self.readings.means(), cost, (effort, is_urgent))
+        Search::new(&self.fitted, self.readings.means(), cost, effort, haste)
     }
 
     /// Covariance of a point of the curve. A displacement of the curve along itself does not change it, so only the

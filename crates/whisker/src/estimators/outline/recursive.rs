@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::Config;
 use super::object::{FirstArc, Object};
 use super::readings::{Reading, Readings};
-use super::search::Effort;
+use super::search::{Effort, Haste};
 use crate::estimators::doubt::Doubt;
 use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
@@ -64,9 +64,8 @@ struct Pace {
 }
 
 impl Pace {
-    /// The search after one more sample, which may be an outlier, and whether it is urgent. `None` if none is due or the last one
-    /// goes on.
-    fn next(&mut self, is_outlier: bool, is_searching: bool) -> Option<(Effort, bool)> {
+    /// The search after one more sample, which may be an outlier. `None` if none is due or the last one goes on.
+    fn next(&mut self, is_outlier: bool, is_searching: bool) -> Option<(Effort, Haste)> {
         self.samples += 1;
         self.has_outlier |= is_outlier;
         let pause = self.samples - self.last;
@@ -74,10 +73,11 @@ impl Pace {
             || self.has_outlier && pause >= LEAST_OUTLIER_PAUSE + self.samples / OUTLIER_PAUSE_SHARE;
         (is_due && !is_searching).then(|| {
             self.searches += 1;
-            let is_urgent = std::mem::take(&mut self.has_outlier);
-            let is_far = is_urgent || self.searches.is_multiple_of(FAR_EVERY);
+            let has_outlier = std::mem::take(&mut self.has_outlier);
+            let is_far = has_outlier || self.searches.is_multiple_of(FAR_EVERY);
             self.last = self.samples;
-            (if is_far { Effort::Far } else { Effort::Near }, is_urgent)
+            let haste = if has_outlier { Haste::Urgent } else { Haste::Calm };
+            (if is_far { Effort::Far } else { Effort::Near }, haste)
         })
     }
 }
@@ -175,7 +175,7 @@ impl Tracer {
         match &mut self.object {
             Some(object) if onset.known_ahead >= 0.0 => {
                 onset.readings.means().iter().for_each(|reading| object.keep(*reading));
-                object.begin_search(Effort::Far, true);
+                object.begin_search(Effort::Far, Haste::Urgent);
             }
             known => {
                 if known.take().is_some() {
@@ -217,15 +217,16 @@ impl Tracer {
             .as_ref()
             .and_then(|expected| expected.innovation)
             .map_or(f64::INFINITY, |innovation| innovation.nis);
+        let is_outlier = nis > OUTLIER_NIS;
         if expected.as_ref().is_none_or(|expected| side.distance_outside_m(expected.at()) < FARTHEST_M) {
             let reading = Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m());
-            object.keep(reading.outlier(nis > OUTLIER_NIS));
+            object.keep(reading.outlier(is_outlier));
         }
-        if nis > OUTLIER_NIS {
+        if is_outlier {
             object.hurry();
         }
-        if let Some((effort, is_urgent)) = self.pace.next(nis > OUTLIER_NIS, object.is_searching()) {
-            object.begin_search(effort, is_urgent);
+        if let Some((effort, haste)) = self.pace.next(is_outlier, object.is_searching()) {
+            object.begin_search(effort, haste);
         }
         let sd_m = estimate.as_ref().and_then(|estimate| estimate.covariance_m2).map_or(0.0, |p| p.trace().sqrt());
         if sd_m < SETTLED_SD_M && estimate.as_ref().is_some_and(|estimate| self.knowledge.may_be_tip(estimate)) {

@@ -45,14 +45,14 @@ const SETTINGS: Settings = Settings {
     step: 0.0,
 };
 
-/// Number of readings that are compared with a curve in one step of an estimator; each takes about half a microsecond, and as much
-/// again with its derivatives. A search that an outlier has triggered is urgent: the contact may have passed a corner, and the
-/// estimates wait for its end.
-const MOST_READINGS: usize = 100;
-const MOST_URGENT_READINGS: usize = 1500;
+/// Work of one step of an estimator on a search, in comparisons of a reading with a curve, of about half a microsecond each, and
+/// the same for an urgent search.
+const WORK: usize = 100;
+const URGENT_WORK: usize = 8000;
 
-/// Number of readings whose comparison takes as long as the solution of the equations of a step or of the covariance.
-const SOLUTION_READINGS: usize = 30;
+/// Work of a comparison with its derivatives, and of the solution of the equations of a step.
+const DERIVATIVES_WORK: usize = 2;
+const SOLUTION_WORK: usize = 30;
 
 /// Difference of cost by which the result of a distant search must be better.
 const FAR_MARGIN: f64 = 1.0;
@@ -66,6 +66,15 @@ pub(super) enum Effort {
     Far,
     /// Also by way of the smooth prior, and until convergence.
     Last,
+}
+
+/// Work on a search in each step of an estimator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Haste {
+    /// Little, so that no step takes long.
+    Calm,
+    /// As much as most searches take: the object may have changed, as at a corner, and the estimates wait for the end.
+    Urgent,
 }
 
 /// A curve with its uncertainty.
@@ -94,27 +103,26 @@ pub(super) struct Search {
     prior: Prior,
     gate_sds: f64,
     effort: Effort,
+    haste: Haste,
     readings: Vec<Reading>,
     /// `tau` of each reading's contact with the curve that was computed last: successive curves differ little.
     near_m: Vec<Cell<f64>>,
-    /// Ways that remain, the present one last.
+    /// Ways that remain, the next one last.
     ways: Vec<Way>,
     /// The most probable curve so far, and its cost.
     best: (Curve, f64),
     touched_m: (f64, f64),
     stage: Stage,
-    /// Number of readings that are compared in one step of an estimator.
-    most_readings: usize,
 }
 
 /// What a search computes, with the sums over the readings so far.
 enum Stage {
     /// The range of all readings, to which the curve is extended or trimmed.
     Length(Length),
-    /// The wanted evaluation of the present way.
-    Descent(Tally),
-    /// The cost of the curve at the end of the present way.
-    Comparison(Tally),
+    /// The wanted evaluation of a way.
+    Descent(Box<Way>, Tally),
+    /// The cost of a curve at the end of a way.
+    Comparison(Curve, Tally),
     /// The covariance of the most probable curve.
     Covariance(Tally),
 }
@@ -145,66 +153,84 @@ struct Way {
     descent: Minimisation<Curve>,
 }
 
+/// Result of some work: the next stage and how much work it was, or the end of the search.
+type Worked = ControlFlow<Fitted, (Stage, usize)>;
+
 impl Search {
     /// A search from a curve, with the readings that are to determine it.
     pub(super) fn new(
         from: &Fitted,
         readings: &[Reading],
         (prior, gate_sds): (Prior, f64),
-        (effort, is_urgent): (Effort, bool),
+        effort: Effort,
+        haste: Haste,
     ) -> Self {
         Self {
             prior,
             gate_sds,
             effort,
+            haste,
             readings: readings.to_vec(),
             near_m: readings.iter().map(|reading| Cell::new(reading.near_m)).collect(),
             ways: Vec::new(),
             best: (from.curve.clone(), f64::INFINITY),
             touched_m: from.touched_m,
             stage: Stage::Length(Length::new(0, false)),
-            most_readings: if is_urgent { MOST_URGENT_READINGS } else { MOST_READINGS },
         }
     }
 
     /// Makes the search urgent.
     pub(super) fn hurry(&mut self) {
-        self.most_readings = MOST_URGENT_READINGS;
+        self.haste = Haste::Urgent;
     }
 
-    /// Continues by as much as a step of an estimator has time for. The result, if it was found.
+    /// Continues by the work of one step of an estimator. The result, if it was found.
     pub(super) fn advance(&mut self, side: &Side) -> Option<Fitted> {
-        let mut left = self.most_readings;
-        while left > 0 {
-            match self.proceed(side, left) {
-                ControlFlow::Continue(compared) => left = left.saturating_sub(compared),
+        self.work(
+            side,
+            match self.haste {
+                Haste::Calm => WORK,
+                Haste::Urgent => URGENT_WORK,
+            },
+        )
+    }
+
+    /// Continues to the end.
+    pub(super) fn finish(mut self, side: &Side) -> Fitted {
+        loop {
+            if let Some(fitted) = self.work(side, usize::MAX) {
+                return fitted;
+            }
+        }
+    }
+
+    /// Continues by at most this work, but at least one comparison. The result, if it was found.
+    fn work(&mut self, side: &Side, mut most: usize) -> Option<Fitted> {
+        while most > 0 {
+            let placeholder = Stage::Length(Length::new(0, true));
+            let worked = match std::mem::replace(&mut self.stage, placeholder) {
+                Stage::Length(length) => self.fit_length(side, length, most),
+                Stage::Descent(way, tally) => self.descend(side, way, tally, most),
+                Stage::Comparison(curve, tally) => self.compare(side, curve, tally, most),
+                Stage::Covariance(tally) => self.conclude(side, tally, most),
+            };
+            match worked {
+                ControlFlow::Continue((stage, work)) => {
+                    self.stage = stage;
+                    most = most.saturating_sub(work);
+                }
                 ControlFlow::Break(fitted) => return Some(fitted),
             }
         }
         None
     }
 
-    /// Continues to the end.
-    pub(super) fn finish(mut self, side: &Side) -> Fitted {
-        loop {
-            if let ControlFlow::Break(fitted) = self.proceed(side, usize::MAX) {
-                return fitted;
-            }
-        }
-    }
-
-    /// Compares up to `most` readings and takes the result if they were the last. Returns what took as long in readings.
-    fn proceed(&mut self, side: &Side, most: usize) -> ControlFlow<Fitted, usize> {
-        match std::mem::replace(&mut self.stage, Stage::Descent(Tally::default())) {
-            Stage::Length(length) => ControlFlow::Continue(self.fit_length(side, length, most)),
-            Stage::Descent(tally) => ControlFlow::Continue(self.descend(side, tally, most)),
-            Stage::Comparison(tally) => ControlFlow::Continue(self.compare(side, tally, most)),
-            Stage::Covariance(tally) => self.conclude(side, tally, most),
-        }
+    fn evidence<'a>(&'a self, side: &'a Side, prior: Prior) -> Evidence<'a> {
+        Evidence::new(side, &self.readings, &self.near_m, prior, self.gate_sds)
     }
 
     /// Extends or trims the curve to the range of all readings.
-    fn fit_length(&mut self, side: &Side, mut length: Length, most: usize) -> usize {
+    fn fit_length(&mut self, side: &Side, mut length: Length, most: usize) -> Worked {
         let before = length.count;
         length.count = self.readings.len().min(before.saturating_add(most));
         let curve = &mut self.best.0;
@@ -215,10 +241,10 @@ impl Search {
                 length.high_m = length.high_m.max(contact.place.tau_m);
             }
         }
-        let (compared, Length { low_m, high_m, rounds, is_last, .. }) = (length.count - before, length);
-        if length.count < self.readings.len() {
-            self.stage = Stage::Length(length);
-            return compared;
+        let work = length.count - before;
+        let Length { count, low_m, high_m, rounds, is_last } = length;
+        if count < self.readings.len() {
+            return ControlFlow::Continue((Stage::Length(length), work));
         }
         let is_longer = low_m <= high_m && {
             self.touched_m = (low_m, high_m);
@@ -226,17 +252,19 @@ impl Search {
             curve.trim(low_m - MARGIN_M - PITCH_M, high_m + MARGIN_M + PITCH_M);
             is_longer
         };
-        if is_longer && rounds + 1 < LENGTH_ROUNDS {
-            self.stage = Stage::Length(Length::new(rounds + 1, is_last));
+        let stage = if is_longer && rounds + 1 < LENGTH_ROUNDS {
+            Stage::Length(Length::new(rounds + 1, is_last))
         } else if is_last {
-            self.stage = Stage::Covariance(Tally::default());
+            Stage::Covariance(Tally::default())
         } else {
-            self.begin_ways();
-        }
-        compared
+            self.ways = self.all_ways();
+            self.next_way()
+        };
+        ControlFlow::Continue((stage, work))
     }
 
-    fn begin_ways(&mut self) {
+    /// The ways of the search, the first one last.
+    fn all_ways(&self) -> Vec<Way> {
         let prior = self.prior;
         let (near, far): (usize, &[(Prior, usize)]) = match self.effort {
             Effort::Near => (NEAR_STEPS, &[]),
@@ -248,86 +276,75 @@ impl Search {
             let descent = Minimisation::begin(self.best.0.clone(), settings);
             Way { priors: std::iter::once(prior).chain(by).collect(), settings, descent }
         };
-        self.ways = far.iter().map(|(by, steps)| way(Some(*by), *steps)).chain([way(None, near)]).collect();
+        far.iter().map(|(by, steps)| way(Some(*by), *steps)).chain([way(None, near)]).collect()
     }
 
-    /// Continues the present way by the evaluation that it wants.
-    fn descend(&mut self, side: &Side, mut tally: Tally, most: usize) -> usize {
-        let Some(way) = self.ways.last_mut() else {
-            self.stage = Stage::Length(Length::new(0, true));
-            return 0;
+    /// The beginning of the next way, or of the end.
+    fn next_way(&mut self) -> Stage {
+        self.ways
+            .pop()
+            .map_or_else(|| Stage::Length(Length::new(0, true)), |way| Stage::Descent(Box::new(way), Tally::default()))
+    }
+
+    /// Continues a way by the evaluation that it wants.
+    fn descend(&mut self, side: &Side, mut way: Box<Way>, mut tally: Tally, most: usize) -> Worked {
+        let Some(&prior) = way.priors.last() else {
+            return ControlFlow::Continue((Stage::Comparison(way.descent.state, Tally::default()), 0));
         };
-        let prior = way.priors.last().copied().unwrap_or(self.prior);
-        let evidence = Evidence::new(side, &self.readings, &self.near_m, prior, self.gate_sds);
-        let before = tally.count;
-        let flow = match way.descent.wanted() {
+        let evidence = self.evidence(side, prior);
+        let (work, flow) = match way.descent.wanted() {
             Wanted::Approximation(curve) => {
-                evidence.add_squares(curve, &mut tally, most.div_ceil(2));
-                if tally.count < self.readings.len() {
-                    let compared = 2 * (tally.count - before);
-                    self.stage = Stage::Descent(tally);
-                    return compared;
+                let work = DERIVATIVES_WORK * evidence.add_squares(curve, &mut tally, most.div_ceil(DERIVATIVES_WORK));
+                if !evidence.is_complete(&tally) {
+                    return ControlFlow::Continue((Stage::Descent(way, tally), work));
                 }
                 let (quadratic, _) = evidence.approximation(curve, tally);
-                way.descent.take_approximation(&evidence, Some(quadratic))
+                (work, way.descent.take_approximation(&evidence, Some(quadratic)))
             }
             Wanted::Cost { state, .. } => {
-                evidence.add_costs(state, &mut tally, most);
-                if tally.count < self.readings.len() {
-                    let compared = tally.count - before;
-                    self.stage = Stage::Descent(tally);
-                    return compared;
+                let work = evidence.add_costs(state, &mut tally, most);
+                if !evidence.is_complete(&tally) {
+                    return ControlFlow::Continue((Stage::Descent(way, tally), work));
                 }
                 let cost = evidence.total(state, &tally);
-                Some(way.descent.take_cost(&evidence, Some(cost)))
+                (work, Some(way.descent.take_cost(&evidence, Some(cost))))
             }
         };
-        match flow {
-            Some(ControlFlow::Continue(())) => {}
+        let stage = match flow {
+            Some(ControlFlow::Continue(())) => Stage::Descent(way, Tally::default()),
             Some(ControlFlow::Break(_)) => {
                 way.priors.pop();
-                if way.priors.is_empty() {
-                    self.stage = Stage::Comparison(Tally::default());
-                } else {
-                    way.descent = Minimisation::begin(way.descent.state.clone(), way.settings);
-                }
+                way.descent = Minimisation::begin(way.descent.state, way.settings);
+                Stage::Descent(way, Tally::default())
             }
             // The way leads nowhere.
-            None => drop(self.ways.pop()),
-        }
-        SOLUTION_READINGS
+            None => self.next_way(),
+        };
+        ControlFlow::Continue((stage, work + SOLUTION_WORK))
     }
 
-    /// Keeps the curve at the end of the present way if it is the most probable one.
-    fn compare(&mut self, side: &Side, mut tally: Tally, most: usize) -> usize {
-        let Some(way) = self.ways.last() else { return 0 };
-        let (before, curve) = (tally.count, &way.descent.state);
-        let evidence = Evidence::new(side, &self.readings, &self.near_m, self.prior, self.gate_sds);
-        evidence.add_costs(curve, &mut tally, most);
-        let compared = tally.count - before;
-        if tally.count < self.readings.len() {
-            self.stage = Stage::Comparison(tally);
-            return compared;
+    /// Keeps the curve at the end of a way if it is the most probable one.
+    fn compare(&mut self, side: &Side, curve: Curve, mut tally: Tally, most: usize) -> Worked {
+        let evidence = self.evidence(side, self.prior);
+        let work = evidence.add_costs(&curve, &mut tally, most);
+        if !evidence.is_complete(&tally) {
+            return ControlFlow::Continue((Stage::Comparison(curve, tally), work));
         }
-        let cost = evidence.total(curve, &tally);
+        let cost = evidence.total(&curve, &tally);
         if cost + FAR_MARGIN < self.best.1 {
-            self.best = (curve.clone(), cost);
+            self.best = (curve, cost);
         }
-        self.ways.pop();
-        compared
+        ControlFlow::Continue((self.next_way(), work))
     }
 
     /// Covariance of the curve's state: that by the readings' noise under the prior, and the effect of a sensor model
     /// error that is the same everywhere (a consider parameter: Schmidt 1966).
-    fn conclude(&mut self, side: &Side, mut tally: Tally, most: usize) -> ControlFlow<Fitted, usize> {
-        let (before, curve) = (tally.count, &self.best.0);
-        let prior = self.prior.for_covariance();
-        let evidence = Evidence::new(side, &self.readings, &self.near_m, prior, self.gate_sds);
-        evidence.add_squares(curve, &mut tally, most.div_ceil(2));
-        if tally.count < self.readings.len() {
-            let compared = 2 * (tally.count - before);
-            self.stage = Stage::Covariance(tally);
-            return ControlFlow::Continue(compared);
+    fn conclude(&mut self, side: &Side, mut tally: Tally, most: usize) -> Worked {
+        let curve = &self.best.0;
+        let evidence = self.evidence(side, self.prior.for_covariance());
+        let work = DERIVATIVES_WORK * evidence.add_squares(curve, &mut tally, most.div_ceil(DERIVATIVES_WORK));
+        if !evidence.is_complete(&tally) {
+            return ControlFlow::Continue((Stage::Covariance(tally), work));
         }
         let (quadratic, pull) = evidence.approximation(curve, tally);
         let covariance = quadratic.curvature.cholesky().map_or_else(
@@ -345,37 +362,61 @@ impl Search {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimators::Knowledge;
     use crate::estimators::testing::knowledge;
     use crate::frames::Pose;
 
-    #[test]
-    fn verif_a_search_in_parts_is_that_at_once() {
-        let knowledge = knowledge();
-        let side = Side::new(&knowledge.faces[0], &knowledge);
+    /// Readings of a whisker that slides back and forth on an arc of 5 mm, and a curve of another radius there.
+    fn problem(side: &Side, knowledge: &Knowledge, count: u32) -> (Vec<Reading>, Fitted) {
         let point = knowledge.rest.beside(0.055, -4e-3).vector();
         let curve = |radius_m: f64| Curve::new(-1.0, point, 0.0, radius_m);
         let object = curve(5e-3);
-        let readings: Vec<_> = (0..60)
-            .filter_map(|i| {
-                let t = f64::from(i) / 10.0;
-                let base = Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin());
-                Some(Reading::new(base, contact(&side, &base, &object, 0.0)?.reading_n_m, 0.0))
-            })
-            .collect();
-        assert!(readings.len() > 40);
-        let prior = (Prior::default(), 5.0);
-        let search = |is_urgent| Search::new(&Fitted::new(curve(2e-3)), &readings, prior, (Effort::Far, is_urgent));
-        let at_once = search(true).finish(&side);
-        let mut in_parts = search(false);
-        let mut steps = 0;
-        let found = loop {
-            steps += 1;
-            if let Some(found) = in_parts.advance(&side) {
-                break found;
-            }
+        let reading = |i: u32| {
+            let t = f64::from(i) / 10.0;
+            let base = Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin());
+            Reading::new(base, contact(side, &base, &object, 0.0).expect("a contact").reading_n_m, 0.0)
         };
-        assert!(steps > 5, "{steps}");
-        assert_eq!((found.curve.logs(), found.touched_m), (at_once.curve.logs(), at_once.touched_m));
-        assert_eq!(found.covariance, at_once.covariance);
+        ((0..count).map(reading).collect(), Fitted::new(curve(2e-3)))
+    }
+
+    #[test]
+    fn verif_a_search_in_parts_is_that_at_once_and_no_part_takes_long() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        for count in [0, 1, 60, 256] {
+            let (readings, from) = problem(&side, &knowledge, count);
+            let search = |haste| Search::new(&from, &readings, (Prior::default(), 5.0), Effort::Far, haste);
+            let at_once = search(Haste::Urgent).finish(&side);
+            // A part ends with the work that is due or with one comparison or solution more.
+            for most in [1, WORK, URGENT_WORK] {
+                let mut in_parts = search(Haste::Calm);
+                let parts = (0..1_000_000).find_map(|part| Some((part, in_parts.work(&side, most)?)));
+                let (parts, found) = parts.expect("an end");
+                assert_eq!((found.curve.logs(), found.touched_m), (at_once.curve.logs(), at_once.touched_m));
+                assert_eq!(found.covariance, at_once.covariance);
+                // The covariance alone compares every reading with its derivatives.
+                assert!(
+                    parts >= 2 * readings.len() / (most + DERIVATIVES_WORK + SOLUTION_WORK),
+                    "{count} {most}: {parts}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn verif_an_urgent_search_takes_fewer_steps() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let (readings, from) = problem(&side, &knowledge, 60);
+        let steps = |hurries: bool| {
+            let mut search = Search::new(&from, &readings, (Prior::default(), 5.0), Effort::Far, Haste::Calm);
+            search.advance(&side);
+            if hurries {
+                search.hurry();
+            }
+            (1..10_000).find(|_| search.advance(&side).is_some()).expect("an end")
+        };
+        let (calm, urgent) = (steps(false), steps(true));
+        assert!(calm > 10 && urgent <= 2, "{calm} {urgent}");
     }
 }
