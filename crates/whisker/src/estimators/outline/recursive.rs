@@ -76,7 +76,8 @@ impl Pace {
             let has_outlier = std::mem::take(&mut self.has_outlier);
             let is_far = has_outlier || self.searches.is_multiple_of(FAR_EVERY);
             self.last = self.samples;
-            let haste = if has_outlier { Haste::Urgent } else { Haste::Calm };
+            // The next search is due after about twice as many steps.
+            let haste = if has_outlier { Haste::Urgent } else { Haste::Calm { steps: pause / 2 } };
             (if is_far { Effort::Far } else { Effort::Near }, haste)
         })
     }

@@ -50,6 +50,9 @@ const SETTINGS: Settings = Settings {
 const WORK: usize = 100;
 const URGENT_WORK: usize = 8000;
 
+/// Work of most searches per reading.
+const SEARCH_WORK: usize = 40;
+
 /// Work of a comparison with its derivatives, and of the solution of the equations of a step.
 const DERIVATIVES_WORK: usize = 2;
 const SOLUTION_WORK: usize = 30;
@@ -71,8 +74,8 @@ pub(super) enum Effort {
 /// Work on a search in each step of an estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Haste {
-    /// Little, so that no step takes long.
-    Calm,
+    /// Little, so that no step takes long, but enough for most searches to end within a number of steps.
+    Calm { steps: usize },
     /// As much as most searches take: the object may have changed, as at a corner, and the estimates wait for the end.
     Urgent,
 }
@@ -189,7 +192,7 @@ impl Search {
         self.work(
             side,
             match self.haste {
-                Haste::Calm => WORK,
+                Haste::Calm { steps } => WORK.max(SEARCH_WORK * self.readings.len() / steps.max(1)),
                 Haste::Urgent => URGENT_WORK,
             },
         )
@@ -366,6 +369,8 @@ mod tests {
     use crate::estimators::testing::knowledge;
     use crate::frames::Pose;
 
+    const CALM: Haste = Haste::Calm { steps: 1000 };
+
     /// Readings of a whisker that slides back and forth on an arc of 5 mm, and a curve of another radius there.
     fn problem(side: &Side, knowledge: &Knowledge, count: u32) -> (Vec<Reading>, Fitted) {
         let point = knowledge.rest.beside(0.055, -4e-3).vector();
@@ -389,7 +394,7 @@ mod tests {
             let at_once = search(Haste::Urgent).finish(&side);
             // A part ends with the work that is due or with one comparison or solution more.
             for most in [1, WORK, URGENT_WORK] {
-                let mut in_parts = search(Haste::Calm);
+                let mut in_parts = search(CALM);
                 let parts = (0..1_000_000).find_map(|part| Some((part, in_parts.work(&side, most)?)));
                 let (parts, found) = parts.expect("an end");
                 assert_eq!((found.curve.logs(), found.touched_m), (at_once.curve.logs(), at_once.touched_m));
@@ -409,7 +414,7 @@ mod tests {
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let (readings, from) = problem(&side, &knowledge, 60);
         let steps = |hurries: bool| {
-            let mut search = Search::new(&from, &readings, (Prior::default(), 5.0), Effort::Far, Haste::Calm);
+            let mut search = Search::new(&from, &readings, (Prior::default(), 5.0), Effort::Far, CALM);
             search.advance(&side);
             if hurries {
                 search.hurry();
