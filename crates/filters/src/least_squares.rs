@@ -71,25 +71,28 @@ impl Quadratic {
     }
 }
 
-/// Cost function over states of any type.
-pub trait Problem {
-    /// Point at which the cost is evaluated: the unknowns, with any quantities that are computed along with them.
+/// States of any type, and the steps between them.
+pub trait Moves {
+    /// Point at which a cost is evaluated: the unknowns, with any quantities that are computed along with them.
     type State;
 
+    /// The state after a step. `None` if the model is undefined there.
+    fn moved(&self, state: &Self::State, step: &DVector<f64>) -> Option<Self::State>;
+
+    /// Step that minimises an approximation with the given damping; by default [`Quadratic::damped_step`].
+    fn step(&self, approximation: &Quadratic, damping: f64) -> Option<DVector<f64>> {
+        approximation.damped_step(damping)
+    }
+}
+
+/// Cost function over states.
+pub trait Problem: Moves {
     /// Quadratic approximation of the cost about a state. `None` if the model is undefined there.
     fn approximate(&self, state: &Self::State) -> Option<Quadratic>;
 
     /// Cost of `state` with the weights that [`Self::approximate`] uses at `current`, by which a step between the two
     /// is accepted or rejected. `None` if the model is undefined at `state`.
     fn cost(&self, state: &Self::State, current: &Self::State) -> Option<f64>;
-
-    /// The state after a step. `None` if the model is undefined there.
-    fn moved(&self, state: &Self::State, step: &DVector<f64>) -> Option<Self::State>;
-
-    /// Step that minimises the approximation with the given damping; by default [`Quadratic::damped_step`].
-    fn step(&self, approximation: &Quadratic, damping: f64) -> Option<DVector<f64>> {
-        approximation.damped_step(damping)
-    }
 }
 
 /// Schedule of the damping `lambda`, which is relative to the diagonal of `H`.
@@ -266,33 +269,29 @@ impl<State> Minimisation<State> {
 
     /// Takes the wanted approximation. Breaks with the reason if the search has ended, after which it must not be continued.
     /// `None` if the state has no approximation, or at the start no finite cost.
-    pub fn take_approximation<P: Problem<State = State>>(
+    pub fn take_approximation(
         &mut self,
-        problem: &P,
+        states: &impl Moves<State = State>,
         found: Option<Quadratic>,
     ) -> Option<ControlFlow<Outcome>> {
         debug_assert!(self.tried.is_none(), "a cost is wanted");
-        let here = found.filter(|here| self.approximation.is_some() || here.cost.is_finite())?;
-        let here = self.approximation.insert(here);
+        self.approximation = Some(found.filter(|here| self.approximation.is_some() || here.cost.is_finite())?);
         if self.iterations == self.settings.iterations {
             return Some(ControlFlow::Break(Outcome::IterationLimit));
         }
         self.iterations += 1;
         Some(match self.settings.method {
-            Method::GaussNewton => {
-                let moved = problem.step(here, 0.0).and_then(|step| Some((problem.moved(&self.state, &step)?, step)));
-                match moved {
-                    Some((state, step)) => self.accept(state, step.norm(), None),
-                    None => ControlFlow::Break(Outcome::NoDescent),
-                }
-            }
-            Method::LevenbergMarquardt(schedule) => self.attempt(problem, &schedule, 0),
+            Method::GaussNewton => match self.after_step(states) {
+                Some((state, step_norm)) => self.accept(state, step_norm, None),
+                None => ControlFlow::Break(Outcome::NoDescent),
+            },
+            Method::LevenbergMarquardt(schedule) => self.attempt(states, &schedule, 0),
         })
     }
 
     /// Takes the wanted cost, `None` if it is undefined. Breaks with the reason if the search has ended, after which it must not
     /// be continued, and if no cost is wanted.
-    pub fn take_cost<P: Problem<State = State>>(&mut self, problem: &P, found: Option<f64>) -> ControlFlow<Outcome> {
+    pub fn take_cost(&mut self, states: &impl Moves<State = State>, found: Option<f64>) -> ControlFlow<Outcome> {
         let (Some(tried), Some(here), Method::LevenbergMarquardt(schedule)) =
             (self.tried.take(), &self.approximation, self.settings.method)
         else {
@@ -304,7 +303,10 @@ impl<State> Minimisation<State> {
             self.damping = (self.damping * schedule.decrease).max(schedule.lowest);
             return self.accept(tried.state, tried.step_norm, Some(descent));
         }
-        self.raise_damping(problem, &schedule, tried.attempts)
+        if !self.raise_damping(&schedule) {
+            return ControlFlow::Break(Outcome::NoDescent);
+        }
+        self.attempt(states, &schedule, tried.attempts)
     }
 
     /// Moves to a state whose cost, if it was computed, is less by `descent`.
@@ -321,36 +323,35 @@ impl<State> Minimisation<State> {
         ControlFlow::Continue(())
     }
 
-    /// Tries a step after a number of failed attempts.
-    fn attempt<P: Problem<State = State>>(
-        &mut self,
-        problem: &P,
-        schedule: &Damping,
-        failed: usize,
-    ) -> ControlFlow<Outcome> {
-        if failed >= schedule.attempts {
-            return ControlFlow::Break(Outcome::NoDescent);
-        }
-        let here = self.approximation.as_ref();
-        let step = here.and_then(|here| problem.step(here, self.damping));
-        let moved = step.and_then(|step| Some((problem.moved(&self.state, &step)?, step.norm())));
-        let Some((state, step_norm)) = moved else { return self.raise_damping(problem, schedule, failed + 1) };
-        self.tried = Some(Tried { state, step_norm, attempts: failed + 1 });
-        ControlFlow::Continue(())
+    /// State after a step with the present damping, and the length of the step. `None` if there is none.
+    fn after_step(&self, states: &impl Moves<State = State>) -> Option<(State, f64)> {
+        let step = states.step(self.approximation.as_ref()?, self.damping)?;
+        Some((states.moved(&self.state, &step)?, step.norm()))
     }
 
-    /// Tries a step with more damping after a number of failed attempts.
-    fn raise_damping<P: Problem<State = State>>(
+    /// Tries a step after a number of failed attempts, with more damping as long as there is none.
+    fn attempt(
         &mut self,
-        problem: &P,
+        states: &impl Moves<State = State>,
         schedule: &Damping,
         failed: usize,
     ) -> ControlFlow<Outcome> {
-        self.damping = schedule.increase * self.damping.max(schedule.restart);
-        if self.damping > schedule.highest {
-            return ControlFlow::Break(Outcome::NoDescent);
+        for attempts in failed..schedule.attempts {
+            if let Some((state, step_norm)) = self.after_step(states) {
+                self.tried = Some(Tried { state, step_norm, attempts: attempts + 1 });
+                return ControlFlow::Continue(());
+            }
+            if !self.raise_damping(schedule) {
+                break;
+            }
         }
-        self.attempt(problem, schedule, failed)
+        ControlFlow::Break(Outcome::NoDescent)
+    }
+
+    /// Raises the damping. Returns whether it may be that large.
+    fn raise_damping(&mut self, schedule: &Damping) -> bool {
+        self.damping = schedule.increase * self.damping.max(schedule.restart);
+        self.damping <= schedule.highest
     }
 }
 
@@ -384,9 +385,15 @@ impl Evaluated {
     }
 }
 
-impl<P: Residuals> Problem for P {
+impl<P: Residuals> Moves for P {
     type State = Evaluated;
 
+    fn moved(&self, at: &Evaluated, step: &DVector<f64>) -> Option<Evaluated> {
+        Evaluated::new(self, &at.x + step)
+    }
+}
+
+impl<P: Residuals> Problem for P {
     fn approximate(&self, at: &Evaluated) -> Option<Quadratic> {
         let jacobian = self.jacobian(at)?;
         let (gradient, curvature) = (jacobian.tr_mul(&at.residuals), jacobian.tr_mul(&jacobian));
@@ -395,10 +402,6 @@ impl<P: Residuals> Problem for P {
 
     fn cost(&self, at: &Evaluated, _: &Evaluated) -> Option<f64> {
         Some(at.cost())
-    }
-
-    fn moved(&self, at: &Evaluated, step: &DVector<f64>) -> Option<Evaluated> {
-        Evaluated::new(self, &at.x + step)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Exam of the least-squares solver: problems with known solutions, each under several settings.
 
 use filters::least_squares::{
-    Damping, Evaluated, Method, Outcome, Problem, Quadratic, Residuals, Settings, central_jacobian, minimise,
+    Damping, Evaluated, Method, Moves, Outcome, Problem, Quadratic, Residuals, Settings, central_jacobian, minimise,
 };
 use nalgebra::{DMatrix, DVector, dvector};
 
@@ -268,9 +268,15 @@ impl Reweighted {
     const READINGS: [f64; 5] = [0.9, 1.0, 1.1, 1.05, 40.0];
 }
 
-impl Problem for Reweighted {
+impl Moves for Reweighted {
     type State = f64;
 
+    fn moved(&self, x: &f64, step: &DVector<f64>) -> Option<f64> {
+        Some(x + step[0])
+    }
+}
+
+impl Problem for Reweighted {
     fn approximate(&self, x: &f64) -> Option<Quadratic> {
         let weight = |reading: f64| 1.0 / (1.0 + (x - reading).powi(2));
         let gradient = Self::READINGS.iter().map(|&reading| weight(reading) * (x - reading)).sum();
@@ -284,10 +290,6 @@ impl Problem for Reweighted {
 
     fn cost(&self, x: &f64, _: &f64) -> Option<f64> {
         Some(0.5 * Self::READINGS.iter().map(|reading| (1.0 + (x - reading).powi(2)).ln()).sum::<f64>())
-    }
-
-    fn moved(&self, x: &f64, step: &DVector<f64>) -> Option<f64> {
-        Some(x + step[0])
     }
 }
 

@@ -6,7 +6,7 @@
 //! generalised least squares. If the residuals exceed the stated uncertainty, the interval is scaled by the Birge ratio
 //! (Birge 1932).
 
-use filters::least_squares::{Method, Outcome, Problem, Quadratic, Settings, minimise};
+use filters::least_squares::{Method, Moves, Outcome, Problem, Quadratic, Settings, minimise};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Matrix3, Vector2, Vector3};
 use trace::Outline;
 use whisker::frames::{Point, World};
@@ -137,9 +137,22 @@ struct Distances<'a> {
     whitening: Cholesky<f64, Dyn>,
 }
 
-impl Problem for Distances<'_> {
+impl Moves for Distances<'_> {
     type State = Vector3<f64>;
 
+    fn moved(&self, circle: &Vector3<f64>, step: &DVector<f64>) -> Option<Vector3<f64>> {
+        Some(circle + Vector3::from_column_slice(step.as_slice()))
+    }
+
+    /// Step by the closed form of the inverse. The damping is zero.
+    fn step(&self, approximation: &Quadratic, _: f64) -> Option<DVector<f64>> {
+        let gradient = Vector3::from_column_slice(approximation.gradient.as_slice());
+        let step = -(inverse(approximation)? * gradient);
+        Some(DVector::from_column_slice(step.as_slice()))
+    }
+}
+
+impl Problem for Distances<'_> {
     fn approximate(&self, circle: &Vector3<f64>) -> Option<Quadratic> {
         let (residuals, jacobian) = (off(self.points, circle), jacobian(self.points, circle));
         let weighted = self.whitening.solve(&jacobian);
@@ -153,17 +166,6 @@ impl Problem for Distances<'_> {
     fn cost(&self, circle: &Vector3<f64>, _: &Vector3<f64>) -> Option<f64> {
         let residuals = off(self.points, circle);
         Some(0.5 * residuals.dot(&self.whitening.solve(&residuals)))
-    }
-
-    fn moved(&self, circle: &Vector3<f64>, step: &DVector<f64>) -> Option<Vector3<f64>> {
-        Some(circle + Vector3::from_column_slice(step.as_slice()))
-    }
-
-    /// Step by the closed form of the inverse. The damping is zero.
-    fn step(&self, approximation: &Quadratic, _: f64) -> Option<DVector<f64>> {
-        let gradient = Vector3::from_column_slice(approximation.gradient.as_slice());
-        let step = -(inverse(approximation)? * gradient);
-        Some(DVector::from_column_slice(step.as_slice()))
     }
 }
 

@@ -147,10 +147,7 @@ impl Domain {
     /// Calibrated range of the distance at an arc length within [`Self::arc_range_m`].
     #[inline]
     pub fn away_range_m(&self, arc_m: f64) -> (f64, f64) {
-        let last = self.nodes.arc_m.len() - 1;
-        let position = ((arc_m - self.arc_range_m.0) * self.intervals_per_m).clamp(0.0, last as f64);
-        let node = (position as usize).min(last - 1);
-        let part = position - node as f64;
+        let (node, part) = node_below((arc_m - self.arc_range_m.0) * self.intervals_per_m, self.nodes.arc_m.len());
         let between = |values: &[f64]| {
             let [low, high] = [values[node], values[node + 1]];
             low + part * (high - low)
@@ -213,6 +210,14 @@ pub(crate) fn are_even_nodes(arc_m: &[f64], length_m: f64) -> bool {
     let pitch = (high - low) / (arc_m.len() - 1) as f64;
     let is_even = |pair: &[f64]| (pair[1] - pair[0] - pitch).abs() < 1e-6 * pitch;
     low >= 0.0 && high > low && high <= length_m * (1.0 + 1e-9) && arc_m.windows(2).all(is_even)
+}
+
+/// Node below a position among `count` nodes at 0, 1, 2 and so on, moved into their range, and the part of the way to the next.
+#[inline]
+pub(crate) fn node_below(position: f64, count: usize) -> (usize, f64) {
+    let position = position.clamp(0.0, (count - 1) as f64);
+    let node = (position as usize).min(count - 2);
+    (node, position - node as f64)
 }
 
 #[cfg(test)]

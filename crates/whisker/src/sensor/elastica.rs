@@ -24,7 +24,7 @@
 
 use std::sync::Arc;
 
-use filters::least_squares::{Problem, Quadratic, minimise};
+use filters::least_squares::{Moves, Problem, Quadratic, minimise};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -399,9 +399,16 @@ impl Calibration<'_> {
     }
 }
 
-impl Problem for Calibration<'_> {
+impl Moves for Calibration<'_> {
     type State = Look;
 
+    fn moved(&self, look: &Look, step: &DVector<f64>) -> Option<Look> {
+        let step = Vector::from_column_slice(step.as_slice());
+        self.look(look.tuned.parameters.moved(step.component_mul(&self.prior.sd)))
+    }
+}
+
+impl Problem for Calibration<'_> {
     fn approximate(&self, look: &Look) -> Option<Quadratic> {
         let gradient = look.products / look.noise_variance + self.prior.moved(look);
         let information = Prior::information(look);
@@ -415,11 +422,6 @@ impl Problem for Calibration<'_> {
     /// Negative logarithm of the posterior density with the noise's variance at `current`, up to a constant.
     fn cost(&self, look: &Look, current: &Look) -> Option<f64> {
         Some(0.5 * (look.misses / current.noise_variance + self.prior.moved(look).norm_squared()))
-    }
-
-    fn moved(&self, look: &Look, step: &DVector<f64>) -> Option<Look> {
-        let step = Vector::from_column_slice(step.as_slice());
-        self.look(look.tuned.parameters.moved(step.component_mul(&self.prior.sd)))
     }
 }
 

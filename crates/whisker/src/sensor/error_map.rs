@@ -8,6 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Shares;
+use super::domain::node_below;
 
 /// Nodes along and away.
 const NODES: (usize, usize) = (12, 6);
@@ -39,11 +40,7 @@ pub(super) struct Residual {
 /// Indices and weights of the four of `along` x `away` nodes around a position.
 #[inline]
 pub(crate) fn corners(along: usize, away: usize, shares: Shares) -> [(usize, f64); 4] {
-    let split = |share: f64, nodes: usize| {
-        let position = share * (nodes - 1) as f64;
-        let node = (position as usize).min(nodes - 2);
-        (node, position - node as f64)
-    };
+    let split = |share: f64, nodes: usize| node_below(share * (nodes - 1) as f64, nodes);
     let ((i, u), (j, v)) = (split(shares.along, along), split(shares.away, away));
     let index = i * away + j;
     [

@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use filters::least_squares::{Problem, Quadratic};
+use filters::least_squares::{Moves, Quadratic};
 use filters::robust::logarithmic_cost;
 use nalgebra::{DMatrix, DVector};
 
@@ -175,20 +175,8 @@ impl<'a> Evidence<'a> {
     }
 }
 
-impl Problem for Evidence<'_> {
+impl Moves for Evidence<'_> {
     type State = Curve;
-
-    fn cost(&self, curve: &Curve, _: &Curve) -> Option<f64> {
-        let mut tally = Tally::default();
-        self.add_costs(curve, &mut tally, usize::MAX);
-        Some(self.total(curve, &tally))
-    }
-
-    fn approximate(&self, curve: &Curve) -> Option<Quadratic> {
-        let mut tally = Tally::default();
-        self.add_squares(curve, &mut tally, usize::MAX);
-        Some(self.approximation(curve, tally).0)
-    }
 
     fn moved(&self, curve: &Curve, step: &DVector<f64>) -> Option<Curve> {
         Some(curve.moved(step.as_slice()))

@@ -291,3 +291,21 @@ impl Tracker for Tracer {
         Some(self.object.as_ref()?.outline(wire_radius_m))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_a_search_is_urgent_after_an_outlier_even_one_during_the_search_before() {
+        let mut pace = Pace::default();
+        let calm: Vec<_> = (0..LEAST_PAUSE).map(|_| pace.next(false, false)).collect();
+        assert!(calm[..LEAST_PAUSE - 1].iter().all(Option::is_none));
+        assert_eq!(calm[LEAST_PAUSE - 1], Some((Effort::Near, Haste::Calm { steps: LEAST_PAUSE / 2 })));
+        // As long as that search goes on, none begins.
+        assert_eq!(pace.next(true, true), None);
+        assert!((0..100).all(|_| pace.next(false, true).is_none()));
+        assert_eq!(pace.next(false, false), Some((Effort::Far, Haste::Urgent)));
+        assert_eq!(pace.next(false, false), None);
+    }
+}

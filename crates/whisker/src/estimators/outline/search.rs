@@ -118,7 +118,7 @@ pub(super) struct Search {
     stage: Stage,
 }
 
-/// What a search computes, with the sums over the readings so far.
+/// Stage of a search. Each holds the sums over the readings that it has compared so far.
 enum Stage {
     /// The range of all readings, to which the curve is extended or trimmed.
     Length(Length),
@@ -148,10 +148,11 @@ impl Length {
     }
 }
 
-/// Descent under a sequence of priors.
+/// Descent under a prior, and then under another one.
 struct Way {
-    /// Priors that remain, the present one last.
-    priors: Vec<Prior>,
+    prior: Prior,
+    /// `None` if there is no other, or it is the present one.
+    then: Option<Prior>,
     settings: Settings,
     descent: Minimisation<Curve>,
 }
@@ -189,13 +190,11 @@ impl Search {
 
     /// Continues by the work of one step of an estimator. The result, if it was found.
     pub(super) fn advance(&mut self, side: &Side) -> Option<Fitted> {
-        self.work(
-            side,
-            match self.haste {
-                Haste::Calm { steps } => WORK.max(SEARCH_WORK * self.readings.len() / steps.max(1)),
-                Haste::Urgent => URGENT_WORK,
-            },
-        )
+        let most = match self.haste {
+            Haste::Calm { steps } => WORK.max(SEARCH_WORK * self.readings.len() / steps.max(1)),
+            Haste::Urgent => URGENT_WORK,
+        };
+        self.work(side, most)
     }
 
     /// Continues to the end.
@@ -207,7 +206,7 @@ impl Search {
         }
     }
 
-    /// Continues by at most this work, but at least one comparison. The result, if it was found.
+    /// Continues by this work; the last evaluation may end with a solution beyond it. The result, if it was found.
     fn work(&mut self, side: &Side, mut most: usize) -> Option<Fitted> {
         while most > 0 {
             let placeholder = Stage::Length(Length::new(0, true));
@@ -277,7 +276,7 @@ impl Search {
         let way = |by: Option<Prior>, steps| {
             let settings = Settings { iterations: steps, ..SETTINGS };
             let descent = Minimisation::begin(self.best.0.clone(), settings);
-            Way { priors: std::iter::once(prior).chain(by).collect(), settings, descent }
+            Way { prior: by.unwrap_or(prior), then: by.map(|_| prior), settings, descent }
         };
         far.iter().map(|(by, steps)| way(Some(*by), *steps)).chain([way(None, near)]).collect()
     }
@@ -291,10 +290,7 @@ impl Search {
 
     /// Continues a way by the evaluation that it wants.
     fn descend(&mut self, side: &Side, mut way: Box<Way>, mut tally: Tally, most: usize) -> Worked {
-        let Some(&prior) = way.priors.last() else {
-            return ControlFlow::Continue((Stage::Comparison(way.descent.state, Tally::default()), 0));
-        };
-        let evidence = self.evidence(side, prior);
+        let evidence = self.evidence(side, way.prior);
         let (work, flow) = match way.descent.wanted() {
             Wanted::Approximation(curve) => {
                 let work = DERIVATIVES_WORK * evidence.add_squares(curve, &mut tally, most.div_ceil(DERIVATIVES_WORK));
@@ -315,11 +311,13 @@ impl Search {
         };
         let stage = match flow {
             Some(ControlFlow::Continue(())) => Stage::Descent(way, Tally::default()),
-            Some(ControlFlow::Break(_)) => {
-                way.priors.pop();
-                way.descent = Minimisation::begin(way.descent.state, way.settings);
-                Stage::Descent(way, Tally::default())
-            }
+            Some(ControlFlow::Break(_)) => match way.then.take() {
+                Some(prior) => {
+                    (way.prior, way.descent) = (prior, Minimisation::begin(way.descent.state, way.settings));
+                    Stage::Descent(way, Tally::default())
+                }
+                None => Stage::Comparison(way.descent.state, Tally::default()),
+            },
             // The way leads nowhere.
             None => self.next_way(),
         };

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Around;
 use crate::sensor::Shares;
-use crate::sensor::domain::{are_even_nodes, closed};
+use crate::sensor::domain::{are_even_nodes, closed, node_below};
 
 /// Number of directions about the whisker.
 const DIRECTIONS: usize = 16;
@@ -109,7 +109,9 @@ impl SpatialDomain {
 
     /// Largest calibrated distance at the arc length and in the direction of a contact.
     pub fn most_away_m(&self, at: Around) -> f64 {
-        let (node, part) = node_below(&self.arc_m, at.along_m);
+        let (low_m, high_m) = self.arc_range_m();
+        let count = self.arc_m.len();
+        let (node, part) = node_below((at.along_m - low_m) / (high_m - low_m) * (count - 1) as f64, count);
         let turns = (at.azimuth_rad() / TAU).rem_euclid(1.0) * self.directions as f64;
         let direction = turns as usize % self.directions;
         let turn = turns.fract();
@@ -151,15 +153,6 @@ impl SpatialDomain {
         let away = if most_m > 0.0 { (at.away_m() / most_m).min(1.0) } else { 0.0 };
         Shares { along: ((at.along_m - low) / (high - low)).clamp(0.0, 1.0), away }
     }
-}
-
-/// Node below an arc length, moved into the range of the evenly spaced nodes, and the part of the way to the next.
-fn node_below(nodes: &[f64], arc_m: f64) -> (usize, f64) {
-    let last = nodes.len() - 1;
-    let (low, high) = (nodes[0], nodes[last]);
-    let position = ((arc_m - low) / (high - low)).clamp(0.0, 1.0) * last as f64;
-    let node = (position as usize).min(last - 1);
-    (node, position - node as f64)
 }
 
 #[cfg(test)]
