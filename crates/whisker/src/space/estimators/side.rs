@@ -69,11 +69,11 @@ impl Side {
 
     /// Covariance of the readings of a contact: measurement noise, model error, and error of the part that is extrapolated.
     pub(super) fn covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
-        self.covariance_of_mean_n2_m2(at, 1.0)
+        self.model_covariance_n2_m2(at) + self.other_covariance_n2_m2(at, 1.0)
     }
 
-    /// The same for the mean of `count` readings, which reduces the noise alone.
-    pub(super) fn covariance_of_mean_n2_m2(&self, at: Around, count: f64) -> Matrix2<f64> {
+    /// The same without the model error, of the mean of `count` readings, which reduces the noise alone.
+    pub(super) fn other_covariance_n2_m2(&self, at: Around, count: f64) -> Matrix2<f64> {
         let held = self.calibrated.domain.clamp(at);
         let beyond = if held == at {
             Vector2::zeros()
@@ -81,9 +81,12 @@ impl Side {
             let slopes = self.calibrated.model.predict_around(self.rest(), held).1;
             slopes * (at.vector() - held.vector()) * BEYOND_SD
         };
-        Matrix2::identity() * (self.noise_n2_m2 / count)
-            + self.calibrated.model_covariance_n2_m2(held)
-            + beyond * beyond.transpose()
+        Matrix2::identity() * (self.noise_n2_m2 / count) + beyond * beyond.transpose()
+    }
+
+    /// Covariance of the sensor model's error at a contact; beyond the calibrated domain, that at its border.
+    pub(super) fn model_covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
+        self.calibrated.model_covariance_n2_m2(self.calibrated.domain.clamp(at))
     }
 
     /// Standard deviation of the moments by the inertia of the wire under an acceleration of the base (N m).

@@ -1,7 +1,7 @@
 //! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix2x3, SMatrix, SVector};
 
 use super::readings::Mean;
 use crate::RestShape;
@@ -40,12 +40,15 @@ pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
+    /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model and that of the tilt.
+    pull: SMatrix<f64, N, 3>,
 }
 
 impl<const N: usize> Quadratic<N> {
     /// That of a prior at a state.
     fn of_prior(prior: &Prior<N>, x: &SVector<f64, N>) -> Self {
-        let mut found = Self { cost: 0.0, gradient: SVector::zeros(), curvature: SMatrix::zeros() };
+        let mut found =
+            Self { cost: 0.0, gradient: SVector::zeros(), curvature: SMatrix::zeros(), pull: SMatrix::zeros() };
         for i in 0..N {
             let (away, weight) = (x[i] - prior.mean[i], prior.sd[i].powi(-2));
             if i == TILT {
@@ -59,11 +62,13 @@ impl<const N: usize> Quadratic<N> {
         found
     }
 
-    /// Covariance of the state at a minimum; that of the tilt is zero. `None` unless the curvature is positive definite.
+    /// Covariance of the state at a minimum: that by independent errors of the readings, and the effect of errors that are the same
+    /// at all contacts. That of the tilt is zero. `None` unless the curvature is positive definite.
     pub(super) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
-        let mut covariance = self.curvature.cholesky()?.inverse();
-        covariance[(TILT, TILT)] = 0.0;
-        Some(covariance)
+        let mut independent = self.curvature.cholesky()?.inverse();
+        independent[(TILT, TILT)] = 0.0;
+        let common = independent * self.pull;
+        Some(independent + common * common.transpose())
     }
 
     /// Logarithm of the probability of the readings under the object, up to a constant, by Laplace's approximation.
@@ -121,7 +126,9 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         // The mean of an oscillation decreases with the duration, its variance with the square.
         let repeats = 1.0 + (mean.duration_s / (2.0 * TILT_S)).powi(2);
         let by_tilt = by_contact * about.tilt_slopes(*shape, &motion, &found) * place.tilt_sd_rad(side, &mean.unrest);
-        let mut covariance = side.covariance_of_mean_n2_m2(*near, mean.count) + by_tilt * by_tilt.transpose() / repeats;
+        let model = side.model_covariance_n2_m2(*near);
+        let of_mean = model + side.other_covariance_n2_m2(*near, mean.count);
+        let mut covariance = of_mean + by_tilt * by_tilt.transpose() / repeats;
         let inertia = side.inertia_n_m(*near, mean.unrest.trace().sqrt()).powi(2) / repeats;
         (covariance[(0, 0)], covariance[(1, 1)]) = (covariance[(0, 0)] + inertia, covariance[(1, 1)] + inertia);
         let Some(factor) = covariance.cholesky() else { return false };
@@ -131,6 +138,10 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         quadratic.cost += cost;
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
+        if let Some(model) = model.cholesky().map(|factor| factor.l()) {
+            let common = [model.column(0).into(), model.column(1).into(), by_tilt / repeats.sqrt()];
+            quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x3::from_columns(&common))) * weight;
+        }
         true
     }
 }
@@ -246,5 +257,29 @@ impl<const N: usize> Search<N> {
     /// The best state with the approximation about it.
     pub(super) fn best(self) -> Option<(Neighbours<N>, Quadratic<N>)> {
         self.best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With the curvature `H` and the gradient `p` of an error common to all readings, the minimum moves by `H^-1 p`.
+    #[test]
+    fn verif_common_errors_are_not_reduced_by_the_number_of_readings() {
+        let variances = |readings: f64| {
+            let quadratic = Quadratic::<5> {
+                cost: 0.0,
+                gradient: SVector::zeros(),
+                curvature: SMatrix::identity() * readings,
+                pull: SMatrix::from_fn(|i, j| if (i, j) == (1, 0) { 0.5 * readings } else { 0.0 }),
+            };
+            quadratic.covariance().unwrap().diagonal()
+        };
+        for readings in [10.0, 1e6] {
+            let found = variances(readings);
+            assert!((found[0] - 1.0 / readings).abs() < 1e-12 && found[TILT] == 0.0);
+            assert!((found[1] - (1.0 / readings + 0.25)).abs() < 1e-12, "{found}");
+        }
     }
 }
