@@ -368,14 +368,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.
         let mut slopes = SMatrix::<f64, N, N>::identity();
-        slopes.fixed_rows_mut::<3>(0).copy_from(&mode.about.contact_slopes(model, &motion, &found));
+        let (of_contact, of_tilt) = mode.about.contact_slopes(model, &motion, &found);
+        slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
         slopes[(TILT, TILT)] = 0.0;
         let mut covariance = slopes * mode.covariance * slopes.transpose();
         for i in 0..3 {
             covariance[(i, i)] += self.config.deviation_m.powi(2);
         }
         let mut by_tilt = SVector::<f64, N>::zeros();
-        by_tilt.fixed_rows_mut::<3>(0).copy_from(&mode.about.tilt_slopes(model, &motion, &found));
+        by_tilt.fixed_rows_mut::<3>(0).copy_from(&of_tilt);
         by_tilt[TILT] = 1.0;
 
         // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.

@@ -122,10 +122,11 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         let place = &found.0;
         *near = place.at;
         let (expected_n_m, by_contact) = side.expect(*near);
-        let slopes = by_contact * about.contact_slopes(*shape, &motion, &found);
+        let (slopes, by_tilt) = about.contact_slopes(*shape, &motion, &found);
+        let slopes = by_contact * slopes;
         // The mean of an oscillation decreases with the duration, its variance with the square.
         let repeats = 1.0 + (mean.duration_s / (2.0 * TILT_S)).powi(2);
-        let by_tilt = by_contact * about.tilt_slopes(*shape, &motion, &found) * place.tilt_sd_rad(side, &mean.unrest);
+        let by_tilt = by_contact * by_tilt * place.tilt_sd_rad(side, &mean.unrest);
         let model = side.model_covariance_n2_m2(*near);
         let of_mean = model + side.other_covariance_n2_m2(*near, mean.count);
         let mut covariance = of_mean + by_tilt * by_tilt.transpose() / repeats;

@@ -229,36 +229,27 @@ impl<const N: usize> Neighbours<N> {
         shape.object(&self.x, &self.here, motion, tilt_rad)
     }
 
-    /// Derivatives of the coordinates of a contact with the moved object by the state, except for its tilt.
+    /// Derivatives of the coordinates of a contact with the moved object by the state, except for its tilt, and by the tilt at the
+    /// present instant. By differences to one side, whose error is far below that of the model.
     pub(in crate::space::estimators) fn contact_slopes<Object: Shape<N>>(
         &self,
         shape: &Object,
         motion: &Pose<Base, Base>,
         (found, inverse): &(Place, Matrix3<f64>),
-    ) -> SMatrix<f64, 3, N> {
+    ) -> (SMatrix<f64, 3, N>, Vector3<f64>) {
         let mut slopes = SMatrix::<f64, 3, N>::zeros();
-        for (i, (neighbours, share)) in self.sides.iter().enumerate().filter(|(i, _)| *i != TILT) {
-            let [high, low] =
-                neighbours.map(|(x, place)| shape.residual(&shape.object(&x, &place, motion, 0.0), found));
-            slopes.set_column(i, &(inverse * (low - high) * *share));
+        let here = shape.residual(&self.object(shape, motion, 0.0), found);
+        for (i, ([(x, place), _], share)) in self.sides.iter().enumerate().filter(|(i, _)| *i != TILT) {
+            let ahead = shape.residual(&shape.object(x, place, motion, 0.0), found);
+            slopes.set_column(i, &(inverse * (here - ahead) * (2.0 * share)));
         }
-        slopes
+        let tilted = shape.residual(&self.object(shape, motion, STEP), found);
+        (slopes, inverse * (here - tilted) / STEP)
     }
 
     /// The place of the contact after the base's motion, if it rests.
     pub(in crate::space::estimators) fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
         Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
-    }
-
-    /// Derivatives of the coordinates of a contact with the moved object by the tilt.
-    pub(in crate::space::estimators) fn tilt_slopes<Object: Shape<N>>(
-        &self,
-        shape: &Object,
-        motion: &Pose<Base, Base>,
-        (found, inverse): &(Place, Matrix3<f64>),
-    ) -> Vector3<f64> {
-        let [high, low] = [STEP, -STEP].map(|tilt| shape.residual(&self.object(shape, motion, tilt), found));
-        inverse * (low - high) * (0.5 / STEP)
     }
 
     /// The state of the contact with the object after the base's motion, sought from `start`, and its derivatives. The tilt is
