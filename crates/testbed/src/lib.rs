@@ -85,6 +85,7 @@ pub mod consistency;
 pub mod contact_events;
 pub mod contour;
 pub mod dataset;
+mod distinct;
 pub mod encoders;
 pub mod evaluate;
 pub mod fit;

@@ -3,15 +3,17 @@
 use std::f64::consts::TAU;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use indicatif::ProgressBar;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-use serde_json::json;
+use serde_json::{Value, json};
 use testbed::dataset::Dataset;
 use testbed::fit::Models;
+use testbed::participant::Program;
 use testbed::space::evaluate::{SpatialEvaluateSettings, evaluate};
-use testbed::space::evaluate_into;
 use testbed::space::fit::{SpatialFitSettings, fit};
+use testbed::space::{SpatialRun, SpatialWritten, evaluate_into};
 use trace::{
     CalibrationFile, Feature, Role, SpatialCalibrationFile, SpatialContactTruth, SpatialInstant, SpatialPose,
     SpatialRecording, SpatialTrace, SpatialTruth, SpatialTruthInstant,
@@ -130,6 +132,7 @@ fn verif_an_evaluation_is_the_same_on_one_thread_and_on_many() {
         noise: 0.01,
         seeds: vec![1, 2, 3],
         calibrations: None,
+        programs: Vec::new(),
     };
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -154,6 +157,7 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
             noise,
             seeds: vec![1],
             calibrations: None,
+            programs: Vec::new(),
         };
         evaluate_into(&results, &dataset, &settings, force, &ProgressBar::hidden())
     };
@@ -171,6 +175,130 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
     let changed = run(0.02, &["point", "line"], false).unwrap();
     assert!(changed.is_new, "a stale run was kept");
     assert_eq!(changed.times[0].p99_us, None, "a time of a step although no step had an estimate");
+}
+
+/// Result of a shell script as the only participant, on a folder with [`dataset`].
+#[cfg(unix)]
+fn of_script(folder: &Path, script: &str, noise: f64) -> anyhow::Result<SpatialWritten> {
+    let dataset = dataset(folder, 9);
+    fit(&dataset, &fit_settings(), &calibrations(folder), &ProgressBar::hidden()).unwrap();
+    let path = folder.join("mine.sh");
+    fs::write(&path, script).unwrap();
+    let settings = SpatialEvaluateSettings {
+        estimators: Some(Vec::new()),
+        config: Default::default(),
+        noise,
+        seeds: vec![1],
+        calibrations: None,
+        programs: vec![Program::new(&format!("sh {}", path.display()), Duration::from_secs(60))?],
+    };
+    evaluate_into(&folder.join("results"), &dataset, &settings, true, &ProgressBar::hidden())
+}
+
+/// Script that keeps what it reads and answers every row of a touch with this line.
+#[cfg(unix)]
+fn answers(folder: &Path, answer: &str) -> String {
+    let kept = folder.join("kept").display().to_string();
+    format!(
+        "read -r line; printf '%s\\n' \"$line\" > {kept}
+while read -r line; do printf '%s\\n' \"$line\" >> {kept}; \\
+case \"$line\" in *'\"touched\":true'*) echo '{answer}';; *) echo null;; esac; done"
+    )
+}
+
+#[test]
+#[cfg(unix)]
+fn verif_a_program_receives_the_sensor_model_and_its_answers_are_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let rest = golden().sidecar.whisker.rest_shape();
+    let contact = Around::new(0.045, 2e-3, 1.2e-3).contact(&rest);
+    let [x, y, z] = contact.vector().into();
+    let answer = format!(
+        "{{\"contact_x_m\": {x}, \"contact_y_m\": {y}, \"contact_z_m\": {}, \"cov_xx_m2\": 1e-8, \"cov_xy_m2\": 0, \
+         \"cov_xz_m2\": 0, \"cov_yy_m2\": 1e-8, \"cov_yz_m2\": 0, \"cov_zz_m2\": 1e-8}}",
+        z + 1e-4
+    );
+    let written = of_script(folder.path(), &answers(folder.path(), &answer), 0.01).unwrap();
+    assert_eq!(written.failures, []);
+    let scores = &written.summary[0];
+    assert_eq!((scores.estimator.as_str(), scores.answered, scores.coverage), ("mine", 1.0, Some(1.0)));
+    assert!((scores.rmse_m.unwrap() - 1e-4).abs() < 1e-6 && (scores.nees.unwrap() - 1.0 / 3.0).abs() < 1e-2);
+    // Without a stated normal, that of the mechanics.
+    assert!(scores.normal_rad.unwrap() < 0.05, "{scores:?}");
+
+    let kept = fs::read_to_string(folder.path().join("kept")).unwrap();
+    let lines: Vec<Value> = kept.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (known, rows) = (&lines[0], &lines[1..]);
+    let face = SpatialCalibrationFile::read(&calibrations(folder.path()).join("curved.json")).unwrap();
+    let face = face.calibrated(Path::new("curved.json"), None).unwrap();
+    assert_eq!((known["protocol"].as_u64(), rows.len()), (Some(2), 550));
+    let of = |name: &str, i: usize| known["table"][name][i].as_f64().unwrap();
+    let nodes: u64 = known["shape"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap()).product();
+    for column in known["table"].as_object().unwrap().values() {
+        assert_eq!(column.as_array().unwrap().len(), nodes as usize);
+    }
+    let middle = nodes as usize / 2 + 3;
+    let at = Around::new(of("arc_m", middle), of("left_m", middle), of("up_m", middle));
+    let node = at.contact(&face.rest);
+    assert!((node.vector() - Vector3::new(of("x_m", middle), of("y_m", middle), of("z_m", middle))).norm() < 1e-15);
+    let expected = face.model.predict(node);
+    assert_eq!(expected.reading_n_m.y, of("moment_z_n_m", middle));
+    assert_eq!(expected.gradient_n[(0, 2)], of("moment_y_by_z_n", middle));
+    let touched = rows.iter().filter(|row| row["touched"] == true).count();
+    assert!((450..=500).contains(&touched), "{touched}");
+    assert_eq!((rows[3]["base_qw"].as_f64(), rows[3]["last_x_m"].as_f64()), (Some(1.0), Some(0.0)));
+}
+
+#[test]
+#[cfg(unix)]
+fn robust_a_wrong_answer_of_a_program_in_space_fails_the_trial() {
+    let place = "\"contact_x_m\": 0.04, \"contact_y_m\": 0, \"contact_z_m\": 0";
+    let spread =
+        "\"cov_xx_m2\": 1e-8, \"cov_xy_m2\": 0, \"cov_xz_m2\": 0, \"cov_yy_m2\": 1e-8, \"cov_yz_m2\": 0, \"cov_zz_m2\"";
+    let cases = [
+        ("[0.04, 0, 0]".into(), "expected null or contact_x_m"),
+        (format!("{{{place}}}"), "missing field `cov_xx_m2`"),
+        (format!("{{{place}, {spread}: -1e-8}}"), "expected a positive definite covariance"),
+        (format!("{{{place}, {spread}: 1e-8, \"normal_x\": 1}}"), "all of normal_x, normal_y and normal_z, or none"),
+        (
+            format!("{{{place}, {spread}: 1e-8, \"normal_x\": 1, \"normal_y\": 1, \"normal_z\": 0}}"),
+            "expected a unit vector",
+        ),
+        (format!("{{{place}, {spread}: 1e-8, \"radius_m\": 0.01}}"), "all of radius_m and radius_sd_m, or none"),
+        (format!("{{{place}, {spread}: 1e-8, \"twist\": 1}}"), "unknown field `twist`"),
+    ];
+    for (answer, words) in cases {
+        let folder = tempfile::tempdir().unwrap();
+        let written = of_script(folder.path(), &answers(folder.path(), &answer), 0.01).unwrap();
+        let [failure] = written.failures.as_slice() else { panic!("{answer}: {:?}", written.failures) };
+        assert!(failure.reason.starts_with("answer to row 5") && failure.reason.contains(words), "{}", failure.reason);
+        assert_eq!((written.summary[0].answered, written.summary[0].rmse_m), (0.0, None));
+        let again = SpatialRun::failures(&folder.path().join("results")).unwrap();
+        assert_eq!(again, written.failures);
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn robust_a_program_in_space_has_a_name_of_its_own_and_starts() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let run = |commands: &[&str]| {
+        let program = |text: &&str| Program::new(text, Duration::from_secs(60)).unwrap();
+        let settings = SpatialEvaluateSettings {
+            estimators: Some(vec!["line".into()]),
+            config: Default::default(),
+            noise: 0.01,
+            seeds: vec![1],
+            calibrations: None,
+            programs: commands.iter().map(program).collect(),
+        };
+        format!("{:#}", evaluate(&dataset, &settings, &ProgressBar::hidden()).unwrap_err())
+    };
+    assert!(run(&["patch-fit=sh mine.sh"]).contains("`patch-fit` is the name of a registered estimator"));
+    assert!(run(&["a=sh", "a=sh"]).contains("program `a`: found twice"));
+    assert!(run(&["/nowhere/mine"]).contains("--exec: `/nowhere/mine` does not start"));
 }
 
 #[test]

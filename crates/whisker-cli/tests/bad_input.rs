@@ -221,7 +221,7 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     };
     evaluate(&["--estimators", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
     evaluate(&["--noise", "0.01,0.02"], &["--noise: found 2 levels, expected one"]);
-    evaluate(&["--exec", "true"], &["--exec", "do not apply to traces in space"]);
+    evaluate(&["--encoders", "{}"], &["--encoders", "do not apply to traces in space"]);
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
     let replay = |options: &[&str], words: &[&str]| {
         let trace = "datasets/golden/space/golden_space.csv";

@@ -9,7 +9,7 @@ use anyhow::bail;
 use trace::{ArrayRecording, Sidecar, Trace};
 use whisker::estimators::BaseNoise;
 
-use super::settings::check_distinct;
+use crate::distinct::check_distinct;
 use crate::encoders::Encoders;
 use crate::map::MapConfig;
 use crate::results::{RunMounted, RunRecording};

@@ -10,9 +10,10 @@ use whisker::estimators::{BaseNoise, ContactPrior};
 
 use super::array_members::{ArrayMember, ArrayReader};
 use super::calibration::{Calibration, Calibrations};
-use super::settings::{EvaluateSettings, OmittedEstimator, check_distinct};
+use super::settings::{EvaluateSettings, OmittedEstimator};
 use super::starts::{self, Starts};
 use crate::dataset::Dataset;
+use crate::distinct::check_distinct;
 use crate::encoders::Encoders;
 use crate::fitted_traces::check_fitted_to_all;
 use crate::front_end::{FrontEnd, Mounting};

@@ -1,6 +1,6 @@
 //! Inputs and outputs of an evaluation.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::bail;
@@ -11,6 +11,7 @@ use whisker::events::TouchConfig;
 
 use super::starts::Starts;
 use super::workload::Workload;
+use crate::distinct::check_distinct;
 use crate::encoders::Encoders;
 use crate::front_end::FrontEndConfig;
 use crate::map::MapConfig;
@@ -131,16 +132,4 @@ impl EvaluateSettings {
     pub(super) fn requires(&self, participant: &str) -> bool {
         self.estimators.is_some() || self.config.contains_key(participant)
     }
-}
-
-/// Checks that names are distinct. `what` names their kind in the message.
-pub(super) fn check_distinct(what: &str, names: impl Iterator<Item = String>) -> anyhow::Result<()> {
-    let mut seen = BTreeSet::new();
-    for name in names {
-        if seen.contains(&name) {
-            bail!("{what} `{name}`: found twice, expected each once");
-        }
-        seen.insert(name);
-    }
-    Ok(())
 }

@@ -8,9 +8,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use files::sha256;
-use serde_json::json;
+use serde::Serialize;
+use serde_json::{Value, json};
 use trace::is_plain_name;
-use whisker::estimators::{Estimate, Knowledge, MethodClass, estimator};
+use whisker::estimators::{Knowledge, MethodClass, estimator};
 use whisker::frames::{Base, Pose, Start};
 use whisker::sensor::Face;
 
@@ -73,23 +74,71 @@ impl Program {
         Process::start(&self.words).with_context(|| format!("--exec: `{}` does not start", self.words[0]))
     }
 
-    /// Runs one trial row by row: a row is sent after the answer to the previous one.
-    fn run_trial(
+    /// Name under which it participates.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Settings for the record of a run that speaks this version of the protocol.
+    pub(crate) fn config(&self, protocol: u32) -> Value {
+        json!({
+            "command": self.command,
+            "files_sha256": self.files_sha256,
+            "protocol": protocol,
+            "timeout_s": self.timeout.as_secs_f64(),
+        })
+    }
+
+    /// Checks that the program starts.
+    ///
+    /// # Errors
+    /// If it does not.
+    pub(crate) fn check_starts(&self) -> anyhow::Result<()> {
+        self.start().map(drop)
+    }
+
+    /// Random seed of a trial.
+    pub(super) fn seed(&self, seed: u64, trace: &str) -> u64 {
+        derived_seed(seed, &[&self.name, trace])
+    }
+
+    /// Runs one trial: sends the first line and then each row, and parses the answer to each by `parse`, which receives the row's
+    /// index. After a failure there are no estimates.
+    ///
+    /// # Errors
+    /// If the program does not start.
+    pub(super) fn converse<One: Clone>(
+        &self,
+        first: &impl Serialize,
+        rows: impl ExactSizeIterator<Item = impl Serialize>,
+        parse: impl Fn(usize, &str) -> Result<Option<One>, String>,
+    ) -> anyhow::Result<Conversation<One>> {
+        let count = rows.len();
+        let mut process = self.start()?;
+        let (mut estimates, mut answers_us) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let failure = self.exchange(&mut process, first, rows, |index, answer, waited| {
+            estimates.push(parse(index, answer)?);
+            answers_us.push(1e6 * waited.as_secs_f64());
+            Ok(())
+        });
+        estimates.resize(count, None);
+        Ok(Conversation { estimates, answers_us, failure: failure.err() })
+    }
+
+    /// Sends a row after the answer to the previous one, and hands each answer to `take` with the time that it took.
+    fn exchange(
         &self,
         process: &mut Process,
-        task: &Task<'_>,
-        estimates: &mut Vec<Option<Estimate>>,
+        first: &impl Serialize,
+        rows: impl ExactSizeIterator<Item = impl Serialize>,
+        mut take: impl FnMut(usize, &str, Duration) -> Result<(), String>,
     ) -> Result<(), String> {
-        let &Task { knowledge, samples, touched, trace, seed } = task;
-        process.send(line(&Prior::new(knowledge, derived_seed(seed, &[&self.name, trace]))));
-        // Poses are relative to the base's first pose, so that they do not reveal the origin of World.
-        let mut base: Pose<Base, Start> = Pose::new(0.0, 0.0, 0.0);
-        let mut t_s = 0.0;
-        for (index, (sample, &touched)) in samples.iter().zip(touched).enumerate() {
-            base = sample.motion.inverse().then(&base);
-            t_s += sample.dt_s;
-            process.send(line(&Row::new(t_s, &base, sample, touched)));
-            let row = format!("row {} of {}", index + 1, samples.len());
+        let count = rows.len();
+        process.send(line(first));
+        for (index, message) in rows.enumerate() {
+            let sent = Instant::now();
+            process.send(line(&message));
+            let row = format!("row {} of {count}", index + 1);
             let answer = match process.receive(self.timeout) {
                 Ok(answer) => answer.map_err(|error| format!("answer to {row}: {error}"))?,
                 Err(NoLine::TimedOut) => {
@@ -97,10 +146,7 @@ impl Program {
                 }
                 Err(NoLine::Closed) => return Err(format!("{} before its answer to {row}", self.end(process))),
             };
-            let face = touched.unwrap_or_else(|| Face::of_reading(sample.reading_n_m));
-            let estimate =
-                estimate(&answer, face, knowledge).map_err(|problem| format!("answer to {row}: {problem}"))?;
-            estimates.push(estimate);
+            take(index, &answer, sent.elapsed()).map_err(|problem| format!("answer to {row}: {problem}"))?;
         }
         process.close_input();
         match process.receive(self.timeout) {
@@ -108,7 +154,7 @@ impl Program {
             Err(NoLine::TimedOut) => {
                 Err(format!("still running {} s after its input was closed", self.timeout.as_secs_f64()))
             }
-            Ok(_) => Err(format!("found more answers than the {} rows, expected one each", samples.len())),
+            Ok(_) => Err(format!("found more answers than the {count} rows, expected one each")),
         }
     }
 
@@ -125,13 +171,23 @@ impl Program {
     }
 }
 
+/// Result of a trial with a program.
+pub(super) struct Conversation<One> {
+    /// One entry per row; `None` without an estimate.
+    pub(super) estimates: Vec<Option<One>>,
+    /// Wall-clock time of each answer (us).
+    pub(super) answers_us: Vec<f64>,
+    /// Reason why the trial failed.
+    pub(super) failure: Option<String>,
+}
+
 /// Whether a name is suitable for files and figures.
 fn is_name(name: &str) -> bool {
     is_plain_name(name) && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
 }
 
 /// Message as a line of JSON.
-fn line(message: &impl serde::Serialize) -> String {
+fn line(message: &impl Serialize) -> String {
     serde_json::to_string(message).expect("messages serialise") + "\n"
 }
 
@@ -142,26 +198,31 @@ impl Participant for Program {
             about: format!("program `{}`", self.command),
             class: MethodClass::Recursive,
             sensor_model: None,
-            config: json!({
-                "command": self.command,
-                "files_sha256": self.files_sha256,
-                "protocol": PROTOCOL,
-                "timeout_s": self.timeout.as_secs_f64(),
-            }),
+            config: self.config(PROTOCOL),
         }
     }
 
     fn check(&self, _: &Arc<Knowledge>) -> anyhow::Result<()> {
-        self.start().map(drop)
+        self.check_starts()
     }
 
     fn replay(&self, task: &Task<'_>) -> anyhow::Result<Replay> {
+        let &Task { knowledge, samples, touched, trace, seed } = task;
         let start = Instant::now();
-        let mut estimates = Vec::with_capacity(task.samples.len());
-        let mut process = self.start()?;
-        let failure = self.run_trial(&mut process, task, &mut estimates).err();
-        // After a failure there are no estimates.
-        estimates.resize(task.samples.len(), None);
+        // Poses are relative to the base's first pose, so that they do not reveal the origin of World.
+        let mut base: Pose<Base, Start> = Pose::new(0.0, 0.0, 0.0);
+        let mut t_s = 0.0;
+        let rows = samples.iter().zip(touched).map(|(sample, &touched)| {
+            base = sample.motion.inverse().then(&base);
+            t_s += sample.dt_s;
+            Row::new(t_s, &base, sample, touched)
+        });
+        let parse = |index: usize, answer: &str| {
+            let face = touched[index].unwrap_or_else(|| Face::of_reading(samples[index].reading_n_m));
+            estimate(answer, face, knowledge)
+        };
+        let Conversation { estimates, failure, .. } =
+            self.converse(&Prior::new(knowledge, self.seed(seed, trace)), rows, parse)?;
         Ok(Replay { estimates, outline: None, elapsed_ns: start.elapsed().as_nanos(), failure })
     }
 }

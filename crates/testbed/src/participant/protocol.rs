@@ -2,6 +2,7 @@
 
 use filters::Innovation;
 use nalgebra::{Matrix1, Matrix2, Matrix3, Vector1};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use strict_json::{one_line, shown};
 use whisker::Whisker;
@@ -16,13 +17,13 @@ pub const PROTOCOL: u32 = 1;
 const NODES: [usize; 2] = [61, 31];
 
 /// Number of points of the undeflected whisker, including both ends.
-const REST_POINTS: usize = 101;
+pub(super) const REST_POINTS: usize = 101;
 
 /// Mask for seeds: the largest integer that is exactly representable as a double-precision number.
-const SEED_MASK: u64 = (1 << 53) - 1;
+pub(super) const SEED_MASK: u64 = (1 << 53) - 1;
 
 /// Largest magnitude of coordinates and standard deviations in an answer.
-const FARTHEST_M: f64 = 1e3;
+pub(super) const FARTHEST_M: f64 = 1e3;
 
 /// Maximum number of characters of an invalid answer that are quoted.
 const QUOTED: usize = 120;
@@ -210,7 +211,7 @@ impl<'a> FaceTable<'a> {
 }
 
 /// Equally spaced values from `from` to `to`, including both.
-fn evenly(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
+pub(super) fn evenly(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| from + (to - from) * i as f64 / (count - 1) as f64)
 }
 
@@ -373,6 +374,18 @@ const EXPECTED: &str = "null or {\"contact_x_m\": number, \"contact_y_m\": numbe
 /// # Errors
 /// Found and expected text if the line is not a valid answer.
 pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
+    answer(line, EXPECTED, |answer: AnswerLine| answer.estimate(face, knowledge))
+}
+
+/// Parses a line with an answer, and converts it by `convert`, whose error is the expected form. `None` if the answer is `null`.
+///
+/// # Errors
+/// Found and expected text.
+pub(super) fn answer<Answer: DeserializeOwned, One>(
+    line: &str,
+    expected: &str,
+    convert: impl Fn(Answer) -> Result<Option<One>, String>,
+) -> Result<Option<One>, String> {
     let line = line.trim();
     let found = || {
         let quoted: String = line.chars().take(QUOTED).collect();
@@ -381,12 +394,12 @@ pub fn estimate(line: &str, face: Face, knowledge: &Knowledge) -> Result<Option<
     };
     // serde would accept a list as the field values in declaration order.
     if line.starts_with('[') {
-        return Err(format!("{}, expected {EXPECTED}", found()));
+        return Err(format!("{}, expected {expected}", found()));
     }
-    let answer: Option<AnswerLine> = serde_json::from_str(line)
-        .map_err(|error| format!("{}, expected {EXPECTED} ({})", found(), shown(&error.to_string())))?;
+    let answer: Option<Answer> = serde_json::from_str(line)
+        .map_err(|error| format!("{}, expected {expected} ({})", found(), shown(&error.to_string())))?;
     let Some(answer) = answer else { return Ok(None) };
-    answer.estimate(face, knowledge).map_err(|expected| format!("{}, expected {expected}", found()))
+    convert(answer).map_err(|expected| format!("{}, expected {expected}", found()))
 }
 
 impl AnswerLine {

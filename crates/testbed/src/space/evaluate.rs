@@ -4,26 +4,27 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use trace::{Role, SpatialSidecar, SpatialTrace};
-use whisker::space::estimators::{Estimate, Knowledge, Radius, SPATIAL_ESTIMATORS, SpatialEstimatorRow};
+use whisker::space::estimators::{Estimate, Knowledge, Radius};
 use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
-use super::replay::{calibrated, registered, replay, samples};
+use super::participant::{Participant, participants};
+use super::replay::{calibrated, samples};
 use super::rod::TrueRod;
 use super::run::estimates_file;
 use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
 use crate::dataset::Dataset;
-use crate::results::write_rows;
-use crate::settings::merged;
+use crate::participant::{Program, SpatialTask};
+use crate::results::{FailureRow, write_rows};
 use crate::statistics;
 
 /// Time after the touch from which estimates are scored.
@@ -51,6 +52,8 @@ pub struct SpatialEvaluateSettings {
     pub seeds: Vec<u64>,
     /// Folder of the calibrations. `None` for that beside the traces.
     pub calibrations: Option<PathBuf>,
+    /// External programs that participate.
+    pub programs: Vec<Program>,
 }
 
 /// Scores of one replay. Errors are those after [`START_S`] of each touch.
@@ -184,10 +187,17 @@ pub struct SpatialEvaluated {
     pub summary: Vec<SpatialSummaryRow>,
     /// One row per estimator.
     pub times: Vec<SpatialTimesRow>,
+    /// Trials on which an external program failed.
+    pub failures: Vec<FailureRow>,
 }
 
-/// Scores of one replay, and the wall-clock times of its steps with an estimate (us).
-type Scored = (SpatialTrialRow, Vec<f64>);
+/// Result of one replay.
+struct Scored {
+    trial: SpatialTrialRow,
+    /// Wall-clock times of the steps with an estimate (us).
+    steps_us: Vec<f64>,
+    failure: Option<FailureRow>,
+}
 
 /// A trial with what does not depend on estimator and noise.
 struct Prepared {
@@ -203,7 +213,7 @@ struct Prepared {
 /// depend on the number of threads, except for times.
 ///
 /// # Errors
-/// If a trace or calibration cannot be read, an estimator is unknown or its settings are invalid.
+/// If a trace or calibration cannot be read, an estimator is unknown, its settings are invalid, or a program does not start.
 pub fn evaluate(
     dataset: &Dataset,
     settings: &SpatialEvaluateSettings,
@@ -219,8 +229,9 @@ pub(super) fn evaluate_keeping(
     estimates: Option<&Path>,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
-    let rows = estimators(settings)?;
+    let participants = participants(settings)?;
     let prepared = prepared(dataset, settings)?;
+    settings.programs.iter().try_for_each(Program::check_starts)?;
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
     let work: Vec<(&Prepared, u64)> =
         prepared.iter().flat_map(|trial| settings.seeds.iter().map(move |seed| (trial, *seed))).collect();
@@ -228,34 +239,23 @@ pub(super) fn evaluate_keeping(
         .par_iter()
         .map(|(trial, seed)| {
             let folder = estimates.filter(|_| settings.seeds.first() == Some(seed));
-            let scores = rows.iter().map(|(row, config)| trial.score(row, config, *seed, folder)).collect();
+            let scores = participants.iter().map(|one| trial.score(one, settings.noise, *seed, folder)).collect();
             progress.inc(1);
             scores
         })
         .collect();
     let scored: Vec<Scored> = found.into_iter().collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect();
-    let times = rows.iter().map(|(row, _)| {
-        let of_row = scored.iter().filter(|(trial, _)| trial.estimator == row.name);
-        SpatialTimesRow::new(row.name, of_row.flat_map(|(_, steps_us)| steps_us).copied().collect())
+    let times = participants.iter().map(|one| {
+        let of_one = scored.iter().filter(|scored| scored.trial.estimator == one.name());
+        SpatialTimesRow::new(one.name(), of_one.flat_map(|scored| &scored.steps_us).copied().collect())
     });
     let times = times.collect();
-    let trials: Vec<SpatialTrialRow> = scored.into_iter().map(|(trial, _)| trial).collect();
-    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times })
-}
-
-pub(super) fn estimators(
-    settings: &SpatialEvaluateSettings,
-) -> anyhow::Result<Vec<(&'static SpatialEstimatorRow, Value)>> {
-    let rows = match &settings.estimators {
-        None => SPATIAL_ESTIMATORS.iter().collect(),
-        Some(names) => names.iter().map(|name| registered(name)).collect::<anyhow::Result<Vec<_>>>()?,
-    };
-    settings.config.keys().try_for_each(|name| registered(name).map(drop)).context("settings")?;
-    let config = |row: &'static SpatialEstimatorRow| match settings.config.get(row.name) {
-        Some(own) => Ok((row, merged(row.defaults(), own)?)),
-        None => Ok((row, row.defaults())),
-    };
-    rows.into_iter().map(config).collect()
+    let (mut trials, mut failures) = (Vec::with_capacity(scored.len()), Vec::new());
+    for Scored { trial, failure, .. } in scored {
+        trials.push(trial);
+        failures.extend(failure);
+    }
+    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times, failures })
 }
 
 fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<Prepared>> {
@@ -319,27 +319,24 @@ struct Sums {
 
 impl Prepared {
     /// Scores of one replay. Writes its estimates into `folder`.
-    fn score(
-        &self,
-        row: &SpatialEstimatorRow,
-        config: &Value,
-        seed: u64,
-        folder: Option<&Path>,
-    ) -> anyhow::Result<Scored> {
+    fn score(&self, participant: &Participant, noise: f64, seed: u64, folder: Option<&Path>) -> anyhow::Result<Scored> {
+        let name = participant.name();
         let knowledge = Arc::new(Knowledge {
             calibrated: self.calibrated.clone(),
             noise_sd_n_m: self.noise_sd_n_m,
             rate_hz: self.trace.sidecar.rate_hz,
         });
         let readings_n_m = noisy_readings_n_m(&self.trace, self.noise_sd_n_m, seed);
-        let replayed = replay(row, config, &knowledge, &samples(&self.trace, &readings_n_m))?;
+        let samples = samples(&self.trace, &readings_n_m);
+        let trace = &self.trace.sidecar.name;
+        let replayed = participant.replay(&SpatialTask { knowledge: &knowledge, samples: &samples, trace, seed })?;
         if let Some(folder) = folder {
             let every = readings_n_m.len().div_ceil(KEPT).max(1);
             let kept = (0..readings_n_m.len()).step_by(every);
             let row_of = |i| {
                 spatial_estimate_row(&self.trace, &self.calibrated, i, readings_n_m[i], replayed.estimates[i].as_ref())
             };
-            write_rows(&folder.join(estimates_file(&self.trace.sidecar.name, row.name)), kept.map(row_of))?;
+            write_rows(&folder.join(estimates_file(trace, name)), kept.map(row_of))?;
         }
         let within = |degrees: f64| Ok::<_, anyhow::Error>(ChiSquared::new(degrees)?.inverse_cdf(PROBABILITY));
         let within = [within(1.0)?, within(3.0)?];
@@ -363,7 +360,7 @@ impl Prepared {
             trace: sidecar.name.clone(),
             group: sidecar.group.clone(),
             whisker: sidecar.whisker.name.clone(),
-            estimator: row.name.into(),
+            estimator: name.into(),
             seed,
             noise_sd_n_m: self.noise_sd_n_m,
             answered: answered as f64 / sums.instants.max(1) as f64,
@@ -384,7 +381,8 @@ impl Prepared {
             edge_m: of_feature(sums.edge),
             corner_m: of_feature(sums.corner),
         };
-        Ok((scores, replayed.steps_us))
+        let failed = |reason| FailureRow { trace: trace.clone(), estimator: Some(name.into()), noise, seed, reason };
+        Ok(Scored { trial: scores, steps_us: replayed.steps_us, failure: replayed.failure.map(failed) })
     }
 
     fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {

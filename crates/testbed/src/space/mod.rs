@@ -5,6 +5,7 @@ mod estimates;
 pub mod evaluate;
 pub mod fit;
 pub mod map;
+mod participant;
 mod readings;
 pub mod replay;
 pub mod rod;

@@ -62,6 +62,8 @@ pub struct SpatialReplay {
     pub estimates: Vec<Option<Estimate>>,
     /// Wall-clock time of each step with an estimate (us).
     pub steps_us: Vec<f64>,
+    /// Reason why an external program failed; there are no estimates after it.
+    pub failure: Option<String>,
 }
 
 /// Replays samples through a registered estimator.
@@ -86,5 +88,5 @@ pub fn replay(
         }
         estimates.push(estimate);
     }
-    Ok(SpatialReplay { estimates, steps_us })
+    Ok(SpatialReplay { estimates, steps_us, failure: None })
 }

@@ -15,20 +15,22 @@ use whisker::Whisker;
 
 use super::SpatialEstimateRow;
 use super::evaluate::{
-    SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow, estimators, evaluate_keeping,
+    SpatialEvaluateSettings, SpatialEvaluated, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow, evaluate_keeping,
 };
 use super::map::{SpatialMap, Sweep};
+use super::participant::described;
 use super::solid::Solid;
 use crate::dataset::Dataset;
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
 use crate::provenance::evaluation_watermark;
-use crate::results::{csv_bytes, read_rows};
+use crate::results::{FailureRow, csv_bytes, read_rows};
 use crate::statistics;
 
 const RUN: &str = "space_run.json";
 const TRIALS: &str = "space_trials.csv";
 const SUMMARY: &str = "space_summary.csv";
 const TIMES: &str = "space_times.csv";
+const FAILURES: &str = "space_failures.csv";
 const ESTIMATES: &str = "space_estimates";
 
 const MAPS: &str = "space_maps";
@@ -92,9 +94,7 @@ impl SpatialRun {
     /// # Errors
     /// If an input cannot be read, or an estimator is unknown or its settings are invalid.
     fn new(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Self> {
-        let rows = estimators(settings)?;
-        let estimators: BTreeMap<String, Value> =
-            rows.into_iter().map(|(row, config)| (row.name.to_owned(), config)).collect();
+        let estimators = described(settings)?;
         let (mut trials, mut data) = (Vec::new(), Vec::new());
         let folder = settings.calibrations(dataset);
         for path in &dataset.paths {
@@ -158,6 +158,14 @@ impl SpatialRun {
     /// If the table cannot be read.
     pub fn estimates(folder: &Path, trace: &str, estimator: &str) -> anyhow::Result<Vec<SpatialEstimateRow>> {
         read_rows(&folder.join(ESTIMATES).join(estimates_file(trace, estimator)))
+    }
+
+    /// Trials on which an external program failed, of the run in a folder.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn failures(folder: &Path) -> anyhow::Result<Vec<FailureRow>> {
+        read_rows(&folder.join(FAILURES))
     }
 
     /// Differences in settings from another run.
@@ -247,6 +255,8 @@ pub struct SpatialWritten {
     pub summary: Vec<SpatialSummaryRow>,
     /// Times of the steps, one row per estimator.
     pub times: Vec<SpatialTimesRow>,
+    /// Trials on which an external program failed.
+    pub failures: Vec<FailureRow>,
     /// Whether it was evaluated. `false` if it was found up to date.
     pub is_new: bool,
 }
@@ -264,15 +274,16 @@ pub fn evaluate_into(
     force: bool,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialWritten> {
-    let [run_path, trials_path, summary_path, times_path] = [RUN, TRIALS, SUMMARY, TIMES].map(|name| folder.join(name));
+    let [run_path, trials_path, summary_path, times_path, failures_path] =
+        [RUN, TRIALS, SUMMARY, TIMES, FAILURES].map(|name| folder.join(name));
     let run = SpatialRun::new(dataset, settings)?;
     if run_path.is_file() {
         let old: Result<SpatialRun, _> = read_json(&run_path);
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
             && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
-            && let Ok(times) = SpatialRun::times(folder)
+            && let (Ok(times), Ok(failures)) = (SpatialRun::times(folder), SpatialRun::failures(folder))
         {
-            return Ok(SpatialWritten { summary, times, is_new: false });
+            return Ok(SpatialWritten { summary, times, failures, is_new: false });
         }
         if !force {
             check_same(folder, old.map(|old| old.differences(&run)).map_err(Into::into))?;
@@ -293,8 +304,10 @@ pub fn evaluate_into(
     write_atomically(&trials_path, &csv_bytes(&evaluated.trials)?)?;
     write_atomically(&summary_path, &csv_bytes(&evaluated.summary)?)?;
     write_atomically(&times_path, &csv_bytes(&evaluated.times)?)?;
+    write_atomically(&failures_path, &csv_bytes(&evaluated.failures)?)?;
     write_json(&run_path, &run)?;
-    Ok(SpatialWritten { summary: evaluated.summary, times: evaluated.times, is_new: true })
+    let SpatialEvaluated { summary, times, failures, .. } = evaluated;
+    Ok(SpatialWritten { summary, times, failures, is_new: true })
 }
 
 /// Removes a folder, if it is there.

@@ -166,10 +166,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
     let program = |text: &String| Program::new(text, arguments.exec_timeout);
+    let programs: Vec<Program> = arguments.exec.iter().map(program).collect::<anyhow::Result<_>>()?;
+    if !programs.is_empty() {
+        end_programs_with_this()?;
+    }
     let choice = arguments.front_end.choice();
     let front_end = FrontEnd::new(&choice)?;
     if datasets.iter().map(Dataset::is_spatial).collect::<anyhow::Result<Vec<_>>>()?.contains(&true) {
-        return in_space(arguments, &datasets, config, &front_end);
+        return in_space(arguments, &datasets, config, programs, &front_end);
     }
     let (noise, noise_unit) = match &arguments.noise {
         Some(levels) => (levels.clone(), arguments.noise_unit.map_or_else(NoiseUnit::default, Into::into)),
@@ -183,7 +187,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
         estimators: arguments.estimators.clone(),
-        programs: arguments.exec.iter().map(program).collect::<anyhow::Result<_>>()?,
+        programs,
         config,
         front_end: choice,
         touch,
@@ -207,9 +211,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             let (traces, run) = (dataset.folder.display(), folder.display());
             bail!("{traces}: lies in {run}, which the run would replace; give another --name or --results");
         }
-    }
-    if !settings.programs.is_empty() {
-        end_programs_with_this()?;
     }
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads.map_or(0, usize::from))
@@ -237,6 +238,7 @@ fn in_space(
     arguments: &Arguments,
     datasets: &[Dataset],
     config: BTreeMap<String, Value>,
+    programs: Vec<Program>,
     front_end: &FrontEnd,
 ) -> anyhow::Result<ExitCode> {
     let [dataset] = datasets else {
@@ -247,8 +249,7 @@ fn in_space(
         Some([noise]) => *noise,
         Some(levels) => bail!("--noise: found {} levels, expected one for traces in space", levels.len()),
     };
-    let has_options = !arguments.exec.is_empty()
-        || !arguments.miscalibrate.is_empty()
+    let has_options = !arguments.miscalibrate.is_empty()
         || !arguments.encoders.is_empty()
         || arguments.share.is_some()
         || arguments.noise_unit.is_some_and(|unit| !matches!(unit, Unit::Set))
@@ -256,7 +257,7 @@ fn in_space(
         || front_end.row.name != FRONT_ENDS[0].name;
     if has_options {
         bail!(
-            "--exec, --miscalibrate, --encoders, --share, --starts, --noise-unit, --front-end: do not apply to traces in space, which \
+            "--miscalibrate, --encoders, --share, --starts, --noise-unit, --front-end: do not apply to traces in space, which \
             are evaluated with white noise relative to each set"
         );
     }
@@ -270,6 +271,7 @@ fn in_space(
         noise,
         seeds: arguments.seeds.unwrap_or(if noise > 0.0 { DEFAULT_SEEDS } else { 1 }),
         calibrations: arguments.calibrations.clone(),
+        programs,
         force: arguments.force,
     };
     let threads = rayon::ThreadPoolBuilder::new()
@@ -297,11 +299,7 @@ fn end_programs_with_this() -> anyhow::Result<()> {
 fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<ExitCode> {
     let state = if evaluated.is_new { "" } else { " (up to date)" };
     print(&format!("{}{}{state}\n", summary_table(&evaluated.summary, noise_unit), evaluated.folder.display()))?;
-    for failure in &evaluated.failures {
-        let estimator = failure.estimator.as_ref().map_or_else(String::new, |name| format!("{name} on "));
-        let FailureRow { trace, noise, seed, reason, .. } = failure;
-        eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
-    }
+    let code = conclusion(&evaluated.failures);
     for OmittedEstimator { estimator, sensor_model, calibration } in &evaluated.omitted {
         let calibration = calibration.display();
         eprintln!("left out: {estimator}, which needs the sensor model `{sensor_model}` that {calibration} lacks");
@@ -312,7 +310,17 @@ fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<Exit
     if !evaluated.unscored.is_empty() {
         eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
     }
-    Ok(if evaluated.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+    Ok(code)
+}
+
+/// Prints failures to stderr. Returns the exit code.
+pub(super) fn conclusion(failures: &[FailureRow]) -> ExitCode {
+    for failure in failures {
+        let estimator = failure.estimator.as_ref().map_or_else(String::new, |name| format!("{name} on "));
+        let FailureRow { trace, noise, seed, reason, .. } = failure;
+        eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
+    }
+    if failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) }
 }
 
 /// Prints a note for each setting of contact detection that the file states under its former name.

@@ -9,6 +9,7 @@ use files::write_atomically;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
+use testbed::participant::Program;
 use testbed::results::csv_bytes;
 use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow};
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
@@ -19,6 +20,7 @@ use testbed::space::{
 use trace::SpatialTrace;
 use whisker::space::estimators::Knowledge;
 
+use super::evaluate::conclusion;
 use super::output::{begins_with, check_replaces_own, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
@@ -105,14 +107,16 @@ pub(super) struct Evaluation {
     pub(super) noise: f64,
     pub(super) seeds: u64,
     pub(super) calibrations: Option<PathBuf>,
+    pub(super) programs: Vec<Program>,
     /// Whether to replace a finished run with other settings.
     pub(super) force: bool,
 }
 
 /// Evaluates the trials, writes the tables into `folder` and prints the summary.
 pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folder: &Path) -> anyhow::Result<ExitCode> {
-    let Evaluation { estimators, config, noise, seeds, calibrations, force } = evaluation;
-    let settings = SpatialEvaluateSettings { estimators, config, noise, seeds: (1..=seeds).collect(), calibrations };
+    let Evaluation { estimators, config, noise, seeds, calibrations, programs, force } = evaluation;
+    let seeds = (1..=seeds).collect();
+    let settings = SpatialEvaluateSettings { estimators, config, noise, seeds, calibrations, programs };
     let progress = Progress::of("evaluating");
     let written = evaluate_into(folder, dataset, &settings, force, &progress)?;
     drop(progress);
@@ -126,7 +130,7 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
             None => eprintln!("{estimator}: no estimate"),
         }
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(conclusion(&written.failures))
 }
 
 /// Table of the summary, errors in millimetres and degrees.

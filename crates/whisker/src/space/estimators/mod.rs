@@ -97,22 +97,29 @@ impl Knowledge {
     }
 }
 
-/// Detects the contacts of a recording and estimates them, sample by sample.
-pub struct Estimator {
-    method: Box<dyn Method>,
-    knowledge: Arc<Knowledge>,
+/// Detects contact in either moment, and leaves out readings beyond the [`ReadingGate`].
+pub struct TouchDetector {
     /// Detectors of both moments.
     detectors: [ContactDetector; 2],
     gate: ReadingGate,
     /// Motion and duration of the gated samples since the last admitted one.
     missed: Option<(Pose<Base, Base>, f64)>,
-    tracker: Option<Box<dyn Tracker>>,
 }
 
-impl Estimator {
-    /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
-    /// [`ReadingGate`], which counts as missing.
-    pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+impl TouchDetector {
+    /// The detector of a recording, before its first sample.
+    pub fn new(config: TouchConfig, knowledge: &Knowledge) -> Self {
+        let sensing = knowledge.sensing();
+        Self {
+            detectors: std::array::from_fn(|_| ContactDetector::new(config, &sensing)),
+            gate: ReadingGate::new(knowledge.calibrated.largest_reading_n_m),
+            missed: None,
+        }
+    }
+
+    /// Takes the next sample in the order of time. Returns it with the motion and duration of the gated ones before it, and whether
+    /// the whisker touches. `None` if its reading is gated.
+    pub fn step(&mut self, sample: &Sample) -> Option<(Sample, bool)> {
         let missed = self.missed.take();
         let (motion, dt_s) = missed.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
             (motion.then(&sample.motion), duration_s + sample.dt_s)
@@ -122,11 +129,28 @@ impl Estimator {
             return None;
         }
         let sample = Sample { motion, dt_s, reading_n_m: sample.reading_n_m };
-        let mut is_touching = false;
+        let mut touches = false;
         for (detector, moment_n_m) in self.detectors.iter_mut().zip(sample.reading_n_m.iter()) {
-            is_touching |= detector.step(*moment_n_m, dt_s).is_some();
+            touches |= detector.step(*moment_n_m, dt_s).is_some();
         }
-        if !is_touching {
+        Some((sample, touches))
+    }
+}
+
+/// Detects the contacts of a recording and estimates them, sample by sample.
+pub struct Estimator {
+    method: Box<dyn Method>,
+    knowledge: Arc<Knowledge>,
+    touch: TouchDetector,
+    tracker: Option<Box<dyn Tracker>>,
+}
+
+impl Estimator {
+    /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
+    /// [`ReadingGate`], which counts as missing.
+    pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let (sample, touches) = self.touch.step(sample)?;
+        if !touches {
             self.tracker = None;
             return None;
         }
@@ -261,13 +285,10 @@ impl SpatialEstimatorRow {
     ) -> Result<Estimator, SettingsError> {
         // Tabulated here, so that no step has to.
         knowledge.calibrated.geometry();
-        let sensing = knowledge.sensing();
         Ok(Estimator {
             method: self.kind.method(config)?,
             knowledge: knowledge.clone(),
-            detectors: std::array::from_fn(|_| ContactDetector::new(touch, &sensing)),
-            gate: ReadingGate::new(knowledge.calibrated.largest_reading_n_m),
-            missed: None,
+            touch: TouchDetector::new(touch, knowledge),
             tracker: None,
         })
     }
