@@ -17,6 +17,7 @@ from whisker_sim.random_suite.effects import MISCALIBRATIONS, RATES_HZ
 from whisker_sim.random_suite.movements import MOVEMENTS
 from whisker_sim.random_suite.objects import KINDS
 from whisker_sim.random_suite.simulate import SET_ATTEMPTS, TRACE_ATTEMPTS, simulate_set
+from whisker_sim.random_suite.space import CALIBRATION
 from whisker_sim.random_suite.suite import Draws, RandomSuite
 from whisker_sim.random_suite.whiskers import LEAST_DEPTH_M, STANDARD, calibration_scene, random_whisker, scale
 from whisker_sim.replay import Miscalibration
@@ -29,6 +30,7 @@ from whisker_sim.whisker import resolve_whisker
 from conftest import SCENES
 
 HELD_OUT, TRAINING = SCENES / "suites/random.json", SCENES / "suites/random_training.json"
+IN_SPACE = SCENES / "suites/random_space.json"
 
 
 def sets_of(path: Path, redrawn: Redrawn | None = None) -> list[Run]:
@@ -188,6 +190,45 @@ def test_verif_coarse_time_steps_take_rates_that_fit():
     valid = {scene.rate_hz for scene in scenes if scene is not None}
     assert None in scenes
     assert valid == {50.0, 100.0, 125.0, 200.0, 250.0, 500.0, 1000.0}
+
+
+def test_val_distribution_of_draws_in_space():
+    """All kinds of solids and motions occur, on both presets; depths are those of the calibration at most."""
+    runs = sets_of(IN_SPACE, Redrawn(4, 400))
+    scenes = []
+    for run in runs:
+        attempts = (attempt for attempt in range(20) if _is_valid(run, attempt))
+        scenes.append(run.scene.draw(next(attempts)).scene(0, 0))
+    assert {scene.shape for scene in scenes} == {"pin", "sphere", "cylinder", "cone", "box", "torus"}
+    assert {scene.motion_kind for scene in scenes} == {"sweep", "smooth", "spiral", "push"}
+    assert {scene.resolved_whisker.name for scene in scenes} == set(STANDARD)
+    assert all(0.0018 < scene.motion.depth_m < CALIBRATION.depth_max_m for scene in scenes)
+    calibrations = [run.scene for run in load_runs(IN_SPACE)[1] if run.scene.role == "calibration"]
+    assert [scene.name for scene in calibrations] == ["random_space_1_curved", "random_space_1_straight"]
+    listed = [run.scene for run in load_runs(SCENES / "suites/spatial.json")[1] if run.scene.role == "calibration"]
+    assert all(scene.motion == CALIBRATION for scene in (*calibrations, *listed))
+
+
+def _is_valid(run: Run, attempt: int) -> bool:
+    try:
+        run.scene.draw(attempt).scene(0, 0)
+    except ValueError:
+        return False
+    return True
+
+
+def test_verif_a_set_in_space_is_simulated_and_found_up_to_date(tmp_path, capsys):
+    """The trace of a set has the name of the set and its number, and the scene as drawn."""
+    path = tmp_path / "few.json"
+    path.write_bytes(to_json(RandomSuite(1, "few", Draws(seed=3, sets=1, traces=1, in_space=True))))
+    (run,) = sets_of(path)
+    items = [(tmp_path / "traces", run)]
+    for expected in (": straight, ", "up to date"):
+        assert run_job(trace_job(False), items, process_executor(1), False) == SUCCESS
+        assert expected in "".join(capsys.readouterr())
+    (sidecar,) = (json.loads(file.read_text()) for file in (tmp_path / "traces").glob("*.json"))
+    assert (sidecar["name"], sidecar["group"], sidecar["format"]) == ("few_3_0000_00", "few_3_0000", 2)
+    assert sidecar["object"] == sidecar["scene"]["solid"]["shape"]
 
 
 def test_robust_options_of_random_suites(tmp_path, capsys):

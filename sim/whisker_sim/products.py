@@ -18,7 +18,9 @@ from whisker_sim.export import Start, passage_at_start, sweep_at_start
 from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Job, Outcome
 from whisker_sim.progress import part
 from whisker_sim.random_suite import simulate as random_set
-from whisker_sim.random_suite.picture import RandomSetRenderer
+from whisker_sim.random_suite import simulate_space as random_spatial_set
+from whisker_sim.random_suite.picture import RandomSetRenderer, SpatialSetRenderer
+from whisker_sim.random_suite.space import SpatialRandomSet
 from whisker_sim.random_suite.suite import RandomSet
 from whisker_sim.render import Renderer, check_format, is_rendered, render, render_set, replayed_sweep
 from whisker_sim.runs import Run, set_name
@@ -64,6 +66,14 @@ PRODUCTS: dict[type, Product] = {
         RandomSetRenderer,
         lambda _, traces: replayed_sweep(traces[0].run, traces[0].simulated),
         lambda run: sweep_at_start(random_set.first_trace(run)),
+    ),
+    SpatialRandomSet: Product(
+        random_spatial_set.simulate_spatial_set,
+        random_spatial_set.write_spatial_set,
+        random_spatial_set.is_spatial_set_up_to_date,
+        SpatialSetRenderer,
+        lambda _, traces: replayed_in_space(traces[0].run, traces[0].simulated),
+        lambda run: space_at_start(random_spatial_set.first_spatial_trace(run)),
     ),
 }
 """Products by kind of scene."""

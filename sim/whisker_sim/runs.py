@@ -10,12 +10,13 @@ import msgspec
 from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located, read_document, read_json
 from whisker_sim.errors import InputError
+from whisker_sim.random_suite.space import SpatialRandomSet
 from whisker_sim.random_suite.suite import RandomSet, RandomSuite
 from whisker_sim.scene import Format, Scene, Seed, Simulation
 from whisker_sim.space.scene import SpatialScene
 from whisker_sim.whisker import Name
 
-AnyScene = Scene | ArmScene | SpatialScene | RandomSet
+AnyScene = Scene | ArmScene | SpatialScene | RandomSet | SpatialRandomSet
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -233,6 +233,14 @@ messages! {
         point: Point,
     }
 
+    /// A vector in a frame.
+    Vector3Stamped = "geometry_msgs/msg/Vector3Stamped" {
+        /// Time and frame.
+        header: Header,
+        /// The vector.
+        vector: Vector3,
+    }
+
     /// Pose of a frame in its parent frame.
     Transform = "geometry_msgs/msg/Transform" {
         /// Position of its origin \[m\].

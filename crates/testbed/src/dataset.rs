@@ -218,7 +218,7 @@ fn random_names(folder: &Path, suite: &str, random: &RandomDraws) -> anyhow::Res
         let is_trace = path.extension().is_some_and(|extension| extension == "json");
         let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         if let Some(name) = stem.filter(|name| is_trace && name.starts_with(&prefix))
-            && Sidecar::read(&path)?.role == Role::Calibration
+            && role(&path)? == Role::Calibration
         {
             names.push(name);
         }
@@ -226,6 +226,11 @@ fn random_names(folder: &Path, suite: &str, random: &RandomDraws) -> anyhow::Res
     names.sort();
     names.extend(trials);
     Ok(names)
+}
+
+/// Role of a trace, in the plane or in space.
+fn role(path: &Path) -> anyhow::Result<Role> {
+    Ok(if is_spatial(path)? { SpatialSidecar::read(path)?.role } else { Sidecar::read(path)?.role })
 }
 
 /// Traces that were simulated from the scenes of a suite.
@@ -307,7 +312,7 @@ impl Simulated<'_> {
         if let Some(path) = beyond.into_iter().find(|path| path.with_extension("json").is_file()) {
             return Err(changed("traces", random.traces(), &path, "more traces of a set"));
         }
-        for path in paths {
+        for path in paths.iter().filter(|_| !random.in_space) {
             let whisker = Sidecar::read(path)?.whisker.name;
             let number = whisker.strip_prefix(&format!("{prefix}w")).and_then(|number| number.parse::<u64>().ok());
             if number.is_some_and(|number| number >= random.whiskers()) {

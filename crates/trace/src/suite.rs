@@ -49,6 +49,9 @@ pub struct RandomDraws {
     /// Number of random whiskers, beside the presets. `None` for the generator's default, [`Self::DEFAULT_WHISKERS`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub whiskers: Option<u64>,
+    /// Whether the scenes are scenes in space, whose whiskers are the presets.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub in_space: bool,
 }
 
 impl RandomDraws {

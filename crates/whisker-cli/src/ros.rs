@@ -5,6 +5,7 @@
 //! byte. `docs/ROS.md` has the table.
 
 mod array;
+mod space;
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -27,11 +28,14 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use strict_json::parse_json;
 use testbed::provenance::watermark;
-use testbed::results::{EstimateRow, read_rows};
-use trace::{Instant, Recording, Sidecar, Trace, Truth, TruthInstant, is_plain_name};
+use testbed::results::{EstimateRow, csv_bytes, read_rows};
+use trace::{Instant, Recording, SPATIAL_FORMAT, Sidecar, Trace, Truth, TruthInstant, is_plain_name};
 use whisker::frames::{Base, Point, Pose, Twist, World};
 
+use space::import_spatial_trace;
+
 pub use array::export_array;
+pub use space::export_spatial_trace;
 
 const TOUCHING: &str = "/truth/touching";
 const TIP: &str = "/truth/tip";
@@ -54,7 +58,9 @@ const ROTATION: &str = "root_rotation";
 /// recording has its name.
 pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<Export> {
     let trace = Trace::read(path)?;
-    let estimates: Vec<EstimateRow> = estimates.map(read_rows).transpose()?.unwrap_or_default();
+    let estimates: Option<Vec<EstimateRow>> =
+        estimates.map(|table| estimates_of(table, "a planar trace")).transpose()?;
+    let estimates = estimates.unwrap_or_default();
     let mut of_time = BTreeMap::new();
     for estimate in &estimates {
         of_time.insert(time_ns(estimate.t_s, path)?, estimate);
@@ -170,6 +176,9 @@ pub fn import(path: &Path, salvage: bool, folder: &Path) -> anyhow::Result<Vec<P
         if let Ok(sidecar) = serde_json::from_slice::<Value>(&attachment.data)
             && sidecar["kind"] == "trace"
         {
+            if sidecar["format"] == SPATIAL_FORMAT {
+                return import_spatial_trace(path, &reader, attachment, folder);
+            }
             return import_trace(path, &reader, attachment, &attachments, folder);
         }
     }
@@ -279,22 +288,35 @@ fn import_trace(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let place = || place_of(path, attachment).display().to_string();
     let sidecar: Sidecar = parsed(path, attachment)?;
-    ensure!(is_plain_name(&sidecar.name), "{}: name: found `{}`, expected a plain file name", place(), sidecar.name);
+    check_name(path, attachment, &sidecar.name)?;
     let (recording, truth) = rows(reader)?;
     let trace = Trace { sidecar, recording, truth };
     let table = trace.to_csv();
-    let (found, expected) = (sha256(&table), &trace.sidecar.csv_sha256);
-    ensure!(found == *expected, "{}: messages: found a table of hash {found}, expected {expected}", path.display());
-    let name = &trace.sidecar.name;
-    let mut files = vec![(format!("{name}.csv"), table.as_bytes())];
+    let mut further = Vec::new();
     if let Some(contour) = &trace.sidecar.contour {
         let key = || format!("{}: contour.file `{}`", place(), contour.file);
         ensure!(is_plain_name(&contour.file), "{}: expected a plain file name", key());
         let outline = attachments.iter().find(|attachment| attachment.name == contour.file);
         let outline = outline.with_context(|| format!("{}: found no attachment of that name", key()))?;
         ensure!(sha256(&outline.data) == contour.sha256, "{}: found another file than the sidecar means", key());
-        files.push((contour.file.clone(), &outline.data));
+        further.push((contour.file.clone(), outline.data.as_slice()));
     }
+    restore(path, attachment, &trace.sidecar.name, (&table, &trace.sidecar.csv_sha256), further, folder)
+}
+
+/// Writes the files of a trace: its table, which must have this hash, further files, and its attached sidecar.
+fn restore(
+    path: &Path,
+    attachment: &Attachment,
+    name: &str,
+    (table, csv_sha256): (&str, &str),
+    further: Vec<(String, &[u8])>,
+    folder: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let found = sha256(table);
+    ensure!(found == csv_sha256, "{}: messages: found a table of hash {found}, expected {csv_sha256}", path.display());
+    let mut files = vec![(format!("{name}.csv"), table.as_bytes())];
+    files.extend(further);
     // The sidecar is written last: it marks a complete trace.
     files.push((format!("{name}.json"), &attachment.data));
     files.iter().try_for_each(|(file, bytes)| check_replaces_same(&folder.join(file), bytes))?;
@@ -305,6 +327,25 @@ fn import_trace(
         written.push(file);
     }
     Ok(written)
+}
+
+/// Checks the name of a trace, which becomes that of its files.
+fn check_name(path: &Path, attachment: &Attachment, name: &str) -> anyhow::Result<()> {
+    let place = place_of(path, attachment);
+    ensure!(is_plain_name(name), "{}: name: found `{name}`, expected a plain file name", place.display());
+    Ok(())
+}
+
+/// Reads a table of estimates, whose columns must be those of the rows.
+fn estimates_of<One: Default + Serialize + DeserializeOwned>(path: &Path, kind: &str) -> anyhow::Result<Vec<One>> {
+    let expected = csv_bytes(&[One::default()])?;
+    let header = |bytes: &[u8]| bytes.split(|byte| *byte == b'\n').next().map(<[u8]>::to_vec);
+    ensure!(
+        header(&read(path)?) == header(&expected),
+        "{}:1: found other columns than those of the estimates of {kind}, expected a table of `whisker evaluate`",
+        path.display()
+    );
+    read_rows(path)
 }
 
 /// Checks that a converted file replaces nothing but itself.

@@ -3,10 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bag::messages::{Header, MagneticField, MagneticFieldArray, Time, Vector3};
+use bag::messages::{Header, MagneticField, MagneticFieldArray, PoseWithCovarianceStamped, Time, Vector3};
 use bag::{Publisher, Reader, Writer, topics};
 use serde_json::{Value, json};
-use whisker_cli::ros::{Export, export_trace, import};
+use testbed::results::{EstimateRow, csv_bytes};
+use testbed::space::SpatialEstimateRow;
+use trace::SpatialTrace;
+use whisker_cli::ros::{Export, export_spatial_trace, export_trace, import};
 
 fn golden() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../datasets/golden"))
@@ -41,6 +44,90 @@ fn verif_traces_are_restored_byte_for_byte() {
             assert_eq!(fs::read(&file).unwrap(), fs::read(original).unwrap(), "{}", file.display());
         }
     }
+}
+
+fn golden_space() -> PathBuf {
+    golden().join("space/golden_space.csv")
+}
+
+#[test]
+fn verif_a_trace_in_space_is_restored_byte_for_byte() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("recording");
+    assert_eq!(export_spatial_trace(&golden_space(), None, &folder).unwrap(), Export::Written);
+    assert_eq!(export_spatial_trace(&golden_space(), None, &folder).unwrap(), Export::UpToDate);
+    let files = import(&folder, false, &home.path().join("back")).unwrap();
+    assert_eq!(files.len(), 2);
+    for file in files {
+        let original = golden_space().with_file_name(file.file_name().unwrap());
+        assert_eq!(fs::read(&file).unwrap(), fs::read(original).unwrap(), "{}", file.display());
+    }
+}
+
+#[test]
+fn verif_estimates_in_space_are_contacts_in_the_frame_of_the_whisker() {
+    let home = tempfile::tempdir().unwrap();
+    let trace = SpatialTrace::read(&golden_space()).unwrap();
+    let (row, truth) = trace.truth.instants.iter().enumerate().find_map(|(i, at)| Some((i, at.contact?))).unwrap();
+    let known = &trace.recording.instants[row];
+    let turned = known.base.rotation * nalgebra::Vector3::x();
+    let estimate = SpatialEstimateRow {
+        t_s: known.t_s,
+        contact_x_m: Some(truth.contact.x),
+        contact_y_m: Some(truth.contact.y),
+        contact_z_m: Some(truth.contact.z),
+        normal_x: Some(truth.normal.x),
+        normal_y: Some(truth.normal.y),
+        normal_z: Some(truth.normal.z),
+        cov_xx_m2: Some(turned.x * turned.x),
+        cov_xy_m2: Some(turned.x * turned.y),
+        cov_xz_m2: Some(turned.x * turned.z),
+        cov_yy_m2: Some(turned.y * turned.y),
+        cov_yz_m2: Some(turned.y * turned.z),
+        cov_zz_m2: Some(turned.z * turned.z),
+        ..SpatialEstimateRow::default()
+    };
+    let table = home.path().join("estimates.csv");
+    fs::write(&table, csv_bytes(std::slice::from_ref(&estimate)).unwrap()).unwrap();
+    let folder = home.path().join("recording");
+    export_spatial_trace(&golden_space(), Some(&table), &folder).unwrap();
+    let reader = Reader::open(&folder).unwrap();
+    let found: Vec<PoseWithCovarianceStamped> = reader
+        .records()
+        .map(Result::unwrap)
+        .filter(|record| record.topic == "/detected_contact_covariance")
+        .map(|record| record.decode().unwrap())
+        .collect();
+    let [PoseWithCovarianceStamped { header, pose }] = found.as_slice() else { panic!("{found:?}") };
+    assert_eq!(header.frame_id, topics::WHISKER);
+    let position = nalgebra::Vector3::new(pose.pose.position.x, pose.pose.position.y, pose.pose.position.z);
+    let back = known.base.rotation * position + known.base.position;
+    assert!((back - truth.contact).norm() < 1e-12, "{back}");
+    let turn = &pose.pose.orientation;
+    let turn = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(turn.w, turn.x, turn.y, turn.z));
+    assert!((known.base.rotation * turn * nalgebra::Vector3::x() - truth.normal).norm() < 1e-9);
+    // The variance is that along x of the whisker's frame.
+    assert!((pose.covariance[0][0] - 1.0).abs() < 1e-9 && pose.covariance[1][1].abs() < 1e-9);
+    assert_eq!(import(&folder, false, &home.path().join("back")).unwrap().len(), 2);
+
+    let other = SpatialEstimateRow { t_s: 12345.0, ..estimate };
+    fs::write(&table, csv_bytes(&[other]).unwrap()).unwrap();
+    let message =
+        export_spatial_trace(&golden_space(), Some(&table), &home.path().join("other")).unwrap_err().to_string();
+    assert!(message.contains("the estimates have 12345 s, expected times of the trace alone"), "{message}");
+}
+
+#[test]
+fn robust_a_table_of_estimates_goes_with_the_kind_of_its_trace() {
+    let home = tempfile::tempdir().unwrap();
+    let planar = home.path().join("planar.csv");
+    fs::write(&planar, csv_bytes(&[EstimateRow::default()]).unwrap()).unwrap();
+    let message = export_spatial_trace(&golden_space(), Some(&planar), &home.path().join("a")).unwrap_err();
+    assert!(format!("{message:#}").contains("planar.csv:1: found other columns"), "{message:#}");
+    let spatial = home.path().join("spatial.csv");
+    fs::write(&spatial, csv_bytes(&[SpatialEstimateRow::default()]).unwrap()).unwrap();
+    let message = export_trace(&golden().join("golden_pin.csv"), Some(&spatial), &home.path().join("b")).unwrap_err();
+    assert!(format!("{message:#}").contains("spatial.csv:1: found other columns"), "{message:#}");
 }
 
 #[test]

@@ -10,8 +10,10 @@ from whisker_sim.motions import Smooth
 from whisker_sim.random_suite.effects import random_rate_hz, random_replay
 from whisker_sim.random_suite.movements import DURATION_S, random_movement
 from whisker_sim.random_suite.objects import random_kind
+from whisker_sim.random_suite.space import SpatialRandomSet, spatial_calibration_scene
 from whisker_sim.random_suite.whiskers import CALIBRATION_SEEDS, FACES, STANDARD, calibration_scene, random_whisker
 from whisker_sim.scene import Format, Scene, SceneBase, Seed, Simulation, random_stream
+from whisker_sim.space.scene import SpatialScene
 from whisker_sim.whisker import Name, Whisker, WhiskerOverride, resolve_whisker
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
@@ -25,7 +27,9 @@ class Draws(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     traces: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
     """Traces of each set."""
     whiskers: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 8
-    """Random whiskers, beside the presets `STANDARD`."""
+    """Random whiskers, beside the presets `STANDARD`; in space there are the presets alone."""
+    in_space: bool = False
+    """Whether the scenes are scenes in space."""
 
 
 class RandomSuite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -47,8 +51,17 @@ class RandomSuite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         name = f"{self.prefix}_w{index - len(STANDARD):02d}"
         return random_whisker(name, random_stream(f"{self.name} whisker {index}", self.random.seed))
 
-    def sets(self) -> "Iterator[RandomSet]":
+    def sets(self) -> "Iterator[RandomSet | SpatialRandomSet]":
         """The sets."""
+        return self._sets_in_space() if self.random.in_space else self._sets_in_plane()
+
+    def _sets_in_space(self) -> Iterator[SpatialRandomSet]:
+        for index in range(self.random.sets):
+            rng = random_stream(f"{self.name} set {index} whisker", self.random.seed)
+            whisker = STANDARD[int(rng.integers(len(STANDARD)))]
+            yield SpatialRandomSet(self.format, self.name, self.random.seed, index, self.random.traces, whisker)
+
+    def _sets_in_plane(self) -> "Iterator[RandomSet]":
         for index in range(self.random.sets):
             rng = random_stream(f"{self.name} set {index} whisker", self.random.seed)
             is_standard = self.random.whiskers == 0 or rng.random() < 0.5
@@ -62,8 +75,12 @@ class RandomSuite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 whisker=self.whisker(int(number)),
             )
 
-    def calibrations(self) -> Iterator[Scene]:
+    def calibrations(self) -> Iterator[Scene | SpatialScene]:
         """Scenes of the calibrations of all whiskers of the sets."""
+        if self.random.in_space:
+            for whisker in sorted({drawn.whisker for drawn in self.sets()}):
+                yield spatial_calibration_scene(self.prefix, whisker)
+            return
         whiskers = {resolve_whisker(drawn.whisker).name: drawn.whisker for drawn in self.sets()}
         for name in sorted(whiskers):
             for face in FACES:

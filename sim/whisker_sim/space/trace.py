@@ -70,8 +70,11 @@ class SpatialSidecar(msgspec.Struct, frozen=True):
     certificate: SpatialCertificate
 
 
-def write_spatial_trace(folder: Path, run: Run, simulated: SpatialSimulated) -> str:
-    """Writes `<name>.csv` and, last, `<name>.json` into `folder`; returns one line of text for the user."""
+def write_spatial_trace(folder: Path, run: Run, simulated: SpatialSimulated, made_from: str | None = None) -> str:
+    """Writes `<name>.csv` and, last, `<name>.json` into `folder`; returns one line of text for the user.
+
+    `made_from` is the hash of the inputs, by default that of the run.
+    """
     scene = run.scene
     certificate = certify_in_space(scene.spatial_whisker, simulated.solid, simulated, scene.simulation.timestep_s)
     csv = format_csv(spatial_columns(simulated), SPATIAL_COLUMNS)
@@ -90,7 +93,7 @@ def write_spatial_trace(folder: Path, run: Run, simulated: SpatialSimulated) -> 
         poisson_ratio=scene.poisson_ratio,
         scene=scene,
         generator=generator(),
-        inputs_sha256=spatial_inputs_sha256(run),
+        inputs_sha256=made_from or spatial_inputs_sha256(run),
         csv_sha256=sha256(csv),
         certificate=certificate,
     )
@@ -103,12 +106,19 @@ def write_spatial_trace(folder: Path, run: Run, simulated: SpatialSimulated) -> 
 
 
 def is_spatial_up_to_date(folder: Path, run: Run) -> bool:
-    """Whether `folder` holds exactly the trace of `run`: same inputs, and rows that match their hash."""
+    """Whether `folder` holds exactly the trace of `run`."""
     try:
-        sidecar = msgspec.json.decode((folder / f"{run.name}.json").read_bytes())
+        return is_spatial_complete(folder, run.name, spatial_inputs_sha256(run))
+    except (OSError, ValueError):
+        return False
+
+
+def is_spatial_complete(folder: Path, name: str, made_from: str) -> bool:
+    """Whether `folder` holds the trace `name` of inputs with the hash `made_from`, and rows that match their hash."""
+    try:
+        sidecar = msgspec.json.decode((folder / f"{name}.json").read_bytes())
         return bool(
-            sidecar["inputs_sha256"] == spatial_inputs_sha256(run)
-            and sidecar["csv_sha256"] == sha256((folder / f"{run.name}.csv").read_bytes())
+            sidecar["inputs_sha256"] == made_from and sidecar["csv_sha256"] == sha256((folder / f"{name}.csv").read_bytes())
         )
     except (OSError, ValueError, msgspec.DecodeError, KeyError, TypeError):
         return False

@@ -5,7 +5,7 @@ use std::path::Path;
 use bag::messages::AnyMessage;
 use bag::{Error, Message, Publisher, Reader};
 use platform::calibration::logs::LogReader;
-use trace::Trace;
+use trace::{SpatialTrace, Trace, is_spatial};
 use whisker_cli::ros::import;
 
 use crate::properties::one_error;
@@ -47,7 +47,11 @@ fn assert_files_stay_in_the_folder(mcap: &Path, salvage: bool) {
             }
         } else if file.extension().is_some_and(|extension| extension == "csv") && file.with_extension("json").is_file()
         {
-            one_error(Trace::read(file), "");
+            if is_spatial(file).is_ok_and(|is_spatial| is_spatial) {
+                one_error(SpatialTrace::read(file), "");
+            } else {
+                one_error(Trace::read(file), "");
+            }
         }
     }
     for file in files {

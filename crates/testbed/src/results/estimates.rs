@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// One instant of one replayed trial: known motion and reading, estimate, and truth. Points in World.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EstimateRow {
     /// Time since the start of the trace.

@@ -17,6 +17,7 @@ mod pins;
 mod real;
 mod sensor_model;
 mod space;
+mod space_random;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -132,7 +133,7 @@ pub const SETS: &[ClaimSet] = &[
         figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
     },
     ClaimSet { name: "certainty", topics: &[certainty::claims, friction::claims], runs: certainty::RUNS, figures: &[] },
-    ClaimSet { name: "space", topics: &[space::claims], runs: &[], figures: &[] },
+    ClaimSet { name: "space", topics: &[space::claims, space_random::claims], runs: &[], figures: &[] },
 ];
 
 impl ClaimSet {

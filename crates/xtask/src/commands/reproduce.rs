@@ -29,6 +29,10 @@ const ARM: &str = "arm";
 /// Suite of scenes in space.
 const SPACE: &str = "spatial";
 
+/// Random scenes in space, and the seeds of their measurement noise.
+const RANDOM_SPACE: &str = "random_space";
+const RANDOM_SPACE_SEEDS: u32 = 5;
+
 /// Set of claims about contacts in space, and the folder of their table.
 const SPACE_CLAIMS: &str = "space";
 const SPACE_CLAIMS_OUT: &str = "results/reference/spatial";
@@ -71,6 +75,9 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     pipeline::fit(SPACE)?;
     evaluations.on(SPACE, SPACE, SPACE, 20)?;
     kept::keep(SPACE, &["space_run.json", "space_summary.csv", "space_times.csv"])?;
+    pipeline::simulate(RANDOM_SPACE)?;
+    pipeline::fit(RANDOM_SPACE)?;
+    evaluations.recommended(RANDOM_SPACE, RANDOM_SPACE_SEEDS)?;
     if Path::new(CLONE).is_dir() {
         real::measure(evaluations, CLONE)?;
     }

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::ensure;
-use trace::{ArrayRecording, Sidecar};
+use trace::{ArrayRecording, Sidecar, is_spatial};
 
 use crate::commands::output::{files_of_trace, reserve};
 use crate::commands::print;
-use crate::ros::{Export, export_array, export_trace};
+use crate::ros::{Export, export_array, export_spatial_trace, export_trace};
 
 /// Write a trace, or a recording of several whiskers, as a rosbag2 folder
 #[derive(clap::Args)]
@@ -18,7 +18,8 @@ pub(super) struct Arguments {
     /// Folder to write
     #[arg(long)]
     out: PathBuf,
-    /// Estimated contacts to include: a table of `estimates/` in a run of `whisker evaluate`
+    /// Estimated contacts to include: a table of `estimates/` in a run of `whisker evaluate`, for a trace in space of
+    /// `space_estimates/`
     #[arg(long)]
     estimates: Option<PathBuf>,
 }
@@ -33,6 +34,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         );
         let _lock = reserve(&arguments.out, std::slice::from_ref(&arguments.trace))?;
         return finish(arguments, export_array(&arguments.trace, &arguments.out)?);
+    }
+    if arguments.trace.with_extension("json").is_file() && is_spatial(&arguments.trace)? {
+        let files = ["csv", "json"].map(|extension| arguments.trace.with_extension(extension));
+        let _lock = reserve(&arguments.out, &[files.as_slice(), arguments.estimates.as_slice()].concat())?;
+        let export = export_spatial_trace(&arguments.trace, arguments.estimates.as_deref(), &arguments.out)?;
+        return finish(arguments, export);
     }
     let inputs = files_of_trace(&arguments.trace, &Sidecar::read(&arguments.trace)?);
     let _lock = reserve(&arguments.out, &[inputs.as_slice(), arguments.estimates.as_slice()].concat())?;

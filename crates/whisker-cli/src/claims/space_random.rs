@@ -1,0 +1,129 @@
+//! Certainty in space on random scenes, which no setting was chosen on.
+
+use std::collections::BTreeMap;
+
+use testbed::space::SpatialRun;
+use testbed::space::evaluate::SpatialTrialRow;
+use testbed::statistics::{mean, median};
+
+use super::{Claim, Context, RECOMMENDED};
+
+/// Run of the random suite in space.
+const RUN: &str = "random_space";
+
+/// Solids without edges where they are touched.
+const SMOOTH: [&str; 4] = ["pin", "sphere", "cylinder", "torus"];
+
+/// Error above which a replay counts as failed.
+const FAILED_M: f64 = 0.5e-3;
+
+/// Coverage below which a set is overconfident.
+const LEAST_COVERAGE: f64 = 0.8;
+
+/// Angle of the normal above which a replay counts as failed.
+const FAILED_NORMAL_RAD: f64 = 2.0_f64.to_radians();
+
+pub(super) fn claims() -> Vec<Claim> {
+    let about = |what: &str| format!("random scenes in space, {RECOMMENDED}: {what}");
+    let covered = "stated 95 % ellipsoids that hold the true contact, mean over sets";
+    let mut claims = vec![
+        Claim::at_least("space_random_coverage_low".into(), about(covered), 88.0, "%", |context| {
+            percent(mean(sets(context)?))
+        }),
+        Claim::at_most("space_random_coverage_high".into(), about(covered), 99.0, "%", |context| {
+            percent(mean(sets(context)?))
+        }),
+        Claim::at_most(
+            "space_random_overconfident".into(),
+            about("sets in which fewer than 80 % of the ellipsoids hold the true contact"),
+            3.0,
+            "%",
+            |context| percent(share(&sets(context)?, |coverage| *coverage < LEAST_COVERAGE)),
+        ),
+        Claim::at_least(
+            "space_random_answered".into(),
+            about("instants of contact after the first second with an estimate, mean over replays"),
+            90.0,
+            "%",
+            |context| percent(mean(replays(context, |_| true)?.iter().map(|trial| trial.answered))),
+        ),
+    ];
+    for (name, kind, bound, smooth) in
+        [("smooth", "rods, spheres, cylinders and tori", 3.0, true), ("edged", "boxes and cones", 6.0, false)]
+    {
+        let of_kind = move |shape: &str| SMOOTH.contains(&shape) == smooth;
+        claims.push(Claim::at_most(
+            format!("space_random_{name}_median"),
+            about(&format!("{kind}: RMSE of the contact, median over replays")),
+            0.25,
+            "mm",
+            move |context| {
+                Ok(median(replays(context, of_kind)?.iter().filter_map(|trial| trial.rmse_m)).map(|m| 1e3 * m))
+            },
+        ));
+        claims.push(Claim::at_most(
+            format!("space_random_{name}_failed"),
+            about(&format!("{kind}: replays with an RMSE above 0.5 mm")),
+            bound,
+            "%",
+            move |context| {
+                let failed = |trial: &SpatialTrialRow| trial.rmse_m.is_none_or(|rmse_m| rmse_m > FAILED_M);
+                percent(share(&replays(context, of_kind)?, failed))
+            },
+        ));
+        claims.push(Claim::at_most(
+            format!("space_random_{name}_normal"),
+            about(&format!("{kind}: replays whose normal is off by more than 2 degrees (root mean square)")),
+            bound,
+            "%",
+            move |context| {
+                let failed = |trial: &SpatialTrialRow| trial.normal_rad.is_none_or(|angle| angle > FAILED_NORMAL_RAD);
+                percent(share(&replays(context, of_kind)?, failed))
+            },
+        ));
+    }
+    claims.push(Claim::at_least(
+        "space_random_radius_coverage".into(),
+        about("spheres and cylinders: 95 % intervals of the last radius that contain the true one"),
+        88.0,
+        "%",
+        |context| percent(mean(replays(context, |_| true)?.iter().filter_map(|trial| trial.radius_coverage))),
+    ));
+    claims
+}
+
+/// Replays of `recommended` on solids of some shapes.
+fn replays(context: &Context, of: impl Fn(&str) -> bool) -> anyhow::Result<Vec<SpatialTrialRow>> {
+    let folder = context.results.join(RUN);
+    let Some(run) = SpatialRun::read(&folder)? else { return Ok(Vec::new()) };
+    let shapes: BTreeMap<&str, &str> = run
+        .trials
+        .iter()
+        .filter_map(|trial| Some((trial.trace.as_str(), trial.solid.get("shape")?.as_str()?)))
+        .collect();
+    let mut trials = SpatialRun::trials(&folder)?;
+    trials.retain(|trial| {
+        trial.estimator == RECOMMENDED && shapes.get(trial.trace.as_str()).is_some_and(|shape| of(shape))
+    });
+    Ok(trials)
+}
+
+/// Coverage of each set, mean over its replays.
+fn sets(context: &Context) -> anyhow::Result<Vec<f64>> {
+    let mut sets: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for trial in replays(context, |_| true)? {
+        if let Some(coverage) = trial.coverage {
+            sets.entry(trial.group).or_default().push(coverage);
+        }
+    }
+    Ok(sets.into_values().filter_map(mean).collect())
+}
+
+/// Share of the elements for which a condition holds. `None` if there is no element.
+fn share<One>(of: &[One], holds: impl Fn(&One) -> bool) -> Option<f64> {
+    mean(of.iter().map(|one| f64::from(u8::from(holds(one)))))
+}
+
+fn percent(share: Option<f64>) -> anyhow::Result<Option<f64>> {
+    Ok(share.map(|share| 100.0 * share))
+}
