@@ -73,7 +73,7 @@ PRODUCTS: dict[type, Product] = {
         random_spatial_set.is_spatial_set_up_to_date,
         SpatialSetRenderer,
         lambda _, traces: replayed_in_space(traces[0].run, traces[0].simulated),
-        lambda run: space_at_start(random_spatial_set.first_spatial_trace(run)),
+        lambda run: space_at_start(random_set.first_trace(run)),
     ),
 }
 """Products by kind of scene."""

@@ -312,7 +312,10 @@ impl Simulated<'_> {
         if let Some(path) = beyond.into_iter().find(|path| path.with_extension("json").is_file()) {
             return Err(changed("traces", random.traces(), &path, "more traces of a set"));
         }
-        for path in paths.iter().filter(|_| !random.in_space) {
+        if random.in_space {
+            return Ok(());
+        }
+        for path in paths {
             let whisker = Sidecar::read(path)?.whisker.name;
             let number = whisker.strip_prefix(&format!("{prefix}w")).and_then(|number| number.parse::<u64>().ok());
             if number.is_some_and(|number| number >= random.whiskers()) {

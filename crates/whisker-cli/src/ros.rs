@@ -7,7 +7,7 @@
 mod array;
 mod space;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::fs;
 use std::io;
@@ -58,20 +58,8 @@ const ROTATION: &str = "root_rotation";
 /// recording has its name.
 pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<Export> {
     let trace = Trace::read(path)?;
-    let estimates: Option<Vec<EstimateRow>> =
-        estimates.map(|table| estimates_of(table, "a planar trace")).transpose()?;
-    let estimates = estimates.unwrap_or_default();
-    let mut of_time = BTreeMap::new();
-    for estimate in &estimates {
-        of_time.insert(time_ns(estimate.t_s, path)?, estimate);
-    }
-    let mut unknown = of_time.clone();
-    for known in &trace.recording.instants {
-        unknown.remove(&time_ns(known.t_s, path)?);
-    }
-    if let Some(time_ns) = unknown.keys().next() {
-        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
-    }
+    let times_s = trace.recording.instants.iter().map(|known| known.t_s);
+    let of_time = estimates_by_time(path, times_s, estimates, "a planar trace", |row: &EstimateRow| row.t_s)?;
     let sidecar = read(&path.with_extension("json"))?;
     let outline = match &trace.sidecar.contour {
         Some(contour) => Some((&contour.file, read(&path.with_file_name(&contour.file))?)),
@@ -336,6 +324,25 @@ fn check_name(path: &Path, attachment: &Attachment, name: &str) -> anyhow::Resul
     Ok(())
 }
 
+/// Estimates of a trace by time (ns), from a table whose times must be among those of the trace; empty without one.
+fn estimates_by_time<One: Default + Serialize + DeserializeOwned>(
+    path: &Path,
+    times_s: impl Iterator<Item = f64>,
+    table: Option<&Path>,
+    kind: &str,
+    t_s: impl Fn(&One) -> f64,
+) -> anyhow::Result<BTreeMap<u64, One>> {
+    let mut of_time = BTreeMap::new();
+    for estimate in table.map(|table| estimates_of(table, kind)).transpose()?.unwrap_or_default() {
+        of_time.insert(time_ns(t_s(&estimate), path)?, estimate);
+    }
+    let known: BTreeSet<u64> = times_s.map(|t_s| time_ns(t_s, path)).collect::<anyhow::Result<_>>()?;
+    if let Some(time_ns) = of_time.keys().find(|time_ns| !known.contains(time_ns)) {
+        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
+    }
+    Ok(of_time)
+}
+
 /// Reads a table of estimates, whose columns must be those of the rows.
 fn estimates_of<One: Default + Serialize + DeserializeOwned>(path: &Path, kind: &str) -> anyhow::Result<Vec<One>> {
     let expected = csv_bytes(&[One::default()])?;
@@ -370,22 +377,36 @@ fn place_of(path: &Path, attachment: &Attachment) -> PathBuf {
 
 /// Rows of a trace: each begins with a frame of the base, and the messages of the same time belong to it.
 fn rows(reader: &Reader) -> anyhow::Result<(Recording, Truth)> {
-    let (mut instants, mut truth) = (Vec::<Instant>::new(), Vec::<TruthInstant>::new());
+    let begin = |t_s, base: Transform| Instant {
+        t_s,
+        base: Pose::new(base.translation.x, base.translation.y, 0.0),
+        twist: None,
+        moment_z_n_m: f64::NAN,
+        rotation_z_rad: None,
+    };
+    let (instants, truth) = rows_of(reader, begin, |record, message, known, truth| {
+        take(&record.topic, message, known, truth);
+        Ok(())
+    })?;
+    Ok((Recording { instants }, Truth { instants: truth }))
+}
+
+/// Known quantities and truth of each row of a trace, in the plane or in space. A row begins with the time and a frame of the base;
+/// `take` receives the further messages of the same time.
+fn rows_of<Known, Of: Default>(
+    reader: &Reader,
+    begin: impl Fn(f64, Transform) -> Known,
+    take: impl Fn(&Record, AnyMessage, &mut Known, &mut Of) -> anyhow::Result<()>,
+) -> anyhow::Result<(Vec<Known>, Vec<Of>)> {
+    let (mut instants, mut truth) = (Vec::<Known>::new(), Vec::<Of>::new());
     let mut row_ns = None;
     for record in reader.records() {
         let record = record?;
         let Some(message) = record.decode_any()? else { continue };
         if record.topic == topics::TF {
-            let (x, y) = base_of(&record, message)?;
+            instants.push(begin(seconds(record.time_ns), base_of(&record, message)?));
+            truth.push(Of::default());
             row_ns = Some(record.time_ns);
-            instants.push(Instant {
-                t_s: seconds(record.time_ns),
-                base: Pose::new(x, y, 0.0),
-                twist: None,
-                moment_z_n_m: f64::NAN,
-                rotation_z_rad: None,
-            });
-            truth.push(TruthInstant::default());
             continue;
         }
         let (Some(known), Some(truth)) = (instants.last_mut(), truth.last_mut()) else {
@@ -394,18 +415,18 @@ fn rows(reader: &Reader) -> anyhow::Result<(Recording, Truth)> {
         if row_ns != Some(record.time_ns) {
             bail!(record.wrong(format!("{} ns", record.time_ns), "the time of the last message of /tf"));
         }
-        take(&record.topic, message, known, truth);
+        take(&record, message, known, truth)?;
     }
-    Ok((Recording { instants }, Truth { instants: truth }))
+    Ok((instants, truth))
 }
 
-/// Pose of the base in a message. `None` for another frame.
-fn base_of(record: &Record, message: AnyMessage) -> anyhow::Result<(f64, f64)> {
+/// Pose of the base in a message, which must contain no other frame.
+fn base_of(record: &Record, message: AnyMessage) -> anyhow::Result<Transform> {
     if let AnyMessage::TfMessage(frames) = message
         && let [base] = frames.transforms.as_slice()
         && base.child_frame_id == topics::WHISKER
     {
-        return Ok((base.transform.translation.x, base.transform.translation.y));
+        return Ok(base.transform.clone());
     }
     Err(record.wrong("other frames", format!("that of {} alone", topics::WHISKER)).into())
 }

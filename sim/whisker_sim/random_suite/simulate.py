@@ -14,18 +14,21 @@ A rejected trace is drawn again up to `TRACE_ATTEMPTS` times, then its set as a 
 of each attempt depends on the set and the number of the attempt alone.
 """
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
 
 from whisker_sim.certificate import Certificate, certify
 from whisker_sim.errors import SimulationError, WhiskerSimError
+from whisker_sim.random_suite.space import DrawnSpatialSet
 from whisker_sim.random_suite.suite import DrawnSet
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
 from whisker_sim.simulate import Simulated, simulate
+from whisker_sim.space.scene import SpatialScene
 from whisker_sim.trace import inputs_sha256, is_complete, remove_leftovers, write_files
 from whisker_sim.whisker import Whisker
 
@@ -40,6 +43,10 @@ _CLEAR_M = 1e-4
 """Least gap between the undeflected whisker and the object at the start."""
 
 
+Accepted = TypeVar("Accepted")
+"""An accepted trace, with its `run` and what was `simulated`."""
+
+
 class SimulatedTrace(NamedTuple):
     """An accepted trace."""
 
@@ -50,19 +57,27 @@ class SimulatedTrace(NamedTuple):
 
 def simulate_set(run: Run) -> list[SimulatedTrace]:
     """Simulates the traces of the random set `run`. Raises `SimulationError` if no attempt is possible."""
+    return accepted_set(run, _accepted)
+
+
+def accepted_set(run: Run, accepted: Callable[[Run], Accepted | None]) -> list[Accepted]:
+    """The first drawn traces of the random set `run` that `accepted` returns, in the plane or in space.
+
+    Raises `SimulationError` if no attempt is possible.
+    """
     for attempt in range(SET_ATTEMPTS):
-        traces = _attempt(run, run.scene.draw(attempt))
+        traces = _attempt(run, run.scene.draw(attempt), accepted)
         if traces is not None:
             return traces
     raise SimulationError(f"expected a possible set in {SET_ATTEMPTS} attempts, found none")
 
 
-def _attempt(run: Run, drawn: DrawnSet) -> list[SimulatedTrace] | None:
+def _attempt(run: Run, drawn: DrawnSet | DrawnSpatialSet, accepted: Callable[[Run], Accepted | None]) -> list[Accepted] | None:
     """The traces of a set, or `None` if one of them is not possible."""
     traces = []
     for index, name in enumerate(run.scene.names(run.name)):
         scenes = (_scene(drawn, index, attempt) for attempt in range(TRACE_ATTEMPTS))
-        attempts = (_accepted(Run(name, scene, run.path)) for scene in scenes if scene is not None)
+        attempts = (accepted(Run(name, scene, run.path)) for scene in scenes if scene is not None)
         trace = next((trace for trace in attempts if trace is not None), None)
         if trace is None:
             return None
@@ -70,7 +85,7 @@ def _attempt(run: Run, drawn: DrawnSet) -> list[SimulatedTrace] | None:
     return traces
 
 
-def _scene(drawn: DrawnSet, trace: int, attempt: int) -> Scene | None:
+def _scene(drawn: DrawnSet | DrawnSpatialSet, trace: int, attempt: int) -> Scene | SpatialScene | None:
     """The drawn scene, or `None` if it is not valid."""
     try:
         return drawn.scene(trace, attempt)
@@ -119,6 +134,11 @@ def write_set(folder: Path, run: Run, traces: list[SimulatedTrace]) -> str:
     for trace in traces:
         remove_leftovers(folder, trace.run.name)
         write_files(folder, trace.run, trace.simulated, trace.certificate, made_from)
+    return set_line(run, traces)
+
+
+def set_line(run: Run, traces: Sequence[Accepted]) -> str:
+    """One line of text about a simulated set, for the user."""
     duration_s = sum(trace.simulated.time_s[-1] for trace in traces)
     scene = traces[0].run.scene
     return f"{run.name}: {scene.resolved_whisker.name}, {scene.shape}, {scene.motion_kind}, {duration_s:.1f} s"

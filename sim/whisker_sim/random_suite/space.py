@@ -4,13 +4,13 @@ Depths are at most those of the calibration at the arc length of the contact.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from whisker_sim.random_suite.draw import Draw, log_uniform, uniform, weighted
-from whisker_sim.scene import Format, SceneBase, Seed, Simulation, random_stream
+from whisker_sim.random_suite.sets import DrawnScenes
+from whisker_sim.scene import random_stream
 from whisker_sim.space.motions import AnySpatialMotion
 from whisker_sim.space.motions.grid import SpatialGrid
 from whisker_sim.space.motions.push import Push
@@ -25,9 +25,8 @@ from whisker_sim.space.solids.cylinder import Cylinder
 from whisker_sim.space.solids.pin import ThinRod
 from whisker_sim.space.solids.sphere import Sphere
 from whisker_sim.space.solids.torus import Torus
-from whisker_sim.whisker import Array, Name
+from whisker_sim.whisker import Array
 
-WHISKERS = ("straight", "curved")
 RATES_HZ = (100.0, 125.0, 200.0, 250.0, 500.0)
 """Sampling rates, equally probable."""
 
@@ -156,35 +155,8 @@ MOTIONS: tuple[tuple[float, Callable[[Press, np.random.Generator], AnySpatialMot
 """Kinds of motions with their weights."""
 
 
-class SpatialRandomSet(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
-    """One set of a random suite in space."""
-
-    format: Format
-    suite: Name
-    seed: Seed
-    index: Annotated[int, msgspec.Meta(ge=0)]
-    traces: int
-    whisker: str
-    simulation: Simulation = Simulation()
-
-    role: Literal["trial"] = "trial"
-
-    @property
-    def name(self) -> str:
-        """Name of the set, and its group."""
-        return f"{self.suite}_{self.seed}_{self.index:04d}"
-
-    @property
-    def group(self) -> str:
-        """Group of its traces."""
-        return self.name
-
-    def names(self, name: str) -> tuple[str, ...]:
-        """Names in the dataset of its traces."""
-        return tuple(f"{name}_{trace:02d}" for trace in range(self.traces))
-
-    def plan(self) -> None:
-        """Does not check anything: scenes that are not possible are drawn again."""
+class SpatialRandomSet(DrawnScenes, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One set of a random suite in space: the traces of one preset whisker on one solid."""
 
     def draw(self, attempt: int) -> "DrawnSpatialSet":
         """The set as drawn for the `attempt`-th time."""

@@ -1,7 +1,7 @@
 """Documents of random suites, and the scenes that they define."""
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -10,9 +10,10 @@ from whisker_sim.motions import Smooth
 from whisker_sim.random_suite.effects import random_rate_hz, random_replay
 from whisker_sim.random_suite.movements import DURATION_S, random_movement
 from whisker_sim.random_suite.objects import random_kind
+from whisker_sim.random_suite.sets import DrawnScenes
 from whisker_sim.random_suite.space import SpatialRandomSet, spatial_calibration_scene
 from whisker_sim.random_suite.whiskers import CALIBRATION_SEEDS, FACES, STANDARD, calibration_scene, random_whisker
-from whisker_sim.scene import Format, Scene, SceneBase, Seed, Simulation, random_stream
+from whisker_sim.scene import Format, Scene, Seed, random_stream
 from whisker_sim.space.scene import SpatialScene
 from whisker_sim.whisker import Name, Whisker, WhiskerOverride, resolve_whisker
 
@@ -88,38 +89,8 @@ class RandomSuite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                     yield calibration_scene(self.prefix, whiskers[name], face, seed)
 
 
-class RandomSet(SceneBase, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
-    """One set of a random suite: the traces of one whisker on one object.
-
-    It is drawn again as a whole if too few of its traces are possible; see `whisker_sim.random_suite.simulate`.
-    """
-
-    format: Format
-    suite: Name
-    seed: Seed
-    index: Annotated[int, msgspec.Meta(ge=0)]
-    traces: int
-    whisker: str | WhiskerOverride
-    simulation: Simulation = Simulation()
-
-    role: Literal["trial"] = "trial"
-
-    @property
-    def name(self) -> str:
-        """Name of the set, and its group."""
-        return f"{self.suite}_{self.seed}_{self.index:04d}"
-
-    @property
-    def group(self) -> str:
-        """Group of its traces."""
-        return self.name
-
-    def names(self, name: str) -> tuple[str, ...]:
-        """Names in the dataset of its traces."""
-        return tuple(f"{name}_{trace:02d}" for trace in range(self.traces))
-
-    def plan(self) -> None:
-        """Does not check anything: scenes that are not possible are drawn again."""
+class RandomSet(DrawnScenes, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
+    """One set of a random suite: the traces of one whisker on one object."""
 
     def draw(self, attempt: int) -> "DrawnSet":
         """The set as drawn for the `attempt`-th time."""

@@ -47,7 +47,7 @@ fn assert_files_stay_in_the_folder(mcap: &Path, salvage: bool) {
             }
         } else if file.extension().is_some_and(|extension| extension == "csv") && file.with_extension("json").is_file()
         {
-            if is_spatial(file).is_ok_and(|is_spatial| is_spatial) {
+            if matches!(is_spatial(file), Ok(true)) {
                 one_error(SpatialTrace::read(file), "");
             } else {
                 one_error(Trace::read(file), "");

@@ -5,10 +5,10 @@ use nalgebra::{Matrix1, Matrix2, Matrix3, Vector1};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use strict_json::{one_line, shown};
-use whisker::Whisker;
 use whisker::estimators::{BaseNoise, ContactPrior, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
 use whisker::sensor::{AlongAway, CalibratedFace, Domain, Face};
+use whisker::{RestShape, Whisker};
 
 /// Version of the protocol, sent in the first line.
 pub const PROTOCOL: u32 = 1;
@@ -17,7 +17,7 @@ pub const PROTOCOL: u32 = 1;
 const NODES: [usize; 2] = [61, 31];
 
 /// Number of points of the undeflected whisker, including both ends.
-pub(super) const REST_POINTS: usize = 101;
+const REST_POINTS: usize = 101;
 
 /// Mask for seeds: the largest integer that is exactly representable as a double-precision number.
 pub(super) const SEED_MASK: u64 = (1 << 53) - 1;
@@ -58,7 +58,7 @@ pub struct BaseNoiseLine {
 
 /// Undeflected whisker from root to tip, in Base.
 #[derive(Default, Serialize)]
-struct RestLine {
+pub(super) struct RestLine {
     arc_m: Vec<f64>,
     x_m: Vec<f64>,
     y_m: Vec<f64>,
@@ -126,7 +126,7 @@ impl<'a> Prior<'a> {
             noise_sd_n_m: knowledge.noise_sd_n_m,
             base_noise: BaseNoiseLine::new(&knowledge.base_noise),
             whisker: &knowledge.whisker,
-            rest: RestLine::new(knowledge),
+            rest: RestLine::new(&knowledge.rest),
             faces: knowledge.faces.iter().map(|face| FaceTable::new(knowledge, face)).collect(),
             contact_prior,
         }
@@ -171,14 +171,14 @@ impl BaseNoiseLine {
 }
 
 impl RestLine {
-    fn new(knowledge: &Knowledge) -> Self {
+    pub(super) fn new(rest: &RestShape) -> Self {
         let mut line = Self::default();
-        for arc_m in evenly(0.0, knowledge.rest.length_m(), REST_POINTS) {
-            let point = knowledge.rest.point(arc_m);
+        for arc_m in evenly(0.0, rest.length_m(), REST_POINTS) {
+            let point = rest.point(arc_m);
             line.arc_m.push(arc_m);
             line.x_m.push(point.x());
             line.y_m.push(point.y());
-            line.tangent_rad.push(knowledge.rest.tangent_rad(arc_m));
+            line.tangent_rad.push(rest.tangent_rad(arc_m));
         }
         line
     }

@@ -14,7 +14,7 @@ use whisker::space::frames::{Point, Pose};
 use whisker::space::sensor::{Around, CalibratedSpace, SpatialDomain};
 
 use super::program::{Conversation, Program};
-use super::protocol::{FARTHEST_M, REST_POINTS, SEED_MASK, answer, evenly};
+use super::protocol::{FARTHEST_M, RestLine, SEED_MASK, answer, evenly};
 use crate::space::replay::SpatialReplay;
 
 /// Version of the protocol for trials in space, sent in the first line.
@@ -56,15 +56,6 @@ struct Prior<'a> {
     table: SensorTable,
 }
 
-/// Undeflected whisker from root to tip, which lies in the plane z = 0 of Base.
-#[derive(Default, Serialize)]
-struct RestLine {
-    arc_m: Vec<f64>,
-    x_m: Vec<f64>,
-    y_m: Vec<f64>,
-    tangent_rad: Vec<f64>,
-}
-
 /// Sensor model on a grid over the calibrated domain; the nodes of one arc length are contiguous, and among them those of one
 /// direction.
 #[derive(Default, Serialize)]
@@ -102,26 +93,12 @@ impl<'a> Prior<'a> {
             whisker: &calibrated.whisker.whisker,
             suspension: calibrated.whisker.suspension.into(),
             poisson_ratio: calibrated.whisker.poisson_ratio,
-            rest: RestLine::new(calibrated),
+            rest: RestLine::new(&calibrated.rest),
             largest_reading_n_m: calibrated.largest_reading_n_m,
             domain: &calibrated.domain,
             shape: NODES,
             table: SensorTable::new(calibrated),
         }
-    }
-}
-
-impl RestLine {
-    fn new(calibrated: &CalibratedSpace) -> Self {
-        let mut line = Self::default();
-        for arc_m in evenly(0.0, calibrated.rest.length_m(), REST_POINTS) {
-            let point = calibrated.rest.point(arc_m);
-            line.arc_m.push(arc_m);
-            line.x_m.push(point.x());
-            line.y_m.push(point.y());
-            line.tangent_rad.push(calibrated.rest.tangent_rad(arc_m));
-        }
-        line
     }
 }
 
@@ -167,14 +144,15 @@ fn extend<'a, const COUNT: usize>(columns: [&mut Vec<f64>; COUNT], values: impl 
     columns.into_iter().zip(values).for_each(|(column, value)| column.push(*value));
 }
 
-/// Unit normal of the touched surface in Base, by the mechanics of the whisker. Where the whisker has no equilibrium, the direction
-/// away from the displacement of the contact.
+/// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the contact is
+/// displaced; upwards where it is not.
 fn normal(calibrated: &CalibratedSpace, at: Around) -> Vector3<f64> {
     match calibrated.geometry() {
         Some(geometry) => geometry.at(calibrated.domain.clamp(at)).normal,
         None => {
             let foot = Around::new(at.along_m, 0.0, 0.0).contact(&calibrated.rest);
-            (at.contact(&calibrated.rest).vector() - foot.vector()).normalize()
+            let displaced_m = at.contact(&calibrated.rest).vector() - foot.vector();
+            displaced_m.try_normalize(0.0).unwrap_or_else(Vector3::z)
         }
     }
 }

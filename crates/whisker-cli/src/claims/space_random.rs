@@ -23,6 +23,26 @@ const LEAST_COVERAGE: f64 = 0.8;
 /// Angle of the normal above which a replay counts as failed.
 const FAILED_NORMAL_RAD: f64 = 2.0_f64.to_radians();
 
+/// A way in which a replay fails.
+struct Failing {
+    id: &'static str,
+    what: &'static str,
+    has_failed: fn(&SpatialTrialRow) -> bool,
+}
+
+const FAILING: [Failing; 2] = [
+    Failing {
+        id: "failed",
+        what: "replays with an RMSE above 0.5 mm",
+        has_failed: |trial| trial.rmse_m.is_none_or(|rmse_m| rmse_m > FAILED_M),
+    },
+    Failing {
+        id: "normal",
+        what: "replays whose normal is off by more than 2 degrees (root mean square)",
+        has_failed: |trial| trial.normal_rad.is_none_or(|angle_rad| angle_rad > FAILED_NORMAL_RAD),
+    },
+];
+
 pub(super) fn claims() -> Vec<Claim> {
     let about = |what: &str| format!("random scenes in space, {RECOMMENDED}: {what}");
     let covered = "stated 95 % ellipsoids that hold the true contact, mean over sets";
@@ -61,26 +81,15 @@ pub(super) fn claims() -> Vec<Claim> {
                 Ok(median(replays(context, of_kind)?.iter().filter_map(|trial| trial.rmse_m)).map(|m| 1e3 * m))
             },
         ));
-        claims.push(Claim::at_most(
-            format!("space_random_{name}_failed"),
-            about(&format!("{kind}: replays with an RMSE above 0.5 mm")),
-            bound,
-            "%",
-            move |context| {
-                let failed = |trial: &SpatialTrialRow| trial.rmse_m.is_none_or(|rmse_m| rmse_m > FAILED_M);
-                percent(share(&replays(context, of_kind)?, failed))
-            },
-        ));
-        claims.push(Claim::at_most(
-            format!("space_random_{name}_normal"),
-            about(&format!("{kind}: replays whose normal is off by more than 2 degrees (root mean square)")),
-            bound,
-            "%",
-            move |context| {
-                let failed = |trial: &SpatialTrialRow| trial.normal_rad.is_none_or(|angle| angle > FAILED_NORMAL_RAD);
-                percent(share(&replays(context, of_kind)?, failed))
-            },
-        ));
+        for Failing { id, what, has_failed } in FAILING {
+            claims.push(Claim::at_most(
+                format!("space_random_{name}_{id}"),
+                about(&format!("{kind}: {what}")),
+                bound,
+                "%",
+                move |context| percent(share(&replays(context, of_kind)?, has_failed)),
+            ));
+        }
     }
     claims.push(Claim::at_least(
         "space_random_radius_coverage".into(),

@@ -1,6 +1,5 @@
 //! Traces in space as ROS 2 recordings, and back.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
@@ -19,8 +18,8 @@ use trace::{
 };
 
 use super::{
-    ARC, CONTACT, Export, Row, SPLIT, SURFACE, Staging, TIP, TOUCHING, check_name, estimates_of, parsed, read, restore,
-    seconds, time_ns,
+    ARC, CONTACT, Export, Row, SPLIT, SURFACE, Staging, TIP, TOUCHING, check_name, estimates_by_time, parsed, read,
+    restore, rows_of, time_ns,
 };
 
 const NORMAL: &str = "/truth/normal";
@@ -45,21 +44,13 @@ const FEATURES: [(&str, Feature); 3] = [("face", Feature::Face), ("edge", Featur
 /// recording has its name.
 pub fn export_spatial_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<Export> {
     let trace = SpatialTrace::read(path)?;
-    let mut of_time: BTreeMap<u64, SpatialEstimateRow> = BTreeMap::new();
-    let estimates: Option<Vec<SpatialEstimateRow>> =
-        estimates.map(|table| estimates_of(table, "a trace in space")).transpose()?;
-    for estimate in estimates.unwrap_or_default() {
-        of_time.insert(time_ns(estimate.t_s, path)?, estimate);
-    }
-    let times = trace.recording.instants.iter().map(|known| time_ns(known.t_s, path));
-    let times: Vec<u64> = times.collect::<anyhow::Result<_>>()?;
-    if let Some(time_ns) = of_time.keys().find(|time_ns| times.binary_search(time_ns).is_err()) {
-        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
-    }
+    let times_s = trace.recording.instants.iter().map(|known| known.t_s);
+    let of_time = estimates_by_time(path, times_s, estimates, "a trace in space", |row: &SpatialEstimateRow| row.t_s)?;
     let sidecar = read(&path.with_extension("json"))?;
     let staging = Staging::new(folder)?;
     let mut writer = Writer::create(&staging.recording)?;
-    for ((known, truth), &time_ns) in trace.recording.instants.iter().zip(&trace.truth.instants).zip(&times) {
+    for (known, truth) in trace.recording.instants.iter().zip(&trace.truth.instants) {
+        let time_ns = time_ns(known.t_s, path)?;
         let mut row = Row { writer: &mut writer, time_ns, prefix: String::new() };
         row.known_in_space(known)?;
         row.truth_in_space(truth)?;
@@ -162,56 +153,31 @@ pub(super) fn import_spatial_trace(
     restore(path, attachment, name, (&table, csv_sha256), Vec::new(), folder)
 }
 
-/// Rows of a trace: each begins with a frame of the base, and the messages of the same time belong to it.
+/// Rows of a trace in space.
 fn rows(reader: &Reader) -> anyhow::Result<(SpatialRecording, SpatialTruth)> {
-    let (mut instants, mut truth) = (Vec::<SpatialInstant>::new(), Vec::<SpatialTruthInstant>::new());
-    let mut row_ns = None;
-    for record in reader.records() {
-        let record = record?;
-        let Some(message) = record.decode_any()? else { continue };
-        if record.topic == topics::TF {
-            row_ns = Some(record.time_ns);
-            instants.push(SpatialInstant {
-                t_s: seconds(record.time_ns),
-                base: base_of(&record, message)?,
-                twist: None,
-                moment_x_n_m: None,
-                moment_y_n_m: f64::NAN,
-                moment_z_n_m: f64::NAN,
-                force_x_n: None,
-                rotation: None,
-            });
-            truth.push(SpatialTruthInstant::default());
-            continue;
-        }
-        let (Some(known), Some(truth)) = (instants.last_mut(), truth.last_mut()) else {
-            bail!(record.wrong("a message before any of /tf", "the base's frame first"));
-        };
-        if row_ns != Some(record.time_ns) {
-            bail!(record.wrong(format!("{} ns", record.time_ns), "the time of the last message of /tf"));
-        }
-        if OF_CONTACT.contains(&record.topic.as_str()) {
-            take_contact(&record, message, truth.contact.get_or_insert(EMPTY))?;
-        } else {
-            take(&record, message, known, truth)?;
-        }
-    }
-    Ok((SpatialRecording { instants }, SpatialTruth { instants: truth }))
-}
-
-/// Pose of the base in a message.
-fn base_of(record: &Record, message: AnyMessage) -> anyhow::Result<SpatialPose> {
-    if let AnyMessage::TfMessage(frames) = message
-        && let [base] = frames.transforms.as_slice()
-        && base.child_frame_id == topics::WHISKER
-    {
-        let Transform { translation, rotation } = &base.transform;
+    let begin = |t_s, Transform { translation, rotation }: Transform| {
         let rotation = na::Quaternion::new(rotation.w, rotation.x, rotation.y, rotation.z);
         // As written: normalising would change the last decimals of the table.
         let rotation = UnitQuaternion::new_unchecked(rotation);
-        return Ok(SpatialPose { position: of_vector(translation), rotation });
-    }
-    Err(record.wrong("other frames", format!("that of {} alone", topics::WHISKER)).into())
+        SpatialInstant {
+            t_s,
+            base: SpatialPose { position: of_vector(&translation), rotation },
+            twist: None,
+            moment_x_n_m: None,
+            moment_y_n_m: f64::NAN,
+            moment_z_n_m: f64::NAN,
+            force_x_n: None,
+            rotation: None,
+        }
+    };
+    let (instants, truth) = rows_of(reader, begin, |record, message, known, truth: &mut SpatialTruthInstant| {
+        if OF_CONTACT.contains(&record.topic.as_str()) {
+            take_contact(record, message, truth.contact.get_or_insert(EMPTY))
+        } else {
+            take(record, message, known, truth)
+        }
+    })?;
+    Ok((SpatialRecording { instants }, SpatialTruth { instants: truth }))
 }
 
 /// Enters a message into its row. Messages that are not part of a trace, such as estimated contacts, are ignored.
