@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, robust};
-use nalgebra::Vector1;
+use nalgebra::{SVector, Vector1, Vector2};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -215,6 +215,8 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     /// Whether the whole belief has moved beyond the end of the loaded whisker during this touch: the tip itself rests on the
     /// object, at a place that the belief does not describe.
     is_past_tip: bool,
+    /// Mean of the state at the last estimate.
+    stated: Option<SVector<f64, N>>,
 }
 
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
@@ -238,6 +240,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             is_lost: false,
             was_on_side: false,
             is_past_tip: false,
+            stated: None,
         }
     }
 
@@ -344,6 +347,11 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 
     /// Takes a sample and returns the moments of the whole mixture before and after its reading.
     pub(super) fn advance(&mut self, sample: &Sample) -> Option<Advance<N>> {
+        self.advance_mean(sample, 1.0)
+    }
+
+    /// The same for the mean of `count` samples.
+    pub(super) fn advance_mean(&mut self, sample: &Sample, count: f64) -> Option<Advance<N>> {
         self.base = sample.motion.inverse().then(&self.base);
         self.time_s += sample.dt_s;
         self.carry_left(sample);
@@ -370,13 +378,13 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             0.0
         };
         let error_sd_n_m = (INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m);
-        let reading = self.reading().with_error(error_sd_n_m);
+        let reading = self.reading().with_error(error_sd_n_m).of_mean(count);
         let corrected = Sample { reading_n_m: sample.reading_n_m - inertia_n_m, ..*sample };
         let innovation = self.condition(&mut bank, &reading, corrected.reading_n_m).ok();
         // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
         if counts {
-            self.go_back(&mut bank, &corrected, error_sd_n_m, innovation);
+            self.go_back(&mut bank, &corrected, error_sd_n_m, count, innovation);
             self.search(&mut bank, sample, innovation);
         }
         let filtered = bank.moments_above(self.config.ignored_share)?;
@@ -467,7 +475,14 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     /// `(odds + r dt) L` (Shiryaev, "On optimum methods in quickest detection problems", Theory of Probability and its
     /// Applications 8(1), 1963). The innovations of the bank alone detect a return late: where the base goes back the way that
     /// it came, the bank explains the readings by a displaced contact.
-    fn go_back(&mut self, bank: &mut Bank<N>, sample: &Sample, error_sd_n_m: f64, innovation: Option<Innovation<1>>) {
+    fn go_back(
+        &mut self,
+        bank: &mut Bank<N>,
+        sample: &Sample,
+        error_sd_n_m: f64,
+        count: f64,
+        innovation: Option<Innovation<1>>,
+    ) {
         if self.left.is_empty() || !self.jumps {
             return;
         }
@@ -475,7 +490,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let (Some(found), Some(most)) = (innovation, bank.most_probable().map(|most| most.belief)) else { return };
         let (of_bank, z) = (log_likelihood(&found), Vector1::new(sample.reading_n_m));
         let mut left = std::mem::take(&mut self.left);
-        let reading = self.reading().with_error(error_sd_n_m);
+        let reading = self.reading().with_error(error_sd_n_m).of_mean(count);
         for Left { belief, odds } in &mut left {
             let mut there = *belief;
             let update = self.config.filter.update(&mut there, &reading, &z);
@@ -492,6 +507,13 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             }
         }
         self.left = left;
+    }
+
+    /// Displacement (m, in Base after the motion) by which a contact slides over the object during a further motion.
+    pub(super) fn slip_from_m(&self, mean: &SVector<f64, N>, ahead: &Sample) -> Vector2<f64> {
+        let moved = self.motion.step(&self.side, ahead).predict(mean);
+        let place = |x| self.side.face.contact_at(AlongAway::of_state(x));
+        place(&moved).vector() - ahead.motion.apply(place(mean)).vector()
     }
 
     /// Whether the belief has no valid covariance, or one so large that the contact may be anywhere on the whisker and beyond.
@@ -569,7 +591,17 @@ pub(super) struct Advance<const N: usize> {
 
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        let Advance { filtered, innovation, .. } = self.advance(sample)?;
+        self.step_mean(sample, 1.0)
+    }
+
+    fn slip_m(&self, ahead: &Sample) -> Vector2<f64> {
+        self.stated.map_or_else(Vector2::zeros, |mean| self.slip_from_m(&mean, ahead))
+    }
+
+    fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
+        self.stated = None;
+        let Advance { filtered, innovation, .. } = self.advance_mean(sample, count)?;
+        self.stated = Some(filtered.mean);
         if self.is_at_tip(&filtered) || self.has_diverged(&filtered) {
             return None;
         }

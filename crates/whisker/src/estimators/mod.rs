@@ -9,6 +9,7 @@
 
 mod base_noise;
 mod batch;
+mod block;
 mod doubt;
 mod drifting;
 mod euler_bernoulli;
@@ -221,6 +222,21 @@ impl Knowledge {
 pub trait Tracker: Send {
     /// Takes one sample; the first is that of the touch. `None` until the method has an estimate.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
+
+    /// Takes the mean of `count` successive samples: motion and time from the last mean to this one, and the mean reading, whose
+    /// noise has averaged out. Default: takes it as one sample.
+    fn step_mean(&mut self, sample: &Sample, _count: f64) -> Option<Estimate> {
+        self.step(sample)
+    }
+
+    /// Displacement (m, in Base after the motion) by which the contact of the last estimate slides over the object during a
+    /// further motion, whose reading is unknown. Default: it rests.
+    fn slip_m(&self, _ahead: &Sample) -> Vector2<f64> {
+        Vector2::zeros()
+    }
+
+    /// Continues work that needs no sample, such as a search in progress. Default: none.
+    fn work(&mut self) {}
 
     /// Smoothed estimates of every sample since the touch, in their order. Called once, at the release or at the end of
     /// the recording. `None` for methods that do not smooth.

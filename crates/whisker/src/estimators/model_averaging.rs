@@ -25,6 +25,7 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::block::{BlockSettings, Blocks};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
@@ -91,6 +92,8 @@ pub(super) struct Config {
     pub doubt: DoubtSettings,
     /// Signal that a second contact has taken load.
     pub second: SecondSettings,
+    /// Blocks of samples of which the candidates take the mean.
+    pub block: BlockSettings,
 }
 
 impl Default for Config {
@@ -145,6 +148,7 @@ impl Config {
             farthest_m: 2e-3,
             doubt: DoubtSettings::default(),
             second: SecondSettings::NONE,
+            block: BlockSettings::default(),
         }
     }
 }
@@ -163,6 +167,7 @@ impl Settings for Config {
         within("doubt.most_nis", self.doubt.most_nis, 1.0..=1e6)?;
         within("doubt.nis", self.doubt.nis, 1.0..=1e6)?;
         self.second.validate()?;
+        self.block.validate()?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
         within("farthest_m", self.farthest_m, 0.0..=1.0)
@@ -232,6 +237,8 @@ impl Method for ModelAveraging {
             second: Second::default(),
             base: touch.before,
             last: None,
+            blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
+            stated: None,
             weights,
         })
     }
@@ -307,6 +314,9 @@ struct AveragingTracker {
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
+    blocks: Blocks,
+    /// Estimate at the mean of the last block.
+    stated: Option<Estimate>,
 }
 
 impl AveragingTracker {
@@ -505,16 +515,33 @@ impl AveragingTracker {
     }
 }
 
-impl Tracker for AveragingTracker {
-    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        self.base = sample.motion.inverse().then(&self.base);
-        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
+impl AveragingTracker {
+    /// The estimate of the last block's mean, carried along by the motion of the base since: the contact rests but for its slip
+    /// over the object.
+    fn carried(&self) -> Option<Estimate> {
+        let stated = self.stated?;
+        let since = self.blocks.since(&self.base);
+        let leading = self.right.probabilities().iter().zip(&self.considered).zip(&self.trackers);
+        let leading = leading.filter(|((_, considered), _)| !**considered);
+        let slip_m = leading
+            .max_by(|((a, _), _), ((b, _), _)| a.total_cmp(b))
+            .map_or_else(Vector2::zeros, |(_, tracker)| tracker.slip_m(&since));
+        Some(Estimate {
+            contact: since.motion.apply(stated.contact).shifted(slip_m),
+            covariance_m2: stated.covariance_m2.map(|covariance_m2| since.motion.turn(covariance_m2)),
+            ..stated
+        })
+    }
+
+    /// Takes the mean of `count` samples, with the base at the mean pose.
+    fn step_mean_of(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
+        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
         let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
-        let is_second = self.second.advance(&self.config.second, sample.dt_s, innovation);
+        let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let second_contact = self.second.is_raised();
         let together = self.together(&estimates, innovation);
         if is_second && self.config.second.begins_touch {
@@ -524,6 +551,28 @@ impl Tracker for AveragingTracker {
         let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
         self.last = stated.covariance_m2.map(in_start).or(self.last);
         Some(stated)
+    }
+}
+
+impl Tracker for AveragingTracker {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.base = sample.motion.inverse().then(&self.base);
+        let settings = self.config.block;
+        if settings.samples == 1 {
+            return self.step_mean_of(sample, 1.0);
+        }
+        let Some(block) = self.blocks.take(&settings, &self.base, sample) else {
+            self.trackers.iter_mut().for_each(|tracker| tracker.work());
+            // The innovation is that of the block.
+            return self.carried().map(|estimate| Estimate { innovation: None, ..estimate });
+        };
+        let now = std::mem::replace(&mut self.base, block.base);
+        self.stated = self.step_mean_of(&block.sample, block.count);
+        self.base = now;
+        if let Some(innovation) = self.stated.and_then(|stated| stated.innovation) {
+            self.blocks.note(&settings, innovation.nis);
+        }
+        self.carried()
     }
 
     /// All readings together determine the candidates' probabilities, so those at the end apply to every instant.
@@ -539,6 +588,8 @@ impl Tracker for AveragingTracker {
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         self.face = touch.face.clone();
         self.base = touch.before;
+        self.blocks = Blocks::new(touch.before, touch.face.rest.length_m());
+        self.stated = None;
         self.second.resume();
         self.begin_again_with(touch);
         let total: f64 = self.weights.iter().sum();
@@ -605,6 +656,8 @@ mod tests {
             second: Second::default(),
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,
+            blocks: Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08),
+            stated: None,
         }
     }
 

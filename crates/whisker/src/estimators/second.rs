@@ -65,8 +65,14 @@ pub(super) struct Second {
 }
 
 impl Second {
-    /// Takes the innovation of a step and returns whether it raises the signal.
-    pub(super) fn advance(&mut self, settings: &SecondSettings, dt_s: f64, innovation: Option<Innovation<1>>) -> bool {
+    /// Takes the innovation of the mean of `count` readings and returns whether it raises the signal.
+    pub(super) fn advance(
+        &mut self,
+        settings: &SecondSettings,
+        dt_s: f64,
+        count: f64,
+        innovation: Option<Innovation<1>>,
+    ) -> bool {
         self.since_start_s += dt_s;
         self.held_s -= dt_s;
         let Some(innovation) = innovation.filter(|_| settings.evidence_sds > 0.0) else { return false };
@@ -75,8 +81,9 @@ impl Second {
         }
         let found = innovation.residual.x / innovation.covariance.x.sqrt();
         let bounded = found.clamp(-settings.most_sds, settings.most_sds);
-        self.above_sds = (self.above_sds + bounded - settings.drift_sds).max(0.0);
-        self.below_sds = (self.below_sds - bounded - settings.drift_sds).max(0.0);
+        let (bounded, drift_sds) = (count.sqrt() * bounded, count * settings.drift_sds);
+        self.above_sds = (self.above_sds + bounded - drift_sds).max(0.0);
+        self.below_sds = (self.below_sds - bounded - drift_sds).max(0.0);
         let is_detected = self.above_sds.max(self.below_sds) > settings.evidence_sds;
         if is_detected {
             *self = Self { held_s: settings.hold_s, ..Self::default() };
@@ -104,7 +111,7 @@ mod tests {
     /// Samples until the signal is raised, of at most 10,000, for these innovations in standard deviations.
     fn raised(sds: impl Fn(usize) -> f64) -> Option<usize> {
         let (settings, mut second) = (SecondSettings::default(), Second::default());
-        (0..10_000).find(|&i| second.advance(&settings, 0.004, Innovation::of(vector![sds(i)], Matrix1::new(1.0))))
+        (0..10_000).find(|&i| second.advance(&settings, 0.004, 1.0, Innovation::of(vector![sds(i)], Matrix1::new(1.0))))
     }
 
     /// An evenly spaced quantile sample of the normal distribution, shuffled.

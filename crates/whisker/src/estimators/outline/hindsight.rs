@@ -30,7 +30,7 @@ impl Tracker for Reviser {
         let (side, object) = self.tracer.concluded()?;
         object.refine(side, Effort::Last);
         let state = |base: &Pose<Base, Start>| {
-            let expected = object.expect(side, base, 0.0)?;
+            let expected = object.expect(side, base, 0.0, 1.0)?;
             Some(Estimate { innovation: None, ..object.estimate(side, base, &expected) })
         };
         Some(bases.iter().map(state).collect())

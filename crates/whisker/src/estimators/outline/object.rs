@@ -66,10 +66,22 @@ impl Object {
         object
     }
 
-    /// The predicted contact, and the innovation of a reading.
-    pub(super) fn expect(&self, side: &Side, base: &Pose<Base, Start>, reading_n_m: f64) -> Option<Expected> {
+    /// The contact with the base at a pose.
+    pub(super) fn contact(&self, side: &Side, base: &Pose<Base, Start>) -> Option<Point<Base>> {
+        contact(side, base, &self.fitted.curve, self.near_m).map(|contact| contact.point)
+    }
+
+    /// The predicted contact, and the innovation of the mean of `count` readings.
+    pub(super) fn expect(
+        &self,
+        side: &Side,
+        base: &Pose<Base, Start>,
+        reading_n_m: f64,
+        count: f64,
+    ) -> Option<Expected> {
         let contact = contact(side, base, &self.fitted.curve, self.near_m)?;
-        let (residual, touches) = Residual::of(side, &Reading::new(*base, reading_n_m, self.near_m), Some(&contact));
+        let (residual, touches) =
+            Residual::of(side, &Reading::new(*base, reading_n_m, self.near_m).of_mean(count), Some(&contact));
         let spread = self.spread(&contact);
         let predicted = if touches { contact.reading_by_point.dot(&(spread * contact.reading_by_point)) } else { 0.0 };
         let innovation =

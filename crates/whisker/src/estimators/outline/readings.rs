@@ -35,6 +35,11 @@ impl Reading {
         Self { base, reading_n_m, count: 1.0, near_m, is_outlier: false, first: base }
     }
 
+    /// The same as the mean of `count` readings.
+    pub(super) fn of_mean(self, count: f64) -> Self {
+        Self { count, ..self }
+    }
+
     /// The same, as an outlier if `is_outlier`.
     pub(super) fn outlier(self, is_outlier: bool) -> Self {
         Self { is_outlier, ..self }

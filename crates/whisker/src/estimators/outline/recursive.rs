@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use nalgebra::{Vector2, Vector4};
+
 use super::Config;
 use super::object::{FirstArc, Object};
 use super::readings::{Reading, Readings};
@@ -64,9 +66,9 @@ struct Pace {
 }
 
 impl Pace {
-    /// The search after one more sample, which may be an outlier. `None` if none is due or the last one goes on.
-    fn next(&mut self, is_outlier: bool, is_searching: bool) -> Option<(Effort, Haste)> {
-        self.samples += 1;
+    /// The search after `count` more samples, which may be outliers. `None` if none is due or the last one goes on.
+    fn next(&mut self, count: usize, is_outlier: bool, is_searching: bool) -> Option<(Effort, Haste)> {
+        self.samples += count;
         self.has_outlier |= is_outlier;
         let pause = self.samples - self.last;
         let is_due = pause >= LEAST_PAUSE.max(self.samples / PAUSE_SHARE)
@@ -101,6 +103,8 @@ pub(super) struct Tracer {
     inertia: Inertia,
     /// Whether readings have contradicted a convex outline of the present object.
     is_refuted: bool,
+    /// Mean of the filters' state at the last sample, if it was one of the onset.
+    at_onset: Option<Vector4<f64>>,
 }
 
 impl Tracer {
@@ -116,15 +120,17 @@ impl Tracer {
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             is_refuted: false,
+            at_onset: None,
         }
     }
 
     /// Takes a sample of the onset.
-    fn begin(&mut self, sample: &Sample, mut onset: Onset) -> Option<Estimate> {
-        onset.samples += 1;
+    fn begin(&mut self, sample: &Sample, count: f64, mut onset: Onset) -> Option<Estimate> {
+        onset.samples += count as usize;
         let near_m = self.object.as_ref().map_or(0.0, Object::near_m);
-        onset.readings.keep(Reading::new(self.base, sample.reading_n_m, near_m));
-        let advance = self.front.advance(sample);
+        onset.readings.keep(Reading::new(self.base, sample.reading_n_m, near_m).of_mean(count));
+        let advance = self.front.advance_mean(sample, count);
+        self.at_onset = advance.as_ref().map(|advance| advance.filtered.mean);
         let side = &self.front.side;
         let Some(object) = &mut self.object else {
             self.onset = Some(onset);
@@ -149,7 +155,7 @@ impl Tracer {
             return Some(estimate);
         };
         // An object out of reach predicts a whisker that stays free.
-        let expected = object.expect(side, &self.base, sample.reading_n_m);
+        let expected = object.expect(side, &self.base, sample.reading_n_m, count);
         let known = expected.as_ref().and_then(|expected| expected.innovation);
         let new = advance.as_ref().and_then(|advance| advance.innovation);
         if let Some(new) = new {
@@ -200,11 +206,11 @@ impl Tracer {
     }
 
     /// Takes a sample of the known object.
-    fn go_on(&mut self, sample: &Sample) -> Option<Estimate> {
+    fn go_on(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
         self.inertia.advance(sample);
         let side = &self.front.side;
         let object = self.object.as_mut()?;
-        let expected = object.expect(side, &self.base, sample.reading_n_m);
+        let expected = object.expect(side, &self.base, sample.reading_n_m, count);
         let estimate = expected.as_ref().map(|expected| object.estimate(side, &self.base, expected));
         // The reading of a contact at the tip has another meaning.
         if expected.as_ref().is_some_and(|expected| side.is_tip(expected.at())) {
@@ -220,13 +226,13 @@ impl Tracer {
             .map_or(f64::INFINITY, |innovation| innovation.nis);
         let is_outlier = nis > OUTLIER_NIS;
         if expected.as_ref().is_none_or(|expected| side.distance_outside_m(expected.at()) < FARTHEST_M) {
-            let reading = Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m());
+            let reading = Reading::new(self.base, sample.reading_n_m - inertia_n_m, object.near_m()).of_mean(count);
             object.keep(reading.outlier(is_outlier));
         }
         if is_outlier {
             object.hurry();
         }
-        if let Some((effort, haste)) = self.pace.next(is_outlier, object.is_searching()) {
+        if let Some((effort, haste)) = self.pace.next(count as usize, is_outlier, object.is_searching()) {
             object.begin_search(effort, haste);
         }
         let sd_m = estimate.as_ref().and_then(|estimate| estimate.covariance_m2).map_or(0.0, |p| p.trace().sqrt());
@@ -260,13 +266,35 @@ fn front(touch: &Touch<'_>, knowledge: &Knowledge) -> Follower<Extended, Round, 
 
 impl Tracker for Tracer {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        self.base = sample.motion.inverse().then(&self.base);
+        self.step_mean(sample, 1.0)
+    }
+
+    fn work(&mut self) {
         if let Some(object) = &mut self.object {
             object.advance(&self.front.side);
         }
+    }
+
+    fn slip_m(&self, ahead: &Sample) -> Vector2<f64> {
+        let side = &self.front.side;
+        if let Some(mean) = &self.at_onset {
+            return self.front.slip_from_m(mean, ahead);
+        }
+        let base = ahead.motion.inverse().then(&self.base);
+        let contact = |base| self.object.as_ref()?.contact(side, base);
+        match (contact(&self.base), contact(&base)) {
+            (Some(before), Some(after)) => after.vector() - ahead.motion.apply(before).vector(),
+            _ => Vector2::zeros(),
+        }
+    }
+
+    fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
+        self.base = sample.motion.inverse().then(&self.base);
+        self.work();
+        self.at_onset = None;
         match self.onset.take() {
-            Some(onset) => self.begin(sample, onset),
-            None => self.go_on(sample),
+            Some(onset) => self.begin(sample, count, onset),
+            None => self.go_on(sample, count),
         }
     }
 
@@ -299,13 +327,13 @@ mod tests {
     #[test]
     fn verif_a_search_is_urgent_after_an_outlier_even_one_during_the_search_before() {
         let mut pace = Pace::default();
-        let calm: Vec<_> = (0..LEAST_PAUSE).map(|_| pace.next(false, false)).collect();
+        let calm: Vec<_> = (0..LEAST_PAUSE).map(|_| pace.next(1, false, false)).collect();
         assert!(calm[..LEAST_PAUSE - 1].iter().all(Option::is_none));
         assert_eq!(calm[LEAST_PAUSE - 1], Some((Effort::Near, Haste::Calm { steps: LEAST_PAUSE / 2 })));
         // As long as that search goes on, none begins.
-        assert_eq!(pace.next(true, true), None);
-        assert!((0..100).all(|_| pace.next(false, true).is_none()));
-        assert_eq!(pace.next(false, false), Some((Effort::Far, Haste::Urgent)));
-        assert_eq!(pace.next(false, false), None);
+        assert_eq!(pace.next(1, true, true), None);
+        assert!((0..100).all(|_| pace.next(1, false, true).is_none()));
+        assert_eq!(pace.next(1, false, false), Some((Effort::Far, Haste::Urgent)));
+        assert_eq!(pace.next(1, false, false), None);
     }
 }

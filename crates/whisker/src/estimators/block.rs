@@ -1,0 +1,175 @@
+//! Means of successive samples, which a method takes as one.
+//!
+//! As long as the base hardly moves, the reading is a linear function of its pose, and the mean of some readings is that at
+//! their mean pose, with their noise averaged out. A step of the filters on the mean costs as much as one on a sample.
+
+use serde::{Deserialize, Serialize};
+
+use super::Sample;
+use crate::frames::{Base, Pose, Start};
+use crate::settings::{SettingsError, within};
+
+/// Settings of the blocks of samples.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct BlockSettings {
+    /// Largest number of samples of a block. 1: every sample is taken by itself.
+    pub samples: u32,
+    /// Way of the whisker's tip by the motion of the base, with the whisker undeflected, that ends a block.
+    pub way_m: f64,
+    /// Normalised innovation squared of a block after which samples are taken one by one: the contact may have jumped.
+    pub alert_nis: f64,
+    /// Time for which they are.
+    pub alert_s: f64,
+}
+
+impl Default for BlockSettings {
+    /// Way, innovation and time were chosen on the training suite of random scenes.
+    fn default() -> Self {
+        Self { samples: 1, way_m: 0.2e-3, alert_nis: 6.0, alert_s: 0.1 }
+    }
+}
+
+impl BlockSettings {
+    /// Checks every value.
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("block.samples", f64::from(self.samples), 1.0..=1000.0)?;
+        within("block.way_m", self.way_m, 1e-9..=1e-2)?;
+        within("block.alert_nis", self.alert_nis, 1.0..=1e6)?;
+        within("block.alert_s", self.alert_s, 0.0..=1e3)
+    }
+}
+
+/// Mean of the samples of a block.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct BlockMean {
+    /// Motion and time since the last block, both from mean to mean, and mean reading.
+    pub(super) sample: Sample,
+    /// Number of samples.
+    pub(super) count: f64,
+    /// Mean pose of the base.
+    pub(super) base: Pose<Base, Start>,
+}
+
+/// Collects the samples of one touch in blocks. The first sample is a block of its own.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blocks {
+    length_m: f64,
+    /// Mean pose and mean time of the last block.
+    last: (Pose<Base, Start>, f64),
+    has_begun: bool,
+    /// Time since the touch.
+    now_s: f64,
+    /// Time at which samples are no longer taken one by one.
+    alert_until_s: f64,
+    count: f64,
+    /// Sums over the samples of the present block: position (m) and yaw (rad) of the base, time (s), reading (N m).
+    sums: [f64; 5],
+}
+
+impl Blocks {
+    /// No samples yet, with the base at a pose before the touch, for a whisker of this length.
+    pub(super) fn new(before: Pose<Base, Start>, length_m: f64) -> Self {
+        Self {
+            length_m,
+            last: (before, 0.0),
+            has_begun: false,
+            now_s: 0.0,
+            alert_until_s: 0.0,
+            count: 0.0,
+            sums: [0.0; 5],
+        }
+    }
+
+    /// Takes a sample, with the base's pose at it. The mean of the block that it ends.
+    pub(super) fn take(
+        &mut self,
+        settings: &BlockSettings,
+        base: &Pose<Base, Start>,
+        sample: &Sample,
+    ) -> Option<BlockMean> {
+        self.now_s += sample.dt_s;
+        self.count += 1.0;
+        let values = [base.origin().x(), base.origin().y(), base.yaw_rad(), self.now_s, sample.reading_n_m];
+        self.sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        let (last, last_s) = self.last;
+        let turned_m = self.length_m * (base.yaw_rad() - last.yaw_rad()).abs();
+        let goes_on = self.has_begun
+            && self.count < f64::from(settings.samples)
+            && last.origin().distance(&base.origin()) + turned_m < settings.way_m
+            && self.now_s >= self.alert_until_s;
+        if goes_on {
+            return None;
+        }
+        let count = std::mem::take(&mut self.count);
+        let [x_m, y_m, yaw_rad, time_s, reading_n_m] = std::mem::take(&mut self.sums).map(|sum| sum / count);
+        let mean = Pose::new(x_m, y_m, yaw_rad);
+        (self.has_begun, self.last) = (true, (mean, time_s));
+        let sample = Sample { motion: last.then(&mean.inverse()), dt_s: time_s - last_s, reading_n_m };
+        Some(BlockMean { sample, count, base: mean })
+    }
+
+    /// Takes note of the innovation of the last block.
+    pub(super) fn note(&mut self, settings: &BlockSettings, nis: f64) {
+        if nis > settings.alert_nis {
+            self.alert_until_s = self.now_s + settings.alert_s;
+        }
+    }
+
+    /// Motion and time from the last block's mean to a pose of the base at the last sample. The reading is zero.
+    pub(super) fn since(&self, base: &Pose<Base, Start>) -> Sample {
+        let (last, last_s) = self.last;
+        Sample { motion: last.then(&base.inverse()), dt_s: self.now_s - last_s, reading_n_m: 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SETTINGS: BlockSettings = BlockSettings { samples: 4, way_m: 1e-3, alert_nis: 6.0, alert_s: 0.015 };
+
+    /// Counts of the blocks that end at the samples of a base that moves by `way_m` a sample; 0 if none ends.
+    fn counts(way_m: f64, samples: u32, alerts: impl Fn(u32) -> f64) -> Vec<f64> {
+        let mut blocks = Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08);
+        let step = |i: u32| {
+            let base = Pose::new(way_m * f64::from(i + 1), 0.0, 0.0);
+            let motion = Pose::new(-way_m, 0.0, 0.0);
+            let found = blocks.take(&SETTINGS, &base, &Sample { motion, dt_s: 0.004, reading_n_m: 1e-5 });
+            blocks.note(&SETTINGS, alerts(i));
+            found.map_or(0.0, |block| block.count)
+        };
+        (0..samples).map(step).collect()
+    }
+
+    #[test]
+    fn verif_a_block_ends_by_number_by_way_and_after_an_outlier() {
+        assert_eq!(counts(1e-6, 9, |_| 1.0), [1.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 4.0]);
+        // The second block begins at the first sample, and its mean lies half a block later.
+        assert_eq!(counts(0.4e-3, 6, |_| 1.0), [1.0, 0.0, 0.0, 3.0, 0.0, 2.0]);
+        assert_eq!(counts(1e-6, 6, |i| if i == 0 { 9.0 } else { 1.0 }), [1.0, 1.0, 1.0, 1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn verif_the_motions_from_mean_to_mean_lead_to_the_present_pose() {
+        let base = |i: f64| Pose::<Base, Start>::new(1e-5 * i, -2e-5 * i * i, 1e-4 * i);
+        let mut blocks = Blocks::new(base(0.0), 0.08);
+        let (mut reached, mut time_s) = (base(0.0), 0.0);
+        for i in 1..=30 {
+            let (before, now) = (base(f64::from(i - 1)), base(f64::from(i)));
+            let motion = before.then(&now.inverse());
+            let sample = Sample { motion, dt_s: 0.004, reading_n_m: 1e-6 * f64::from(i) };
+            if let Some(block) = blocks.take(&SETTINGS, &now, &sample) {
+                reached = block.sample.motion.inverse().then(&reached);
+                time_s += block.sample.dt_s;
+                assert!(reached.origin().distance(&block.base.origin()) < 1e-15);
+                // The reading is linear in time here, as the mean is.
+                assert!((block.sample.reading_n_m - 2.5e-4 * time_s).abs() < 1e-15, "{block:?}");
+            }
+            let since = blocks.since(&now);
+            let here = since.motion.inverse().then(&reached);
+            assert!(here.origin().distance(&now.origin()) < 1e-15 && (here.yaw_rad() - now.yaw_rad()).abs() < 1e-15);
+            assert!((time_s + since.dt_s - 0.004 * f64::from(i)).abs() < 1e-15);
+        }
+    }
+}
