@@ -29,6 +29,7 @@ mod shares;
 mod side;
 mod smoother;
 mod start;
+mod systematic;
 #[cfg(test)]
 pub(crate) mod testing;
 mod unscented;
@@ -242,6 +243,12 @@ pub trait Tracker: Send {
 
     /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.
     fn expect_jumps(&mut self, _expected: bool) {}
+
+    /// Second moments (m2, in Base) of the error that systematic errors of readings and poses cause in the last estimate, and which
+    /// its covariance does not contain. `None` for methods without such errors.
+    fn systematic_m2(&self) -> Option<Matrix2<f64>> {
+        None
+    }
 
     /// Outline of the object as far as it was touched, ordered by the whisker's tangent turning to the left. `None` for
     /// methods that estimate contacts only.

@@ -28,6 +28,7 @@ use serde_json::{Map, Value};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
+use super::systematic::SystematicSettings;
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
     Sample, Touch, Tracker, estimator,
@@ -110,6 +111,14 @@ impl Default for Config {
             candidate.settings.insert("onset_way_m".into(), ONSET_WAY_M.into());
             candidate.settings.insert("kept_share".into(), KEPT_SHARE.into());
             candidate.settings.insert("corrected".into(), true.into());
+        }
+        let systematic = super::to_json(&SystematicSettings::EXPECTED);
+        for candidate in average
+            .candidates
+            .iter_mut()
+            .filter(|candidate| ["ukf", "round", "sliding"].contains(&candidate.name.as_str()))
+        {
+            candidate.settings.insert("systematic".into(), systematic.clone());
         }
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
         Self {
@@ -367,6 +376,16 @@ impl AveragingTracker {
         Some(innovation)
     }
 
+    /// The estimate with systematic errors in its covariance: the mean over the candidates that follow them.
+    fn with_systematic(&self, estimate: Estimate) -> Estimate {
+        let known = self.trackers.iter().zip(self.right.probabilities());
+        let (total, sum_m2) = known
+            .filter_map(|(tracker, share)| Some((share, tracker.systematic_m2()? * *share)))
+            .fold((0.0, Matrix2::zeros()), |(total, sum_m2), (share, added_m2)| (total + share, sum_m2 + added_m2));
+        let added_m2 = if total > 0.0 { sum_m2 / total } else { Matrix2::zeros() };
+        Estimate { covariance_m2: estimate.covariance_m2.map(|covariance_m2| covariance_m2 + added_m2), ..estimate }
+    }
+
     /// The estimate with the distance from the calibrated domain in its covariance. `None` if it is too far away.
     fn near_the_domain(&self, estimate: Estimate) -> Option<Estimate> {
         let outside_m = self.face.nearest_calibrated(estimate.contact).distance(&estimate.contact);
@@ -516,7 +535,7 @@ impl Tracker for AveragingTracker {
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
         let is_second = self.second.advance(&self.config.second, sample.dt_s, innovation);
         let second_contact = self.second.is_raised();
-        let together = self.together(&estimates, innovation);
+        let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate));
         if is_second && self.config.second.begins_touch {
             self.begin_again();
         }
