@@ -33,6 +33,7 @@ mod systematic;
 #[cfg(test)]
 pub(crate) mod testing;
 mod unscented;
+mod watched;
 
 pub use crate::settings::{Settings, SettingsError, parse, within};
 pub use base_noise::BaseNoise;
