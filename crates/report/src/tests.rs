@@ -183,6 +183,7 @@ fn write_maps(folder: &Path) {
         points_share: Some(0.5),
         points_mean_m: Some(1e-4 + noise_rad),
         points_p95_m: Some(2e-4),
+        points_left_out: 0,
         objects_touched: 1,
         objects_found: 1,
         objects_split: 0,

@@ -205,7 +205,16 @@ mod tests {
     const SD_M: f64 = 1e-4;
 
     fn surface_point(at: Vector2<f64>, normal: Vector2<f64>, covariance_m2: Matrix2<f64>) -> SurfacePoint {
-        SurfacePoint { row: 0, touch: 0, since_touch_s: 0.0, at, normal, covariance_m2: Some(covariance_m2) }
+        SurfacePoint {
+            row: 0,
+            touch: 0,
+            since_touch_s: 0.0,
+            at,
+            normal,
+            covariance_m2: Some(covariance_m2),
+            is_second: false,
+            is_doubtful: false,
+        }
     }
 
     /// Point whose error is mainly along the outline, as is typical of whiskers.

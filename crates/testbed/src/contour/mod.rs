@@ -28,8 +28,9 @@ impl Contour {
     /// Outline estimated in a trial. `None` if there is none.
     ///
     /// If the estimates are contacts on an outline that the estimator carries, its final state is used. Otherwise the surface
-    /// points of all contacts from the row `since` on are merged, each touch after a settling time. If fewer than a
-    /// fifth of them are certain enough, the outline carried by a less probable candidate is used instead.
+    /// points of all contacts from the row `since` on are merged, each touch after a settling time, without those at instants at
+    /// which a second contact had taken load: the reading is then that of two contacts. If fewer than a fifth of them are certain
+    /// enough, the outline carried by a less probable candidate is used instead.
     pub fn found(
         recording: &Recording,
         outline: Option<&CarriedOutline>,
@@ -40,7 +41,8 @@ impl Contour {
         if outline.is_some_and(|outline| outline.leads) {
             return carried();
         }
-        let counts = |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S;
+        let counts =
+            |point: &&SurfacePoint| point.row >= since && point.since_touch_s >= SETTLING_S && !point.is_second;
         let counting: Vec<_> = points.iter().filter(counts).collect();
         let merged = || Self::merged(counting.iter().copied());
         if most_are_uncertain(&counting) { carried().or_else(merged) } else { merged().or_else(carried) }
@@ -84,6 +86,10 @@ pub struct SurfacePoint {
     pub(crate) normal: Vector2<f64>,
     /// Covariance of the position in World, if stated.
     pub(crate) covariance_m2: Option<Matrix2<f64>>,
+    /// Whether the estimate is that of an instant at which a second contact had taken load.
+    pub(crate) is_second: bool,
+    /// Whether its models were in doubt.
+    pub(crate) is_doubtful: bool,
 }
 
 impl SurfacePoint {
@@ -93,7 +99,7 @@ impl SurfacePoint {
     }
 
     /// Whether the position is certain enough in every direction, see [`MOST_SD_M`]. Points without a covariance
-    /// qualify.
+    /// qualify, whatever the signals of doubt.
     pub(crate) fn is_sure(&self) -> bool {
         self.covariance_m2.is_none_or(|covariance| {
             // Larger eigenvalue.
@@ -173,6 +179,8 @@ impl SurfacePoints {
             at: known.base.apply(knowledge.surface_beside(estimate, tangent)).vector(),
             normal: product(&known.base.rotation(), &outward),
             covariance_m2: estimate.covariance_m2.map(|covariance| known.base.turn(covariance)),
+            is_second: estimate.second_contact,
+            is_doubtful: estimate.model_doubtful,
         })
     }
 }
@@ -190,6 +198,8 @@ mod tests {
             at: Vector2::zeros(),
             normal: Vector2::x(),
             covariance_m2: Some(Matrix2::new(1e-8, 0.0, 0.0, sd_m * sd_m)),
+            is_second: false,
+            is_doubtful: false,
         };
         let (sure, unsure) = (point(0.9e-3), point(1.1e-3));
         let of = |count: usize| [vec![&sure; count], vec![&unsure; 10]].concat();

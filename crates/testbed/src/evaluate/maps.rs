@@ -138,6 +138,7 @@ fn map_row(first: &MapView, map: &SceneMap, views: &[&View], score: &MapScore) -
         points_share: score.share,
         points_mean_m: score.mean_m,
         points_p95_m: score.p95_m,
+        points_left_out: score.left_out,
         objects_touched: score.touched,
         objects_found: map.objects.len(),
         objects_split: score.split,

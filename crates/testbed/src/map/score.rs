@@ -18,7 +18,9 @@ const LEAST_MERGED: f64 = 0.1;
 pub(crate) struct MapScore {
     /// Number of contact points of all whiskers.
     pub(crate) points: usize,
-    /// Ratio of that number to the rows with a true contact. `None` without contacts.
+    /// Number of further contact points that are left out because the models were in doubt or a second contact had taken load.
+    pub(crate) left_out: usize,
+    /// Ratio of the number of points to the rows with a true contact. `None` without contacts.
     pub(crate) share: Option<f64>,
     /// Mean distance of the points from the nearest true outline.
     pub(crate) mean_m: Option<f64>,
@@ -87,6 +89,7 @@ pub(crate) fn score_map(map: &SceneMap, views: &[&View], truths: &Truths, array:
     };
     MapScore {
         points: points.len(),
+        left_out: views.iter().map(|view| view.left_out).sum(),
         share: (touching > 0).then(|| points.len() as f64 / touching as f64),
         mean_m: mean(distances_m.iter().copied()),
         p95_m: quantile(&distances_m, 0.95),

@@ -28,6 +28,8 @@ pub struct View {
     pub whisker: usize,
     /// Touched points with a sufficiently small covariance.
     pub points: Vec<Seen>,
+    /// Number of further ones that are left out because the models were in doubt or a second contact had taken load.
+    pub left_out: usize,
     /// Occupancy grid of this whisker.
     pub grid: Grid,
 }
@@ -76,7 +78,8 @@ impl View {
 
 /// Collects the observations of a whisker instant by instant.
 ///
-/// A point counts if its covariance is small enough; no settling time is assumed. A free whisker has its rest shape
+/// A point counts if its covariance is small enough and the estimate is not in doubt: neither by its models nor because a second
+/// contact has taken load. No settling time is assumed. A free whisker has its rest shape
 /// only if the reading implies a tip displacement below a cell, so that neither ringing after a release nor an
 /// undetected touch sweeps cells.
 pub struct Observer {
@@ -93,7 +96,7 @@ impl Observer {
     /// # Errors
     /// If the whisker's shape cannot be computed.
     pub fn new(knowledge: &Knowledge, whisker: usize, config: &MapConfig) -> anyhow::Result<Self> {
-        let view = View { whisker, points: Vec::new(), grid: Grid::new(config.cell_m) };
+        let view = View { whisker, points: Vec::new(), left_out: 0, grid: Grid::new(config.cell_m) };
         let wire = Wire::new(knowledge, config.cell_m)?;
         Ok(Self { view, surface: SurfacePoints::default(), wire, last: None })
     }
@@ -106,7 +109,9 @@ impl Observer {
         reading_n_m: f64,
         estimate: Option<&Estimate>,
     ) -> Option<SurfacePoint> {
-        let point = self.surface.next(knowledge, known, reading_n_m, estimate).filter(SurfacePoint::is_sure);
+        let sure = self.surface.next(knowledge, known, reading_n_m, estimate).filter(SurfacePoint::is_sure);
+        let point = sure.filter(|point| !point.is_second && !point.is_doubtful);
+        self.view.left_out += usize::from(sure.is_some() && point.is_none());
         self.view.points.extend(point.map(|point| Seen { point, t_s: known.t_s }));
         let middle = known.base.apply(knowledge.rest.point(0.5 * knowledge.rest.length_m()));
         if self.last.is_some_and(|last| last.distance(&middle) < SCAN * self.wire.cell_m) {

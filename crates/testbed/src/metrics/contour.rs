@@ -30,6 +30,28 @@ pub const LATER_CONTACT_RMSE: Metric = Metric {
     },
 };
 
+/// Contact error of the first touch.
+pub const FIRST_TOUCH_RMSE: Metric = Metric {
+    name: "first_touch_rmse_m",
+    about: "RMS contact error until the whisker is first released",
+    summary: Summary::Median,
+    measure: |scored| {
+        let released = first_release(scored)?;
+        contact_rmse_m(scored, |contact| contact.row < released)
+    },
+};
+
+/// Contact error of the later touches.
+pub const LATER_TOUCHES_RMSE: Metric = Metric {
+    name: "later_touches_rmse_m",
+    about: "RMS contact error after the whisker was first released",
+    summary: Summary::Median,
+    measure: |scored| {
+        let released = first_release(scored)?;
+        contact_rmse_m(scored, |contact| contact.row > released)
+    },
+};
+
 /// Mean distance of the outline.
 pub const MEAN: Metric = Metric {
     name: "contour_mean_m",
@@ -77,6 +99,13 @@ pub const BAND_COVERAGE: Metric = Metric {
     summary: Summary::Mean,
     measure: |scored| scored.contour?.band_coverage,
 };
+
+/// First row after the first contact in which the whisker does not touch. `None` if there is none.
+fn first_release(scored: &Scored<'_>) -> Option<usize> {
+    let first = scored.contacts.first()?.row;
+    let truths = &scored.trial.trace.truth.instants[first..];
+    Some(first + truths.iter().position(|truth| truth.touching == Some(false))?)
+}
 
 /// RMS error of selected contacts. `None` if too many estimates are missing.
 fn contact_rmse_m(scored: &Scored<'_>, counts: impl Fn(&Contact) -> bool) -> Option<f64> {

@@ -20,6 +20,27 @@ pub const DOUBT_TIME: Metric = Metric {
     measure: |scored| signals(scored).find(|(_, is_doubtful)| *is_doubtful).map(|(t_contact_s, _)| t_contact_s),
 };
 
+/// Number of alarms.
+pub const ALARMS: Metric = Metric {
+    name: "doubt_alarms",
+    about: "number of times at which the signal that the readings contradict the models is raised",
+    summary: Summary::Mean,
+    measure: |scored| {
+        let mut was_doubtful = false;
+        let raised = signals(scored)
+            .filter(|(_, is_doubtful)| !std::mem::replace(&mut was_doubtful, *is_doubtful) && *is_doubtful);
+        scored.contacts.first().map(|_| raised.count() as f64)
+    },
+};
+
+/// Time in which there may be an alarm.
+pub const CONTACT_TIME: Metric = Metric {
+    name: "doubt_contact_s",
+    about: "duration of the contact with an estimate by averaged models",
+    summary: Summary::Mean,
+    measure: |scored| Some(signals(scored).count() as f64 / scored.trial.trace.sidecar.rate_hz),
+};
+
 /// Times since the touch of the estimates by averaged models, and whether they are in doubt.
 fn signals(scored: &Scored<'_>) -> impl Iterator<Item = (f64, bool)> {
     scored.contacts.iter().filter_map(|contact| {

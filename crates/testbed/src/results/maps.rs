@@ -28,6 +28,9 @@ pub struct MapRow {
     pub points_mean_m: Option<f64>,
     /// 95th percentile of that distance.
     pub points_p95_m: Option<f64>,
+    /// Number of further contact points that are left out because the models were in doubt or a second contact had taken load.
+    #[serde(default)]
+    pub points_left_out: usize,
     /// Number of true objects that were touched.
     pub objects_touched: usize,
     /// Number of objects found.

@@ -1,7 +1,8 @@
 //! Noise-free readings of the fitted sensor model itself and a static contact: the error of a filter must vanish.
 //!
 //! Filters with a motion model are configured for a static contact. Gaussian filters use fading memory, so that
-//! information from the start, where the linearisation was poor, decays. The estimates of a particle filter scatter
+//! information from the start, where the linearisation was poor, decays. The readings are those of a whisker without
+//! inertia: a filter that corrects readings for it is configured not to. The estimates of a particle filter scatter
 //! over its seeds by the Monte-Carlo error but must be unbiased; it is configured without process noise and without
 //! fading.
 //!
@@ -48,7 +49,9 @@ pub(super) fn claims() -> Vec<Claim> {
             let (bound, unit) = if is_random { (MOST_OFFSET, "Monte-Carlo sd") } else { (1.0, "um") };
             claims.push(Claim::at_most(
                 format!("noiseless_{whisker}_{filter}"),
-                format!("pin at rest, readings of the model itself, no noise, {whisker} whisker, {filter}: {score}"),
+                format!(
+                    "pin at rest, readings of the model itself, no noise, no inertia, {whisker} whisker, {filter}: {score}"
+                ),
                 bound,
                 unit,
                 move |context| {
@@ -56,7 +59,11 @@ pub(super) fn claims() -> Vec<Claim> {
                         let motion = json!({"kind": "resting", "wander_m_sqrt_s": 1e-9});
                         (SEEDS, json!({"fading": 1.0, "motion": motion}))
                     } else {
-                        (1, json!({"fading": 1.004, "motion": {"kind": "resting"}}))
+                        let mut settings = json!({"fading": 1.004, "motion": {"kind": "resting"}});
+                        if has_setting(filter, "corrected") {
+                            settings["corrected"] = json!(false);
+                        }
+                        (1, settings)
                     };
                     let offsets = final_offsets(context, whisker, filter, &at_rest, seeds)?;
                     let score = |of_trace: &Vec<Vector2<f64>>| {

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, robust};
-use nalgebra::{SVector, Vector1, Vector2};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector1, Vector2};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -14,6 +14,7 @@ use super::inertia::Inertia;
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
+use super::systematic::{Systematic, SystematicSettings};
 use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start as FirstBase};
 use crate::sensor::AlongAway;
@@ -86,6 +87,8 @@ pub(super) struct Config<Filter> {
     /// Prior rate (1/s) at which the contact returns to a place that it has left. Without effect until
     /// [`Tracker::expect_jumps`] is called; requires `kept_share` and `search`. 0: places are not remembered.
     pub return_rate: f64,
+    /// Systematic errors of readings and poses for [`Tracker::systematic_m2`]; the filter itself has none.
+    pub systematic: SystematicSettings,
     /// Settings of this filter alone.
     pub filter: Filter,
 }
@@ -106,6 +109,7 @@ impl<Filter: GaussianFilter> Default for Config<Filter> {
             corrected: false,
             kept_share: 0.0,
             return_rate: 0.0,
+            systematic: SystematicSettings::NONE,
             filter: Filter::default(),
         }
     }
@@ -148,6 +152,7 @@ impl<Filter: GaussianFilter> Settings for Config<Filter> {
         within("kept_share", self.kept_share, 0.0..=0.99)?;
         within("return_rate", self.return_rate, 0.0..=1e3)?;
         self.search.validate()?;
+        self.systematic.validate()?;
         self.filter.validate()
     }
 }
@@ -207,6 +212,7 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     jumps: bool,
     doubt: Doubt,
     inertia: Inertia,
+    systematic: Systematic<N>,
     /// Whether the contact was lost at the tip.
     is_lost: bool,
     /// Whether the contact was certain to be on the whisker's side during this touch. Until then readings at the tip are not left
@@ -237,6 +243,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             jumps: false,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
+            systematic: Systematic::new(touch.face.largest_reading_n_m),
             is_lost: false,
             was_on_side: false,
             is_past_tip: false,
@@ -360,14 +367,20 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             // If all hypotheses are lost later on, these samples are too old for a new start.
             self.history.clear();
             let belief = bank.moments()?;
+            if let Some(most) = bank.most_probable().filter(|_| self.config.systematic.is_on()) {
+                self.systematic.begin(&most.belief, &ContactReading::new(&self.side, Model::INDICES));
+            }
             self.bank = Some(bank);
             return Some(Advance { predicted: belief, filtered: belief, innovation: None });
         };
         self.inertia.advance(sample);
+        let transition = self.transition(&bank, sample);
         self.predict(&mut bank, sample);
         let predicted = bank.moments()?;
-        let at = AlongAway::of_state(&bank.most_probable()?.belief.mean);
+        let leading = bank.most_probable()?.belief;
+        let at = AlongAway::of_state(&leading.mean);
         if self.config.corrected && self.has_passed(at, &predicted, sample) {
+            self.systematic.wait(sample.dt_s);
             self.bank = Some(bank);
             return Some(Advance { predicted, filtered: predicted, innovation: None });
         }
@@ -378,8 +391,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             0.0
         };
         let error_sd_n_m = (INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m);
-        let reading = self.reading().with_error(error_sd_n_m).of_mean(count);
+        let reading = ContactReading::new(&self.side, Model::INDICES).with_error(error_sd_n_m).of_mean(count);
         let corrected = Sample { reading_n_m: sample.reading_n_m - inertia_n_m, ..*sample };
+        if let Some(transition) = transition {
+            let (z_n_m, gate_sds) = (corrected.reading_n_m, self.config.gate_sds);
+            self.systematic.advance(sample.dt_s, &transition, &leading, &reading, z_n_m, gate_sds);
+        }
         let innovation = self.condition(&mut bank, &reading, corrected.reading_n_m).ok();
         // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
@@ -393,6 +410,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             self.keep();
         }
         Some(Advance { predicted, filtered, innovation })
+    }
+
+    /// Jacobian of the process of a step at the most probable hypothesis. `None` without systematic errors.
+    fn transition(&self, bank: &Bank<N>, sample: &Sample) -> Option<SMatrix<f64, N, N>> {
+        let most = bank.most_probable().filter(|_| self.config.systematic.is_on())?;
+        Some(self.motion.step(&self.side, sample).jacobian(&most.belief.mean))
     }
 
     /// Whether the contact has reached the tip, so that the reading of a sample is left out.
@@ -613,6 +636,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.jumps = expected;
     }
 
+    fn systematic_m2(&self) -> Option<Matrix2<f64>> {
+        let settings = Some(&self.config.systematic).filter(|settings| settings.is_on())?;
+        let jacobian = self.side.contact_jacobian(&self.bank.as_ref()?.most_probable()?.belief.mean);
+        Some(jacobian * self.systematic.of_place_m2(settings) * jacobian.transpose())
+    }
+
     /// Keeps the belief of the object beside that of a new one; the readings decide. A contact that was lost at the tip has left
     /// the whisker's side, and the belief describes no object.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
@@ -625,6 +654,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.carry_left(&Sample { motion: self.base.then(&touch.before.inverse()), dt_s: gap_s, reading_n_m: 0.0 });
         self.left.iter_mut().for_each(|left| left.odds = 0.0);
         self.time_s += gap_s;
+        self.systematic.wait(gap_s);
         self.base = touch.before;
         self.history = touch.history.to_vec();
         self.contact_prior = touch.contact_prior;

@@ -30,9 +30,11 @@ mod shares;
 mod side;
 mod smoother;
 mod start;
+mod systematic;
 #[cfg(test)]
 pub(crate) mod testing;
 mod unscented;
+mod watched;
 
 pub use crate::settings::{Settings, SettingsError, parse, within};
 pub use base_noise::BaseNoise;
@@ -258,6 +260,12 @@ pub trait Tracker: Send {
 
     /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.
     fn expect_jumps(&mut self, _expected: bool) {}
+
+    /// Second moments (m2, in Base) of the error that systematic errors of readings and poses cause in the last estimate, and which
+    /// its covariance does not contain. `None` for methods without such errors.
+    fn systematic_m2(&self) -> Option<Matrix2<f64>> {
+        None
+    }
 
     /// Outline of the object as far as it was touched, ordered by the whisker's tangent turning to the left. `None` for
     /// methods that estimate contacts only.

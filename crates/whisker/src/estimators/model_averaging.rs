@@ -29,6 +29,8 @@ use super::block::{BlockSettings, Blocks};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
+use super::systematic::SystematicSettings;
+use super::watched::Watched;
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
     Sample, Touch, Tracker, estimator,
@@ -114,6 +116,14 @@ impl Default for Config {
             candidate.settings.insert("kept_share".into(), KEPT_SHARE.into());
             candidate.settings.insert("corrected".into(), true.into());
         }
+        let systematic = super::to_json(&SystematicSettings::EXPECTED);
+        for candidate in average
+            .candidates
+            .iter_mut()
+            .filter(|candidate| ["ukf", "round", "sliding"].contains(&candidate.name.as_str()))
+        {
+            candidate.settings.insert("systematic".into(), systematic.clone());
+        }
         average.candidates.push(Candidate { considered: true, ..Candidate::new("installed", 30.0) });
         Self {
             ignored_share: 0.02,
@@ -166,6 +176,8 @@ impl Settings for Config {
         within("doubt.window_s", self.doubt.window_s, 1e-3..=1e3)?;
         within("doubt.most_nis", self.doubt.most_nis, 1.0..=1e6)?;
         within("doubt.nis", self.doubt.nis, 1.0..=1e6)?;
+        within("doubt.moving_evidence", self.doubt.moving_evidence, 0.0..=1e6)?;
+        within("doubt.hold_s", self.doubt.hold_s, 0.0..=1e3)?;
         self.second.validate()?;
         self.block.validate()?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
@@ -208,12 +220,20 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods }))
+    let is_watched = !looks_back && config.doubt.moving_evidence > 0.0;
+    let watched = is_watched.then(|| -> Result<Arc<dyn Method>, SettingsError> {
+        let row = row_of(WATCHED, looks_back)?;
+        Ok((row.build)(&(row.defaults)(), knowledge)?.into())
+    });
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, watched: watched.transpose()? }))
 }
 
 /// Smallest probability, relative to that of the leading candidate, at which a candidate's outline is used. Where `ignored_share` is
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
+
+/// Method that is watched: its object moves.
+const WATCHED: &str = "drifting";
 
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
@@ -221,6 +241,7 @@ type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 struct ModelAveraging {
     config: Arc<Config>,
     methods: Methods,
+    watched: Option<Arc<dyn Method>>,
 }
 
 impl Method for ModelAveraging {
@@ -234,6 +255,7 @@ impl Method for ModelAveraging {
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
+            watched: self.watched.as_ref().map(|method| Watched::new(method, touch)),
             second: Second::default(),
             base: touch.before,
             last: None,
@@ -255,12 +277,17 @@ pub(super) struct DoubtSettings {
     /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
     /// detects more and raises more false alarms.
     pub nis: f64,
+    /// Summed logarithmic likelihood ratio of `drifting`, whose object moves, to the mixture above which the models are in doubt too.
+    /// 0: it is not computed.
+    pub moving_evidence: f64,
+    /// Time for which the signal stays raised after that.
+    pub hold_s: f64,
 }
 
 impl Default for DoubtSettings {
-    /// Chosen on the training suite of random scenes.
+    /// Chosen on the training suite of random scenes; that of a moving object on the suite `hollow` too.
     fn default() -> Self {
-        Self { window_s: 0.5, most_nis: 25.0, nis: 4.0 }
+        Self { window_s: 0.5, most_nis: 25.0, nis: 4.0, moving_evidence: 30.0, hold_s: 0.5 }
     }
 }
 
@@ -270,24 +297,27 @@ impl Default for DoubtSettings {
 #[derive(Clone, Copy, Debug)]
 struct Doubtful {
     nis: f64,
+    /// Time for which the signal stays raised.
+    held_s: f64,
 }
 
 impl Default for Doubtful {
     fn default() -> Self {
-        Self { nis: 1.0 }
+        Self { nis: 1.0, held_s: 0.0 }
     }
 }
 
 impl Doubtful {
-    /// Takes the mixture's innovation after a step.
-    fn advance(&mut self, settings: &DoubtSettings, dt_s: f64, innovation: Option<Innovation<1>>) {
+    /// Takes the mixture's innovation after a step, and whether the watched method is ahead.
+    fn advance(&mut self, settings: &DoubtSettings, dt_s: f64, innovation: Option<Innovation<1>>, moves: bool) {
+        self.held_s = if moves { settings.hold_s } else { self.held_s - dt_s };
         let Some(Innovation { nis, .. }) = innovation else { return };
         self.nis += (nis.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
     }
 
     /// Whether the models are in doubt.
     fn is_raised(&self, settings: &DoubtSettings) -> bool {
-        self.nis > settings.nis
+        self.nis > settings.nis || self.held_s > 0.0
     }
 }
 
@@ -310,6 +340,7 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
+    watched: Option<Watched>,
     second: Second,
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
@@ -375,6 +406,16 @@ impl AveragingTracker {
         let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
         self.right.reweight(&self.completed(&self.tempered(&evidence)))?;
         Some(innovation)
+    }
+
+    /// The estimate with systematic errors in its covariance: the mean over the candidates that follow them.
+    fn with_systematic(&self, estimate: Estimate) -> Estimate {
+        let known = self.trackers.iter().zip(self.right.probabilities());
+        let (total, sum_m2) = known
+            .filter_map(|(tracker, share)| Some((share, tracker.systematic_m2()? * *share)))
+            .fold((0.0, Matrix2::zeros()), |(total, sum_m2), (share, added_m2)| (total + share, sum_m2 + added_m2));
+        let added_m2 = if total > 0.0 { sum_m2 / total } else { Matrix2::zeros() };
+        Estimate { covariance_m2: estimate.covariance_m2.map(|covariance_m2| covariance_m2 + added_m2), ..estimate }
     }
 
     /// The estimate with the distance from the calibrated domain in its covariance. `None` if it is too far away.
@@ -499,6 +540,9 @@ impl AveragingTracker {
                 *tracker = method.begin(touch);
             }
         }
+        if let Some(watched) = &mut self.watched {
+            watched.resume(touch);
+        }
     }
 
     /// Points of an outline with the last stated variance across it, at the point nearest to the contact, in their covariances.
@@ -539,11 +583,15 @@ impl AveragingTracker {
         let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, &estimates);
-        self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
+        let moves = self.watched.as_mut().is_some_and(|watched| {
+            watched.step((sample, count), jumps, innovation, self.config.gate_sds);
+            watched.is_ahead(self.config.doubt.moving_evidence)
+        });
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation, moves);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let second_contact = self.second.is_raised();
-        let together = self.together(&estimates, innovation);
+        let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate));
         if is_second && self.config.second.begins_touch {
             self.begin_again();
         }
@@ -630,7 +678,7 @@ mod tests {
     fn raised(nis: impl Fn(usize) -> f64) -> Option<usize> {
         let (settings, mut doubtful) = (DoubtSettings::default(), Doubtful::default());
         (0..1000).find(|&i| {
-            doubtful.advance(&settings, 0.01, innovation(nis(i)));
+            doubtful.advance(&settings, 0.01, innovation(nis(i)), false);
             doubtful.is_raised(&settings)
         })
     }
@@ -653,6 +701,7 @@ mod tests {
             trackers: Vec::new(),
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
+            watched: None,
             second: Second::default(),
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,

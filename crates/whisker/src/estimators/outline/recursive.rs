@@ -298,14 +298,16 @@ impl Tracker for Tracer {
         }
     }
 
+    /// Readings that have contradicted a convex outline do so after a release too, even if no outline was fitted since.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
-        if touch.face.face != self.front.side.face.face || self.object.is_none() {
+        if touch.face.face != self.front.side.face.face {
             return false;
         }
         self.concluded();
         self.base = touch.before;
         self.front = front(touch, &self.knowledge);
         self.onset = Some(Onset::default());
+        self.inertia = Inertia::new(&self.front.side.whisker);
         true
     }
 
