@@ -33,6 +33,7 @@ use super::{
     Sample, Touch, Tracker, estimator,
 };
 use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
+use crate::doubt::{DoubtSettings, Doubtful};
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -159,9 +160,7 @@ impl Settings for Config {
         within("mean_power", self.mean_power, 1e-6..=1.0)?;
         within("mean_evidence", self.mean_evidence, 0.0..=1e3)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
-        within("doubt.window_s", self.doubt.window_s, 1e-3..=1e3)?;
-        within("doubt.most_nis", self.doubt.most_nis, 1.0..=1e6)?;
-        within("doubt.nis", self.doubt.nis, 1.0..=1e6)?;
+        self.doubt.validate()?;
         self.second.validate()?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
@@ -234,53 +233,6 @@ impl Method for ModelAveraging {
             last: None,
             weights,
         })
-    }
-}
-
-/// Settings of the signal that the models are in doubt.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct DoubtSettings {
-    /// Time over which the mixture's normalised innovations squared are averaged (exponentially).
-    pub window_s: f64,
-    /// Largest value that counts, which bounds the influence of an outlier.
-    pub most_nis: f64,
-    /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
-    /// detects more and raises more false alarms.
-    pub nis: f64,
-}
-
-impl Default for DoubtSettings {
-    /// Chosen on the training suite of random scenes.
-    fn default() -> Self {
-        Self { window_s: 0.5, most_nis: 25.0, nis: 4.0 }
-    }
-}
-
-/// Signal that the readings contradict the mixture: the running mean of its normalised innovations squared, with the
-/// covariance of the predictive distribution that all candidates together have. Candidates that disagree with one
-/// another widen it and do not raise the signal.
-#[derive(Clone, Copy, Debug)]
-struct Doubtful {
-    nis: f64,
-}
-
-impl Default for Doubtful {
-    fn default() -> Self {
-        Self { nis: 1.0 }
-    }
-}
-
-impl Doubtful {
-    /// Takes the mixture's innovation after a step.
-    fn advance(&mut self, settings: &DoubtSettings, dt_s: f64, innovation: Option<Innovation<1>>) {
-        let Some(Innovation { nis, .. }) = innovation else { return };
-        self.nis += (nis.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
-    }
-
-    /// Whether the models are in doubt.
-    fn is_raised(&self, settings: &DoubtSettings) -> bool {
-        self.nis > settings.nis
     }
 }
 
@@ -571,19 +523,6 @@ mod tests {
     use crate::estimators::side::Side;
     use crate::estimators::testing::knowledge;
 
-    fn innovation(nis: f64) -> Option<Innovation<1>> {
-        Innovation::of(vector![nis.sqrt()], Matrix1::new(1.0))
-    }
-
-    /// Samples until the signal is raised, of at most 1000.
-    fn raised(nis: impl Fn(usize) -> f64) -> Option<usize> {
-        let (settings, mut doubtful) = (DoubtSettings::default(), Doubtful::default());
-        (0..1000).find(|&i| {
-            doubtful.advance(&settings, 0.01, innovation(nis(i)));
-            doubtful.is_raised(&settings)
-        })
-    }
-
     /// A tracker of two candidates, of which the second is considered, with these probabilities.
     fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
         let config = Config {
@@ -718,16 +657,5 @@ mod tests {
         tracker.right.reweight(&tracker.completed(&tracker.tempered(&[None, Some(1.0), Some(3.0), Some(5.0)])));
         let shares = tracker.right.probabilities();
         assert!((shares[0] - 0.3).abs() < 1e-12 && shares[1] / shares[2] < 1.0, "{shares:?}");
-    }
-
-    #[test]
-    fn verif_doubt_is_raised_by_lasting_innovations() {
-        // Squares of an evenly spaced quantile sample of the normal distribution, with mean about 1.
-        let consistent = |i: usize| [0.01, 3.2, 0.3, 0.02, 0.9, 0.2, 2.3, 1.1][i % 8];
-        assert_eq!(raised(consistent), None);
-        let lasting = raised(|_| 6.0).unwrap();
-        assert!((20..100).contains(&lasting), "{lasting}");
-        // An outlier now and then is none.
-        assert_eq!(raised(|i| if i % 50 == 0 { 1e4 } else { consistent(i) }), None);
     }
 }
