@@ -18,7 +18,7 @@ use testbed::space::replay::{calibrated, replay, samples};
 use testbed::space::{
     SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
 };
-use trace::SpatialTrace;
+use trace::{SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
@@ -89,7 +89,18 @@ pub(super) fn replay_in_space(
     calibration: Option<&Path>,
     out: Option<&Path>,
 ) -> anyhow::Result<ExitCode> {
-    let read = SpatialTrace::read(trace)?;
+    // A planar trace is given with a calibration in space, by `--space`.
+    let read = match calibration {
+        Some(calibration) if !is_spatial(trace)? => {
+            let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } =
+                SpatialCalibrationFile::read(calibration)?;
+            let mut planar = Trace::read(trace)?;
+            // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
+            planar.sidecar.whisker.segments = whisker.segments;
+            SpatialTrace::lifted(&planar, suspension, poisson_ratio)
+        }
+        _ => SpatialTrace::read(trace)?,
+    };
     let calibration = calibration.map_or_else(|| calibration_of(trace, &read.sidecar.whisker.name), Path::to_path_buf);
     let inputs = ["csv", "json"].map(|extension| trace.with_extension(extension)).into_iter();
     let _lock = match out {
